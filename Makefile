@@ -1,0 +1,3 @@
+PYTHON ?= python3
+
+install: ; @$(PYTHON) tools/install.py run
