@@ -1,3 +1,72 @@
+# Everything starts here: `make reproduce` and `make test` set up what they need. `make help` lists the rest.
 PYTHON ?= python3
+WORKERS ?= 2
+ARGS ?=
+CC ?= cc
+CORE_FLAGS = -std=c99 -O2 -ffp-contract=off -Wall -Wextra -Wpedantic -Wshadow -Werror
+BIN = .venv/bin
+# One core for each test worker; results that do not depend on how many threads a machine has.
+TEST_ENV = OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-install: ; @$(PYTHON) tools/install.py run
+.PHONY: help python install reproduce test check lint types contract core-warnings soak bench docs lock \
+	install-test install-boards fix clean
+.NOTPARALLEL:
+.SILENT:
+
+help: ## list the targets
+	sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 24
+
+python:
+	command -v $(PYTHON) >/dev/null || { echo "tactuator needs Python 3.11 or later, and there is no $(PYTHON)" >&2; exit 1; }
+
+install: python ## set up .venv with the runtime set and build the core
+	$(PYTHON) tools/install.py run
+
+install-test: python
+	$(PYTHON) tools/system.py test
+	$(PYTHON) tools/install.py test
+
+install-boards: python ## install the cross-compiler and the emulator (apt, as root)
+	$(PYTHON) tools/system.py boards
+
+reproduce: install ## the paper end to end, into out/paper
+	$(BIN)/tactuator reproduce $(ARGS)
+
+test: check ## everything that must hold: style, types, floors, warnings, tests
+	$(TEST_ENV) $(BIN)/python -m pytest -n $(WORKERS) $(ARGS)
+
+check: install-test lint types contract core-warnings
+
+lint:
+	$(BIN)/ruff check --quiet
+	$(BIN)/ruff format --check --quiet || { echo "some files are not formatted: make fix" >&2; exit 1; }
+
+types:
+	$(BIN)/mypy
+
+contract:
+	$(BIN)/lint-imports --no-logo 2>&1 || $(BIN)/lint-imports
+
+core-warnings: # each file by itself, so that a header that leans on another shows
+	for file in $(wildcard core/*.c); do $(CC) $(CORE_FLAGS) -c $$file -o /dev/null || exit 1; done
+
+soak: install-test ## the hours: fuzzing and long properties
+	$(TEST_ENV) HYPOTHESIS_PROFILE=soak $(BIN)/python -m pytest -m soak -n $(WORKERS) $(ARGS)
+
+bench: install-test ## ratios against peers, into out/bench.json (ARGS=name for some of them)
+	$(TEST_ENV) $(BIN)/python benchmarks/run.py $(ARGS)
+
+docs: install-test ## write docs/cli.md anew from the commands themselves
+	$(BIN)/python tools/cli_reference.py
+
+lock: install-test ## resolve requirements/*.in into the hashed locks (ARGS=--upgrade for the newest)
+	$(PYTHON) tools/lock.py $(ARGS)
+	$(PYTHON) tools/install.py test
+
+fix: install-test ## put imports and formatting right
+	$(BIN)/ruff check --fix --quiet || true
+	$(BIN)/ruff format --quiet
+
+clean: ## take away what was built, and .venv
+	rm -rf .venv .setup build out .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis src/*.egg-info
+	find src -name '_core*.so' -delete

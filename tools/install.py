@@ -8,8 +8,10 @@ The syntax stays old on purpose: a Python too old must get as far as being told 
 import sys
 
 if sys.version_info < (3, 11):
-    sys.exit("tactuator needs Python 3.11 or later; %s is %d.%d: give another with `make PYTHON=python3.11 ...`"
-             % ((sys.executable,) + tuple(sys.version_info[:2])))
+    sys.exit(
+        "tactuator needs Python 3.11 or later; %s is %d.%d: give another with `make PYTHON=python3.11 ...`"
+        % ((sys.executable, *sys.version_info[:2]))
+    )
 
 import fcntl
 import hashlib
@@ -32,13 +34,22 @@ BUILD_SOURCES = ("pyproject.toml", "setup.py", "src/tactuator/digital/_core_buil
 
 
 def say(text):
+    """Tell the person at the terminal what is being done."""
     print("install: " + text, file=sys.stderr, flush=True)
 
 
 def run(command, env=None, quiet=False):
     """Run a command; its output is shown only when it fails, and then it raises CalledProcessError."""
-    done = subprocess.run([str(part) for part in command], cwd=ROOT, env=env, text=True, check=False,
-                          stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    done = subprocess.run(
+        [str(part) for part in command],
+        cwd=ROOT,
+        env=env,
+        text=True,
+        check=False,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
     if done.returncode != 0:
         if not quiet:
             sys.stderr.write(done.stdout)
@@ -50,6 +61,7 @@ def run(command, env=None, quiet=False):
 
 
 def file_hash(path):
+    """Return the SHA-256 of a file, in hex."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
@@ -70,6 +82,7 @@ def built_with():
 
 
 def read_stamp():
+    """Return what `.venv` was made from; nothing when it is not (wholly) there."""
     try:
         return json.loads(PACKAGES_STAMP.read_text())
     except (OSError, ValueError):
@@ -95,6 +108,7 @@ def packages_wanted(which, stamp):
 
 
 def make_venv():
+    """Make an empty virtual environment, or say in one sentence what is missing."""
     say("making .venv with Python %d.%d" % sys.version_info[:2])
     try:
         run([os.path.realpath(sys.executable), "-m", "venv", "--clear", VENV], quiet=True)
@@ -154,6 +168,7 @@ def get_uv():
 
 
 def install_packages(which, how):
+    """Bring one set into `.venv`: "anew", "sync" (what the lock does not name goes) or "add" (nothing goes)."""
     lock = LOCKS[which]
     PACKAGES_STAMP.unlink(missing_ok=True)
     if how == "anew":
@@ -165,8 +180,12 @@ def install_packages(which, how):
     try:
         if not get_uv():
             raise OSError("no uv")
-        run([UV, "pip", *verb, "--quiet", "--require-hashes", "-r" if how == "add" else lock]
-            + ([lock] if how == "add" else []), env=uv_environment(), quiet=True)
+        run(
+            [UV, "pip", *verb, "--quiet", "--require-hashes", "-r" if how == "add" else lock]
+            + ([lock] if how == "add" else []),
+            env=uv_environment(),
+            quiet=True,
+        )
     except (OSError, subprocess.CalledProcessError):
         say("uv cannot reach its index here: pip does it, more slowly")
         try:
@@ -178,6 +197,7 @@ def install_packages(which, how):
 
 
 def write_stamp(path, text):
+    """Write beside, then rename: a stamp is whole or absent."""
     part = path.with_suffix(".part")
     part.write_text(text)
     part.rename(path)
@@ -194,13 +214,18 @@ def check_compiler():
     if not (Path(sysconfig.get_path("include")) / "Python.h").exists():
         if os.geteuid() == 0 and shutil.which("apt-get"):
             say("installing Python's C headers (python3-dev)")
-            subprocess.run(["apt-get", "install", "-y", "-qq", "python3-dev"], check=False, stdin=subprocess.DEVNULL,
-                           stdout=subprocess.DEVNULL)
+            subprocess.run(
+                ["apt-get", "install", "-y", "-qq", "python3-dev"],
+                check=False,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+            )
         if not (Path(sysconfig.get_path("include")) / "Python.h").exists():
             sys.exit("Python's C headers (Python.h) are missing: install python3-dev")
 
 
 def build():
+    """Build the package in place when anything that it is built from has changed."""
     wanted = sources_hash()
     if BUILD_STAMP.exists() and BUILD_STAMP.read_text() == wanted:
         return
@@ -220,6 +245,7 @@ def build():
 
 
 def main():
+    """Do what is needed, one run at a time."""
     which = sys.argv[1] if len(sys.argv) == 2 else ""
     if which not in LOCKS:
         sys.exit("usage: python3 tools/install.py run|test")

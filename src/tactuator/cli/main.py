@@ -1,0 +1,103 @@
+"""The main program: finds the verb, runs it, and turns what went wrong into one line and an exit status."""
+
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib import import_module
+from types import FrameType
+from typing import Annotated
+
+import typer
+from typer.exceptions import TyperException
+
+from tactuator import __version__
+from tactuator.cli.verbs import VERBS
+from tactuator.errors import BadInput
+
+DONE, BAD_INPUT, OWN_FAULT, INTERRUPTED, TERMINATED = 0, 2, 70, 130, 143
+
+
+def build_app(verbs: Sequence[str] = VERBS) -> typer.Typer:
+    """Return the application with the given verbs; importing a verb imports what it stands on."""
+    app = typer.Typer(
+        name="tactuator",
+        help="From a tactile actuator and a threshold curve to a display that is felt equally strongly at every "
+        "frequency.",
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+    )
+
+    @app.callback(invoke_without_command=True)
+    def about(
+        context: typer.Context,
+        version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
+    ) -> None:
+        if version:
+            typer.echo(f"tactuator {__version__}")
+        elif context.invoked_subcommand is None:
+            typer.echo(context.get_help())
+
+    for verb in verbs:
+        import_module(f"tactuator.cli.{verb.replace('-', '_')}").register(app)
+    return app
+
+
+def needed_verbs(arguments: Sequence[str]) -> Sequence[str]:
+    """Return the one verb that the arguments name (only its modules are imported then), or all when none is named.
+
+    Raises BadInput for a verb that is not there.
+    """
+    first = next((argument for argument in arguments if not argument.startswith("-")), None)
+    if first is None:
+        return () if "--version" in arguments else VERBS
+    if first not in VERBS:
+        raise BadInput(f"no verb {first!r}; there are {', '.join(VERBS)}")
+    return (first,)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status; nothing is raised but what the interpreter itself raises."""
+    if arguments is None:
+        signal.signal(signal.SIGTERM, _terminate)
+        arguments = sys.argv[1:]
+    try:
+        status = build_app(needed_verbs(arguments))(args=arguments, prog_name="tactuator", standalone_mode=False)
+        sys.stdout.flush()
+    except BadInput as error:
+        return _say(str(error), BAD_INPUT)
+    except TyperException as error:
+        return _say(error.format_message(), BAD_INPUT)
+    except BrokenPipeError:
+        # The reader has gone; give the interpreter's last flush somewhere to go.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except OSError as error:
+        return _say(_os_error(error), BAD_INPUT)
+    except (KeyboardInterrupt, typer.Abort):
+        return _say("interrupted", INTERRUPTED)
+    except Exception:
+        traceback.print_exc()
+        return OWN_FAULT
+    if status == INTERRUPTED:  # typer's own rendering of Ctrl-C
+        return _say("interrupted", INTERRUPTED)
+    return status if isinstance(status, int) else DONE
+
+
+def _say(message: str, status: int) -> int:
+    """Print one line on standard error, whatever the message holds, and return the exit status."""
+    sys.stderr.write(f"tactuator: {' '.join(message.split())}\n")
+    return status
+
+
+def _os_error(error: OSError) -> str:
+    """Name the file and what the system said of it."""
+    files = [str(name) for name in (error.filename, error.filename2) if name is not None]
+    return ": ".join([*files, error.strerror or str(error) or type(error).__name__])
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    """Leave through the `finally` clauses, so that nothing half-written stays."""
+    raise SystemExit(TERMINATED)
