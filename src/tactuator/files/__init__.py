@@ -1,0 +1,1 @@
+"""Files that a person can open: read, validated, written beside and then renamed."""

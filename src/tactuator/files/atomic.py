@@ -1,0 +1,74 @@
+"""Nothing half-written: files and folders appear under their name when they are whole."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tactuator.errors import BadInput
+
+
+@contextmanager
+def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a path beside `path` to write to; renamed to `path` at the end, removed on any error.
+
+    Raises BadInput where the folder is missing or cannot be written.
+    """
+    target = Path(path)
+    _check_parent(target)
+    handle, name = tempfile.mkstemp(prefix=f".{target.stem}-", suffix=target.suffix, dir=target.parent)
+    os.close(handle)
+    beside = Path(name)
+    try:
+        yield beside
+        mask = os.umask(0)
+        os.umask(mask)
+        beside.chmod(0o666 & ~mask)
+        beside.replace(target)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield an empty folder beside `path`; it takes the place of `path` at the end, and is removed on any error.
+
+    Raises BadInput where it cannot be made.
+    """
+    target = Path(path)
+    if target.exists() and not target.is_dir():
+        raise BadInput(f"{target} is a file; allowed: a folder, or a name that is free")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"{target} cannot be made: {error.strerror}; allowed: a folder that can be written") from None
+    _check_parent(target)
+    beside = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+    try:
+        yield beside
+        beside.chmod(0o755)
+        old = beside.with_name(beside.name + "-old")
+        if target.exists():
+            target.rename(old)
+        beside.rename(target)
+        shutil.rmtree(old, ignore_errors=True)
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write `text` (UTF-8) to `path`, whole or not at all."""
+    with atomic_path(path) as beside:
+        beside.write_text(text, encoding="utf-8")
+
+
+def _check_parent(target: Path) -> None:
+    parent = target.parent
+    if not parent.is_dir():
+        raise BadInput(f"{parent} is not a folder; allowed: a place in a folder that exists")
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise BadInput(f"{parent} cannot be written; allowed: a folder with permission to write")

@@ -1,0 +1,91 @@
+"""Threshold curves as CSV: `frequency_hz,level_db_re_1um` and, where measured, `standard_error_db`."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from tactuator.errors import BadInput
+from tactuator.files.atomic import write_text
+from tactuator.perception.curve import Provenance, ThresholdCurve
+from tactuator.perception.library import curve, curve_names, level_from_acceleration
+
+_LEVEL, _ACCELERATION, _ERROR = "level_db_re_1um", "acceleration_m_s2_rms", "standard_error_db"
+
+
+def resolve_curve(name_or_path: str, beside: Path = Path()) -> ThresholdCurve:
+    """The library's curve of that name, or the CSV of that path (relative to the folder `beside`)."""
+    if name_or_path in curve_names():
+        return curve(name_or_path)
+    path = beside / name_or_path
+    if path.suffix.lower() != ".csv" and not path.exists():
+        raise BadInput(
+            f"threshold curve {name_or_path!r} is not in the library; allowed: {', '.join(curve_names())}, or a CSV file"
+        )
+    return read_curve(path)
+
+
+def read_curve(path: str | Path) -> ThresholdCurve:
+    """Read a curve; lines `# key: value` of the head give name, provenance and source.
+
+    Raises BadInput for a file that is missing, not a table, or not a curve.
+    """
+    path = Path(path)
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not text"
+        raise BadInput(f"threshold curve {path}: {reason}; allowed: a CSV file that can be read") from None
+    head = _head(lines)
+    columns = _columns(path, [line for line in lines if line.strip() and not line.lstrip().startswith("#")])
+    frequency = columns["frequency_hz"]
+    if _LEVEL in columns:
+        level = columns[_LEVEL]
+    else:
+        positive = np.where(columns[_ACCELERATION] > 0.0, columns[_ACCELERATION], np.nan)
+        level = level_from_acceleration(frequency, positive)
+    provenance = cast(Provenance, head.get("provenance", "digitised"))
+    source = head.get("source", path.name)
+    return ThresholdCurve(head.get("name", path.stem), frequency, level, provenance, source, columns.get(_ERROR))
+
+
+def _head(lines: list[str]) -> dict[str, str]:
+    pairs = (line.lstrip("# ").split(":", 1) for line in lines if line.startswith("#") and ":" in line)
+    found = {key.strip().lower(): value.strip() for key, value in pairs}
+    return (
+        {key: value for key, value in found.items() if key in ("name", "provenance", "source")}
+        if ("name" in found)
+        else {}
+    )
+
+
+def _columns(path: Path, rows: list[str]) -> dict[str, np.ndarray[tuple[int], np.dtype[np.float64]]]:
+    table = list(csv.reader(rows))
+    header = [cell.strip() for cell in table[0]] if table else []
+    if "frequency_hz" not in header or not {_LEVEL, _ACCELERATION} & set(header):
+        got = ", ".join(header) or "nothing"
+        raise BadInput(
+            f"threshold curve {path}: columns {got}; allowed: frequency_hz and {_LEVEL} (or {_ACCELERATION})"
+        )
+    try:
+        values = np.array([[float(cell) for cell in row[: len(header)]] for row in table[1:]])
+    except ValueError as error:
+        raise BadInput(f"threshold curve {path}: {error}; allowed: numbers") from None
+    if values.ndim != 2 or values.shape[1] != len(header):
+        raise BadInput(f"threshold curve {path}: rows of unequal length; allowed: {len(header)} cells a row")
+    return {name: values[:, index] for index, name in enumerate(header)}
+
+
+def write_curve(path: str | Path, threshold: ThresholdCurve) -> None:
+    """Write a curve so that `read_curve` gives it back."""
+    lines = [f"# name: {threshold.name}", f"# provenance: {threshold.provenance}", f"# source: {threshold.source}"]
+    errors = threshold.standard_error_db
+    lines.append(f"frequency_hz,{_LEVEL}" + ("" if errors is None else f",{_ERROR}"))
+    for index, (frequency, level) in enumerate(
+        zip(threshold.frequency_hz.tolist(), threshold.level_db_re_1um.tolist(), strict=True)
+    ):
+        lines.append(f"{frequency!r},{level!r}" + ("" if errors is None else f",{float(errors[index])!r}"))
+    write_text(path, "\n".join(lines) + "\n")

@@ -1,0 +1,271 @@
+"""Display files: TOML to `Display`, and back to plain tables for controller.json."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+from tactuator.errors import BadInput
+from tactuator.files.curve import resolve_curve
+from tactuator.files.display_schema import (
+    SHARED_TABLES,
+    ChannelOwnKeys,
+    ConverterKeys,
+    CurveTable,
+    DisplayKeys,
+    EnvironmentKeys,
+    FeedbackKeys,
+    ObjectivesKeys,
+    PlantTable,
+    PrefilterKeys,
+    ThresholdKeys,
+)
+from tactuator.perception.curve import ThresholdCurve
+from tactuator.plant.display import Channel, Converter, Display, Environment, Threshold
+from tactuator.plant.load import Load
+from tactuator.plant.requirements import FeedbackRequirements, Objectives, PrefilterRequirements
+from tactuator.signals.systems import ContinuousSystem
+
+Document = Mapping[str, Any]
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+def read_display(path: str | Path) -> Display:
+    """Read a display file (TOML).
+
+    Raises BadInput, one line, for a file that cannot be read, a key that is not known, a figure out of its range.
+    """
+    path = Path(path)
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error).splitlines()[0]
+        raise BadInput(f"display file {path}: {reason}; allowed: a TOML file that can be read") from None
+    try:
+        return parse_display(document, path.parent)
+    except BadInput as error:
+        raise BadInput(f"display file {path}: {error}") from None
+
+
+def parse_display(document: Document, beside: Path = Path()) -> Display:
+    """The display of a document's tables; relative paths in it start at the folder `beside`."""
+    allowed = {"display", "channel", "objectives", *SHARED_TABLES}
+    for key in document:
+        if key not in allowed:
+            raise BadInput(f"table [{key}] is not known; allowed: {', '.join(sorted(allowed))}")
+    head = _checked(DisplayKeys, _table(document, "display"), "[display]")
+    channels = document.get("channel", [])
+    if not isinstance(channels, list) or not all(isinstance(entry, Mapping) for entry in channels):
+        raise BadInput("[[channel]] is not a list of tables; allowed: one [[channel]] for each finger")
+    objectives = _checked(ObjectivesKeys, _table(document, "objectives"), "[objectives]")
+    return Display(
+        head.name,
+        head.rate_hz,
+        head.delay_samples,
+        tuple(_channel(document, entry, beside) for entry in channels),
+        Objectives(**objectives.model_dump()),
+    )
+
+
+def with_curve(display: Display, curve: ThresholdCurve) -> Display:
+    """The display with `curve` in place of every channel's own."""
+    channels = (replace(one, threshold=replace(one.threshold, curve=curve)) for one in display.channels)
+    return replace(display, channels=tuple(channels))
+
+
+def _table(document: Document, name: str) -> Mapping[str, Any]:
+    table = document.get(name, {})
+    if not isinstance(table, Mapping):
+        raise BadInput(f"{name} is {table!r}; allowed: a table [{name}]")
+    return table
+
+
+def _checked(model: type[_Model], values: Mapping[str, Any], where: str) -> _Model:
+    try:
+        return model.model_validate(dict(values))
+    except ValidationError as error:
+        raise BadInput(_first_fault(model, error, where)) from None
+
+
+def _first_fault(model: type[BaseModel], error: ValidationError, where: str) -> str:
+    fault = error.errors(include_url=False)[0]
+    key = ".".join(str(part) for part in fault["loc"])
+    if fault["type"] == "extra_forbidden" and len(fault["loc"]) == 1:
+        return f"{where} has no key {key!r}; allowed: {', '.join(model.model_fields)}"
+    if fault["type"] == "missing":
+        return f"{where} lacks the key {key!r}; allowed: a table that has it"
+    message = fault["msg"][0].lower() + fault["msg"][1:]
+    return f"{where} {key} is {fault['input']!r}; allowed: {message.removeprefix('input should be ')}"
+
+
+def _channel(document: Document, entry: Mapping[str, Any], beside: Path) -> Channel:
+    where = f"[[channel]] {entry.get('name', '')!r}"
+    shared = {key for model in SHARED_TABLES.values() for key in model.model_fields}
+    own = _checked(ChannelOwnKeys, {key: value for key, value in entry.items() if key not in shared}, where)
+    tables = {name: _merged(model, document, entry, name, where) for name, model in SHARED_TABLES.items()}
+    plant, scale, family = _plant_and_family(own, beside, where)
+    loads = (Load(one.name, one.mass / scale, one.damping / scale, one.stiffness / scale) for one in own.loads)
+    return Channel(
+        name=own.name,
+        finger=own.finger or own.name,
+        sensor_gain_v_per_mm=own.sensor_gain_v_per_mm,
+        travel_mm=own.travel_mm,
+        plant=plant,
+        threshold=_threshold(tables["threshold"], beside),
+        quantity=own.quantity,
+        loads=tuple(loads),
+        converter=_converter(tables["converter"]),
+        feedback=_feedback(tables["feedback"], where),
+        prefilter=_prefilter(tables["prefilter"]),
+        environment=_environment(tables["environment"]),
+        family=family,
+    )
+
+
+def _merged(model: type[BaseModel], document: Document, entry: Document, name: str, where: str) -> Any:
+    table = _table(document, name)
+    _checked(model, table, f"[{name}]")
+    mine = {key: entry[key] for key in model.model_fields if key in entry}
+    return _checked(model, {**table, **mine}, where if mine else f"[{name}]")
+
+
+def _tuples(keys: BaseModel) -> dict[str, Any]:
+    return {name: tuple(v) if isinstance(v, list) else v for name, v in keys.model_dump().items()}
+
+
+def _converter(keys: ConverterKeys) -> Converter:
+    return Converter(**keys.model_dump())
+
+
+def _prefilter(keys: PrefilterKeys) -> PrefilterRequirements:
+    return PrefilterRequirements(**keys.model_dump())
+
+
+def _environment(keys: EnvironmentKeys) -> Environment:
+    return Environment(**_tuples(keys))
+
+
+def _feedback(keys: FeedbackKeys, where: str) -> FeedbackRequirements:
+    values = _tuples(keys)
+    values["controller"] = None if keys.controller is None else system_of(keys.controller, f"{where} controller")
+    return FeedbackRequirements(**values)
+
+
+def _threshold(keys: ThresholdKeys, beside: Path) -> Threshold:
+    if isinstance(keys.curve, CurveTable):
+        table = keys.curve
+        curve = ThresholdCurve(**table.model_dump())
+    else:
+        curve = resolve_curve(keys.curve, beside)
+    return Threshold(curve, keys.band_hz)
+
+
+def _plant_and_family(
+    own: ChannelOwnKeys, beside: Path, where: str
+) -> tuple[ContinuousSystem, float, tuple[ContinuousSystem, ...]]:
+    """The plant, the leading coefficient its file gave the denominator (loads are in its units), and its family."""
+    family = tuple(system_of(member, f"{where} family") for member in own.family)
+    table = own.plant
+    if isinstance(table, str):
+        document = _model_document(beside / table, where)
+        table = _checked(PlantTable, {k: document[k] for k in ("num", "den", "delay_s") if k in document}, where)
+        family += tuple(
+            system_of(_checked(PlantTable, member, where), f"{where} family") for member in document.get("family", [])
+        )
+    scale = 1.0 if table.den is None else next((value for value in table.den if value != 0.0), 1.0)
+    return system_of(table, f"{where} plant"), scale, family
+
+
+def _model_document(path: Path, where: str) -> dict[str, Any]:
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not JSON"
+        raise BadInput(f"{where} plant {path}: {reason}; allowed: a model file that can be read") from None
+    if not isinstance(document, dict) or not {"num", "den"} <= set(document):
+        raise BadInput(f"{where} plant {path}: num and den are not in it; allowed: a file that `identify` wrote")
+    return document
+
+
+def system_of(table: PlantTable, where: str) -> ContinuousSystem:
+    """The system of a {num, den} or {zeros, poles, gain} table; BadInput where it is neither or not a system."""
+    by_polynomials = table.num is not None and table.den is not None
+    by_roots = table.poles is not None and table.gain is not None
+    if by_polynomials == by_roots:
+        raise BadInput(f"{where} is neither one nor the other; allowed: {{num, den}} or {{zeros, poles, gain}}")
+    try:
+        if by_polynomials:
+            return ContinuousSystem.from_polynomials(table.num or [], table.den or [], table.delay_s)
+        zeros, poles = ([_complex(root) for root in roots or []] for roots in (table.zeros, table.poles))
+        if table.gain == 0.0:
+            raise BadInput("gain is zero; allowed: any other number")
+        return ContinuousSystem(np.array(zeros), np.array(poles), float(table.gain or 0.0), table.delay_s)
+    except BadInput as error:
+        raise BadInput(f"{where}: {error}") from None
+
+
+def _complex(root: float | tuple[float, float]) -> complex:
+    return complex(*root) if isinstance(root, tuple) else complex(root)
+
+
+def display_document(display: Display) -> dict[str, Any]:
+    """Plain tables that `parse_display` turns into an equal display: curves with their points, plants as roots."""
+    return {
+        "display": {
+            "name": display.name,
+            "rate_hz": display.rate_hz,
+            "delay_samples": display.delay_samples,
+        },
+        "objectives": asdict(display.objectives),
+        "channel": [_channel_document(channel) for channel in display.channels],
+    }
+
+
+def _channel_document(channel: Channel) -> dict[str, Any]:
+    feedback = {key: value for key, value in vars(channel.feedback).items() if key != "controller"}
+    if channel.feedback.controller is not None:
+        feedback["controller"] = _system_document(channel.feedback.controller)
+    return {
+        "name": channel.name,
+        "finger": channel.finger,
+        "sensor_gain_v_per_mm": channel.sensor_gain_v_per_mm,
+        "travel_mm": channel.travel_mm,
+        "plant": _system_document(channel.plant),
+        "quantity": channel.quantity,
+        "loads": [asdict(load) for load in channel.loads],
+        "family": [_system_document(member) for member in channel.family],
+        **asdict(channel.converter),
+        "curve": _curve_document(channel.threshold.curve),
+        "band_hz": list(channel.threshold.band_hz),
+        **{key: list(value) if isinstance(value, tuple) else value for key, value in feedback.items()},
+        **asdict(channel.prefilter),
+        **{key: list(v) if isinstance(v, tuple) else v for key, v in asdict(channel.environment).items()},
+    }
+
+
+def _system_document(system: ContinuousSystem) -> dict[str, Any]:
+    return {
+        "zeros": [[root.real, root.imag] for root in system.zeros.tolist()],
+        "poles": [[root.real, root.imag] for root in system.poles.tolist()],
+        "gain": system.gain,
+        "delay_s": system.delay_s,
+    }
+
+
+def _curve_document(curve: ThresholdCurve) -> dict[str, Any]:
+    errors = curve.standard_error_db
+    return {
+        "name": curve.name,
+        "frequency_hz": curve.frequency_hz.tolist(),
+        "level_db_re_1um": curve.level_db_re_1um.tolist(),
+        "provenance": curve.provenance,
+        "source": curve.source,
+        "standard_error_db": None if errors is None else errors.tolist(),
+    }

@@ -1,0 +1,137 @@
+"""The tables of a display file, with every key and its default: what pydantic checks before anything is built."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Pair = tuple[Number, Number]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=False)
+
+
+class PlantTable(_Table):
+    """{num, den} in descending powers of s, or {zeros, poles, gain} (rad/s; a complex number is [re, im])."""
+
+    num: list[Number] | None = None
+    den: list[Number] | None = None
+    zeros: list[Number | Pair] | None = None
+    poles: list[Number | Pair] | None = None
+    gain: Number | None = None
+    delay_s: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.0
+
+
+class CurveTable(_Table):
+    """A curve with its points in place: how controller.json carries it."""
+
+    name: str
+    frequency_hz: list[Number]
+    level_db_re_1um: list[Number]
+    provenance: Literal["measured", "digitised", "inferred", "synthetic"] = "digitised"
+    source: str = ""
+    standard_error_db: list[Number] | None = None
+
+
+class LoadTable(_Table):
+    """An impedance at the finger port, in the plant's own units."""
+
+    name: str
+    mass: Number = 0.0
+    damping: Number = 0.0
+    stiffness: Number = 0.0
+
+
+class ConverterKeys(_Table):
+    """Keys of [converter]."""
+
+    bits: int = 16
+    range_v: Number = 10.0
+    polarity: int = 1
+    offset_v: Number = 0.0
+
+
+class ThresholdKeys(_Table):
+    """Keys of [threshold]: a curve of the library, the path of a CSV, or a table."""
+
+    curve: str | CurveTable = "bolanowski-1988"
+    band_hz: Pair = (0.4, 300.0)
+
+
+class FeedbackKeys(_Table):
+    """Keys of [feedback]."""
+
+    structure: Literal["integrator-lead-lag", "paper", "none"] = "integrator-lead-lag"
+    phase_margin_deg: Positive | None = 50.0
+    sensitivity_peak: Positive | None = 1.45
+    mains_hz: list[Positive] = []
+    mains_max_db: list[Number] = []
+    rejection_hz: list[Positive] = []
+    rejection_max_db: list[Number] = []
+    command_noise_gain_max: Positive | None = 30.0
+    rejection_band_hz: Pair = (0.4, 10.0)
+    controller: PlantTable | None = None
+
+
+class PrefilterKeys(_Table):
+    """Keys of [prefilter]."""
+
+    poles: int = 4
+    falls_above_hz: Positive = 400.0
+
+
+class EnvironmentKeys(_Table):
+    """Keys of [environment]: hum and noise at the sensor, friction in volts of command."""
+
+    hum_hz: list[Positive] = [60.0, 120.0, 180.0]
+    hum_v_peak: list[Number] = [1.0e-3, 0.3e-3, 0.2e-3]
+    noise_v_rms: Number = 0.2e-3
+    friction_v: Number = 4.0e-3
+    presliding_v: Positive = 10.0e-3
+
+
+class ObjectivesKeys(_Table):
+    """Keys of [objectives]."""
+
+    flatness_db: Positive = 1.0
+    mains_max_db_sl: Number = 0.0
+    noise_max_db_sl: Number = 0.0
+    resonance_peak: Positive = 1.3
+    load_max_db: Positive = 1.0
+    load_band_hz: Positive = 10.0
+    comfort_db_sl: Positive = 55.0
+
+
+class DisplayKeys(_Table):
+    """Keys of [display]."""
+
+    name: str = "display"
+    rate_hz: Number
+    delay_samples: int = 1
+
+
+class ChannelOwnKeys(_Table):
+    """Keys that only a [[channel]] has."""
+
+    name: str
+    finger: str = ""
+    sensor_gain_v_per_mm: Number
+    travel_mm: Number
+    plant: PlantTable | str
+    quantity: Literal["displacement", "velocity", "acceleration"] = "displacement"
+    loads: list[LoadTable] = []
+    family: list[PlantTable] = []
+
+
+SHARED_TABLES: dict[str, type[_Table]] = {
+    "converter": ConverterKeys,
+    "threshold": ThresholdKeys,
+    "feedback": FeedbackKeys,
+    "prefilter": PrefilterKeys,
+    "environment": EnvironmentKeys,
+}
+"""Tables whose every key may stand in a channel as well, and wins there."""

@@ -1,0 +1,1 @@
+"""The person: threshold curves and levels."""

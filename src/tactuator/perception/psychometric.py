@@ -1,0 +1,142 @@
+"""Psychometric functions of detection: probability of a correct response against level, m-interval forced choice.
+
+All have the envelope psi(x) = guess + (1 - guess - lapse) * F(x), where F rises from 0 to 1 and x is the level in dB.
+The threshold is where psi itself, lapses included, reaches `target`; with guess 1/3, 0.5^(1/3) = 79.37 % is where a
+3-down-1-up track balances (Levitt 1971, Table I).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
+
+from tactuator.errors import BadInput
+
+TARGET_3_DOWN_1_UP = 0.5 ** (1.0 / 3.0)
+
+
+class Shape(Protocol):
+    """F: the probability of a correct response with guessing and lapses taken out."""
+
+    def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> NDArray[np.float64]:
+        """F at `level_db` relative to threshold, where F(0) = `at_threshold`; arguments broadcast."""
+        ...
+
+
+@dataclass(frozen=True)
+class Weibull:
+    """Weibull in amplitude: F = 1 - exp(-k a^slope), a the amplitude re threshold, k = -ln(1 - F(0))."""
+
+    slope: float = 2.5
+
+    def __post_init__(self) -> None:
+        _positive("Weibull slope", self.slope)
+
+    def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> NDArray[np.float64]:
+        """F at `level_db` re threshold."""
+        return weibull_rise(level_db, self.slope, at_threshold)
+
+
+@dataclass(frozen=True)
+class Logistic:
+    """Logistic in dB: F = 1 / (1 + exp(-(slope_per_db x + logit F(0))))."""
+
+    slope_per_db: float = 0.5
+
+    def __post_init__(self) -> None:
+        _positive("logistic slope per dB", self.slope_per_db)
+
+    def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> NDArray[np.float64]:
+        """F at `level_db` re threshold."""
+        start = np.asarray(at_threshold, dtype=np.float64)
+        exponent = -np.asarray(level_db, dtype=np.float64) * self.slope_per_db - np.log(start / (1.0 - start))
+        return np.asarray(1.0 / (1.0 + np.exp(np.clip(exponent, -700.0, 700.0))))
+
+
+@dataclass(frozen=True)
+class MaxOfM:
+    """Signal detection: each of m intervals gives a unit normal, the signal's shifted by d', the largest is chosen.
+
+    d' = d'(0) a^exponent (a: amplitude re threshold); P(correct) = integral phi(z - d') Phi(z)^(m-1) dz
+    (Green & Swets 1966, chapter 2).
+    """
+
+    intervals: int = 3
+    exponent: float = 2.0
+
+    def __post_init__(self) -> None:
+        _positive("exponent of d'", self.exponent)
+        if self.intervals < 2:
+            raise BadInput(f"max-of-m with {self.intervals} intervals; allowed: 2 or more")
+
+    def d_prime(self, level_db: ArrayLike, at_threshold: ArrayLike) -> NDArray[np.float64]:
+        """d' at `level_db` re threshold."""
+        grid, rises = _max_of_m_table(self.intervals)
+        base = np.interp(np.asarray(at_threshold, dtype=np.float64), rises, grid)
+        return np.asarray(base * 10.0 ** (self.exponent * np.asarray(level_db, dtype=np.float64) / 20.0))
+
+    def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> NDArray[np.float64]:
+        """F at `level_db` re threshold."""
+        grid, rises = _max_of_m_table(self.intervals)
+        return np.asarray(np.interp(self.d_prime(level_db, at_threshold), grid, rises))
+
+
+def weibull_rise(level_db: ArrayLike, slope: ArrayLike, at_threshold: ArrayLike) -> NDArray[np.float64]:
+    """F of a Weibull in amplitude with F(0) = at_threshold; arguments broadcast."""
+    rate = -np.log1p(-np.asarray(at_threshold, dtype=np.float64))
+    exponent = np.asarray(slope, dtype=np.float64) * np.asarray(level_db, dtype=np.float64) * (np.log(10.0) / 20.0)
+    return np.asarray(-np.expm1(-rate * np.exp(np.minimum(exponent, 300.0))))
+
+
+@dataclass(frozen=True)
+class Psychometric:
+    """psi: probability of a correct response against level in dB re threshold.
+
+    Raises BadInput unless 0 <= guess < target < 1 - lapse.
+    """
+
+    shape: Shape
+    guess: float = 1.0 / 3.0
+    lapse: float = 0.0
+    target: float = TARGET_3_DOWN_1_UP
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.guess < self.target < 1.0 - self.lapse <= 1.0:
+            raise BadInput(
+                f"psychometric function: guess {self.guess:g}, target {self.target:g}, lapse {self.lapse:g}; "
+                "allowed: 0 <= guess < target < 1 - lapse <= 1"
+            )
+
+    @property
+    def at_threshold(self) -> float:
+        """F at the threshold."""
+        return (self.target - self.guess) / (1.0 - self.guess - self.lapse)
+
+    def rise(self, level_db: ArrayLike) -> NDArray[np.float64]:
+        """F at `level_db` re threshold."""
+        return self.shape.rise(level_db, self.at_threshold)
+
+    def probability(self, level_db: ArrayLike) -> NDArray[np.float64]:
+        """psi at `level_db` re threshold."""
+        return np.asarray(self.guess + (1.0 - self.guess - self.lapse) * self.rise(level_db))
+
+
+@cache
+def _max_of_m_table(intervals: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """d' on a grid, and F there."""
+    grid = np.concatenate(([0.0], np.geomspace(1e-3, 12.0, 600)))
+    z = np.linspace(-9.0, 21.0, 3001)
+    density = np.exp(-0.5 * (z - grid[:, None]) ** 2) / np.sqrt(2.0 * np.pi)
+    correct = np.sum(density * ndtr(z) ** (intervals - 1), axis=1) * (z[1] - z[0])
+    chance = 1.0 / intervals
+    return grid, np.clip((correct - chance) / (1.0 - chance), 0.0, 1.0)
+
+
+def _positive(what: str, value: float) -> None:
+    if not (np.isfinite(value) and value > 0.0):
+        raise BadInput(f"{what} is {value:g}; allowed: a positive number")

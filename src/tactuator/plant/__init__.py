@@ -1,0 +1,1 @@
+"""The display: its channels, their models, and what touches them."""

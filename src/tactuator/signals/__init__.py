@@ -1,0 +1,1 @@
+"""Systems, stimuli, spectra and decibels: the mathematics that knows nothing of displays or people."""

@@ -1,0 +1,188 @@
+"""Linear systems as zeros, poles and gain; continuous or sampled time is part of the type."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import signal
+
+from tactuator.errors import BadInput
+from tactuator.signals.sections import backward_difference
+
+_CANNOT_COMBINE = "{left} and {right} cannot be combined; allowed: two systems of the same kind of time and rate"
+
+
+def _roots(values: ArrayLike, name: str) -> NDArray[np.complex128]:
+    roots = np.atleast_1d(np.asarray(values, dtype=np.complex128))
+    if roots.ndim != 1 or not np.all(np.isfinite(roots)):
+        raise BadInput(f"{name} must be a list of finite numbers; got {values!r}")
+    _check_conjugate(roots, name)
+    roots.flags.writeable = False
+    return roots
+
+
+def _check_conjugate(roots: NDArray[np.complex128], name: str) -> None:
+    scale = 1e-6 * (1.0 + np.abs(roots))
+    upper = np.sort_complex(roots[roots.imag > scale])
+    lower = np.sort_complex(np.conj(roots[roots.imag < -scale]))
+    if upper.size != lower.size or not np.allclose(upper, lower, rtol=1e-6):
+        raise BadInput(f"complex {name} must come in conjugate pairs; got {list(roots)}")
+
+
+def _polynomial(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    coefficients = np.atleast_1d(np.asarray(values, dtype=np.float64))
+    if coefficients.ndim != 1 or not np.all(np.isfinite(coefficients)):
+        raise BadInput(f"{name} must be a list of finite numbers; got {values!r}")
+    coefficients = np.trim_zeros(coefficients, "f")
+    if coefficients.size == 0:
+        raise BadInput(f"{name} is zero; allowed: a polynomial with a coefficient that is not")
+    return coefficients
+
+
+class _System:
+    """What both kinds of time share: zeros, poles and a real gain."""
+
+    zeros: NDArray[Any]
+    poles: NDArray[Any]
+    gain: float
+
+    def _settle(self) -> None:
+        object.__setattr__(self, "zeros", _roots(self.zeros, "zeros"))
+        object.__setattr__(self, "poles", _roots(self.poles, "poles"))
+        if not np.isfinite(self.gain):
+            raise BadInput(f"gain is {self.gain}; allowed: a finite number")
+        object.__setattr__(self, "gain", float(self.gain))
+
+    def _key(self) -> tuple[Any, ...]:
+        return (self.zeros.tobytes(), self.poles.tobytes(), self.gain)
+
+    @property
+    def is_proper(self) -> bool:
+        """No more zeros than poles."""
+        return self.zeros.size <= self.poles.size
+
+
+@dataclass(frozen=True, eq=False)
+class ContinuousSystem(_System):
+    """gain * prod(s - zeros) / prod(s - poles) * exp(-s delay_s).
+
+    zeros, poles: complex, rad/s, shape (m,) and (n,); kept as read-only complex arrays. gain: of the leading coefficients. delay_s: dead time, seconds.
+    """
+
+    zeros: NDArray[Any]
+    poles: NDArray[Any]
+    gain: float
+    delay_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._settle()
+        if not (np.isfinite(self.delay_s) and self.delay_s >= 0.0):
+            raise BadInput(f"delay_s is {self.delay_s}; allowed: zero or more seconds")
+
+    @classmethod
+    def from_polynomials(cls, num: ArrayLike, den: ArrayLike, delay_s: float = 0.0) -> ContinuousSystem:
+        """The system num(s)/den(s), coefficients in descending powers of s."""
+        numerator, denominator = _polynomial(num, "num"), _polynomial(den, "den")
+        gain = numerator[0] / denominator[0]
+        return cls(np.roots(numerator), np.roots(denominator), float(gain), delay_s)
+
+    def polynomials(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(num, den) in descending powers of s, den monic: for printing and files, not for computing with."""
+        return self.gain * np.real(np.poly(self.zeros)), np.real(np.poly(self.poles))
+
+    def response(self, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
+        """Complex response at `frequency_hz` (any shape, hertz), dead time included."""
+        s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
+        values = np.full(s.shape, self.gain, dtype=np.complex128)
+        for zero in self.zeros:
+            values = values * (s - zero)
+        for pole in self.poles:
+            values = values / (s - pole)
+        return np.asarray(values * np.exp(-s * self.delay_s), dtype=np.complex128)
+
+    @property
+    def is_stable(self) -> bool:
+        """Every pole strictly in the left half-plane."""
+        return bool(np.all(self.poles.real < 0.0))
+
+    def __mul__(self, other: object) -> ContinuousSystem:
+        if not isinstance(other, ContinuousSystem):
+            raise BadInput(_CANNOT_COMBINE.format(left=self, right=other))
+        zeros, poles = np.append(self.zeros, other.zeros), np.append(self.poles, other.poles)
+        return ContinuousSystem(zeros, poles, self.gain * other.gain, self.delay_s + other.delay_s)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ContinuousSystem) and (self._key(), self.delay_s) == (other._key(), other.delay_s)
+
+    def __hash__(self) -> int:
+        return hash((self._key(), self.delay_s))
+
+
+@dataclass(frozen=True, eq=False)
+class SampledSystem(_System):
+    """gain * prod(z - zeros) / prod(z - poles) * z^-delay_samples, at rate_hz.
+
+    zeros, poles: complex, in the z plane, shape (m,) and (n,).
+    """
+
+    zeros: NDArray[Any]
+    poles: NDArray[Any]
+    gain: float
+    rate_hz: float
+    delay_samples: int = 0
+
+    def __post_init__(self) -> None:
+        self._settle()
+        if not (np.isfinite(self.rate_hz) and self.rate_hz > 0.0):
+            raise BadInput(f"rate_hz is {self.rate_hz}; allowed: a positive number of hertz")
+        if int(self.delay_samples) != self.delay_samples or self.delay_samples < 0:
+            raise BadInput(f"delay_samples is {self.delay_samples}; allowed: 0, 1, 2, ...")
+
+    @classmethod
+    def from_sections(cls, sos: ArrayLike, rate_hz: float, delay_samples: int = 0) -> SampledSystem:
+        """The cascade of second-order sections `sos`, shape (n, 6)."""
+        zeros, poles, gain = signal.sos2zpk(np.asarray(sos, dtype=np.float64))
+        return cls(zeros, poles, float(gain), rate_hz, delay_samples)
+
+    def sections(self) -> NDArray[np.float64]:
+        """Second-order sections, shape (n, 6), of the system without its delay; proper systems only."""
+        if not self.is_proper:
+            raise BadInput(f"a system of {self.zeros.size} zeros and {self.poles.size} poles has no causal sections")
+        return np.asarray(signal.zpk2sos(self.zeros, self.poles, self.gain))
+
+    def response(self, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
+        """Complex response at `frequency_hz` (any shape, hertz), delay included."""
+        frequency = np.asarray(frequency_hz, dtype=np.float64)
+        z = np.exp(2j * np.pi * frequency / self.rate_hz)
+        # z - root = (1 - root) + (z - 1), and z - 1 is known to full precision
+        step = backward_difference(frequency, self.rate_hz) * z
+        values = np.full(z.shape, self.gain, dtype=np.complex128)
+        for zero in self.zeros:
+            values = values * ((1.0 - zero) + step)
+        for pole in self.poles:
+            values = values / ((1.0 - pole) + step)
+        return np.asarray(values * z ** (-float(self.delay_samples)), dtype=np.complex128)
+
+    @property
+    def is_stable(self) -> bool:
+        """Every pole strictly inside the unit circle."""
+        return bool(np.all(np.abs(self.poles) < 1.0))
+
+    def __mul__(self, other: object) -> SampledSystem:
+        if not isinstance(other, SampledSystem) or other.rate_hz != self.rate_hz:
+            raise BadInput(_CANNOT_COMBINE.format(left=self, right=other))
+        zeros, poles = np.append(self.zeros, other.zeros), np.append(self.poles, other.poles)
+        delay = self.delay_samples + other.delay_samples
+        return SampledSystem(zeros, poles, self.gain * other.gain, self.rate_hz, delay)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, SampledSystem):
+            return False
+        mine, theirs = (self.rate_hz, self.delay_samples), (other.rate_hz, other.delay_samples)
+        return (self._key(), mine) == (other._key(), theirs)
+
+    def __hash__(self) -> int:
+        return hash((self._key(), self.rate_hz, self.delay_samples))
