@@ -1,3 +1,5 @@
 """The verbs of the command line, in the order of the chain: each is a module `tactuator.cli.<verb>`."""
 
-VERBS: tuple[str, ...] = ()
+VERBS: tuple[str, ...] = (
+    # one line each, a dash in a verb being an underscore in its module
+)
