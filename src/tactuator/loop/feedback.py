@@ -1,0 +1,98 @@
+"""One loop and its responses.
+
+r -> F -> (+) -> e -> C -> u -> P -> y        L = C P, S = 1/(1 + L), T = L/(1 + L), H = F T
+           ^-                        |
+           +-------------------------+
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactuator.loop.stability import System, UnstableLoop, is_stable
+
+Response = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class FeedbackLoop:
+    """Unity negative feedback of `controller` and `plant`, both continuous or both sampled at one rate.
+
+    The computing delay belongs to one of the two (`delay_samples`). Mixing kinds of time raises BadInput.
+    """
+
+    controller: System
+    plant: System
+
+    def __post_init__(self) -> None:
+        _ = self.open_loop
+
+    @cached_property
+    def open_loop(self) -> System:
+        """L = C P as one system."""
+        product: System = self.controller * self.plant  # type: ignore[operator]  # the systems refuse a mixture
+        return product
+
+    @cached_property
+    def is_stable(self) -> bool:
+        """Whether the closed loop is stable."""
+        return is_stable(self.open_loop)
+
+    def require_stable(self) -> None:
+        """Raise UnstableLoop unless the closed loop is stable."""
+        if not self.is_stable:
+            raise UnstableLoop(
+                "the closed loop is unstable: it has no margins and no steady response; allowed: a stable one"
+            )
+
+    def open_response(self, frequency_hz: ArrayLike) -> Response:
+        """L at `frequency_hz` (hertz, any shape)."""
+        return self.controller.response(frequency_hz) * self.plant.response(frequency_hz)
+
+    def sensitivity(self, frequency_hz: ArrayLike) -> Response:
+        """S = 1/(1 + L): from a disturbance of the position to the position."""
+        return np.asarray(1.0 / (1.0 + self.open_response(frequency_hz)))
+
+    def complementary(self, frequency_hz: ArrayLike) -> Response:
+        """T = L/(1 + L): from F's output to the position, and (with a minus sign) from sensor noise to it."""
+        response = self.open_response(frequency_hz)
+        return np.asarray(response / (1.0 + response))
+
+    def command_sensitivity(self, frequency_hz: ArrayLike) -> Response:
+        """C S: from F's output to the command."""
+        controller = self.controller.response(frequency_hz)
+        return np.asarray(controller / (1.0 + controller * self.plant.response(frequency_hz)))
+
+    def load_sensitivity(self, frequency_hz: ArrayLike) -> Response:
+        """P S: from a voltage added to the command (friction, a force) to the position."""
+        plant = self.plant.response(frequency_hz)
+        return np.asarray(plant / (1.0 + self.controller.response(frequency_hz) * plant))
+
+
+@dataclass(frozen=True)
+class TwoDegreeLoop:
+    """A prefilter ahead of a loop; without a feedback controller, ahead of the plant itself."""
+
+    prefilter: System
+    controller: System | None
+    plant: System
+
+    @cached_property
+    def feedback(self) -> FeedbackLoop | None:
+        """The loop behind the prefilter, or None."""
+        return None if self.controller is None else FeedbackLoop(self.controller, self.plant)
+
+    def position_response(self, frequency_hz: ArrayLike) -> Response:
+        """H = F T (or F P): volts of y per unit of reference."""
+        loop = self.feedback
+        behind = self.plant.response(frequency_hz) if loop is None else loop.complementary(frequency_hz)
+        return self.prefilter.response(frequency_hz) * behind
+
+    def command_response(self, frequency_hz: ArrayLike) -> Response:
+        """F C S (or F): volts of command per unit of reference."""
+        ahead = self.prefilter.response(frequency_hz)
+        return ahead if self.feedback is None else ahead * self.feedback.command_sensitivity(frequency_hz)

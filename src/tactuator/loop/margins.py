@@ -1,0 +1,205 @@
+"""How far a loop is from instability.
+
+Disk margin: Seiler, Packard & Gahinet (2020), "An introduction to disk margins", IEEE Control Systems 40(5), after
+Blight, Dailey & Gangsaas (1994): the balanced (S - T) margin alpha = 2 / max|S - T| means that the loop stays stable
+for every simultaneous gain factor between (2 - alpha)/(2 + alpha) and its inverse, and for every phase change within
+2 atan(alpha/2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from tactuator.loop.feedback import FeedbackLoop
+from tactuator.loop.stability import closed_poles
+from tactuator.signals.systems import ContinuousSystem, SampledSystem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The greatest value of a magnitude, and the frequency (hertz) where it stands."""
+
+    value: float
+    frequency_hz: float
+
+
+@dataclass(frozen=True)
+class DiskMargin:
+    """alpha (dimensionless), the frequency where it is attained, and what it guarantees.
+
+    gain_db: gain may change by this much either way (inf if alpha >= 2). phase_deg: phase may change by this much.
+    """
+
+    alpha: float
+    frequency_hz: float
+
+    @property
+    def gain_db(self) -> float:
+        """The gain change, either way, that the disk allows, dB."""
+        return float("inf") if self.alpha >= 2.0 else float(20.0 * np.log10((2.0 + self.alpha) / (2.0 - self.alpha)))
+
+    @property
+    def phase_deg(self) -> float:
+        """The phase change, either way, that the disk allows, degrees."""
+        return float(np.degrees(2.0 * np.arctan(self.alpha / 2.0)))
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Margins of a stable loop.
+
+    crossover_hz: where |L| = 1 with the smallest phase margin (nan if it never is). phase_margin_deg: inf then.
+    gain_margin_db: by how much the gain may rise (inf: any); gain_reduction_db: by how much it may fall (-inf: any).
+    phase_crossover_hz: where gain_margin_db is attained. delay_margin_s: the extra dead time that the loop bears.
+    delay_margin_samples: the same in samples, None for a continuous loop. bandwidth_hz: where |T| first falls below
+    -3 dB (nan if it does not).
+    """
+
+    crossover_hz: float
+    phase_margin_deg: float
+    gain_margin_db: float
+    gain_reduction_db: float
+    phase_crossover_hz: float
+    delay_margin_s: float
+    delay_margin_samples: float | None
+    sensitivity: Peak
+    complementary: Peak
+    disk: DiskMargin
+    bandwidth_hz: float
+
+    @property
+    def sensitivity_peak(self) -> float:
+        """max |S|."""
+        return self.sensitivity.value
+
+    @property
+    def complementary_peak(self) -> float:
+        """max |T|."""
+        return self.complementary.value
+
+    def __str__(self) -> str:
+        return (
+            f"crossover {self.crossover_hz:.2f} Hz, phase margin {self.phase_margin_deg:.2f} deg, "
+            f"gain margin {self.gain_margin_db:.1f} dB, max|S| {self.sensitivity_peak:.3f} "
+            f"at {self.sensitivity.frequency_hz:.1f} Hz, max|T| {self.complementary_peak:.3f}, "
+            f"disk margin {self.disk.alpha:.3f} at {self.disk.frequency_hz:.1f} Hz"
+        )
+
+
+def margins(loop: FeedbackLoop) -> Margins:
+    """Margins of `loop`, each refined to the frequency where it is attained.
+
+    Raises UnstableLoop if the closed loop is unstable: such a loop has none.
+    """
+    loop.require_stable()
+    grid = analysis_grid_hz(loop)
+    response = loop.open_response(grid)
+    sense = Peak(*_peak(lambda f: np.abs(loop.sensitivity(f)), grid, 1.0 / np.abs(1.0 + response)))
+    complement = Peak(*_peak(lambda f: np.abs(loop.complementary(f)), grid, np.abs(response / (1.0 + response))))
+    difference, worst_hz = _peak(
+        lambda f: np.abs(loop.sensitivity(f) - loop.complementary(f)), grid, np.abs((1.0 - response) / (1.0 + response))
+    )
+    crossover, phase, delay = _phase_margin(loop, grid, response)
+    gain_up, gain_down, at = _gain_margins(loop, grid, response)
+    rate = loop.open_loop.rate_hz if isinstance(loop.open_loop, SampledSystem) else None
+    samples = None if rate is None else delay * rate
+    disk = DiskMargin(2.0 / difference, worst_hz)
+    bandwidth = _bandwidth(loop, grid, np.abs(response / (1.0 + response)))
+    return Margins(crossover, phase, gain_up, gain_down, at, delay, samples, sense, complement, disk, bandwidth)
+
+
+def analysis_grid_hz(loop: FeedbackLoop, points: int = 1500) -> Array:
+    """Frequencies on which nothing is overlooked: even in log frequency over every root's decade, and dense around
+    each open- and closed-loop pole, in proportion to its damping."""
+    open_loop = loop.open_loop
+    if isinstance(open_loop, SampledSystem):
+        top = open_loop.rate_hz / 2.0
+        roots = [root for root in np.append(open_loop.poles, open_loop.zeros) if abs(root) > 1e-3]
+        closed = closed_poles(open_loop) + 1.0
+        roots.extend(root for root in closed if abs(root) > 1e-3)
+        s = np.log(np.array(roots, dtype=np.complex128)) * open_loop.rate_hz
+    else:
+        s = np.append(open_loop.poles, open_loop.zeros)
+        if open_loop.delay_s == 0.0:
+            s = np.append(s, closed_poles(open_loop))
+        top = _highest_hz(open_loop, s)
+    sizes = np.abs(s)[np.abs(s) > 1e-6 * np.max(np.abs(s), initial=0.0)] / (2.0 * np.pi)
+    low = min(np.min(sizes, initial=top / 1e3) / 30.0, top / 1e3)
+    parts = [np.geomspace(low, top, points)]
+    for root in s[np.abs(s.imag) > 3.0 * np.abs(s.real)]:
+        around = (np.abs(root.imag) + np.abs(root.real) * np.linspace(-4.0, 4.0, 33)) / (2.0 * np.pi)
+        parts.append(around[(around > low) & (around < top)])
+    return np.unique(np.concatenate(parts))
+
+
+def _highest_hz(open_loop: ContinuousSystem, roots: NDArray[np.complex128]) -> float:
+    top = float(np.max(np.abs(roots), initial=1.0)) * 30.0 / (2.0 * np.pi)
+    return max(top, 3.0 / open_loop.delay_s) if open_loop.delay_s > 0.0 else top
+
+
+def _peak(magnitude: Callable[[Array], Array], grid: Array, values: Array) -> tuple[float, float]:
+    """The greatest value and its frequency, refined around the three highest maxima of the grid."""
+    best = int(np.argmax(values))
+    found, at = float(values[best]), float(grid[best])
+    inner = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])) + 1
+    for index in inner[np.argsort(-values[inner])][:3]:
+        bounds = np.log(grid[[index - 1, index + 1]])
+        result = optimize.minimize_scalar(
+            lambda x: -float(magnitude(np.exp(np.array([x])))[0]),
+            bounds=tuple(bounds),
+            method="bounded",
+            options={"xatol": 1e-9},
+        )
+        if -result.fun > found:
+            found, at = -float(result.fun), float(np.exp(result.x))
+    return found, at
+
+
+def _crossings(function: Callable[[float], float], grid: Array, values: Array) -> list[float]:
+    """Frequencies where `function` changes its sign, given its values on the grid."""
+    signs = np.signbit(values)
+    places = np.flatnonzero(signs[1:] != signs[:-1])
+    return [
+        float(np.exp(optimize.brentq(lambda x: function(float(np.exp(x))), *np.log(grid[[i, i + 1]]), xtol=1e-13)))
+        for i in places
+    ]
+
+
+def _phase_margin(loop: FeedbackLoop, grid: Array, response: NDArray[np.complex128]) -> tuple[float, float, float]:
+    """(crossover_hz, phase_margin_deg, delay_margin_s), each the worst over all crossovers."""
+    crossovers = _crossings(lambda f: float(np.log(np.abs(loop.open_response(f)))), grid, np.log(np.abs(response)))
+    if not crossovers:
+        return float("nan"), float("inf"), float("inf")
+    lag = [float(np.degrees(np.angle(-loop.open_response(f)))) for f in crossovers]
+    worst = int(np.argmin(np.abs(lag)))
+    delays = [(angle % 360.0) / 360.0 / f for angle, f in zip(lag, crossovers, strict=True)]
+    return crossovers[worst], abs(lag[worst]), min(delays)
+
+
+def _gain_margins(loop: FeedbackLoop, grid: Array, response: NDArray[np.complex128]) -> tuple[float, float, float]:
+    """(gain_margin_db, gain_reduction_db, phase_crossover_hz) from the crossings of the negative real axis."""
+    found = _crossings(lambda f: float(np.imag(loop.open_response(f))), grid, response.imag)
+    crossings = [f for f in found if np.real(loop.open_response(f)) < 0.0]
+    if isinstance(loop.open_loop, SampledSystem) and response[-1].real < 0.0:
+        crossings.append(float(grid[-1]))  # L is real at the Nyquist frequency
+    up, down, at = float("inf"), float("-inf"), float("nan")
+    for frequency in crossings:
+        level = -20.0 * float(np.log10(np.abs(loop.open_response(frequency))))
+        if 0.0 <= level < up:
+            up, at = level, frequency
+        elif level < 0.0:
+            down = max(down, level)
+    return up, down, at
+
+
+def _bandwidth(loop: FeedbackLoop, grid: Array, values: Array) -> float:
+    half = 10.0 ** (-3.0 / 20.0)
+    crossings = _crossings(lambda f: float(np.abs(loop.complementary(f))) - half, grid, values - half)
+    return crossings[0] if crossings and values[0] > half else float("nan")

@@ -1,0 +1,106 @@
+"""Closed-loop poles and stability, from zeros and poles alone.
+
+Sampled loops are treated in d = z - 1, where slow poles keep their digits at any rate: a cascade of first-order
+factors is closed in state space and its eigenvalues are taken. No polynomial is expanded.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.errors import BadInput
+from tactuator.signals.systems import ContinuousSystem, SampledSystem
+
+Roots = NDArray[np.complex128]
+System = ContinuousSystem | SampledSystem
+
+
+class UnstableLoop(BadInput):
+    """The closed loop is unstable, so that it has no margins and no steady response."""
+
+
+def closed_roots(zeros: Roots, poles: Roots, gain: float) -> Roots:
+    """Roots of prod(x - poles) + gain prod(x - zeros), as eigenvalues of the closed cascade.
+
+    Raises BadInput with more zeros than poles, or where the direct path makes the loop algebraically undefined.
+    """
+    order = poles.size
+    if zeros.size > order:
+        raise BadInput(f"the open loop has {zeros.size} zeros and {order} poles; allowed: no more zeros than poles")
+    if order == 0:
+        return np.empty(0, dtype=np.complex128)
+    poles, zeros = _ordered(poles), _ordered(zeros)
+    scale = np.maximum(np.abs(poles), np.abs(np.append(zeros, poles[zeros.size :])))
+    a = np.zeros((order, order), dtype=np.complex128)
+    b = np.zeros(order, dtype=np.complex128)
+    path: Roots = np.zeros(order, dtype=np.complex128)  # the signal entering a factor, as a function of the states
+    direct = 1.0
+    for index in range(order):
+        unit = scale[index] or 1.0
+        a[index] = path * unit
+        a[index, index] += poles[index]
+        b[index] = direct * unit
+        if index < zeros.size:
+            path = path.copy()
+            path[index] += (poles[index] - zeros[index]) / unit
+        else:
+            path = np.zeros(order, dtype=np.complex128)
+            path[index], direct = 1.0 / unit, 0.0
+    through = 1.0 + gain * direct
+    if abs(through) < 1e-12:
+        raise BadInput("the loop's direct gain is -1, so that it has no solution; allowed: any other")
+    return np.asarray(np.linalg.eigvals(a - np.outer(b, path) * (gain / through)))
+
+
+def _ordered(roots: Roots) -> Roots:
+    return np.asarray(sorted(roots, key=lambda root: (abs(root), root.real, root.imag)), dtype=np.complex128)
+
+
+def closed_poles(open_loop: System) -> Roots:
+    """Poles of 1/(1 + L): rad/s for a continuous loop without dead time; z - 1 for a sampled loop, delay included.
+
+    Raises BadInput for a continuous loop with dead time: it has infinitely many.
+    """
+    if isinstance(open_loop, SampledSystem):
+        shifted = np.append(open_loop.poles - 1.0, -np.ones(open_loop.delay_samples))
+        return closed_roots(open_loop.zeros - 1.0, shifted, open_loop.gain)
+    if open_loop.delay_s > 0.0:
+        raise BadInput(f"a loop with {open_loop.delay_s:g} s of dead time has no finite list of poles; allowed: none")
+    return closed_roots(open_loop.zeros, open_loop.poles, open_loop.gain)
+
+
+def is_stable(open_loop: System) -> bool:
+    """Whether unity negative feedback around `open_loop` is stable (hidden cancellations included)."""
+    if isinstance(open_loop, SampledSystem):
+        step = closed_poles(open_loop)
+        return bool(np.all(2.0 * step.real + np.abs(step) ** 2 < 0.0))  # |1 + d| < 1, without cancellation
+    if open_loop.delay_s == 0.0:
+        return bool(np.all(closed_poles(open_loop).real < 0.0))
+    return _right_half_plane_roots(open_loop) == 0
+
+
+def _right_half_plane_roots(open_loop: ContinuousSystem) -> int:
+    """Roots of 1 + L in the right half-plane of a loop with dead time, by the principle of the argument.
+
+    G = (1 + L) D/Q, with D the open loop's denominator and Q a stable polynomial of the same order, has no pole there
+    and tends to one; its phase turns by -pi for every root as the frequency goes from 0 to infinity.
+    """
+    if open_loop.zeros.size >= open_loop.poles.size:
+        raise BadInput("a loop with dead time needs more poles than zeros; allowed: a strictly proper open loop")
+    sizes = np.abs(np.append(open_loop.poles, open_loop.zeros))
+    floor = np.min(sizes[sizes > 0.0], initial=1.0 / open_loop.delay_s) * 1e-3
+    substitute = -np.maximum(np.abs(open_loop.poles), floor)
+    excess = open_loop.poles.size - open_loop.zeros.size
+    corner = max(np.max(sizes), (10.0 * abs(open_loop.gain)) ** (1.0 / excess))
+    steps = np.linspace(0.0, 10.0 * corner, int(min(400_000, 40_000 + 100.0 * corner * open_loop.delay_s)))
+    omega = np.unique(np.concatenate([[0.0], np.geomspace(floor * 1e-2, corner * 1e2, 40_000), steps]))
+    s = 1j * omega
+    left = np.ones_like(s)
+    for pole, other in zip(open_loop.poles, substitute, strict=True):
+        left = left * (s - pole) / (s - other)
+    right = np.full_like(s, open_loop.gain) * np.exp(-s * open_loop.delay_s)
+    for index, other in enumerate(substitute):
+        right = right * ((s - open_loop.zeros[index]) if index < open_loop.zeros.size else 1.0) / (s - other)
+    turned = np.unwrap(np.angle(left + right))
+    return int(np.round(-(turned[-1] - turned[0]) / np.pi))
