@@ -23,7 +23,8 @@ def resolve_curve(name_or_path: str, beside: Path = Path()) -> ThresholdCurve:
     path = beside / name_or_path
     if path.suffix.lower() != ".csv" and not path.exists():
         raise BadInput(
-            f"threshold curve {name_or_path!r} is not in the library; allowed: {', '.join(curve_names())}, or a CSV file"
+            f"threshold curve {name_or_path!r} is not in the library; "
+            f"allowed: {', '.join(curve_names())}, or a CSV file"
         )
     return read_curve(path)
 

@@ -95,7 +95,8 @@ def _checked(model: type[_Model], values: Mapping[str, Any], where: str) -> _Mod
 
 
 def _first_fault(model: type[BaseModel], error: ValidationError, where: str) -> str:
-    fault = error.errors(include_url=False)[0]
+    faults = error.errors(include_url=False)
+    fault = next((one for one in faults if one["type"] == "extra_forbidden"), faults[0])
     key = ".".join(str(part) for part in fault["loc"])
     if fault["type"] == "extra_forbidden" and len(fault["loc"]) == 1:
         return f"{where} has no key {key!r}; allowed: {', '.join(model.model_fields)}"

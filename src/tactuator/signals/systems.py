@@ -42,6 +42,15 @@ def _polynomial(values: ArrayLike, name: str) -> NDArray[np.float64]:
     return coefficients
 
 
+def _delayed(sos: NDArray[np.float64], samples: int) -> NDArray[np.float64]:
+    """The sections times z^-samples, by shifting numerators: scipy fills missing zeros up with zeros at the origin."""
+    for row in sos:
+        while samples and row[2] == 0.0:
+            row[:3] = np.roll(row[:3], 1)
+            samples -= 1
+    return sos
+
+
 class _System:
     """What both kinds of time share: zeros, poles and a real gain."""
 
@@ -69,7 +78,8 @@ class _System:
 class ContinuousSystem(_System):
     """gain * prod(s - zeros) / prod(s - poles) * exp(-s delay_s).
 
-    zeros, poles: complex, rad/s, shape (m,) and (n,); kept as read-only complex arrays. gain: of the leading coefficients. delay_s: dead time, seconds.
+    zeros, poles: complex, rad/s, shape (m,) and (n,); kept as read-only complex arrays.
+    gain: of the leading coefficients. delay_s: dead time, seconds.
     """
 
     zeros: NDArray[Any]
@@ -151,7 +161,8 @@ class SampledSystem(_System):
         """Second-order sections, shape (n, 6), of the system without its delay; proper systems only."""
         if not self.is_proper:
             raise BadInput(f"a system of {self.zeros.size} zeros and {self.poles.size} poles has no causal sections")
-        return np.asarray(signal.zpk2sos(self.zeros, self.poles, self.gain))
+        sos = np.asarray(signal.zpk2sos(self.zeros, self.poles, self.gain))
+        return _delayed(sos, self.poles.size - self.zeros.size)
 
     def response(self, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
         """Complex response at `frequency_hz` (any shape, hertz), delay included."""

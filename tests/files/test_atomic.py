@@ -1,0 +1,50 @@
+"""Nothing half-written under the final name."""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.files.atomic import atomic_folder, atomic_path, write_text
+
+
+def interrupted(writing: AbstractContextManager[Path], file: Callable[[Path], Path]) -> None:
+    with writing as beside:
+        file(beside).write_text("half")
+        raise KeyboardInterrupt
+
+
+def test_atomic_path__error_in_the_middle__leaves_the_old_file(tmp_path: Path) -> None:
+    target = tmp_path / "a.txt"
+    write_text(target, "old")
+    with pytest.raises(KeyboardInterrupt):
+        interrupted(atomic_path(target), lambda beside: beside)
+    assert target.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_atomic_folder__whole__takes_the_place_of_the_old(tmp_path: Path) -> None:
+    target = tmp_path / "report"
+    for text in ("one", "two"):
+        with atomic_folder(target) as beside:
+            (beside / "a.txt").write_text(text)
+    assert (target / "a.txt").read_text() == "two"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_atomic_folder__error_in_the_middle__leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        interrupted(atomic_folder(tmp_path / "deep" / "report"), lambda beside: beside / "a.txt")
+    assert list((tmp_path / "deep").iterdir()) == []
+
+
+def test_atomic__no_folder_or_a_file_in_the_way__is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="is not a folder"), atomic_path(tmp_path / "none" / "a.txt"):
+        pass
+    write_text(tmp_path / "file", "x")
+    with pytest.raises(BadInput, match="is a file; allowed: a folder"), atomic_folder(tmp_path / "file"):
+        pass
+    with pytest.raises(BadInput, match="cannot be made"), atomic_folder(tmp_path / "file" / "below"):
+        pass

@@ -1,0 +1,83 @@
+"""Threshold curves: the library's numbers, interpolation, refusals."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactuator.errors import BadInput
+from tactuator.perception.curve import ThresholdCurve
+from tactuator.perception.levels import displacement_mm, level_db_sl, sensor_volts
+from tactuator.perception.library import curve, curve_names
+
+BOLANOWSKI = curve("bolanowski-1988")
+
+
+def made(frequency: list[float], level: list[float]) -> ThresholdCurve:
+    return ThresholdCurve("made", np.array(frequency), np.array(level), "synthetic", "a test")
+
+
+@pytest.mark.parametrize(("hz", "level"), [(0.4, 26.0), (10.0, 19.0), (100.0, -4.0), (300.0, -18.0), (400.0, -16.0)])
+def test_bolanowski__points_of_its_file__are_given_back(hz: float, level: float) -> None:
+    assert BOLANOWSKI.level_db_re_1um_at(hz) == pytest.approx(level)
+
+
+def test_bolanowski__between_points__is_linear_in_log_frequency() -> None:
+    middle = np.sqrt(100.0 * 150.0)
+    assert BOLANOWSKI.level_db_re_1um_at(middle) == pytest.approx((-4.0 - 10.5) / 2.0)
+
+
+def test_curve__beyond_its_points__is_held() -> None:
+    assert BOLANOWSKI.level_db_re_1um_at([0.0, 0.1, 2000.0]).tolist() == [26.0, 26.0, -16.0]
+
+
+def test_morioka_griffin__published_acceleration__becomes_peak_displacement() -> None:
+    # 0.023 m/s2 rms at 100 Hz: sqrt(2) 0.023 / (2 pi 100)^2 = 8.239e-8 m = -21.68 dB re 1 um, by hand
+    assert curve("morioka-griffin-2006").level_db_re_1um_at(100.0) == pytest.approx(-21.682, abs=1e-3)
+
+
+def test_curve__unknown_name__lists_the_library() -> None:
+    with pytest.raises(BadInput, match="'tadoma' is not in the library; allowed: bolanowski-1988, morioka-griffin"):
+        curve("tadoma")
+
+
+def test_library__every_curve__tells_its_provenance() -> None:
+    assert {curve(name).provenance for name in curve_names()} == {"inferred", "digitised"}
+    assert all(curve(name).source for name in curve_names())
+
+
+@pytest.mark.parametrize(
+    ("frequency", "level", "words"),
+    [
+        ([1.0, 2.0], [0.0, 0.0], "2 points; allowed: three or more"),
+        ([1.0, 3.0, 2.0], [0.0, 0.0, 0.0], "2 Hz is out of order"),
+        ([1.0, 2.0, 2.0], [0.0, 0.0, 0.0], "2 Hz stands twice"),
+        ([-1.0, 2.0, 3.0], [0.0, 0.0, 0.0], "frequency -1 Hz; allowed: positive"),
+        ([1.0, 2.0, 3.0], [0.0, 0.0], "3 frequencies and 2 levels"),
+        ([1.0, 2.0, 3.0], [0.0, np.nan, 0.0], "not a finite number"),
+    ],
+)
+def test_curve__not_a_curve__is_refused(frequency: list[float], level: list[float], words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        made(frequency, level)
+
+
+def test_curve__unknown_provenance__is_refused() -> None:
+    with pytest.raises(BadInput, match="provenance 'heard'; allowed: measured"):
+        ThresholdCurve("made", np.arange(1.0, 4.0), np.zeros(3), "heard", "")  # type: ignore[arg-type]
+
+
+@given(st.floats(-20.0, 60.0), st.floats(0.4, 400.0))
+def test_levels__there_and_back__is_the_same(level: float, hz: float) -> None:
+    assert level_db_sl(displacement_mm(level, hz, BOLANOWSKI), hz, BOLANOWSKI) == pytest.approx(level, abs=1e-9)
+
+
+def test_sensor_volts__300_hz_at_threshold__is_twenty_five_microvolts() -> None:
+    # facts: 20-25 uV; -18 dB re 1 um = 0.1259 um, times 0.19898 V/mm
+    assert sensor_volts(0.0, 300.0, BOLANOWSKI, 0.19898) == pytest.approx(25.05e-6, rel=1e-3)
+
+
+def test_content_hash__same_points__is_the_same() -> None:
+    first, second = made([1.0, 2.0, 3.0], [3.0, 2.0, 1.0]), made([1.0, 2.0, 3.0], [3.0, 2.0, 1.0])
+    assert first == second
+    assert first.content_hash != made([1.0, 2.0, 3.0], [3.0, 2.0, 1.5]).content_hash

@@ -1,0 +1,113 @@
+"""Systems against closed forms, mpmath and scipy."""
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import signal
+
+from tactuator.errors import BadInput
+from tactuator.signals.sections import sections_response
+from tactuator.signals.systems import ContinuousSystem, SampledSystem
+
+PAPER_PLANT = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])
+
+
+def reference_db(sos: np.ndarray, frequency_hz: float, rate_hz: float) -> float:
+    """The cascade's level with 50 digits."""
+    with mpmath.workdps(50):
+        inverse_z = mpmath.expjpi(-2 * mpmath.mpf(frequency_hz) / mpmath.mpf(rate_hz))
+        value = mpmath.mpc(1)
+        for row in sos:
+            b0, b1, b2, a0, a1, a2 = (mpmath.mpf(float(cell)) for cell in row)
+            value *= (b0 + b1 * inverse_z + b2 * inverse_z**2) / (a0 + a1 * inverse_z + a2 * inverse_z**2)
+        return float(20 * mpmath.log10(abs(value)))
+
+
+def test_response__paper_plant_at_dc__is_ratio_of_last_coefficients() -> None:
+    assert PAPER_PLANT.response(0.0) == pytest.approx(2875.0 / 290.0, rel=1e-12)
+
+
+@given(st.floats(0.01, 2000.0))
+def test_response__paper_plant__is_the_polynomials_ratio(frequency_hz: float) -> None:
+    s = 2j * np.pi * frequency_hz
+    assert PAPER_PLANT.response(frequency_hz) == pytest.approx(2875.0 / (s**2 + 94.0 * s + 290.0), rel=1e-12)
+
+
+def test_response__dead_time__turns_phase_only() -> None:
+    late = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0], delay_s=0.001)
+    ratio = late.response(100.0) / PAPER_PLANT.response(100.0)
+    assert abs(ratio) == pytest.approx(1.0)
+    assert np.angle(ratio) == pytest.approx(-2.0 * np.pi * 0.1)
+
+
+@pytest.mark.parametrize("rate_hz", [4000.0, 8000.0, 16000.0, 32000.0, 64000.0])
+def test_sections_response__low_pass_at_high_rate__agrees_with_fifty_digits(rate_hz: float) -> None:
+    sos = np.vstack([signal.butter(2, hz, fs=rate_hz, output="sos") for hz in (0.5, 10.0, 300.0)])
+    for frequency in (0.1, 0.4, 3.0, 47.0, 300.0, 1900.0):
+        here = 20.0 * np.log10(abs(sections_response(sos, frequency, rate_hz)))
+        assert here == pytest.approx(reference_db(sos, frequency, rate_hz), abs=1e-6)
+
+
+@given(st.lists(st.floats(0.1, 0.95), min_size=1, max_size=4), st.floats(0.1, 1999.0))
+def test_sampled_response__from_sections__is_sections_response(radii: list[float], frequency_hz: float) -> None:
+    sos = np.array([[1.0, 0.4, 0.1, 1.0, -2.0 * r * np.cos(1.0), r * r] for r in radii])
+    system = SampledSystem.from_sections(sos, 4000.0)
+    assert system.response(frequency_hz) == pytest.approx(sections_response(sos, frequency_hz, 4000.0), rel=1e-9)
+
+
+def test_sampled_delay__two_samples__is_a_power_of_z() -> None:
+    system = SampledSystem(np.empty(0), np.empty(0), 2.0, 4000.0, 2)
+    assert system.response(500.0) == pytest.approx(2.0 * np.exp(-2j * np.pi * 2.0 * 500.0 / 4000.0))
+
+
+def test_series__two_of_a_kind__multiplies_responses() -> None:
+    lag = ContinuousSystem.from_polynomials([1.0], [0.01, 1.0])
+    frequency = np.array([0.3, 30.0])
+    expected = PAPER_PLANT.response(frequency) * lag.response(frequency)
+    np.testing.assert_allclose((PAPER_PLANT * lag).response(frequency), expected)
+
+
+def test_series__continuous_with_sampled__is_refused() -> None:
+    sampled = SampledSystem(np.empty(0), np.empty(0), 1.0, 4000.0)
+    with pytest.raises(BadInput, match="same kind of time and rate"):
+        _ = PAPER_PLANT * sampled
+    with pytest.raises(BadInput, match="same kind of time and rate"):
+        _ = sampled * SampledSystem(np.empty(0), np.empty(0), 1.0, 8000.0)
+
+
+@pytest.mark.parametrize(
+    ("num", "den", "words"),
+    [
+        ([0.0], [1.0, 1.0], "num is zero"),
+        ([1.0], [0.0, 0.0], "den is zero"),
+        ([np.nan], [1.0], "finite"),
+        ([1.0], [1.0, np.inf], "finite"),
+    ],
+)
+def test_from_polynomials__not_a_system__is_refused(num: list[float], den: list[float], words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        ContinuousSystem.from_polynomials(num, den)
+
+
+def test_system__lonely_complex_root__is_refused() -> None:
+    with pytest.raises(BadInput, match="conjugate pairs"):
+        ContinuousSystem(np.empty(0), np.array([-1.0 + 2.0j]), 1.0)
+
+
+def test_sections__improper_system__is_refused() -> None:
+    with pytest.raises(BadInput, match="no causal sections"):
+        SampledSystem(np.array([0.5]), np.empty(0), 1.0, 4000.0).sections()
+
+
+@pytest.mark.parametrize("sos", [np.ones(6), np.ones((1, 5)), np.array([[1, 0, 0, 0, 0, 0]]), np.full((1, 6), np.nan)])
+def test_sections_response__not_sections__is_refused(sos: np.ndarray) -> None:
+    with pytest.raises(BadInput, match="section"):
+        sections_response(sos, 10.0, 4000.0)
+
+
+def test_is_stable__pole_on_the_border__is_no() -> None:
+    assert not ContinuousSystem.from_polynomials([1.0], [1.0, 0.0]).is_stable
+    assert not SampledSystem(np.empty(0), np.array([1.0]), 1.0, 4000.0).is_stable
+    assert PAPER_PLANT.is_stable
