@@ -13,14 +13,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 
 def answer(result: Mapping[str, object], as_json: bool, shown: RenderableType) -> None:
-    """Print `result` as exactly one JSON object when `as_json`, otherwise what is to be shown to a person.
+    """Print `result` as exactly one JSON object when `as_json`, otherwise what is shown to a person
+    (text as it is: "[dB SL]" is a unit, not markup; colour a cell with `rich.text.Text`).
 
     In the JSON, numbers that JSON cannot say (infinite, not a number) are null; complex numbers are [re, im].
     """
     if as_json:
         sys.stdout.write(json.dumps(plain(result), ensure_ascii=False, allow_nan=False) + "\n")
     else:
-        Console(file=sys.stdout).print(shown)
+        Console(file=sys.stdout, markup=False).print(shown)
 
 
 def progress() -> Progress:

@@ -69,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BadInput as error:
         return _say(str(error), BAD_INPUT)
     except TyperException as error:
-        return _say(error.format_message(), BAD_INPUT)
+        return _say(error.format_message() + _got(error, arguments), BAD_INPUT)
     except BrokenPipeError:
         # The reader has gone; give the interpreter's last flush somewhere to go.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -90,6 +90,15 @@ def _say(message: str, status: int) -> int:
     """Print one line on standard error, whatever the message holds, and return the exit status."""
     sys.stderr.write(f"tactuator: {' '.join(message.split())}\n")
     return status
+
+
+def _got(error: TyperException, arguments: Sequence[str]) -> str:
+    """Name the value that an option refused, where typer's own message does not."""
+    names = getattr(getattr(error, "param", None), "opts", ())
+    for option, value in zip(arguments, arguments[1:], strict=False):
+        if option in names and value not in error.format_message():
+            return f" (got {value!r})"
+    return ""
 
 
 def _os_error(error: OSError) -> str:

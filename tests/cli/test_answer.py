@@ -1,0 +1,70 @@
+"""What a verb prints."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.table import Table
+
+from tactuator.cli.answer import answer, plain, progress
+
+
+@dataclass(frozen=True)
+class Margin:
+    phase_deg: float
+    levels_db: np.ndarray
+
+
+def test_answer__as_json__is_exactly_one_object(capsys):
+    answer({"ok": True, "levels_db": np.array([1.5, np.inf]), "path": Path("a/b"), "name": "µ"}, True, "not shown")
+    out, err = capsys.readouterr()
+    assert out == '{"ok": true, "levels_db": [1.5, null], "path": "a/b", "name": "µ"}\n'
+    assert err == ""
+
+
+def test_answer__for_a_person__shows_the_table(capsys):
+    table = Table("frequency", "level")
+    table.add_row("10 Hz", "50 dB SL")
+    answer({"ok": True}, False, table)
+    assert "50 dB SL" in capsys.readouterr().out
+
+
+def test_answer__text_in_brackets__is_shown_as_it_is(capsys):
+    answer({}, False, "level [dB SL]")
+    assert capsys.readouterr().out == "level [dB SL]\n"
+
+
+def test_plain__dataclass_and_complex__become_objects_and_pairs():
+    assert plain(Margin(58.6, np.array([1.0]))) == {"phase_deg": 58.6, "levels_db": [1.0]}
+    assert plain({1: np.complex64(1 + 2j), "n": np.int64(3), "t": (np.bool_(True), None)}) == {
+        "1": [1.0, 2.0],
+        "n": 3,
+        "t": [True, None],
+    }
+
+
+def test_plain__what_json_cannot_say__is_refused():
+    with pytest.raises(TypeError, match="set"):
+        plain({"members": {1, 2}})
+
+
+values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.text() | st.floats(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+)
+
+
+@given(values)
+def test_plain__any_value__survives_strict_json(value):
+    assert json.loads(json.dumps(plain(value), allow_nan=False)) == plain(value)
+
+
+def test_progress__nobody_watching__is_silent(capsys):
+    with progress() as bars:
+        for _ in bars.track(range(3), description="counting"):
+            pass
+    assert capsys.readouterr() == ("", "")

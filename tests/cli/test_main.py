@@ -1,0 +1,168 @@
+"""The promises of the command line, on a verb made for the purpose."""
+
+import importlib
+import signal
+import subprocess
+import sys
+import types
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import typer
+
+from tactuator import __version__
+from tactuator.cli.main import main
+from tactuator.errors import BadInput
+
+program = importlib.import_module("tactuator.cli.main")
+
+
+@pytest.fixture
+def trial(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], None]], None]:
+    """Make `tactuator trial` do what is given."""
+
+    def make(action: Callable[[], None]) -> None:
+        module = types.ModuleType("tactuator.cli.trial")
+
+        def register(app: typer.Typer) -> None:
+            @app.command("trial")
+            def trial(rate_hz: float = 1.0) -> None:
+                action()
+
+        module.register = register
+        monkeypatch.setitem(sys.modules, "tactuator.cli.trial", module)
+        monkeypatch.setattr(program, "VERBS", ("trial",))
+
+    return make
+
+
+def failing(error: BaseException) -> Callable[[], None]:
+    def action() -> None:
+        raise error
+
+    return action
+
+
+def test_main__version__is_told(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"tactuator {__version__}\n"
+
+
+def test_main__no_arguments__shows_the_verbs(capsys, trial):
+    trial(lambda: None)
+    assert main([]) == 0
+    assert "trial" in capsys.readouterr().out
+
+
+def test_main__verb_that_ends_well__exits_0(trial, capsys):
+    trial(lambda: None)
+    assert main(["trial"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_main__verdict_no__exits_1(trial):
+    trial(failing(typer.Exit(1)))
+    assert main(["trial"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["train"], ["'train'", "there are trial"]),
+        (["--loud"], ["--loud"]),
+        (["trial", "--loud"], ["--loud"]),
+        (["trial", "--rate-hz", "fast"], ["'fast'", "--rate-hz"]),
+        (["trial", "surplus"], ["surplus"]),
+    ],
+)
+def test_main__misused__exits_2_with_one_line(arguments, words, trial, capsys):
+    trial(lambda: None)
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert all(word in err for word in words)
+
+
+def test_main__bad_input__exits_2_with_one_line_even_of_a_long_message(trial, capsys):
+    trial(failing(BadInput("got this,\n  allowed is that")))
+    assert main(["trial"]) == 2
+    assert capsys.readouterr() == ("", "tactuator: got this, allowed is that\n")
+
+
+def test_main__unwritable_output__exits_2_and_names_the_file(trial, capsys, tmp_path):
+    target = tmp_path / "missing" / "out.txt"
+    trial(lambda: target.write_text("x"))
+    assert main(["trial"]) == 2
+    assert capsys.readouterr().err == f"tactuator: {target}: No such file or directory\n"
+
+
+def test_main__os_error_without_a_file__still_says_something(trial, capsys):
+    trial(failing(OSError()))
+    assert main(["trial"]) == 2
+    assert capsys.readouterr().err == "tactuator: OSError\n"
+
+
+def test_main__ctrl_c__exits_130_with_one_line(trial, capsys):
+    trial(failing(KeyboardInterrupt()))
+    assert main(["trial"]) == 130
+    assert capsys.readouterr().err == "tactuator: interrupted\n"
+
+
+def test_main__own_fault__shows_the_traceback_and_is_no_verdict(trial, capsys):
+    trial(failing(ZeroDivisionError("a fault")))
+    assert main(["trial"]) == 70
+    assert "Traceback" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("number", "status", "said"),
+    [(signal.SIGINT, 130, "tactuator: interrupted\n"), (signal.SIGTERM, 143, "")],
+)
+def test_main__stopped_by_a_signal__cleans_up_and_says_so(number, status, said, tmp_path):
+    left = tmp_path / "half-written"
+    script = f"""
+import sys, time, types
+from importlib import import_module
+program = import_module("tactuator.cli.main")
+def register(app):
+    @app.command("trial")
+    def trial():
+        try:
+            open({str(left)!r}, "w").close()
+            print("ready", flush=True)
+            time.sleep(60)
+        finally:
+            import os
+            os.unlink({str(left)!r})
+module = types.ModuleType("tactuator.cli.trial")
+module.register = register
+sys.modules["tactuator.cli.trial"] = module
+program.VERBS = ("trial",)
+sys.argv = ["tactuator", "trial"]
+sys.exit(program.main())
+"""
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout.readline() == b"ready\n"
+        process.send_signal(number)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == status
+    assert err.decode() == said
+    assert not left.exists()
+
+
+def test_main__reader_gone__ends_without_a_word(tmp_path):
+    script = "import sys; from tactuator.cli import main; sys.exit(main())"
+    with subprocess.Popen(
+        [sys.executable, "-c", script, "--version"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        process.stdout.close()
+        err = process.stderr.read()
+    assert err == b""
+
+
+def test_program__installed__is_on_the_path():
+    program = Path(sys.executable).parent / "tactuator"
+    done = subprocess.run([program, "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"tactuator {__version__}\n"

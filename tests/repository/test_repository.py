@@ -1,0 +1,84 @@
+"""What holds for the repository as a whole."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = [
+    path
+    for folder in ("src", "tests", "benchmarks", "tools", "core", "firmware", "docs", "requirements", ".ci")
+    for path in sorted((ROOT / folder).rglob("*"))
+    if path.is_file() and "__pycache__" not in path.parts and ".egg-info" not in str(path)
+] + [path for path in sorted(ROOT.iterdir()) if path.is_file()]
+TEXTS = [path for path in SOURCES if path.suffix not in {".so", ".o", ".wav", ".flac", ".h5", ".png", ".gz", ".npz"}]
+CODE = [path for path in SOURCES if path.suffix in {".py", ".c", ".h"}]
+LONGEST_FILE, LONGEST_FUNCTION = 350, 60
+
+
+def named(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def test_locks__every_line__names_no_host_and_every_package_has_a_hash():
+    for lock in ("run.txt", "test.txt"):
+        text = (ROOT / "requirements" / lock).read_text(encoding="ascii")
+        assert "://" not in text
+        packages = re.split(r"\n(?=\S)", text)[1:]
+        assert len(packages) > 20
+        assert [package for package in packages if "--hash=sha256:" not in package] == []
+
+
+def test_locks__test_set__holds_the_runtime_set():
+    def pins(lock: str) -> set[str]:
+        text = (ROOT / "requirements" / lock).read_text(encoding="ascii")
+        return set(re.findall(r"^(\S+==\S+(?: ; .*?)?) \\$", text, flags=re.MULTILINE))
+
+    assert pins("run.txt") <= pins("test.txt")
+
+
+@pytest.mark.parametrize("word", ["/" + "work/", "/" + "root/", "pypi" + ".org", "pythonhosted" + ".org"])
+def test_texts__every_one__names_no_machine(word):
+    naming = [named(path) for path in TEXTS if word in path.read_text(encoding="utf-8")]
+    assert naming == []
+
+
+def test_files__every_one__is_short():
+    long = {named(path): lines for path in CODE if (lines := path.read_text("utf-8").count("\n")) > LONGEST_FILE}
+    assert long == {}
+
+
+def test_functions__every_one__fits_a_screen():
+    long = {}
+    for path in (path for path in CODE if path.suffix == ".py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                lines = (node.end_lineno or 0) - node.lineno + 1
+                if lines > LONGEST_FUNCTION:
+                    long[f"{named(path)}:{node.name}"] = lines
+    assert long == {}
+
+
+def test_modules__none__is_a_drawer_for_everything():
+    drawers = {"utils", "util", "helpers", "helper", "common", "misc"}
+    assert [named(path) for path in CODE if path.stem in drawers] == []
+
+
+def test_links__in_the_documents__lead_somewhere():
+    broken = []
+    for page in [path for path in SOURCES if path.suffix == ".md"]:
+        for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text(encoding="utf-8")):
+            if "://" not in target and not target.startswith("mailto:") and not (page.parent / target).exists():
+                broken.append(f"{named(page)}: {target}")
+    assert broken == []
+
+
+def test_dependencies__each__has_its_reason():
+    page = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8").lower()
+    wanted = []
+    for name in ("run.in", "test.in"):
+        lines = (ROOT / "requirements" / name).read_text(encoding="ascii").splitlines()
+        wanted += [line.strip().lower() for line in lines if line.strip() and not line.startswith(("#", "-"))]
+    assert [name for name in wanted if f"| {name} |" not in page] == []
