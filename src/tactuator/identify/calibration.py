@@ -1,0 +1,142 @@
+"""Sensor calibration: pairs of displacement and voltage become a gain with its confidence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from tactuator.errors import BadInput
+
+_OUTLIER_PROBABILITY = 0.002
+"""Chance, over all pairs together, of refusing one when none is wrong."""
+
+
+@dataclass(frozen=True)
+class RefusedPair:
+    """A pair that does not belong to the line of the others."""
+
+    name: str
+    displacement_mm: float
+    voltage_v: float
+    off_line_v: float
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.displacement_mm:g} mm, {self.voltage_v:g} V) lies {self.off_line_v:+.3g} V off the line"
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """voltage = gain * displacement + offset, with 95 % half-widths.
+
+    linearity_percent: largest departure of a kept pair from the line, in percent of the voltage span.
+    displacement_mm, voltage_v, residual_v: the kept pairs, shape (n,).
+    """
+
+    gain_v_per_mm: float
+    gain_confidence_v_per_mm: float
+    offset_v: float
+    offset_confidence_v: float
+    linearity_percent: float
+    displacement_mm: NDArray[np.float64]
+    voltage_v: NDArray[np.float64]
+    residual_v: NDArray[np.float64]
+    refused: tuple[RefusedPair, ...]
+
+
+def fit_line(
+    displacement_mm: ArrayLike, voltage_v: ArrayLike, *, gauge_error_mm: float = 0.0, names: list[str] | None = None
+) -> Calibration:
+    """Least-squares line through pairs of dial-gauge displacement (mm) and sensor voltage (V), both of shape (n,).
+
+    gauge_error_mm is the gauge's own standard error: it pulls a least-squares slope towards zero, and the slope is
+    corrected for that (Fuller, Measurement Error Models, 1987, section 1.2). Pairs whose studentised residual is
+    beyond the Bonferroni bound are left out of the fit and named in `refused`. Raises BadInput for fewer than 4 pairs,
+    values that are not finite, displacements that do not vary, or where more than a quarter would be refused.
+    """
+    x, y = np.asarray(displacement_mm, dtype=np.float64), np.asarray(voltage_v, dtype=np.float64)
+    labels = names if names is not None else [f"pair {k + 1}" for k in range(x.size)]
+    _check_pairs(x, y, labels)
+    kept = _kept_pairs(x, y)
+    if kept.sum() < max(4, 0.75 * x.size):
+        bad = ", ".join(label for label, keep in zip(labels, kept, strict=True) if not keep)
+        raise BadInput(f"{x.size - kept.sum()} of {x.size} pairs are off the line ({bad}); allowed: a quarter at most")
+    return _line(x, y, kept, gauge_error_mm, labels)
+
+
+def _check_pairs(x: NDArray[np.float64], y: NDArray[np.float64], labels: list[str]) -> None:
+    if x.ndim != 1 or x.shape != y.shape or len(labels) != x.size:
+        raise BadInput(f"{x.size} displacements, {y.size} voltages, {len(labels)} names; allowed: as many of each")
+    if x.size < 4:
+        raise BadInput(f"{x.size} pairs; allowed: 4 or more")
+    for label, xk, yk in zip(labels, x, y, strict=True):
+        if not (np.isfinite(xk) and np.isfinite(yk)):
+            raise BadInput(f"{label} is ({xk:g} mm, {yk:g} V); allowed: finite numbers")
+    if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
+        what = "displacement" if np.ptp(x) == 0.0 else "voltage"
+        raise BadInput(f"every {what} is the same; allowed: pairs that span a range")
+
+
+def _kept_pairs(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Start from the half of the pairs nearest to the median line, then let in all that belong to it."""
+    slope, intercept, *_ = stats.theilslopes(y, x)
+    distance = np.abs(y - intercept - slope * x)
+    kept = distance <= np.median(distance)
+    for _ in range(20):
+        offset, gain, scatter = _fit(x[kept], y[kept])
+        residual = np.abs(y - offset - gain * x)
+        centred = x - x[kept].mean()
+        leverage = 1.0 / kept.sum() + centred**2 / np.sum(centred[kept] ** 2)
+        if kept.sum() < x.size:
+            scatter = max(scatter, _robust_scatter(residual))
+        spread = scatter * np.sqrt(np.where(kept, np.maximum(1.0 - leverage, 0.05), 1.0 + leverage))
+        bound = stats.t.isf(_OUTLIER_PROBABILITY / (2.0 * x.size), max(kept.sum() - 2, 1))
+        now = residual <= bound * spread + 1e-12 * np.ptp(y)
+        if np.array_equal(now, kept):
+            break
+        kept = now
+    return kept
+
+
+def _robust_scatter(residual: NDArray[np.float64]) -> float:
+    return float(1.4826 * np.median(residual))
+
+
+def _fit(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float, float]:
+    centre = x.mean()
+    gain = float(np.sum((x - centre) * (y - y.mean())) / np.sum((x - centre) ** 2))
+    offset = float(y.mean() - gain * centre)
+    scatter = np.sqrt(np.sum((y - offset - gain * x) ** 2) / max(x.size - 2, 1))
+    return offset, gain, float(scatter)
+
+
+def _line(
+    x: NDArray[np.float64], y: NDArray[np.float64], kept: NDArray[np.bool_], gauge_error_mm: float, labels: list[str]
+) -> Calibration:
+    offset, gain, scatter = _fit(x[kept], y[kept])
+    centre, spread = x[kept].mean(), np.sum((x[kept] - x[kept].mean()) ** 2)
+    true_spread = spread - kept.sum() * gauge_error_mm**2
+    if true_spread <= 0.5 * spread:
+        raise BadInput(f"gauge_error_mm is {gauge_error_mm:g}; allowed: small against the displacements' own spread")
+    gain *= spread / true_spread
+    offset = float(y[kept].mean() - gain * centre)
+    residual = y - offset - gain * x
+    quantile = float(stats.t.isf(0.025, kept.sum() - 2))
+    gain_error = scatter / np.sqrt(spread)
+    offset_error = scatter * np.sqrt(1.0 / kept.sum() + centre**2 / spread)
+    refused = tuple(
+        RefusedPair(labels[k], float(x[k]), float(y[k]), float(residual[k])) for k in np.flatnonzero(~kept)
+    )
+    return Calibration(
+        gain_v_per_mm=float(gain),
+        gain_confidence_v_per_mm=float(quantile * gain_error),
+        offset_v=offset,
+        offset_confidence_v=float(quantile * offset_error),
+        linearity_percent=float(100.0 * np.max(np.abs(residual[kept])) / np.ptp(y[kept])),
+        displacement_mm=x[kept],
+        voltage_v=y[kept],
+        residual_v=residual[kept],
+        refused=refused,
+    )

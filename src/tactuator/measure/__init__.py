@@ -1,0 +1,1 @@
+"""What a display does, measured on any rig: responses, disturbances and noise."""

@@ -1,0 +1,147 @@
+"""Signals that excite a mechanism for identification; every one has shape (n,) and a peak of at most 1 unless said."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import signal
+
+from tactuator.errors import BadInput
+from tactuator.signals.systems import ContinuousSystem
+
+Samples = NDArray[np.float64]
+
+
+def sample_count(duration_s: float, rate_hz: float) -> int:
+    """Samples in `duration_s` at `rate_hz`; BadInput unless there is at least one."""
+    count = round(duration_s * rate_hz) if np.isfinite(duration_s) and np.isfinite(rate_hz) else 0
+    if count < 1:
+        raise BadInput(f"{duration_s:g} s at {rate_hz:g} Hz is no sample; allowed: one or more")
+    return count
+
+
+def to_unit_peak(samples: Samples) -> Samples:
+    """The same signal with a peak of 1 (silence stays silent)."""
+    peak = float(np.max(np.abs(samples), initial=0.0))
+    return samples / peak if peak > 0.0 else samples
+
+
+def steps(duration_s: float, rate_hz: float, hold_s: float, rng: np.random.Generator) -> Samples:
+    """Random levels in -1 .. 1, each held for `hold_s`; neighbours differ by at least 0.3."""
+    count, hold = sample_count(duration_s, rate_hz), sample_count(hold_s, rate_hz)
+    levels = [0.0]
+    while len(levels) * hold < count:
+        level = float(rng.uniform(-1.0, 1.0))
+        if abs(level - levels[-1]) >= 0.3:
+            levels.append(level)
+    return np.repeat(np.array(levels), hold)[:count]
+
+
+def prbs(duration_s: float, rate_hz: float, clock_hz: float, rng: np.random.Generator) -> Samples:
+    """Pseudo-random binary sequence of maximal length, +/-1, one bit for each 1/clock_hz, from a random start.
+
+    Its spectrum is flat up to about 0.4 clock_hz. The register is the shortest whose period covers the duration.
+    """
+    count, bit = sample_count(duration_s, rate_hz), max(1, round(rate_hz / clock_hz))
+    bits = int(np.clip(np.ceil(np.log2(count / bit + 2.0)), 4, 31))
+    start = rng.integers(1, 2**bits)
+    state = np.array([(int(start) >> k) & 1 for k in range(bits)], dtype=np.int8)
+    sequence, _ = signal.max_len_seq(bits, state=state, length=-(-count // bit))
+    return np.repeat(2.0 * sequence - 1.0, bit)[:count]
+
+
+def noise(duration_s: float, rate_hz: float, band_hz: tuple[float, float], rng: np.random.Generator) -> Samples:
+    """Gaussian noise confined to `band_hz`, clipped at four standard deviations, scaled to a peak of 1."""
+    count = sample_count(duration_s, rate_hz)
+    frequency = np.fft.rfftfreq(count, 1.0 / rate_hz)
+    inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
+    if not np.any(inside):
+        raise BadInput(
+            f"no line of {duration_s:g} s lies within {band_hz[0]:g}..{band_hz[1]:g} Hz; allowed: a longer record"
+        )
+    spectrum = np.where(inside, rng.standard_normal(frequency.size) + 1j * rng.standard_normal(frequency.size), 0.0)
+    samples = np.fft.irfft(spectrum, count)
+    deviation = float(np.std(samples))
+    return to_unit_peak(np.clip(samples, -4.0 * deviation, 4.0 * deviation))
+
+
+def sinusoids(
+    duration_s: float, rate_hz: float, frequency_hz: ArrayLike, amplitude: ArrayLike, rng: np.random.Generator
+) -> Samples:
+    """Sum of sinusoids with random phases; `frequency_hz` and `amplitude` have one shape (m,). Not rescaled."""
+    time = np.arange(sample_count(duration_s, rate_hz)) / rate_hz
+    frequency, amplitude = np.broadcast_arrays(np.atleast_1d(frequency_hz), np.atleast_1d(amplitude))
+    total = np.zeros(time.size)
+    for hertz, peak in zip(frequency.astype(float), amplitude.astype(float), strict=True):
+        total += peak * np.sin(2.0 * np.pi * (hertz * time + rng.uniform()))
+    return total
+
+
+def log_chirp(duration_s: float, rate_hz: float, low_hz: float, high_hz: float) -> Samples:
+    """Sinusoid whose frequency rises from low_hz to high_hz, the same time for each octave."""
+    if not 0.0 < low_hz < high_hz <= rate_hz / 2.0:
+        raise BadInput(f"chirp from {low_hz:g} to {high_hz:g} Hz at {rate_hz:g} Hz; allowed: 0 < low < high <= rate/2")
+    time = np.arange(sample_count(duration_s, rate_hz)) / rate_hz
+    growth = np.log(high_hz / low_hz) / duration_s
+    return np.sin(2.0 * np.pi * low_hz * np.expm1(growth * time) / growth)
+
+
+def paper_mix(
+    duration_s: float,
+    rate_hz: float,
+    command_range_v: float,
+    rng: np.random.Generator,
+    *,
+    plant: ContinuousSystem | None = None,
+    travel_v: float | None = None,
+    band_hz: tuple[float, float] = (0.4, 300.0),
+) -> Samples:
+    """The paper's mix of steps, noise and sinusoids (section 3) as a command in volts, shape (n,).
+
+    A slow part (steps every 1.3 s and sinusoids in the lower band) and a fast part (noise over the whole band and
+    sinusoids in the upper) are added. With a rough `plant` and `travel_v` (volts of y) each is planned to take 40 % of
+    the travel and of 0.9 command_range_v at most; without them each takes 5 % and 40 % of command_range_v.
+    """
+    low, high = band_hz[0], min(band_hz[1], 0.4 * rate_hz)
+    middle = float(np.sqrt(low * high))
+    slow = 0.6 * steps(duration_s, rate_hz, 1.3, rng)
+    tones = np.geomspace(low, middle, 5)
+    slow += 0.4 * to_unit_peak(sinusoids(duration_s, rate_hz, tones, 1.0, rng))
+    fast = 0.6 * noise(duration_s, rate_hz, (low, 1.2 * high), rng)
+    tones = np.geomspace(middle, high, 5)
+    fast += 0.4 * to_unit_peak(sinusoids(duration_s, rate_hz, tones, tones / high, rng))
+    if plant is None or travel_v is None:
+        return command_range_v * (0.05 * to_unit_peak(slow) + 0.4 * to_unit_peak(fast))
+    parts = (slow, fast)
+    return sum(
+        (plan_amplitude(part, rate_hz, plant, 0.4 * travel_v, 0.4 * command_range_v) * part for part in parts),
+        np.zeros(slow.size),
+    )
+
+
+def plan_amplitude(
+    shape: ArrayLike, rate_hz: float, plant: ContinuousSystem, travel_v: float, command_range_v: float
+) -> float:
+    """Largest factor for the command `shape` (n,) with |command| <= command_range_v and, by `plant` (volts of y per
+    volt), |y| <= travel_v, start-up transient included.
+    """
+    samples = np.asarray(shape, dtype=np.float64)
+    if travel_v <= 0.0 or command_range_v <= 0.0 or not np.any(samples):
+        raise BadInput(
+            f"travel {travel_v:g} V, range {command_range_v:g} V; allowed: both positive, and a shape that moves"
+        )
+    position = periodic_response(np.append(samples, np.zeros(samples.size)), rate_hz, plant)
+    reached = float(np.max(np.abs(position)))
+    by_range = command_range_v / float(np.max(np.abs(samples)))
+    return min(by_range, travel_v / reached) if reached > 0.0 else by_range
+
+
+def periodic_response(command: Samples, rate_hz: float, plant: ContinuousSystem) -> Samples:
+    """Steady answer of `plant` to a command (n,) repeated for ever, by its spectrum; an integrator's mean is dropped."""
+    spectrum = np.fft.rfft(command)
+    frequency = np.fft.rfftfreq(command.size, 1.0 / rate_hz)
+    response = np.zeros(frequency.size, dtype=np.complex128)
+    response[1:] = plant.response(frequency[1:])
+    if not np.any(plant.poles == 0.0):
+        response[0] = plant.response(0.0)
+    return np.asarray(np.fft.irfft(spectrum * response, command.size))
