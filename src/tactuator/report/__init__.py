@@ -1,0 +1,1 @@
+"""Figures and pages from results: the only floor that draws."""

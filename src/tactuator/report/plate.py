@@ -1,0 +1,51 @@
+"""A plate: one figure with its number, caption and the numbers that it shows."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib
+from matplotlib.figure import Figure
+
+from tactuator.errors import BadInput
+
+
+@dataclass(frozen=True, eq=False)
+class Plate:
+    """name: file name without ending. table: columns of equal length, name (with unit) to values."""
+
+    name: str
+    title: str
+    caption: str
+    figure: Figure
+    table: Mapping[str, Sequence[object]]
+
+    def __post_init__(self) -> None:
+        lengths = {name: len(column) for name, column in self.table.items()}
+        if len(set(lengths.values())) > 1:
+            raise BadInput(f"columns of {self.name} have {lengths} rows; allowed: as many in each")
+
+    def svg(self) -> str:
+        """The figure as SVG text: the same figure gives the same bytes, and texts stay texts."""
+        with matplotlib.rc_context({"svg.hashsalt": self.name, "svg.fonttype": "none"}):
+            stream = io.StringIO()
+            self.figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": "tactuator"})
+        return stream.getvalue()
+
+    def csv(self) -> str:
+        """The table as CSV text, floats with nine digits."""
+        stream = io.StringIO()
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(self.table)
+        for row in zip(*self.table.values(), strict=True):
+            writer.writerow([f"{cell:.9g}" if isinstance(cell, float) else cell for cell in row])
+        return stream.getvalue()
+
+    def save(self, folder: Path) -> None:
+        """Write NAME.svg and NAME.csv into `folder`."""
+        (folder / f"{self.name}.svg").write_text(self.svg(), encoding="utf-8")
+        (folder / f"{self.name}.csv").write_text(self.csv(), encoding="utf-8")

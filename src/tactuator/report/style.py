@@ -1,0 +1,53 @@
+"""How every figure looks: one size of type, colours that stay apart in print and for colour-blind readers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
+
+INK, FAINT = "#222222", "#b8b8b8"
+BLUE, ORANGE, GREEN, RED, PURPLE, SKY = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#cc79a7", "#56b4e9"
+CYCLE = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY)
+"""Okabe and Ito's palette."""
+
+WIDTH_IN = 6.4
+_TICKS_HZ = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000)
+
+
+def figure(rows: int = 1, columns: int = 1, height_in: float = 4.0, **subplots: Any) -> tuple[Figure, Any]:
+    """A figure of the house's width, and its axes as `Figure.subplots(rows, columns, **subplots)` gives them."""
+    made = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+    axes = made.subplots(rows, columns, **subplots)
+    for one in made.axes:
+        dress(one)
+    return made, axes
+
+
+def dress(axes: Axes) -> None:
+    """Grid, type size and spines of one pair of axes."""
+    axes.grid(True, color="#e3e3e3", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=8, colors=INK)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def frequency_axis(axes: Axes, low_hz: float, high_hz: float, label: bool = True) -> None:
+    """Logarithmic frequency from low to high, marked 1-2-5 in plain numbers; every other mark where they crowd."""
+    axes.set_xscale("log")
+    axes.set_xlim(low_hz, high_hz)
+    ticks: Sequence[float] = [tick for tick in _TICKS_HZ if low_hz <= tick <= high_hz]
+    axes.xaxis.set_major_locator(FixedLocator(ticks))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    if label:
+        axes.set_xlabel("frequency (Hz)", fontsize=9)
+
+
+def legend(axes: Axes, **keywords: Any) -> None:
+    """A small legend without a frame."""
+    axes.legend(**({"fontsize": 8, "frameon": False} | keywords))
