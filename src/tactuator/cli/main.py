@@ -6,6 +6,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
+from itertools import pairwise
 from types import FrameType
 from typing import Annotated
 
@@ -95,7 +96,7 @@ def _say(message: str, status: int) -> int:
 def _got(error: TyperException, arguments: Sequence[str]) -> str:
     """Name the value that an option refused, where typer's own message does not."""
     names = getattr(getattr(error, "param", None), "opts", ())
-    for option, value in zip(arguments, arguments[1:], strict=False):
+    for option, value in pairwise(arguments):
         if option in names and value not in error.format_message():
             return f" (got {value!r})"
     return ""
