@@ -16,7 +16,7 @@
 
 #include <stddef.h>
 
-#define TACT_RLS_MAX 16
+enum { TACT_RLS_MAX = 16 };
 
 /* regressors: count rows of n; output: count. After every `every`-th sample theta goes to theta_history (rows of n) and
  * the diagonal of M to variance_history; both hold count / every rows, or are NULL. cost gathers the squared errors

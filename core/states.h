@@ -11,7 +11,7 @@
 
 #include <stddef.h>
 
-#define TACT_STATES_MAX 24
+enum { TACT_STATES_MAX = 24 };
 
 /* d: n x n, row by row; out: count rows of n. Returns 0, or -1 when n is out of range. */
 int tact_states_run(size_t n, const double *d, const double *b0, const double *b1, size_t count, const double *u,

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.digital._core import ffi, lib
-
 from tactuator.errors import BadInput
 
 Array = NDArray[np.float64]
@@ -77,6 +76,7 @@ def run_states(difference: Array, now: Array, following: Array, driver: Array) -
 def dahl_state(position: Array, presliding: float) -> Array:
     """Dahl friction's state (-1 .. 1) along `position` (count,), from 0; presliding in position's unit, positive."""
     x = _double(position)
-    previous, z, out = np.array([x[0]]), np.zeros(1), np.empty(x.size)
-    lib.tact_dahl_run(x.size, _pointer(x), presliding, _pointer(previous), _pointer(z), _pointer(out))
+    friction = ffi.new("tact_friction *", (1.0 / presliding, 1.0 / presliding))
+    state, out = ffi.new("tact_friction_state *", (0.0, float(x[0]))), np.empty(x.size)
+    lib.tact_friction_run(friction, state, _pointer(x), _pointer(out), x.size)
     return out
