@@ -42,6 +42,10 @@ def _polynomial(values: ArrayLike, name: str) -> NDArray[np.float64]:
     return coefficients
 
 
+def _expanded(roots: NDArray[np.complex128]) -> NDArray[np.float64]:
+    return np.atleast_1d(np.real(np.poly(roots))).astype(np.float64)
+
+
 def _delayed(sos: NDArray[np.float64], samples: int) -> NDArray[np.float64]:
     """The sections times z^-samples, by shifting numerators: scipy fills missing zeros up with zeros at the origin."""
     for row in sos:
@@ -101,7 +105,7 @@ class ContinuousSystem(_System):
 
     def polynomials(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(num, den) in descending powers of s, den monic: for printing and files, not for computing with."""
-        return self.gain * np.real(np.poly(self.zeros)), np.real(np.poly(self.poles))
+        return self.gain * _expanded(self.zeros), _expanded(self.poles)
 
     def response(self, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
         """Complex response at `frequency_hz` (any shape, hertz), dead time included."""
