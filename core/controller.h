@@ -1,0 +1,92 @@
+/* One channel's controller: two degrees of freedom, anti-windup, limits. float32.
+ *
+ *                +---+  v   e  +---+  u'  +-------+  u
+ *     r -------->| F |--->(+)->| C |----->| clamp |----> to the D/A, delay_samples later
+ *   threshold    +---+     ^-  +-^-+      +---+---+
+ *   units                  |     |            |
+ *                          y     +---[g1,g2]--+  (u - u') times the gains is added to the states of C's last section
+ *
+ * Without feedback sections F's output is the command itself. The controller is data: an image fills the table.
+ *
+ * Anti-windup by back-calculation on the section that integrates, C's last (Astrom & Hagglund 2006, section 3.5).
+ * A controller whose arithmetic breaks (a NaN or more than TACT_COMMAND_MAX before the clamp, as an unstable one
+ * ends) latches `broken` and gives zero until it is reset.
+ *
+ * Example use:
+ *   tact_controller_state state;
+ *   tact_controller_reset(&state);
+ *   float command_v = tact_controller_step(&table, &state, reference, position_v);
+ */
+#ifndef TACT_CONTROLLER_H
+#define TACT_CONTROLLER_H
+
+#include <stdint.h>
+
+#include "section.h"
+
+enum { TACT_PREFILTER_MAX = 8, TACT_FEEDBACK_MAX = 4 };
+
+#define TACT_REFERENCE_MAX 1e6f /* threshold units: 120 dB SL */
+#define TACT_POSITION_MAX 1e3f  /* volts */
+#define TACT_COMMAND_MAX 1e20f  /* volts before the clamp */
+
+typedef struct {
+    int32_t prefilter_count;
+    int32_t feedback_count; /* 0: no feedback */
+    tact_section prefilter[TACT_PREFILTER_MAX];
+    tact_section feedback[TACT_FEEDBACK_MAX];
+    float anti_windup[2];
+    float command_min_v;
+    float command_max_v;
+} tact_controller;
+
+typedef struct {
+    tact_section_state prefilter[TACT_PREFILTER_MAX];
+    tact_section_state feedback[TACT_FEEDBACK_MAX];
+    int32_t clamped; /* the last command was cut to the limits */
+    int32_t broken;  /* latched: see above */
+} tact_controller_state;
+
+/* All states zero. */
+void tact_controller_reset(tact_controller_state *state);
+
+/* Whether the counts and limits of a table can be run; 0 if not. */
+int tact_controller_is_valid(const tact_controller *table);
+
+/* What the limits and the anti-windup make of the sections' output u'; last is C's last section, or NULL. */
+inline float tact_controller_limit(const tact_controller *table, tact_controller_state *state, float wanted,
+                                   tact_section_state *last)
+{
+    const float cut = wanted > table->command_max_v ? table->command_max_v : wanted;
+    const float command = cut < table->command_min_v ? table->command_min_v : cut;
+    const int sound = (wanted < TACT_COMMAND_MAX) & (wanted > -TACT_COMMAND_MAX);
+    if (last) {
+        const float excess = command - wanted;
+        last->s1 += table->anti_windup[0] * excess;
+        last->s2 += table->anti_windup[1] * excess;
+    }
+    state->broken |= !sound;
+    state->clamped = command != wanted;
+    return state->broken ? 0.0f : command;
+}
+
+/* One sample: reference (threshold units) and position (volts) in, command (volts, within the limits) out. */
+inline float tact_controller_step(const tact_controller *table, tact_controller_state *state, float reference,
+                                  float position_v)
+{
+    float value = tact_finite(reference, TACT_REFERENCE_MAX);
+    for (int32_t i = 0; i < table->prefilter_count; i++)
+        value = tact_section_step(&table->prefilter[i], &state->prefilter[i], value);
+    if (table->feedback_count == 0)
+        return tact_controller_limit(table, state, value, NULL);
+    value = value - tact_finite(position_v, TACT_POSITION_MAX);
+    for (int32_t i = 0; i < table->feedback_count; i++)
+        value = tact_section_step(&table->feedback[i], &state->feedback[i], value);
+    return tact_controller_limit(table, state, value, &state->feedback[table->feedback_count - 1]);
+}
+
+/* samples of one channel, for tests and benchmarks: no converters, no delay, no device. */
+void tact_controller_run(const tact_controller *table, tact_controller_state *state, const float *reference,
+                         const float *position_v, float *command_v, size_t samples);
+
+#endif

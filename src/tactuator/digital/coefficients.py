@@ -1,0 +1,41 @@
+"""Sections as the core computes with them: delta form, float32, each coefficient rounded once.
+
+H = (b0 + b1 z^-1 + b2 z^-2)/(1 + a1 z^-1 + a2 z^-2) = (b0 d^2 + b1' d + b2')/(d^2 + a1' d + a2') with d = z - 1 and
+b1' = 2 b0 + b1, b2' = b0 + b1 + b2, a1' = 2 + a1, a2' = 1 + a1 + a2 (Middleton & Goodwin 1990, chapter 2).
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactuator.errors import BadInput
+from tactuator.signals.sections import check_sections
+
+PREFILTER_SECTIONS_MAX = 8
+FEEDBACK_SECTIONS_MAX = 4
+
+
+def delta_coefficients(sos: ArrayLike) -> NDArray[np.float64]:
+    """b0, b1', b2', a1', a2' of each section in double, sums exact before they are rounded: shape (n, 5)."""
+    rows = []
+    for section in check_sections(sos):
+        b0, b1, b2, a0, a1, a2 = (Fraction(float(value)) for value in section)
+        exact = (b0 / a0, (2 * b0 + b1) / a0, (b0 + b1 + b2) / a0, (2 * a0 + a1) / a0, (a0 + a1 + a2) / a0)
+        rows.append([float(value) for value in exact])
+    return np.array(rows, dtype=np.float64).reshape(-1, 5)
+
+
+def delta_coefficients_single(sos: ArrayLike, most: int, name: str) -> NDArray[np.float32]:
+    """`delta_coefficients` rounded to float32, shape (n, 5).
+
+    Raises BadInput for more than `most` sections, or for a coefficient that float32 cannot hold; `name` says of what.
+    """
+    exact = delta_coefficients(sos)
+    if exact.shape[0] > most:
+        raise BadInput(f"{name} has {exact.shape[0]} sections; allowed: at most {most}")
+    if np.any(np.abs(exact) > float(np.finfo(np.float32).max)):
+        raise BadInput(f"{name} has a coefficient of {np.max(np.abs(exact)):g}; allowed: what single precision holds")
+    return exact.astype(np.float32)

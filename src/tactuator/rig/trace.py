@@ -1,0 +1,53 @@
+"""What a rig gives back of a block that it has run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.errors import BadInput
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """n samples of every channel, as the processor knows them; arrays of shape (n, channels).
+
+    Row k is the instant k / rate_hz of the block: position_v (volts of y) is what the A/D reads then, command_v (volts
+    at the motor) what the D/A begins to put out then and holds for one period; it was computed delay_samples earlier.
+    reference: threshold units; zero where the motors were driven directly. saturated: a converter or the command's
+    limit was reached.
+    """
+
+    rate_hz: float
+    channels: tuple[str, ...]
+    reference: NDArray[np.float64]
+    command_v: NDArray[np.float64]
+    position_v: NDArray[np.float64]
+    saturated: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        shape = (self.reference.shape[0], len(self.channels))
+        for name in ("reference", "command_v", "position_v", "saturated"):
+            if getattr(self, name).shape != shape:
+                raise BadInput(f"trace: {name} has shape {getattr(self, name).shape}; allowed: {shape}")
+
+    def __len__(self) -> int:
+        return int(self.reference.shape[0])
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds."""
+        return len(self) / self.rate_hz
+
+    @property
+    def time_s(self) -> NDArray[np.float64]:
+        """Seconds from the block's first instant, shape (n,)."""
+        return np.arange(len(self)) / self.rate_hz
+
+    def channel(self, name: str) -> int:
+        """The column of a channel; BadInput if there is none of that name."""
+        if name not in self.channels:
+            raise BadInput(f"trace: channel {name!r} is not there; allowed: {', '.join(self.channels)}")
+        return self.channels.index(name)
