@@ -34,7 +34,7 @@ class FeedbackLoop:
     @cached_property
     def open_loop(self) -> System:
         """L = C P as one system."""
-        product: System = self.controller * self.plant  # type: ignore[operator]  # the systems refuse a mixture
+        product: System = self.controller * self.plant  # the systems refuse a mixture
         return product
 
     @cached_property

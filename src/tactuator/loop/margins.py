@@ -126,9 +126,9 @@ def analysis_grid_hz(loop: FeedbackLoop, points: int = 1500) -> Array:
         roots.extend(root for root in closed if abs(root) > 1e-3)
         s = np.log(np.array(roots, dtype=np.complex128)) * open_loop.rate_hz
     else:
-        s = np.append(open_loop.poles, open_loop.zeros)
+        s = np.concatenate([open_loop.poles, open_loop.zeros])
         if open_loop.delay_s == 0.0:
-            s = np.append(s, closed_poles(open_loop))
+            s = np.concatenate([s, closed_poles(open_loop)])
         top = _highest_hz(open_loop, s)
     sizes = np.abs(s)[np.abs(s) > 1e-6 * np.max(np.abs(s), initial=0.0)] / (2.0 * np.pi)
     low = min(np.min(sizes, initial=top / 1e3) / 30.0, top / 1e3)

@@ -63,8 +63,10 @@ def closed_poles(open_loop: System) -> Roots:
     Raises BadInput for a continuous loop with dead time: it has infinitely many.
     """
     if isinstance(open_loop, SampledSystem):
-        shifted = np.append(open_loop.poles - 1.0, -np.ones(open_loop.delay_samples))
-        return closed_roots(open_loop.zeros - 1.0, shifted, open_loop.gain)
+        delay: Roots = np.full(open_loop.delay_samples, -1.0 + 0.0j)
+        poles: Roots = np.concatenate([open_loop.poles - 1.0, delay])
+        zeros: Roots = open_loop.zeros - np.complex128(1.0)
+        return closed_roots(zeros, poles, open_loop.gain)
     if open_loop.delay_s > 0.0:
         raise BadInput(f"a loop with {open_loop.delay_s:g} s of dead time has no finite list of poles; allowed: none")
     return closed_roots(open_loop.zeros, open_loop.poles, open_loop.gain)

@@ -1,0 +1,1 @@
+"""From models to controllers: loop, prefilter, anti-windup, headroom and verdict."""

@@ -1,0 +1,166 @@
+"""Sampled filters of a given magnitude: the least possible maximum error in dB, stable and minimum phase.
+
+On the unit circle |F|^2 is a ratio N(x)/D(x) of polynomials in x = tan^2(pi f / rate), x from 0 to infinity; any ratio
+positive there is the squared magnitude of one stable, minimum-phase filter. "The error is at most e dB" is linear in
+the coefficients of N and D, so that a bisection over linear programs finds the least e, globally. (Rabiner, Graham &
+Helms 1974, "Linear programming design of IIR digital filters with arbitrary magnitude function", IEEE Trans. ASSP 22.)
+
+Powers of x over six decades would be hopeless to compute with. N and D are written over a common denominator instead,
+as partial fractions 1 and a_k/(x + a_k) with a_k even in log frequency: the same functions, and well conditioned.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from tactuator.errors import BadInput
+from tactuator.signals.systems import SampledSystem
+
+Array = NDArray[np.float64]
+Coefficients = tuple[Array, Array]
+
+_WIDEST_DB = 30.0
+_PRECISION = 0.01
+
+
+@dataclass(frozen=True)
+class MagnitudeGoal:
+    """What a filter's magnitude is to be.
+
+    frequency_hz, level_db: shape (n,), ascending, zero allowed: the level wanted. allowance_db: shape (n,), how far
+    beyond the common error each point may be off (0 in the band proper). ceiling_db: the greatest level of the band;
+    at above_hz, shape (m,), and at every frequency beyond, no more than what the filter reaches there.
+    """
+
+    frequency_hz: Array
+    level_db: Array
+    allowance_db: Array
+    above_hz: Array
+    ceiling_db: float
+
+
+def fit_magnitude(goal: MagnitudeGoal, rate_hz: float, order: int) -> SampledSystem:
+    """The stable, minimum-phase filter of `order` poles (and as many zeros) nearest to the goal, in maximum dB.
+
+    The common error is within 3 % of the least possible: a little is given up for poles and zeros that keep away from
+    the unit circle. Raises BadInput if no filter of that order is within 30 dB.
+    """
+    program = _Program(goal, rate_hz, order)
+    coefficients = program.best()
+    for _ in range(6):
+        missed = program.violations(coefficients)
+        if missed.size == 0:
+            break
+        program.add(missed)
+        coefficients = program.best()
+    return program.filter_of(coefficients)
+
+
+class _Program:
+    """The linear program of one goal and order; constraints may be added where the grid overlooked something."""
+
+    def __init__(self, goal: MagnitudeGoal, rate_hz: float, order: int) -> None:
+        self._goal, self._rate_hz, self._order = goal, rate_hz, order
+        inside = goal.frequency_hz[goal.allowance_db == 0.0]
+        low, high = np.tan(np.pi * inside[[0, -1]] / rate_hz) ** 2
+        self._unit = float(np.sqrt(low * high))
+        self._corners = np.geomspace(low, 4.0 * high, order) / self._unit if order > 1 else np.ones(1)
+        self._middle_db = 0.5 * float(np.max(goal.level_db) + np.min(goal.level_db))
+        ratio = 10.0 ** ((goal.level_db - self._middle_db) / 10.0)
+        self._basis = self._fractions(goal.frequency_hz)
+        self._target = self._basis / ratio[:, None]
+        self._scale = np.max(np.abs(self._target), axis=0)
+        self._above = np.append(goal.above_hz, 0.5 * rate_hz)
+        self._lower_bound_db = 0.0
+
+    def _fractions(self, frequency_hz: Array) -> Array:
+        """1 and a_k/(x + a_k), shape (n, order + 1); at the Nyquist frequency x is infinite."""
+        square = np.tan(np.pi * frequency_hz / self._rate_hz) ** 2 / self._unit
+        square = np.where(frequency_hz >= 0.5 * self._rate_hz, 1e15, square)
+        return np.hstack([np.ones((square.size, 1)), self._corners / (square[:, None] + self._corners)])
+
+    def best(self) -> Coefficients:
+        """Coefficients for an error slightly above the least possible (found by bisection)."""
+        low, high = self._lower_bound_db, max(4.0, 1.1 * self._lower_bound_db)
+        while self._solve(high) is None:
+            low, high = high, 2.0 * high
+            if high > _WIDEST_DB:
+                raise BadInput(
+                    f"no prefilter of {self._order} poles follows the curve within {_WIDEST_DB:g} dB; "
+                    "allowed: more poles"
+                )
+        while high - low > _PRECISION * max(low, 0.05):
+            middle = float(np.sqrt(low * high)) if low > 0.0 else 0.5 * high
+            low, high = (low, middle) if self._solve(middle) is not None else (middle, high)
+            if high < 1e-3:
+                break
+        self._lower_bound_db = low
+        found = self._solve(1.02 * high + 0.003) or self._solve(high)
+        assert found is not None
+        return found
+
+    def _solve(self, error_db: float) -> Coefficients | None:
+        """Coefficients (of N, of D) that keep the error, as far inside the constraints as can be; None if none do."""
+        root = 10.0 ** ((error_db + self._goal.allowance_db[:, None]) / 20.0)
+        ceiling = 10.0 ** ((self._goal.ceiling_db - error_db - self._middle_db) / 10.0)
+        above = self._fractions(self._above)
+        none = np.zeros_like(above)
+        n, m = self._basis.shape[0], above.shape[0]
+        top, bottom = self._target / self._scale, self._basis
+        rows = np.vstack(
+            [
+                np.hstack([top / root, -root * bottom, np.ones((n, 1))]),
+                np.hstack([-root * top, bottom / root, np.ones((n, 1))]),
+                np.hstack([above / self._scale / ceiling, -above, np.full((m, 1), 1e-3)]),
+                np.hstack([none, -above, np.full((m, 1), 1e-2)]),
+                np.hstack([-above / self._scale / ceiling, none, np.full((m, 1), 1e-7)]),
+            ]
+        )
+        size = self._order + 1
+        cost = np.append(np.zeros(2 * size), -1.0)
+        bounds = [(-1.0, 1.0)] * (2 * size) + [(0.0, None)]
+        result = optimize.linprog(cost, rows, np.zeros(rows.shape[0]), bounds=bounds, method="highs-ds")
+        if result.status != 0 or result.x[-1] <= 1e-7:
+            return None
+        return result.x[:size] / self._scale, result.x[size : 2 * size]
+
+    def violations(self, coefficients: Coefficients) -> Array:
+        """Frequencies above the band where N or D is not positive, or the ceiling is passed, between the grid's."""
+        top = self._goal.frequency_hz[-1]
+        dense = np.geomspace(top, 0.4999 * self._rate_hz, 4000)
+        fractions = self._fractions(dense)
+        numerator, denominator = fractions @ coefficients[0], fractions @ coefficients[1]
+        ceiling = 10.0 ** ((self._goal.ceiling_db - self._lower_bound_db - self._middle_db) / 10.0)
+        reach = self._goal.above_hz[0]
+        room = np.minimum(denominator / np.max(np.abs(denominator)), numerator / np.max(np.abs(numerator)))
+        over = (dense >= reach) & (numerator > 1.001 * ceiling * denominator)
+        bad = np.flatnonzero((room <= 0.0) | over)
+        return np.unique(dense[bad[:: max(1, bad.size // 12)]]) if bad.size else np.empty(0)
+
+    def add(self, frequency_hz: Array) -> None:
+        """Keep the constraints above the band at these frequencies too."""
+        self._above = np.unique(np.append(self._above, frequency_hz))
+
+    def filter_of(self, coefficients: Coefficients) -> SampledSystem:
+        """Spectral factorisation: the roots of N and D in the stable half, with the mean error taken out."""
+        zeros, poles = (self._roots(part) for part in coefficients)
+        shape = SampledSystem(zeros, poles, 1.0, self._rate_hz)
+        inside = self._goal.allowance_db == 0.0
+        frequency = self._goal.frequency_hz[inside]
+        miss = 20.0 * np.log10(np.abs(shape.response(frequency))) - self._goal.level_db[inside]
+        gain = 10.0 ** (-0.5 * float(np.max(miss) + np.min(miss)) / 20.0)
+        return SampledSystem(zeros, poles, gain, self._rate_hz)
+
+    def _roots(self, coefficients: Array) -> NDArray[np.complex128]:
+        """z-plane roots, |z| < 1, of c_0 + sum c_k a_k/(x + a_k): eigenvalues of a diagonal plus a rank-one matrix."""
+        lead = coefficients[0]
+        floor = 1e-12 * float(np.max(np.abs(coefficients)))
+        lead = lead if abs(lead) > floor else floor
+        matrix = np.diag(-self._corners) - np.outer(np.ones(self._order), coefficients[1:] * self._corners / lead)
+        square = np.linalg.eigvals(matrix) * self._unit
+        s = -np.sqrt(-square.astype(np.complex128))
+        return np.asarray((1.0 + s) / (1.0 - s), dtype=np.complex128)
