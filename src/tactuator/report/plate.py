@@ -30,8 +30,8 @@ class Plate:
             raise BadInput(f"columns of {self.name} have {lengths} rows; allowed: as many in each")
 
     def svg(self) -> str:
-        """The figure as SVG text: the same figure gives the same bytes, and texts stay texts."""
-        with matplotlib.rc_context({"svg.hashsalt": self.name, "svg.fonttype": "none"}):
+        """The figure as SVG text: the same figure gives the same bytes, and looks the same with any fonts."""
+        with matplotlib.rc_context({"svg.hashsalt": self.name, "svg.fonttype": "path"}):
             stream = io.StringIO()
             self.figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": "tactuator"})
         return stream.getvalue()

@@ -1,0 +1,1 @@
+"""The paper's study, end to end, on the simulated display."""
