@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tactuator.design import paper
-from tactuator.design.prefilter import sampled_plant
+from tactuator.design.family import sampled_plant
 from tactuator.digital.discretise import bilinear
 from tactuator.loop.feedback import FeedbackLoop
 from tactuator.loop.margins import Margins, margins
@@ -31,5 +31,5 @@ def paper_loop(display: Display) -> PaperLoop:
 
 def sampled_loop(display: Display, channel: Channel) -> FeedbackLoop:
     """The paper's C on one of the display's channels, as it runs."""
-    plant = sampled_plant(channel, display.rate_hz, display.delay_samples)
+    plant = sampled_plant(channel.plant, display.rate_hz, display.delay_samples)
     return FeedbackLoop(bilinear(paper.FEEDBACK, display.rate_hz), plant)
