@@ -1,0 +1,181 @@
+"""What a finger at rest would feel of hum, noise and loop resonance: from the command through the plant's model.
+
+Hum and noise n of the sensor reach the fingertip as -T n and the sensor's own reading as S n: the reading is not what
+is felt. The command is (design.md, facts): what it does to the fingertip is the plant's response to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.errors import BadInput
+from tactuator.plant.display import Channel, Display
+from tactuator.plant.load import DERIVATIVES
+from tactuator.rig.protocol import Rig
+from tactuator.signals.bands import third_octave_bands
+from tactuator.signals.decibels import db
+from tactuator.signals.lockin import lock_in, mains_multiples
+from tactuator.signals.spectra import PowerSpectrum, power_spectrum
+from tactuator.signals.systems import ContinuousSystem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FeltNoise:
+    """Felt levels of one channel at rest, in dB SL: 0 is threshold.
+
+    line_hz (k,), line_db_sl: mains and its multiples. band_hz (b,), band_db_sl: third octaves, lines left out; the
+    level of a band is that of a sinusoid at its centre with the same power. resonance_hz, resonance_db_sl: the loop's
+    resonance, None where the felt spectrum has no peak. resonance_gain_db: that peak over the felt density below it.
+    saturated: a converter or limit was reached.
+    """
+
+    channel: str
+    load: str
+    line_hz: Array
+    line_db_sl: Array
+    band_hz: Array
+    band_db_sl: Array
+    resonance_hz: float | None
+    resonance_db_sl: float | None
+    resonance_gain_db: float | None
+    saturated: bool
+
+    @property
+    def worst_line_db_sl(self) -> float:
+        """Highest level of a mains line: the paper's objective ii asks for less than 0."""
+        return float(np.max(self.line_db_sl, initial=-np.inf))
+
+    @property
+    def worst_noise_db_sl(self) -> float:
+        """Highest level of a third octave or of the resonance: the paper's objective iii asks for less than 0."""
+        return max(float(np.max(self.band_db_sl, initial=-np.inf)), self.resonance_db_sl or -np.inf)
+
+
+def felt_noise(
+    rig: Rig,
+    display: Display,
+    *,
+    duration_s: float = 8.0,
+    settle_s: float = 2.0,
+    load: str | None = None,
+    models: dict[str, ContinuousSystem] | None = None,
+    mains_hz: float | None = 60.0,
+) -> tuple[FeltNoise, ...]:
+    """Let the loaded controller hold the display at rest for duration_s, and say what would be felt on each channel.
+
+    models: identified plants by channel (default: the display's nominal ones), under `load` where one is named. At
+    least 3 s, for a resolution of 1 Hz.
+    """
+    if duration_s < 3.0:
+        raise BadInput(f"duration {duration_s:g} s; allowed: 3 s or more")
+    silent = np.zeros((round((settle_s + duration_s) * rig.rate_hz), len(rig.channels)))
+    trace = rig.play(silent)
+    start = round(settle_s * rig.rate_hz)
+    heard = []
+    for name in display_channels(display, rig):
+        channel = display.channel(name)
+        plant = (models or {}).get(name, channel.plant)
+        touched = None if load in (None, "none") else channel.load(str(load))
+        if touched is not None:
+            plant = touched.applied_to(plant, channel.quantity)
+        column = trace.channel(name)
+        saturated = bool(np.any(trace.saturated[start:, column]))
+        command = trace.command_v[start:, column]
+        heard.append(felt_of_command(command, rig.rate_hz, channel, plant, load or "none", mains_hz, saturated))
+    return tuple(heard)
+
+
+def display_channels(display: Display, rig: Rig) -> Sequence[str]:
+    """The rig's channels, each of which the display must describe."""
+    for name in rig.channels:
+        display.channel(name)
+    return rig.channels
+
+
+def felt_of_command(
+    command_v: Array,
+    rate_hz: float,
+    channel: Channel,
+    plant: ContinuousSystem,
+    load: str = "none",
+    mains_hz: float | None = 60.0,
+    saturated: bool = False,
+) -> FeltNoise:
+    """What `command_v` (n,) makes a finger feel through `plant` (volts of command to volts of y)."""
+    low, high = channel.threshold.band_hz
+    lines = mains_multiples(mains_hz, min(high, 0.45 * rate_hz))
+    levels = np.array([_line_level(command_v, rate_hz, float(line), channel, plant) for line in lines])
+    spectrum = power_spectrum(command_v, rate_hz, 1.0)
+    felt = spectrum.through(_displacement_mm(channel, plant, spectrum.frequency_hz, rate_hz))
+    bands = third_octave_bands(max(low, 2.0), high)
+    band_levels = [_band_level(felt, band.low_hz, band.high_hz, channel, lines) for band in bands]
+    resonance = _resonance(felt, channel, lines)
+    return FeltNoise(
+        channel=channel.name,
+        load=load,
+        line_hz=lines,
+        line_db_sl=levels,
+        band_hz=np.array([band.centre_hz for band in bands]),
+        band_db_sl=np.array(band_levels),
+        resonance_hz=resonance[0] if resonance else None,
+        resonance_db_sl=resonance[1] if resonance else None,
+        resonance_gain_db=resonance[2] if resonance else None,
+        saturated=saturated,
+    )
+
+
+def _displacement_mm(
+    channel: Channel, plant: ContinuousSystem, frequency_hz: Array, rate_hz: float
+) -> NDArray[np.complex128]:
+    """mm of fingertip per volt of command, held between samples; nothing at zero frequency, which nobody feels."""
+    frequency = np.maximum(frequency_hz, 1e-3)
+    omega = 2j * np.pi * frequency
+    hold = np.sinc(frequency / rate_hz)
+    response = plant.response(frequency) * hold / (channel.sensor_gain_v_per_mm * omega ** DERIVATIVES[channel.quantity])
+    return np.where(frequency_hz > 0.0, response, 0.0)
+
+
+def _line_level(command_v: Array, rate_hz: float, line: float, channel: Channel, plant: ContinuousSystem) -> float:
+    amplitude = np.abs(lock_in(command_v, line, rate_hz)[0])
+    peak_mm = amplitude * np.abs(_displacement_mm(channel, plant, np.array([line]), rate_hz)[0])
+    return float(db(peak_mm / channel.threshold.curve.displacement_mm(line)))
+
+
+def _band_level(felt: PowerSpectrum, low: float, high: float, channel: Channel, lines: Array) -> float:
+    peak_mm = np.sqrt(2.0 * felt.power(low, high, lines))
+    return float(db(peak_mm / channel.threshold.curve.displacement_mm(np.sqrt(low * high))))
+
+
+def _resonance(felt: PowerSpectrum, channel: Channel, lines: Array) -> tuple[float, float, float] | None:
+    """Frequency, level and prominence of the felt density's highest peak, lines bridged; None below 3 dB."""
+    inside = (felt.frequency_hz >= 2.0) & (felt.frequency_hz <= channel.threshold.band_hz[1])
+    clear = np.min(np.abs(felt.frequency_hz[:, None] - lines), axis=1, initial=np.inf) > 2.5
+    frequency = felt.frequency_hz[inside]
+    density = np.interp(frequency, felt.frequency_hz[inside & clear], felt.density[inside & clear])
+    smooth = _smoothed(np.log(np.maximum(density, 1e-300)), frequency)
+    peak = int(np.argmax(smooth))
+    if peak in (0, smooth.size - 1):
+        return None
+    below = frequency < 0.5 * frequency[peak]
+    floor = np.median(smooth[below]) if np.any(below) else smooth[0]
+    prominence = 10.0 / np.log(10.0) * float(smooth[peak] - floor)
+    if prominence < 3.0:
+        return None
+    edge = 2.0 ** (1.0 / 6.0)
+    level = _band_level(felt, frequency[peak] / edge, frequency[peak] * edge, channel, lines)
+    return float(frequency[peak]), level, prominence
+
+
+def _smoothed(values: Array, frequency: Array) -> Array:
+    """Mean over a twelfth of an octave to either side, two lines at least."""
+    made = np.empty(values.size)
+    for k, hertz in enumerate(frequency):
+        reach = max(2.0, hertz * (2.0 ** (1.0 / 12.0) - 1.0))
+        made[k] = values[np.abs(frequency - hertz) <= reach].mean()
+    return made

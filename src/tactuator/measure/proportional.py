@@ -1,0 +1,34 @@
+"""The paper's probe: a proportional controller whose gain is raised step by step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactuator.digital.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.errors import BadInput
+from tactuator.plant.display import Channel, Display
+
+
+def proportional_controller(display: Display, gain: float) -> Controller:
+    """u = gain (v - y) on every channel of `display`, v the threshold voltage of the lowest frequency times r.
+
+    gain: volts of command per volt of y, positive.
+    """
+    if not (np.isfinite(gain) and gain > 0.0):
+        raise BadInput(f"proportional gain is {gain:g}; allowed: a positive number")
+    return Controller(display, tuple(_channel(channel, gain) for channel in display.channels), "proportional probe")
+
+
+def _channel(channel: Channel, gain: float) -> ChannelController:
+    voltage = float(channel.threshold_voltage(channel.threshold.band_hz[0]))
+    through = np.array([[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
+    return ChannelController(
+        name=channel.name,
+        threshold_voltage_dc=voltage,
+        prefilter_sos=through * np.array([voltage, 1.0, 1.0, 1.0, 1.0, 1.0]),
+        feedback_sos=through * np.array([gain, 1.0, 1.0, 1.0, 1.0, 1.0]),
+        anti_windup=AntiWindup(),
+        limits=Limits(channel.converter.range_v, channel.sensor_gain_v_per_mm * channel.travel_mm),
+        designed_for=(),
+        report={"proportional_gain": gain},
+    )

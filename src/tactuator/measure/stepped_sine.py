@@ -1,0 +1,182 @@
+"""Stepped sine: one frequency after the other, each until its confidence is reached, all channels at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from tactuator.errors import BadInput
+from tactuator.perception.levels import COMFORT_DB_SL
+from tactuator.rig.protocol import Rig
+from tactuator.signals.decibels import from_db
+from tactuator.signals.lockin import lock_in, mains_multiples, off_mains
+from tactuator.signals.response import Response
+
+Complex = NDArray[np.complex128]
+Progress = Callable[[int, int], None]
+_HARMONICS = 3
+_FEWEST_BLOCKS = 4
+
+
+@dataclass(frozen=True)
+class _Point:
+    """One frequency on every channel: arrays of shape (channels,)."""
+
+    amplitude: Complex
+    confidence_db: NDArray[np.float64]
+    noise_v: NDArray[np.float64]
+    distortion_v: NDArray[np.float64]
+    saturated: NDArray[np.bool_]
+    averaged_s: float
+
+
+def stepped_sine(
+    rig: Rig,
+    frequency_hz: ArrayLike,
+    level_db_sl: float,
+    *,
+    channels: Sequence[str] | None = None,
+    load: str = "none",
+    confidence_db: float = 0.25,
+    longest_s: float = 30.0,
+    mains_hz: float | None = 60.0,
+    controller_hash: str = "",
+    progress: Progress | None = None,
+) -> tuple[Response, ...]:
+    """Response of the loaded controller and display at `level_db_sl`, one Response for each of `channels` (default all).
+
+    frequency_hz (m,): any order, moved to at least 2 Hz off multiples of mains_hz. Each is played, after settling, in
+    blocks of whole periods until every channel's 95 % half-width is at most confidence_db, or for longest_s. `load`
+    only names what touches the display: whoever holds the finger port puts it there. Raises BadInput above the comfort
+    level, for frequencies outside the rig's band, or an unknown channel.
+    """
+    if not level_db_sl <= COMFORT_DB_SL:
+        raise BadInput(f"level {level_db_sl:g} dB SL; allowed: {COMFORT_DB_SL:g} dB SL at most, which is still comfortable")
+    if confidence_db <= 0.0 or longest_s <= 0.0:
+        raise BadInput(f"confidence {confidence_db:g} dB within {longest_s:g} s; allowed: both positive")
+    names = tuple(rig.channels if channels is None else channels)
+    for name in names:
+        if name not in rig.channels:
+            raise BadInput(f"channel {name!r} is not there; allowed: {', '.join(rig.channels)}")
+    frequencies = np.unique(off_mains(frequency_hz, mains_hz))
+    if frequencies.size == 0 or frequencies[0] <= 0.0 or frequencies[-1] >= 0.45 * rig.rate_hz:
+        raise BadInput(f"frequencies {frequencies.tolist()} Hz; allowed: above 0, below {0.45 * rig.rate_hz:g} Hz")
+    columns = [rig.channels.index(name) for name in names]
+    points = []
+    for done, frequency in enumerate(frequencies):
+        tone = _Tone(rig, float(frequency), float(from_db(level_db_sl)), columns, mains_hz)
+        points.append(tone.measure(confidence_db, longest_s))
+        if progress is not None:
+            progress(done + 1, frequencies.size)
+    rig.rest()
+    made = (frequencies, points, float(from_db(level_db_sl)), confidence_db)
+    return tuple(
+        _response(name, load, level_db_sl, controller_hash, column, *made) for column, name in enumerate(names)
+    )
+
+
+class _Tone:
+    """One frequency being played on the measured channels; the others stay silent."""
+
+    def __init__(
+        self, rig: Rig, frequency_hz: float, reference: float, columns: list[int], mains_hz: float | None
+    ) -> None:
+        self._rig, self._frequency, self._reference, self._columns = rig, frequency_hz, reference, columns
+        self._at = 0
+        mains = mains_multiples(mains_hz, min(420.0, 0.45 * rig.rate_hz))
+        harmonics = frequency_hz * np.arange(1, _HARMONICS + 1)
+        harmonics = harmonics[harmonics < 0.45 * rig.rate_hz]
+        # what stands at a multiple of mains is hum, whatever it is a harmonic of
+        off = np.min(np.abs(harmonics[:, None] - mains), axis=1, initial=np.inf)
+        self._harmonics = harmonics[off > 1.0]
+        self._lines = np.concatenate([self._harmonics, mains])
+        # two lines come apart in a block of twice the beat between them
+        block_s = max(0.25, 2.0 / max(float(off[0]), 1.0) if off.size else 0.25)
+        periods = max(1.0, np.ceil(block_s * frequency_hz))
+        self._block = round(periods * rig.rate_hz / frequency_hz)
+
+    def measure(self, confidence_db: float, longest_s: float) -> _Point:
+        """Settle, then block after block."""
+        self._settle()
+        most = max(_FEWEST_BLOCKS, int(longest_s * self._rig.rate_hz / self._block))
+        blocks: list[Complex] = []
+        saturated = np.zeros(len(self._columns), dtype=bool)
+        wanted = _FEWEST_BLOCKS
+        while True:
+            for _ in range(wanted - len(blocks)):
+                amplitudes, limited = self._play_block()
+                blocks.append(amplitudes)
+                saturated |= limited
+            point = self._point(np.stack(blocks), saturated)
+            worst = float(np.max(point.confidence_db))
+            if worst <= confidence_db or len(blocks) >= most:
+                return point
+            growth = (worst / confidence_db) ** 2 if np.isfinite(worst) else 4.0
+            wanted = int(np.clip(np.ceil(len(blocks) * min(growth, 4.0)), len(blocks) + 1, most))
+
+    def _play(self, count: int, gain: NDArray[np.float64] | float = 1.0) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        angle = 2.0 * np.pi * self._frequency * np.arange(self._at, self._at + count) / self._rig.rate_hz
+        reference = np.zeros((count, len(self._rig.channels)))
+        reference[:, self._columns] = (self._reference * gain * np.sin(angle))[:, None]
+        trace = self._rig.play(reference)
+        self._at += count
+        return trace.position_v[:, self._columns], np.any(trace.saturated[:, self._columns], axis=0)
+
+    def _settle(self) -> None:
+        count = round(max(0.5, 1.25 / self._frequency) * self._rig.rate_hz)
+        rise = np.minimum(1.0, np.arange(count) / (0.4 * count))
+        self._play(count, 0.5 - 0.5 * np.cos(np.pi * rise))
+
+    def _play_block(self) -> tuple[Complex, NDArray[np.bool_]]:
+        start = self._at
+        position, limited = self._play(self._block)
+        # the reference is a sine: its own complex amplitude is -i
+        amplitudes = 1j * lock_in(position, self._lines, self._rig.rate_hz, start=start)
+        return amplitudes[: self._harmonics.size], limited
+
+    def _point(self, blocks: Complex, saturated: NDArray[np.bool_]) -> _Point:
+        """blocks: (count, harmonics, channels)."""
+        count = blocks.shape[0]
+        mean = blocks.mean(axis=0)
+        variance = np.sum(np.abs(blocks[:, 0] - mean[0]) ** 2, axis=0) / (2.0 * (count - 1))
+        half_width = stats.t.isf(0.025, 2 * (count - 1)) * np.sqrt(variance / count)
+        size = np.abs(mean[0])
+        with np.errstate(divide="ignore", over="ignore"):
+            confidence = np.where(size > 0.0, 20.0 * np.log10(1.0 + half_width / np.maximum(size, 1e-300)), np.inf)
+        distortion = np.sqrt(np.sum(np.abs(mean[1:]) ** 2, axis=0))
+        averaged = count * self._block / self._rig.rate_hz
+        return _Point(mean[0], confidence, np.sqrt(2.0 * variance), distortion, saturated.copy(), averaged)
+
+
+def _response(
+    name: str,
+    load: str,
+    level_db_sl: float,
+    controller_hash: str,
+    column: int,
+    frequencies: NDArray[np.float64],
+    points: list[_Point],
+    reference: float,
+    confidence_db: float,
+) -> Response:
+    confidence = np.array([point.confidence_db[column] for point in points])
+    return Response(
+        channel=name,
+        load=load,
+        level_db_sl=level_db_sl,
+        method="stepped-sine",
+        frequency_hz=frequencies,
+        amplitude_v=np.array([point.amplitude[column] for point in points]),
+        reference=np.full(frequencies.size, reference),
+        confidence_db=confidence,
+        noise_v=np.array([point.noise_v[column] for point in points]),
+        distortion_v=np.array([point.distortion_v[column] for point in points]),
+        saturated=np.array([point.saturated[column] for point in points]),
+        reached=confidence <= confidence_db,
+        averaged_s=np.array([point.averaged_s for point in points]),
+        controller_hash=controller_hash,
+    )

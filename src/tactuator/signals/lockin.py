@@ -1,0 +1,50 @@
+"""Lock-in: complex amplitudes of known frequencies in a record, by least squares."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactuator.errors import BadInput
+
+Complex = NDArray[np.complex128]
+
+
+def lock_in(values: ArrayLike, frequency_hz: ArrayLike, rate_hz: float, *, start: int = 0) -> Complex:
+    """Amplitudes a with values = Re sum a exp(2 pi i f k / rate) + offset + slope k: all fitted together.
+
+    values: (n,) or (n, channels), k counting from `start`. Returns (m,) or (m, channels) for m frequencies. Fitting
+    them together keeps a neighbouring line (mains, a harmonic) out of the others though no period fits the record.
+    Raises BadInput for frequencies outside 0 .. rate/2 or more unknowns than samples.
+    """
+    data = np.asarray(values, dtype=np.float64)
+    frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
+    if np.any(frequency <= 0.0) or np.any(frequency >= rate_hz / 2.0):
+        raise BadInput(f"lock-in at {frequency.tolist()} Hz; allowed: between 0 and {rate_hz / 2.0:g} Hz")
+    count = data.shape[0]
+    if count < 2 * frequency.size + 2:
+        raise BadInput(f"{count} samples for {frequency.size} frequencies; allowed: more samples than unknowns")
+    angle = 2.0 * np.pi * np.outer(np.arange(start, start + count), frequency) / rate_hz
+    ramp = np.linspace(-1.0, 1.0, count)[:, None]
+    columns = np.hstack([np.cos(angle), -np.sin(angle), np.ones((count, 1)), ramp])
+    gram = columns.T @ columns
+    solution = np.linalg.lstsq(gram, columns.T @ data, rcond=1e-12)[0]
+    return np.asarray(solution[: frequency.size] + 1j * solution[frequency.size : 2 * frequency.size])
+
+
+def mains_multiples(mains_hz: float | None, high_hz: float) -> NDArray[np.float64]:
+    """Mains frequency and its multiples up to high_hz; none for None."""
+    if not mains_hz:
+        return np.zeros(0)
+    return mains_hz * np.arange(1, int(high_hz / mains_hz) + 1)
+
+
+def off_mains(frequency_hz: ArrayLike, mains_hz: float | None = 60.0, keep_off_hz: float = 2.0) -> NDArray[np.float64]:
+    """The frequencies (m,), those nearer than keep_off_hz to a multiple of mains moved to that distance from it."""
+    frequency = np.array(np.atleast_1d(frequency_hz), dtype=np.float64)
+    if not mains_hz:
+        return frequency
+    nearest = mains_hz * np.maximum(np.round(frequency / mains_hz), 1.0)
+    away = frequency - nearest
+    moved = nearest + np.where(away >= 0.0, keep_off_hz, -keep_off_hz)
+    return np.where(np.abs(away) < keep_off_hz, moved, frequency)
