@@ -25,6 +25,7 @@ Coefficients = tuple[Array, Array]
 
 _WIDEST_DB = 30.0
 _PRECISION = 0.01
+_LEAST_DAMPING = 0.005
 
 
 @dataclass(frozen=True)
@@ -161,6 +162,20 @@ class _Program:
         floor = 1e-12 * float(np.max(np.abs(coefficients)))
         lead = lead if abs(lead) > floor else floor
         matrix = np.diag(-self._corners) - np.outer(np.ones(self._order), coefficients[1:] * self._corners / lead)
-        square = np.linalg.eigvals(matrix) * self._unit
-        s = -np.sqrt(-square.astype(np.complex128))
+        s = -np.sqrt(-_off_the_axis(np.linalg.eigvals(matrix).astype(np.complex128)) * self._unit)
         return np.asarray((1.0 + s) / (1.0 - s), dtype=np.complex128)
+
+
+def _off_the_axis(roots: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Roots in x with those on or beside the positive axis (where a magnitude touches zero) moved off it, two by two,
+    to the least damping allowed: x = w^2 exp(+/- 2j asin(damping))."""
+    angle = 2.0 * np.arcsin(_LEAST_DAMPING)
+    upper = roots[roots.imag > 0.0]
+    near = (upper.real > 0.0) & (upper.imag < upper.real * np.tan(angle))
+    upper = np.where(near, np.abs(upper) * np.exp(1j * angle), upper)
+    real = np.sort(roots.real[roots.imag == 0.0])
+    touching = real[real > 0.0]
+    pairs = np.sqrt(touching[0::2][: touching.size // 2] * touching[1::2]) * np.exp(1j * angle)
+    single = -touching[-1:] if touching.size % 2 else np.empty(0)
+    upper = np.concatenate([upper, pairs])
+    return np.concatenate([upper, np.conj(upper), real[real <= 0.0], single]).astype(np.complex128)

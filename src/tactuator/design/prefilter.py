@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.design.cascade import Sections, cascade
+from tactuator.design.family import sampled_plant
 from tactuator.design.magnitude_fit import MagnitudeGoal, fit_magnitude
-from tactuator.digital.discretise import zero_order_hold
 from tactuator.errors import BadInput
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.loop.stability import System
 from tactuator.plant.display import Channel
-from tactuator.plant.load import Load
 from tactuator.signals.decibels import db
 from tactuator.signals.sections import sections_response
 from tactuator.signals.systems import SampledSystem
@@ -43,12 +42,6 @@ class PrefilterFit:
     error_db: Array
 
 
-def sampled_plant(channel: Channel, rate_hz: float, delay_samples: int, load: Load | None = None) -> SampledSystem:
-    """The channel's plant as the processor sees it: zero-order hold, with the computing delay."""
-    held = zero_order_hold(channel.loaded_plant(load), rate_hz)
-    return held * SampledSystem(np.empty(0), np.empty(0), 1.0, rate_hz, delay_samples)
-
-
 def fit_prefilter(
     channel: Channel,
     feedback: SampledSystem | None,
@@ -62,7 +55,7 @@ def fit_prefilter(
     Raises UnstableLoop for an unstable loop; BadInput if no number of poles up to 16 keeps the tolerance, or if the
     plant gives nothing somewhere in the band.
     """
-    plant = sampled_plant(channel, rate_hz, delay_samples)
+    plant = sampled_plant(channel.plant, rate_hz, delay_samples)
     goal = prefilter_goal(channel, feedback, plant, rate_hz)
     if poles is not None:
         return _fit(channel, feedback, plant, goal, poles)

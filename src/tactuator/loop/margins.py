@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from tactuator.loop.feedback import FeedbackLoop
-from tactuator.loop.stability import closed_poles
+from tactuator.loop.stability import Roots, closed_poles
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
 Array = NDArray[np.float64]
@@ -124,7 +124,7 @@ def analysis_grid_hz(loop: FeedbackLoop, points: int = 1500) -> Array:
         roots = [root for root in np.append(open_loop.poles, open_loop.zeros) if abs(root) > 1e-3]
         closed = closed_poles(open_loop) + 1.0
         roots.extend(root for root in closed if abs(root) > 1e-3)
-        s = np.log(np.array(roots, dtype=np.complex128)) * open_loop.rate_hz
+        s: Roots = np.asarray(np.log(np.array(roots, dtype=np.complex128)) * open_loop.rate_hz)
     else:
         s = np.concatenate([open_loop.poles, open_loop.zeros])
         if open_loop.delay_s == 0.0:

@@ -1,0 +1,137 @@
+"""From a display to its controller: loop, prefilter, anti-windup, limits and the report, channel by channel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator import __version__
+from tactuator.design import paper
+from tactuator.design.assessment import MemberAssessment, assess, loop_report
+from tactuator.design.family import Member, plant_family
+from tactuator.design.feedback_sections import anti_windup, feedback_sections
+from tactuator.design.headroom import headroom
+from tactuator.design.prefilter import PrefilterFit, fit_prefilter
+from tactuator.design.suitability import require_suitable
+from tactuator.digital.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.digital.discretise import bilinear
+from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.plant.display import Channel, Display
+from tactuator.signals.bands import third_octave_bands
+from tactuator.signals.systems import SampledSystem
+
+
+def design_controller(display: Display, poles: int | None = None) -> Controller:
+    """The controller of a display, every channel designed to its own requirements; `poles` replaces the file's.
+
+    Raises BadInput for a plant that cannot be controlled, requirements that contradict each other, or requirements
+    that nothing satisfies: the message says which bind, and what would be possible.
+    """
+    channels = tuple(design_channel(display, channel, poles) for channel in display.channels)
+    return Controller(display, channels, __version__)
+
+
+def design_channel(display: Display, channel: Channel, poles: int | None = None) -> ChannelController:
+    """The controller of one channel of `display`."""
+    require_suitable(channel, display.rate_hz)
+    family = plant_family(channel, display.rate_hz, display.delay_samples)
+    feedback = design_feedback(channel, display.rate_hz, family)
+    count = channel.prefilter.poles if poles is None else poles
+    fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, count)
+    return assemble(display, channel, feedback, fit, family)
+
+
+def design_feedback(channel: Channel, rate_hz: float, family: tuple[Member, ...]) -> SampledSystem | None:
+    """C as the channel's structure asks: synthesised, given (bilinear), or none."""
+    requirements = channel.feedback
+    if requirements.structure == "none":
+        return None
+    if requirements.structure == "paper":
+        return bilinear(requirements.controller or paper.FEEDBACK, rate_hz)
+    from tactuator.design.loop_synthesis import synthesise  # noqa: PLC0415
+
+    return synthesise(family, requirements, rate_hz)
+
+
+def assemble(
+    display: Display,
+    channel: Channel,
+    feedback: SampledSystem | None,
+    fit: PrefilterFit,
+    family: tuple[Member, ...] | None = None,
+) -> ChannelController:
+    """A channel's controller from a feedback controller (or none) and a prefilter, with its report.
+
+    Raises UnstableLoop if the loop is unstable on any plant of the channel's family.
+    """
+    members = family or plant_family(channel, display.rate_hz, display.delay_samples)
+    sections, gains = None, AntiWindup()
+    assessments: tuple[MemberAssessment, ...] = ()
+    if feedback is not None:
+        sections = feedback_sections(feedback)
+        feedback = SampledSystem.from_sections(sections, display.rate_hz)
+        assessments = assess(feedback, members, channel.feedback)
+        gains = anti_windup(sections, assessments[0].margins.crossover_hz, display.rate_hz)
+    prefilter = SampledSystem.from_sections(fit.sections, display.rate_hz)
+    nominal = TwoDegreeLoop(prefilter, feedback, members[0].sampled)
+    return ChannelController(
+        name=channel.name,
+        threshold_voltage_dc=_at_rest(nominal, channel),
+        prefilter_sos=fit.sections,
+        feedback_sos=sections,
+        anti_windup=gains,
+        limits=_limits(display, channel),
+        designed_for=tuple(member.name for member in members),
+        report=_report(display, channel, nominal, fit, assessments, members),
+    )
+
+
+def with_prefilter(controller: ChannelController, fit: PrefilterFit) -> ChannelController:
+    """The channel's controller with another prefilter and everything else as it was: reshaping is a download."""
+    return replace(controller, prefilter_sos=fit.sections)
+
+
+def _at_rest(loop: TwoDegreeLoop, channel: Channel) -> float:
+    """H(0), volts of y per threshold unit: the real limit at a frequency far below the band."""
+    return float(np.real(loop.position_response(channel.threshold.band_hz[0] * 1e-6)))
+
+
+def _limits(display: Display, channel: Channel) -> Limits:
+    travel_v = channel.travel_mm * channel.sensor_gain_v_per_mm
+    return Limits(channel.converter.range_v, travel_v, display.objectives.comfort_db_sl)
+
+
+def headroom_grid_hz(channel: Channel) -> NDArray[np.float64]:
+    """The band's edges and the third octaves between."""
+    low, high = channel.threshold.band_hz
+    centres = [round(band.centre_hz, 6) for band in third_octave_bands(low, high)]
+    return np.array(sorted({low, high, *(f for f in centres if low <= f <= high)}))
+
+
+def _report(
+    display: Display,
+    channel: Channel,
+    nominal: TwoDegreeLoop,
+    fit: PrefilterFit,
+    assessments: tuple[MemberAssessment, ...],
+    members: tuple[Member, ...],
+) -> dict[str, Any]:
+    grid = headroom_grid_hz(channel)
+    comfort = display.objectives.comfort_db_sl
+    report: dict[str, Any] = loop_report(assessments, channel) if assessments else {}
+    report["prefilter"] = {
+        "poles": fit.poles,
+        "max_error_db": fit.max_error_db,
+        "rms_error_db": fit.rms_error_db,
+        "worst_hz": fit.worst_hz,
+    }
+    report["headroom_db_sl"] = headroom(channel, nominal, grid, comfort).document()
+    report["headroom_db_sl_loaded"] = {
+        member.name: headroom(channel, replace(nominal, plant=member.sampled), grid, comfort).document()
+        for member in members[1:]
+        if member.model == 0
+    }
+    return report
