@@ -2,4 +2,5 @@
 
 VERBS: tuple[str, ...] = (
     # one line each, a dash in a verb being an underscore in its module
+    "experiment",
 )

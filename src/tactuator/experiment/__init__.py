@@ -1,0 +1,1 @@
+"""Experiments with a person, or an observer, at the display."""

@@ -1,0 +1,156 @@
+"""Bayesian refit of a run's trials: the threshold's posterior with slope and lapse integrated out on a grid.
+
+psi is a Weibull in amplitude (perception.psychometric). Priors: flat in the threshold, log-normal in the slope,
+falling exponentially in the lapse rate. The interval is the posterior's own central interval, so it carries what is not
+known of slope and lapse (separate intervals of each parameter, put together, do not).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.errors import BadInput
+from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
+
+Floats = NDArray[np.float64]
+
+_MINIMUM_TRIALS = 5
+_BATCH = 1024
+
+
+@dataclass(frozen=True)
+class RefitPrior:
+    """slope_median, slope_sd_log: log-normal of the Weibull slope; lapse_mean: of the exponential of the lapse rate.
+
+    reach_db, step_db: the threshold's grid, on both sides of the run's middle level.
+    """
+
+    guess: float = 1.0 / 3.0
+    target: float = TARGET_3_DOWN_1_UP
+    slope_median: float = 2.15
+    slope_sd_log: float = 0.4
+    lapse_mean: float = 0.02
+    reach_db: float = 30.0
+    step_db: float = 0.25
+
+
+@dataclass(frozen=True)
+class Refit:
+    """Posterior of the threshold of each run: median, standard deviation and central interval, dB; arrays (runs,).
+
+    slope: posterior mean; lapse: posterior mean.
+    """
+
+    threshold_db: Floats
+    sd_db: Floats
+    low_db: Floats
+    high_db: Floats
+    slope: Floats
+    lapse: Floats
+
+
+def refit(
+    levels_db: Floats, correct: NDArray[np.bool_], prior: RefitPrior | None = None, coverage: float = 0.95
+) -> Refit:
+    """Refit runs. levels_db, correct: (runs, trials), NaN where a run was over; or (trials,) for one run.
+
+    Raises BadInput for a run of fewer than five trials or a coverage outside (0, 1).
+    """
+    prior = RefitPrior() if prior is None else prior
+    levels = np.atleast_2d(np.asarray(levels_db, dtype=np.float64))
+    outcomes = np.atleast_2d(np.asarray(correct, dtype=np.bool_))
+    fewest = int(np.min(np.sum(np.isfinite(levels), axis=1), initial=_MINIMUM_TRIALS))
+    if fewest < _MINIMUM_TRIALS:
+        raise BadInput(f"refit of a run of {fewest} trials; allowed: {_MINIMUM_TRIALS} or more")
+    if not 0.0 < coverage < 1.0:
+        raise BadInput(f"coverage {coverage:g}; allowed: between 0 and 1")
+    parts = [
+        _refit_batch(levels[first : first + _BATCH], outcomes[first : first + _BATCH], prior, coverage)
+        for first in range(0, levels.shape[0], _BATCH)
+    ]
+    return Refit(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def _refit_batch(levels: Floats, outcomes: NDArray[np.bool_], prior: RefitPrior, coverage: float) -> tuple[Floats, ...]:
+    centre = _middle(levels)
+    offsets, right, wrong = _counts(levels - centre[:, None], outcomes)
+    grid = _grid(prior)
+    log_right, log_wrong = grid.log_likelihood(offsets)
+    log_posterior = right @ log_right + wrong @ log_wrong + grid.log_prior
+    log_posterior -= log_posterior.max(axis=1, keepdims=True)
+    posterior = np.exp(log_posterior).reshape(levels.shape[0], *grid.shape)
+    posterior /= posterior.sum(axis=(1, 2, 3), keepdims=True)
+    marginal = posterior.sum(axis=(2, 3))
+    mean = marginal @ grid.thresholds
+    sd = np.sqrt(np.maximum(marginal @ grid.thresholds**2 - mean**2, 0.0))
+    low, middle, high = (
+        _quantile(marginal, grid.thresholds, q) for q in (0.5 - coverage / 2.0, 0.5, 0.5 + coverage / 2.0)
+    )
+    slope = posterior.sum(axis=(1, 3)) @ grid.slopes
+    lapse = posterior.sum(axis=(1, 2)) @ grid.lapses
+    return centre + middle, sd, centre + low, centre + high, slope, lapse
+
+
+def _middle(levels: Floats) -> Floats:
+    """Median level of the second half of each run's trials."""
+    trials = np.sum(np.isfinite(levels), axis=1)
+    late = np.where(np.arange(levels.shape[1]) >= trials[:, None] // 2, levels, np.nan)
+    return np.asarray(np.nanmedian(late, axis=1))
+
+
+def _counts(offsets: Floats, outcomes: NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
+    """Distinct levels (bins,), and how often each run was right and wrong at each (runs, bins)."""
+    present = np.isfinite(offsets)
+    distinct, position = np.unique(np.round(offsets[present], 6), return_inverse=True)
+    run = np.nonzero(present)[0]
+    size = (offsets.shape[0], distinct.size)
+    right, wrong = np.zeros(size), np.zeros(size)
+    hit = outcomes[present]
+    np.add.at(right, (run[hit], position[hit]), 1.0)
+    np.add.at(wrong, (run[~hit], position[~hit]), 1.0)
+    return distinct, right, wrong
+
+
+def _quantile(marginal: Floats, thresholds: Floats, share: float) -> Floats:
+    """Quantile of each row, linear within a grid cell."""
+    step = thresholds[1] - thresholds[0]
+    cumulative = np.cumsum(marginal, axis=1)
+    cell = np.argmax(cumulative >= share, axis=1)
+    rows = np.arange(marginal.shape[0])
+    before = cumulative[rows, cell] - marginal[rows, cell]
+    inside = (share - before) / np.maximum(marginal[rows, cell], 1e-300)
+    return np.asarray(thresholds[cell] + (inside - 0.5) * step)
+
+
+class _Grid:
+    """Thresholds x slopes x lapses, flattened in that order."""
+
+    def __init__(self, prior: RefitPrior) -> None:
+        self.prior = prior
+        count = round(2.0 * prior.reach_db / prior.step_db) + 1
+        self.thresholds = np.linspace(-prior.reach_db, prior.reach_db, count)
+        z = np.linspace(-2.4, 2.4, 9)
+        self.slopes = prior.slope_median * np.exp(prior.slope_sd_log * z)
+        self.lapses = np.array([0.0, 0.01, 0.025, 0.05, 0.1])
+        self.shape = (count, self.slopes.size, self.lapses.size)
+        lapse_share = np.exp(-self.lapses / prior.lapse_mean) * np.gradient(self.lapses)
+        log_prior = (-0.5 * z**2)[:, None] + np.log(lapse_share)
+        self.log_prior = np.broadcast_to(log_prior, self.shape).reshape(-1)
+
+    def log_likelihood(self, offsets: Floats) -> tuple[Floats, Floats]:
+        """log psi and log(1 - psi) at each level (bins, grid points)."""
+        guess, target = self.prior.guess, self.prior.target
+        at_threshold = (target - guess) / (1.0 - guess - self.lapses)
+        level = offsets[:, None, None, None] - self.thresholds[None, :, None, None]
+        rise = weibull_rise(level, self.slopes[None, None, :, None], at_threshold)
+        psi = np.clip(guess + (1.0 - guess - self.lapses) * rise, 1e-6, 1.0 - 1e-6).reshape(offsets.size, -1)
+        return np.log(psi), np.log1p(-psi)
+
+
+@lru_cache(maxsize=4)
+def _grid(prior: RefitPrior) -> _Grid:
+    return _Grid(prior)
