@@ -1,0 +1,141 @@
+"""Speech files as a stream of mono blocks: what libsndfile reads, any rate, any number of channels.
+
+A file is looked at once before anything is made of it (`scan_speech`): every refusal comes from there, so nothing
+half-written is left behind by a file that turns out bad at its end.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import soundfile
+from numpy.typing import NDArray
+
+from tactuator.errors import BadInput
+
+Samples = NDArray[np.float64]
+
+BLOCK_FRAMES = 1 << 16
+SHORTEST_S = 0.1
+LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 1000, 768_000
+SMALLEST_SWING = 1e-4
+"""Peak about the mean, of full scale 1: below -80 dB the converters' own noise is all there is."""
+
+
+@dataclass(frozen=True)
+class SpeechFile:
+    """A speech file that has been read through once and found good.
+
+    mean: of the mono signal, taken out on reading. peak: of the mono signal about its mean; full scale is 1.
+    notes: what was done to it that a user would want to know, one line each.
+    """
+
+    path: Path
+    rate_hz: int
+    frames: int
+    channels: int
+    encoding: str
+    mean: float
+    peak: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def duration_s(self) -> float:
+        """Length in seconds."""
+        return self.frames / self.rate_hz
+
+
+def scan_speech(path: str | Path) -> SpeechFile:
+    """Read `path` through and return what it is.
+
+    Raises BadInput for a file that is missing, empty, not sound, truncated, shorter than 0.1 s, constant (silence or
+    DC), or that holds NaN or infinite samples.
+    """
+    path = Path(path)
+    _check_bytes(path)
+    try:
+        with soundfile.SoundFile(path) as file:
+            rate, frames, channels = file.samplerate, file.frames, file.channels
+            encoding = f"{file.format} {file.subtype}"
+            _check_header(path, rate, frames, channels)
+            read, mean, low, high = _scan_samples(path, file)
+    except soundfile.LibsndfileError as error:
+        raise BadInput(f"{path}: not readable as sound ({_reason(error)}); allowed: WAV, FLAC, Ogg, AIFF, ...") from None
+    if read != frames:
+        raise BadInput(f"{path}: truncated, {read} of {frames} frames are there; allowed: a whole file")
+    peak = max(high - mean, mean - low)
+    if peak < SMALLEST_SWING:
+        what = "silent" if abs(mean) < SMALLEST_SWING else f"constant at {mean:.4g} of full scale (DC)"
+        raise BadInput(f"{path}: {what}; allowed: a signal with a peak of at least {SMALLEST_SWING:g} about its mean")
+    return SpeechFile(path, rate, frames, channels, encoding, mean, peak, _notes(channels, mean, peak))
+
+
+def speech_blocks(speech: SpeechFile, block_frames: int = BLOCK_FRAMES) -> Iterator[Samples]:
+    """The file's mono signal (mean of its channels, its mean taken out) in blocks of shape (n,), n <= block_frames."""
+    with soundfile.SoundFile(speech.path) as file:
+        for block in _mono(file, block_frames):
+            yield block - speech.mean
+
+
+def _reason(error: soundfile.LibsndfileError) -> str:
+    return str(error.error_string).strip().rstrip(".")
+
+
+def _check_bytes(path: Path) -> None:
+    try:
+        if not path.is_file():
+            raise BadInput(f"{path}: {'a folder' if path.is_dir() else 'no such file'}; allowed: a sound file")
+        size = path.stat().st_size
+        with path.open("rb") as file:
+            head = file.read(12)
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read ({error.strerror}); allowed: a readable sound file") from None
+    if size == 0:
+        raise BadInput(f"{path}: empty, 0 bytes; allowed: a sound file")
+    if len(head) == 12 and head[:4] == b"RIFF" and head[8:] == b"WAVE":
+        (stated,) = struct.unpack("<I", head[4:8])
+        streamed = stated in (0, 0xFFFFFFFF)  # written by a program that did not know the length
+        if not streamed and stated + 8 > size + 1:  # some writers leave the last pad byte out
+            raise BadInput(f"{path}: truncated, {size} of {stated + 8} bytes are there; allowed: a whole file")
+
+
+def _check_header(path: Path, rate: int, frames: int, channels: int) -> None:
+    if not LOWEST_RATE_HZ <= rate <= HIGHEST_RATE_HZ:
+        raise BadInput(f"{path}: sampled at {rate} Hz; allowed: {LOWEST_RATE_HZ} to {HIGHEST_RATE_HZ} Hz")
+    if frames < SHORTEST_S * rate:
+        raise BadInput(
+            f"{path}: {frames} frames, {1e3 * frames / rate:.4g} ms; allowed: {1e3 * SHORTEST_S:g} ms or longer"
+        )
+
+
+def _mono(file: soundfile.SoundFile, block_frames: int) -> Iterator[Samples]:
+    while True:
+        block = file.read(block_frames, dtype="float64", always_2d=True)
+        if not len(block):
+            return
+        yield block[:, 0] if block.shape[1] == 1 else block.mean(axis=1)
+
+
+def _scan_samples(path: Path, file: soundfile.SoundFile) -> tuple[int, float, float, float]:
+    read, total, low, high = 0, 0.0, np.inf, -np.inf
+    for block in _mono(file, BLOCK_FRAMES):
+        total += float(block.sum())
+        if not np.isfinite(total):
+            bad = np.flatnonzero(~np.isfinite(block))
+            at = (read + int(bad[0])) / file.samplerate if bad.size else read / file.samplerate
+            raise BadInput(f"{path}: a sample at {at:.3f} s is not a finite number; allowed: finite samples")
+        low, high, read = min(low, float(block.min())), max(high, float(block.max())), read + len(block)
+    return read, total / max(read, 1), low, high
+
+
+def _notes(channels: int, mean: float, peak: float) -> tuple[str, ...]:
+    notes = []
+    if channels > 1:
+        notes.append(f"{channels} channels mixed down to one (their mean)")
+    if abs(mean) > 0.01 * peak:
+        notes.append(f"a mean of {mean:.4g} of full scale (DC) was taken out")
+    return tuple(notes)
