@@ -69,20 +69,18 @@ def assess(
     return tuple(found)
 
 
-def shortfalls(
-    assessments: Sequence[MemberAssessment], requirements: FeedbackRequirements, tolerance: float = 1e-6
-) -> tuple[Shortfall, ...]:
+def shortfalls(assessments: Sequence[MemberAssessment], requirements: FeedbackRequirements) -> tuple[Shortfall, ...]:
     """Every requirement that a member does not keep."""
-    found = []
-    for one in assessments:
-        for name, asked, got, sign in _figures(one, requirements):
-            if sign * (got - asked) > tolerance * max(1.0, abs(asked)):
-                found.append(Shortfall(name, one.member.name, asked, got))
-    return tuple(found)
+    return tuple(
+        Shortfall(name, one.member.name, asked, got)
+        for one in assessments
+        for name, asked, got, sign in figures(one, requirements)
+        if sign * (got - asked) > 0.0
+    )
 
 
-def _figures(one: MemberAssessment, requirements: FeedbackRequirements) -> list[tuple[str, float, float, float]]:
-    """(requirement, asked, got, +1 where less is better and -1 where more is)."""
+def figures(one: MemberAssessment, requirements: FeedbackRequirements) -> list[tuple[str, float, float, float]]:
+    """(requirement, asked, got, +1 where less is better and -1 where more is), for one plant."""
     rows: list[tuple[str, float, float, float]] = []
     if requirements.phase_margin_deg is not None:
         rows.append(("phase_margin_deg", requirements.phase_margin_deg, one.margins.phase_margin_deg, -1.0))

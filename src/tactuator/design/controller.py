@@ -14,6 +14,7 @@ from tactuator.design.assessment import MemberAssessment, assess, loop_report
 from tactuator.design.family import Member, plant_family
 from tactuator.design.feedback_sections import anti_windup, feedback_sections
 from tactuator.design.headroom import headroom
+from tactuator.design.loop_synthesis import synthesise
 from tactuator.design.prefilter import PrefilterFit, fit_prefilter
 from tactuator.design.suitability import require_suitable
 from tactuator.digital.controller import AntiWindup, ChannelController, Controller, Limits
@@ -38,22 +39,22 @@ def design_channel(display: Display, channel: Channel, poles: int | None = None)
     """The controller of one channel of `display`."""
     require_suitable(channel, display.rate_hz)
     family = plant_family(channel, display.rate_hz, display.delay_samples)
-    feedback = design_feedback(channel, display.rate_hz, family)
+    feedback = design_feedback(channel, display.rate_hz, family, display.objectives.resonance_peak)
     count = channel.prefilter.poles if poles is None else poles
     fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, count)
     return assemble(display, channel, feedback, fit, family)
 
 
-def design_feedback(channel: Channel, rate_hz: float, family: tuple[Member, ...]) -> SampledSystem | None:
+def design_feedback(
+    channel: Channel, rate_hz: float, family: tuple[Member, ...], resonance_peak: float
+) -> SampledSystem | None:
     """C as the channel's structure asks: synthesised, given (bilinear), or none."""
     requirements = channel.feedback
     if requirements.structure == "none":
         return None
     if requirements.structure == "paper":
         return bilinear(requirements.controller or paper.FEEDBACK, rate_hz)
-    from tactuator.design.loop_synthesis import synthesise  # noqa: PLC0415
-
-    return synthesise(family, requirements, rate_hz)
+    return synthesise(channel, family, rate_hz, resonance_peak)
 
 
 def assemble(

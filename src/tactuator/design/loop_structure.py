@@ -1,0 +1,102 @@
+"""The shape of a synthesised controller, and its derivatives.
+
+    C(z) = k / d  *  pair(zeros) / single(pole)  *  pair / pair  *  pair / pair          d = z - 1
+
+an integrator with two zeros and a pole, a lead-lag and a notch: three second-order sections. Every factor is of unit
+gain at rest; a pair is d^2 + c1 d + c0 with roots exp(s / rate) for s of natural frequency w and damping zeta, a
+single d + c0. The parameters are logarithms, so that no factor can turn unstable or non-minimum-phase; a notch that
+is not needed ends as a pair that cancels, or nearly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.signals.systems import SampledSystem
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+# Where each factor's parameters stand: (kind, first index, +1 numerator or -1 denominator)
+_PAIRS = ((1, 1), (4, 1), (6, -1), (8, 1), (10, -1))
+_POLE = 3
+COUNT = 12
+FREQUENCIES = (1, 3, 4, 6, 8, 10)
+"""Indices of the parameters that are log natural frequencies (log of rad/sample)."""
+ZERO_DAMPINGS, POLE_DAMPINGS = (2, 5, 9), (7, 11)
+"""Indices of the parameters that are log dampings, of zeros and of poles."""
+
+
+@dataclass(frozen=True)
+class LoopStructure:
+    """The structure at one rate. A parameter vector is (log k, log w and log zeta of the zeros, log w of the pole, then
+    log w and log zeta of numerator and denominator of lead-lag and notch), w in rad/sample."""
+
+    rate_hz: float
+
+    def log_response(self, parameters: Array, difference: Complex) -> tuple[Complex, Complex]:
+        """log C, shape (n,), and its derivatives, shape (COUNT, n), at difference = z - 1, shape (n,)."""
+        value = parameters[0] - np.log(difference)
+        slope = np.zeros((COUNT, difference.size), dtype=np.complex128)
+        slope[0] = 1.0
+        for index, sign in _PAIRS:
+            log_factor, by_frequency, by_damping = _pair(parameters[index], parameters[index + 1], difference)
+            value = value + sign * log_factor
+            slope[index], slope[index + 1] = sign * by_frequency, sign * by_damping
+        log_factor, by_frequency = _single(parameters[_POLE], difference)
+        slope[_POLE] = -by_frequency
+        return value - log_factor, slope
+
+    def system(self, parameters: Array) -> SampledSystem:
+        """The controller of a parameter vector."""
+        zeros: list[complex] = []
+        poles: list[complex] = [1.0, complex(np.exp(-np.exp(parameters[_POLE])))]
+        gain = float(np.exp(parameters[0])) * -float(np.expm1(-np.exp(parameters[_POLE])))
+        for index, sign in _PAIRS:
+            roots, at_rest = _roots(parameters[index], parameters[index + 1])
+            (zeros if sign > 0 else poles).extend(roots)
+            gain *= at_rest**-sign
+        return SampledSystem(np.array(zeros), np.array(poles), gain, self.rate_hz)
+
+
+def _coefficients(log_frequency: float, log_damping: float) -> tuple[float, float]:
+    """(c1, c0) of a pair, without cancellation at high rates."""
+    frequency, damping = np.exp(log_frequency), np.exp(log_damping)
+    decay = damping * frequency
+    inner = frequency**2 * (1.0 - damping**2)  # square of the angle; negative when overdamped
+    half = np.sqrt(abs(inner)) / 2.0
+    square = np.sin(half) ** 2 if inner >= 0.0 else -(np.sinh(half) ** 2)
+    c0 = np.expm1(-decay) ** 2 + 4.0 * np.exp(-decay) * square
+    return float(c0 - np.expm1(-2.0 * decay)), float(c0)
+
+
+def _pair(log_frequency: float, log_damping: float, difference: Complex) -> tuple[Complex, Complex, Complex]:
+    """log of a pair of unit gain at rest, and its derivatives by log frequency and log damping."""
+    c1, c0 = _coefficients(log_frequency, log_damping)
+    polynomial = difference * (difference + c1) + c0
+    slopes = []
+    step = 1e-5
+    for by in ((step, 0.0), (0.0, step)):
+        up = _coefficients(log_frequency + by[0], log_damping + by[1])
+        down = _coefficients(log_frequency - by[0], log_damping - by[1])
+        d1, d0 = (up[0] - down[0]) / (2.0 * step), (up[1] - down[1]) / (2.0 * step)
+        slopes.append((d1 * difference + d0) / polynomial - d0 / c0)
+    return np.log(polynomial / c0), slopes[0], slopes[1]
+
+
+def _single(log_frequency: float, difference: Complex) -> tuple[Complex, Complex]:
+    frequency = np.exp(log_frequency)
+    c0 = -np.expm1(-frequency)
+    slope = frequency * np.exp(-frequency)
+    return np.log((difference + c0) / c0), slope / (difference + c0) - slope / c0
+
+
+def _roots(log_frequency: float, log_damping: float) -> tuple[list[complex], float]:
+    """Both roots in z, and the pair's value at rest, c0."""
+    frequency, damping = np.exp(log_frequency), np.exp(log_damping)
+    spread = frequency * np.sqrt(complex(damping**2 - 1.0))
+    roots = [complex(np.exp(-damping * frequency + spread)), complex(np.exp(-damping * frequency - spread))]
+    return roots, _coefficients(log_frequency, log_damping)[1]
