@@ -88,17 +88,16 @@ static int32_t order_of(const tact_closed_loop *loop)
 void tact_closed_loop_play(tact_closed_loop *loops, int channels, const float *reference, const double *force_v,
                            const tact_trace *trace, size_t samples)
 {
-    for (int c = 0; c < channels; c++) {
-        const int32_t order = order_of(&loops[c]);
-        for (size_t k = 0; k < samples; k++) {
-            const size_t at = k * (size_t)channels + (size_t)c;
+    size_t at = 0;
+    for (size_t k = 0; k < samples; k++)
+        for (int c = 0; c < channels; c++, at++) {
+            const int32_t order = order_of(&loops[c]);
             const double force = force_v ? force_v[at] : 0.0;
             if (order == 2)
                 play_sample(2, &loops[c], reference[at], force, trace, at);
             else
                 play_sample(order, &loops[c], reference[at], force, trace, at);
         }
-    }
 }
 
 void tact_closed_loop_drive(tact_closed_loop *loops, int channels, const float *command_v, const double *force_v,
