@@ -19,7 +19,7 @@ from tactuator.signals.response import Response
 Complex = NDArray[np.complex128]
 Progress = Callable[[int, int], None]
 _HARMONICS = 3
-_FEWEST_BLOCKS = 4
+_FEWEST_BLOCKS = 8
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,7 @@ def stepped_sine(
     load: str = "none",
     confidence_db: float = 0.25,
     longest_s: float = 30.0,
+    coverage: float = 0.95,
     mains_hz: float | None = 60.0,
     controller_hash: str = "",
     progress: Progress | None = None,
@@ -50,12 +51,17 @@ def stepped_sine(
     """Response of the loaded controller and display at `level_db_sl`, one Response for each of `channels` (default all).
 
     frequency_hz (m,): any order, moved to at least 2 Hz off multiples of mains_hz. Each is played, after settling, in
-    blocks of whole periods until every channel's 95 % half-width is at most confidence_db, or for longest_s. `load`
+    blocks of whole periods until every channel's half-width at `coverage` is at most confidence_db, or for longest_s.
+    A simultaneous statement about m points asks for a coverage of 1 - 0.05/m (Bonferroni). `load`
     only names what touches the display: whoever holds the finger port puts it there. Raises BadInput above the comfort
     level, for frequencies outside the rig's band, or an unknown channel.
     """
     if not level_db_sl <= COMFORT_DB_SL:
-        raise BadInput(f"level {level_db_sl:g} dB SL; allowed: {COMFORT_DB_SL:g} dB SL at most, which is still comfortable")
+        raise BadInput(
+            f"level {level_db_sl:g} dB SL; allowed: {COMFORT_DB_SL:g} dB SL at most, which is still comfortable"
+        )
+    if not 0.0 < coverage < 1.0:
+        raise BadInput(f"coverage {coverage:g}; allowed: between 0 and 1")
     if confidence_db <= 0.0 or longest_s <= 0.0:
         raise BadInput(f"confidence {confidence_db:g} dB within {longest_s:g} s; allowed: both positive")
     names = tuple(rig.channels if channels is None else channels)
@@ -68,7 +74,7 @@ def stepped_sine(
     columns = [rig.channels.index(name) for name in names]
     points = []
     for done, frequency in enumerate(frequencies):
-        tone = _Tone(rig, float(frequency), float(from_db(level_db_sl)), columns, mains_hz)
+        tone = _Tone(rig, float(frequency), float(from_db(level_db_sl)), columns, mains_hz, coverage)
         points.append(tone.measure(confidence_db, longest_s))
         if progress is not None:
             progress(done + 1, frequencies.size)
@@ -83,10 +89,17 @@ class _Tone:
     """One frequency being played on the measured channels; the others stay silent."""
 
     def __init__(
-        self, rig: Rig, frequency_hz: float, reference: float, columns: list[int], mains_hz: float | None
+        self,
+        rig: Rig,
+        frequency_hz: float,
+        reference: float,
+        columns: list[int],
+        mains_hz: float | None,
+        coverage: float,
     ) -> None:
         self._rig, self._frequency, self._reference, self._columns = rig, frequency_hz, reference, columns
         self._at = 0
+        self._tail = 0.5 * (1.0 - coverage)
         mains = mains_multiples(mains_hz, min(420.0, 0.45 * rig.rate_hz))
         harmonics = frequency_hz * np.arange(1, _HARMONICS + 1)
         harmonics = harmonics[harmonics < 0.45 * rig.rate_hz]
@@ -118,7 +131,9 @@ class _Tone:
             growth = (worst / confidence_db) ** 2 if np.isfinite(worst) else 4.0
             wanted = int(np.clip(np.ceil(len(blocks) * min(growth, 4.0)), len(blocks) + 1, most))
 
-    def _play(self, count: int, gain: NDArray[np.float64] | float = 1.0) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def _play(
+        self, count: int, gain: NDArray[np.float64] | float = 1.0
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         angle = 2.0 * np.pi * self._frequency * np.arange(self._at, self._at + count) / self._rig.rate_hz
         reference = np.zeros((count, len(self._rig.channels)))
         reference[:, self._columns] = (self._reference * gain * np.sin(angle))[:, None]
@@ -143,7 +158,7 @@ class _Tone:
         count = blocks.shape[0]
         mean = blocks.mean(axis=0)
         variance = np.sum(np.abs(blocks[:, 0] - mean[0]) ** 2, axis=0) / (2.0 * (count - 1))
-        half_width = stats.t.isf(0.025, 2 * (count - 1)) * np.sqrt(variance / count)
+        half_width = stats.t.isf(self._tail, 2 * (count - 1)) * np.sqrt(variance / count)
         size = np.abs(mean[0])
         with np.errstate(divide="ignore", over="ignore"):
             confidence = np.where(size > 0.0, 20.0 * np.log10(1.0 + half_width / np.maximum(size, 1e-300)), np.inf)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +10,8 @@ from tactuator.digital.controller import Controller
 from tactuator.study.noise import NoiseProbe
 from tactuator.study.plan import Plan
 from tactuator.study.response import LOADED, UNLOADED, ResponsePoint
+
+Figures = dict[str, float | str]
 
 JUDGED_AT_DB_SL = 30.0
 """The response is judged where neither friction nor saturation interferes."""
@@ -22,7 +23,7 @@ class Objective:
 
     number: str
     asks: str
-    figures: Mapping[str, float | str]
+    figures: Figures
     met: bool
 
 
@@ -43,7 +44,11 @@ def _follows(plan: Plan, responses: tuple[ResponsePoint, ...]) -> Objective:
     judged = [one for one in responses if (one.load, one.level_db_sl) == (UNLOADED, JUDGED_AT_DB_SL)]
     errors = {one: abs(float(20.0 * np.log10(one.measured_v / one.target_v))) for one in judged}
     worst = max(errors, key=lambda one: errors[one])
-    figures: dict[str, float | str] = {"max_error_db": errors[worst], "at_hz": worst.frequency_hz, "channel": worst.channel}
+    figures: Figures = {
+        "max_error_db": errors[worst],
+        "at_hz": worst.frequency_hz,
+        "channel": worst.channel,
+    }
     asks = f"measured response within {asked:g} dB of the curve over the band, at {JUDGED_AT_DB_SL:g} dB SL"
     return Objective("i", asks, figures, errors[worst] <= asked)
 
@@ -55,7 +60,7 @@ def _quiet_mains(plan: Plan, noise: NoiseProbe) -> Objective:
         for one in noise.designed
         for line, level in zip(one.line_hz, one.line_db_sl, strict=True)
     )
-    figures: dict[str, float | str] = {"worst_line_db_sl": level, "line_hz": line, "channel": channel}
+    figures: Figures = {"worst_line_db_sl": level, "line_hz": line, "channel": channel}
     return Objective("ii", f"every mains line felt at {asked:g} dB SL at most", figures, level <= asked)
 
 
@@ -67,7 +72,12 @@ def _quiet_loop(plan: Plan, controller: Controller, noise: NoiseProbe) -> Object
         for centre, level in zip(one.band_hz, one.band_db_sl, strict=True)
     )
     peak = max(float(one.report["margins"]["complementary_peak"]) for one in controller.channels)
-    figures: dict[str, float | str] = {"worst_band_db_sl": level, "band_hz": centre, "channel": channel, "complementary_peak": peak}
+    figures: Figures = {
+        "worst_band_db_sl": level,
+        "band_hz": centre,
+        "channel": channel,
+        "complementary_peak": peak,
+    }
     asks = (
         f"felt noise {tolerance.noise_max_db_sl:g} dB SL at most in every third octave, "
         f"max|T| {tolerance.resonance_peak:g} at most"
@@ -87,6 +97,10 @@ def _bears_load(plan: Plan, responses: tuple[ResponsePoint, ...]) -> Objective:
     ]
     low = max(value for value, one in differences if one.frequency_hz <= tolerance.load_band_hz)
     high, worst = max(differences, key=lambda pair: pair[0])
-    figures: dict[str, float | str] = {"max_difference_db": low, "worst_difference_db": high, "worst_hz": worst.frequency_hz}
+    figures: Figures = {
+        "max_difference_db": low,
+        "worst_difference_db": high,
+        "worst_hz": worst.frequency_hz,
+    }
     asks = f"with a finger within {tolerance.load_max_db:g} dB of without, up to {tolerance.load_band_hz:g} Hz"
     return Objective("iv", asks, figures, low <= tolerance.load_max_db)

@@ -19,14 +19,14 @@ from tactuator.study.plan import LEVELS_DB_SL, RESPONSE_HZ, Plan, Progress
 Array = NDArray[np.float64]
 
 UNLOADED, LOADED = "none", "finger"
-CONFIDENCE_DB = {0.0: 0.75, 10.0: 0.25, 30.0: 0.1, 50.0: 0.1}
-"""95 % half-width that averaging goes on for, by level."""
+CONFIDENCE_DB = {0.0: 1.0, 10.0: 0.3, 30.0: 0.1, 50.0: 0.1}
+"""Half-width that averaging goes on for, by level."""
 
 
 @dataclass(frozen=True)
 class ResponsePoint:
     """One measured point, peak volts of y: expected from the shipped sections and the nominal plant, target from the
-    curve, measured by the sensor with its 95 % half-width."""
+    curve, measured by the sensor with its half-width: 95 % for all points of a load and level together."""
 
     channel: str
     load: str
@@ -63,14 +63,14 @@ def measure_responses(
 ) -> tuple[ResponsePoint, ...]:
     """Stepped sine with lock-in at RESPONSE_HZ, all channels at once, every level, every load."""
     points: list[ResponsePoint] = []
+    together = 1.0 - 0.05 / (len(RESPONSE_HZ) * len(controller.channels))
     runs = [(load, level) for load in loads for level in levels_db_sl]
     for index, (load, level) in enumerate(runs):
         rig = SimulatedRig(controller.display, plan.seed_of(f"{step} at {level:g} dB SL, {load}"))
         touch(rig, controller.display, load)
         rig.load(controller)
-        responses = stepped_sine(
-            rig, RESPONSE_HZ, level, load=load, confidence_db=CONFIDENCE_DB.get(level, 0.25), mains_hz=60.0
-        )
+        wanted = CONFIDENCE_DB[level]
+        responses = stepped_sine(rig, RESPONSE_HZ, level, load=load, confidence_db=wanted, coverage=together)
         for measured in responses:
             hertz = measured.frequency_hz
             expected = np.abs(nominal_response(controller, measured.channel, hertz)) * from_db(level)

@@ -1,0 +1,139 @@
+"""The paper's study from beginning to end: every step in its order, each standing on the ones before."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactuator.digital.controller import Controller
+from tactuator.identify.calibration import Calibration
+from tactuator.perception.curve import ThresholdCurve
+from tactuator.rig.trace import Trace
+from tactuator.study.calibration import calibrate
+from tactuator.study.controllers import paper_controller, reshaped_controller
+from tactuator.study.loops import PaperLoop, paper_loop
+from tactuator.study.motor import Motor, OpenLoopResponse, identify_motors, measure_motors, record_motors
+from tactuator.study.noise import NoiseProbe, probe_noise
+from tactuator.study.objectives import Objective, judge_objectives
+from tactuator.study.plan import Plan, Progress
+from tactuator.study.prefilters import Prefilters, judge_prefilters
+from tactuator.study.response import UNLOADED, ResponsePoint, measure_responses, nominal_response
+from tactuator.study.speech import Spoken, check_speech, speak
+from tactuator.study.thresholds import Threshold, measure_thresholds, new_curve
+
+STEPS = (
+    *("calibration", "identification", "motor response", "loop", "prefilter", "noise", "response"),
+    *("friction", "thresholds", "reshaped", "speech"),
+)
+"""The steps that progress is told of, in their order."""
+
+
+@dataclass(frozen=True)
+class Reshaped:
+    """The controller for the new curve, its greatest error against that curve at the curve's own frequencies, dB, and
+    its measured response."""
+
+    controller: Controller
+    max_error_db: float
+    responses: tuple[ResponsePoint, ...]
+
+
+@dataclass(frozen=True)
+class Study:
+    """Everything that came out."""
+
+    plan: Plan
+    calibration: dict[str, Calibration]
+    record: Trace
+    motors: dict[str, Motor]
+    open_loop: OpenLoopResponse
+    loop: PaperLoop
+    prefilters: Prefilters
+    controller: Controller
+    noise: NoiseProbe
+    responses: tuple[ResponsePoint, ...]
+    without_friction: tuple[ResponsePoint, ...]
+    thresholds: tuple[Threshold, ...]
+    curve: ThresholdCurve
+    reshaped: Reshaped
+    spoken: Spoken
+    objectives: tuple[Objective, ...]
+
+
+def run_study(plan: Plan, progress: Progress) -> Study:
+    """Run it all. Raises BadInput for a speech file that cannot be used, before anything else is done."""
+    file = check_speech(plan)
+    calibration = calibrate(plan)
+    progress("calibration", 1.0)
+    record = record_motors(plan)
+    motors = identify_motors(plan, record, progress)
+    open_loop = measure_motors(plan, progress)
+    loop = paper_loop(plan.display)
+    progress("loop", 1.0)
+    prefilters = judge_prefilters(plan.display)
+    controller = paper_controller(plan.display)
+    progress("prefilter", 1.0)
+    noise = probe_noise(plan, controller, progress)
+    responses = measure_responses(plan, controller, progress)
+    without_friction = _without_friction(plan, controller, progress)
+    thresholds = measure_thresholds(plan, controller, progress)
+    curve = new_curve(plan.display.channels[0].threshold.curve, thresholds)
+    reshaped = _reshape(plan, curve, progress)
+    spoken = speak(plan, controller, file, progress)
+    objectives = judge_objectives(plan, controller, responses, noise)
+    return Study(
+        plan,
+        calibration,
+        record,
+        motors,
+        open_loop,
+        loop,
+        prefilters,
+        controller,
+        noise,
+        responses,
+        without_friction,
+        thresholds,
+        curve,
+        reshaped,
+        spoken,
+        objectives,
+    )
+
+
+def _without_friction(plan: Plan, controller: Controller, progress: Progress) -> tuple[ResponsePoint, ...]:
+    """The response at 0 dB SL of the same display with its friction taken away: what is missing with it is friction."""
+    channels = tuple(
+        replace(one, environment=replace(one.environment, friction_v=0.0)) for one in controller.display.channels
+    )
+    smooth = replace(controller, display=replace(controller.display, channels=channels))
+    return measure_responses(
+        plan,
+        smooth,
+        lambda _, done: progress("friction", done),
+        step="no friction",
+        levels_db_sl=(0.0,),
+        loads=(UNLOADED,),
+    )
+
+
+def _reshape(plan: Plan, curve: ThresholdCurve, progress: Progress) -> Reshaped:
+    controller = reshaped_controller(plan.display, curve)
+    errors = [
+        20.0
+        * np.log10(
+            np.abs(nominal_response(controller, one.name, curve.frequency_hz))
+            / one.threshold_voltage(curve.frequency_hz)
+        )
+        for one in controller.display.channels
+    ]
+    responses = measure_responses(
+        plan,
+        controller,
+        lambda _, done: progress("reshaped", done),
+        step="reshaped response",
+        levels_db_sl=(10.0, 30.0),
+        loads=(UNLOADED,),
+    )
+    return Reshaped(controller, float(np.max(np.abs(errors))), responses)
