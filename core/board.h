@@ -1,0 +1,109 @@
+/* Board: what runs in the timer interrupt, for all channels, whatever the processor.
+ *
+ *     latch: codes to the D/A                            OFF --arm--> ARMED --start--> RUNNING --stop--> ARMED
+ *     (converters)                                        ^             |                 |
+ *     step:  codes of the A/D --> guard --> filters       +----off------+    any fault    v
+ *            --> guard --> codes for a later latch        +------clear------------------ FAULT
+ *
+ * Readings become volts, the guard looks at them, the controller of the loaded image answers a reference (limited to
+ * comfort), the answer is clamped and becomes a code, delay_samples later put out. Sensor and travel faults and
+ * arithmetic that broke cut the command at the next latch; comfort fades it out in quick_ticks; a late interrupt, a
+ * silent link and a stop fade the reference out, then the command. The first fault latches and is named.
+ *
+ * The reference comes from a stream (samples for given ticks of the run, kept in a ring), from the stimulus on the
+ * board, or is zero. With `hold` the run waits, without time passing, while the stream is dry: for boards whose
+ * display is simulated. Drive puts the stream straight to the motors, through the guard but no controller.
+ * The caller owns rings: stream_capacity rows of channels_max floats, trace_capacity rows of channels_max codes, twice.
+ *
+ * Example use, in the interrupt:
+ *   int32_t code[3];
+ *   tact_board_latch(&board, code);                     put them out, read the A/D into code
+ *   tact_board_step(&board, code, lateness_in_256ths_of_a_period);
+ */
+#ifndef TACT_BOARD_H
+#define TACT_BOARD_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "guard.h"
+#include "image.h"
+#include "safety.h"
+#include "stimulus.h"
+
+enum { TACT_BOARD_DELAY_MAX = 8 };
+typedef enum { TACT_OFF = 0, TACT_ARMED, TACT_RUNNING, TACT_FAULT } tact_board_mode;
+typedef enum { TACT_SILENT = 0, TACT_STREAM, TACT_STIMULUS } tact_board_source;
+typedef enum { TACT_STAYS = 0, TACT_FADES, TACT_RAMPS, TACT_RAMPS_QUICKLY, TACT_CUT } tact_board_leaving;
+enum { TACT_TRACE_POSITION_AT_RAIL = 1, TACT_TRACE_COMMAND_LIMITED = 2 };
+
+typedef union {
+    tact_controller_state single;
+    tact_controller_q31_state q31;
+} tact_board_controller_state;
+
+typedef struct {
+    int32_t mode, fault, fault_channel, leaving;
+    int32_t source, drives, holds, allows_hold;
+    uint32_t run;         /* number of the run, given by who starts it */
+    uint32_t tick;        /* of the run */
+    uint32_t fault_tick;
+    uint32_t ticks;       /* since the board began */
+    uint32_t silence;     /* ticks since the link was heard */
+    uint32_t late;        /* interrupts that came too late */
+    uint32_t compared;    /* the channel whose motion is compared next */
+    float fade, authority; /* of the reference, of the command */
+    float fade_step, authority_step;
+    tact_safety safety;
+    tact_image image;
+    tact_stimulus stimulus[TACT_CHANNELS_MAX];
+    tact_guard_state guard[TACT_CHANNELS_MAX];
+    tact_board_controller_state controller[TACT_CHANNELS_MAX];
+    int32_t rest_code[TACT_CHANNELS_MAX];
+    int32_t out_code[TACT_CHANNELS_MAX];
+    float out_v[TACT_CHANNELS_MAX];
+    int32_t delayed_code[TACT_BOARD_DELAY_MAX][TACT_CHANNELS_MAX];
+    int32_t delayed_flags[TACT_BOARD_DELAY_MAX][TACT_CHANNELS_MAX];
+    int32_t delay_at;
+    int32_t channels, channels_max; /* in use (the table says), and of the board */
+    float *stream;
+    uint32_t stream_capacity, stream_at, stream_end; /* ticks of the run; stream_at: first of the unbroken samples */
+    int32_t *trace; /* rows of command codes | flags << 24, then position codes */
+    uint32_t trace_capacity;
+} tact_board;
+
+/* OFF, with neither table nor image. Capacities are powers of two. */
+void tact_board_reset(tact_board *board, int32_t channels_max, float *stream, uint32_t stream_capacity, int32_t *trace,
+                      uint32_t trace_capacity);
+
+/* Codes for the D/A from now on. */
+void tact_board_latch(tact_board *board, int32_t *codes);
+
+/* One period: readings in. lateness: of this interrupt, 1/256 of a period. */
+void tact_board_step(tact_board *board, const int32_t *codes, uint32_t lateness);
+
+/* Transitions. 1: done, or done before; 0: not from this mode. */
+int tact_board_arm(tact_board *board);
+int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t drives, int32_t holds);
+int tact_board_stop(tact_board *board);
+int tact_board_off(tact_board *board);
+int tact_board_clear(tact_board *board);
+
+/* The command at zero and no transition under way. */
+int tact_board_is_at_rest(const tact_board *board);
+
+/* Whether a step would wait for the stream. */
+int tact_board_waits(const tact_board *board);
+
+/* A fault seen by someone else. */
+void tact_board_fail(tact_board *board, int32_t fault, int32_t channel);
+
+/* count samples (rows) for the ticks from `first` on; gives the tick up to which samples are there now. What was there
+ * stays; what does not follow on is left out. */
+uint32_t tact_board_stream(tact_board *board, uint32_t first, const float *rows, uint32_t count);
+
+/* New table or image, only in OFF: 1 if taken. */
+int tact_board_take_safety(tact_board *board, const tact_safety *safety);
+int tact_board_take_image(tact_board *board, const tact_image *image);
+
+#endif

@@ -1,0 +1,87 @@
+/* One channel's controller in Q31: the diagram of controller.h in integers.
+ *
+ *     reference   full scale 1000 threshold units (60 dB SL)      1 LSB = 4.7e-7
+ *     y, v, e, u  full scale 32 V                                 1 LSB = 15 nV
+ *
+ * Between sections each image sets its own full scales (powers of two, in the coefficients), so that nothing saturates
+ * for a reference up to full scale and a position within the converters' range. Floats appear only at the edges.
+ *
+ * Example use:
+ *   tact_controller_q31_state state;
+ *   tact_controller_q31_reset(&state);
+ *   float command_v = tact_controller_q31_step(&table, &state, reference, position_v);
+ */
+#ifndef TACT_CONTROLLER_Q31_H
+#define TACT_CONTROLLER_Q31_H
+
+#include "controller.h"
+#include "section_q31.h"
+
+#define TACT_Q31_PER_VOLT 67108864.0f        /* 2^31 / 32 V */
+#define TACT_Q31_PER_THRESHOLD 2147483.648f  /* 2^31 / 1000 */
+
+typedef struct {
+    int32_t prefilter_count;
+    int32_t feedback_count; /* 0: no feedback */
+    tact_section_q31 prefilter[TACT_PREFILTER_MAX];
+    tact_section_q31 feedback[TACT_FEEDBACK_MAX];
+    int32_t anti_windup[2]; /* mantissas over 2^(24 + shift), as the sections' coefficients, within 2^30 */
+    uint8_t anti_windup_shift[2];
+    int32_t command_max; /* Q31 of 32 V */
+} tact_controller_q31;
+
+typedef struct {
+    tact_section_q31_state prefilter[TACT_PREFILTER_MAX];
+    tact_section_q31_state feedback[TACT_FEEDBACK_MAX];
+    int32_t clamped;
+} tact_controller_q31_state;
+
+void tact_controller_q31_reset(tact_controller_q31_state *state);
+
+/* value (finite) times scale, towards zero, saturated. */
+inline int32_t tact_q31_of(float value, float scale)
+{
+    const float scaled = value * scale;
+    const float below = scaled > 2147483520.0f ? 2147483520.0f : scaled; /* the last float32 below 2^31 */
+    const float inside = below < -2147483648.0f ? -2147483648.0f : below;
+    return (int32_t)inside;
+}
+
+/* The limits and the anti-windup, as tact_controller_limit(). */
+inline int32_t tact_controller_q31_limit(const tact_controller_q31 *table, tact_controller_q31_state *state,
+                                         int32_t wanted, tact_section_q31_state *last)
+{
+    const int32_t cut = wanted > table->command_max ? table->command_max : wanted;
+    const int32_t command = cut < -table->command_max ? -table->command_max : cut;
+    if (last) {
+        const int64_t excess = (int64_t)command - wanted;
+        last->s1 = tact_q31_bounded(last->s1 + ((table->anti_windup[0] * excess) >> table->anti_windup_shift[0]));
+        last->s2 = tact_q31_bounded(last->s2 + ((table->anti_windup[1] * excess) >> table->anti_windup_shift[1]));
+    }
+    state->clamped = command != wanted;
+    return command;
+}
+
+/* One sample: reference (threshold units) and position (volts) in, command (volts, within the limits) out. */
+inline float tact_controller_q31_step(const tact_controller_q31 *table, tact_controller_q31_state *state,
+                                      float reference, float position_v)
+{
+    int32_t value = tact_q31_of(tact_finite(reference, TACT_REFERENCE_MAX), TACT_Q31_PER_THRESHOLD);
+    for (int32_t i = 0; i < table->prefilter_count; i++)
+        value = tact_section_q31_step(&table->prefilter[i], &state->prefilter[i], value);
+    tact_section_q31_state *last = NULL;
+    if (table->feedback_count != 0) {
+        const int32_t position = tact_q31_of(tact_finite(position_v, TACT_POSITION_MAX), TACT_Q31_PER_VOLT);
+        value = tact_q31_saturated((int64_t)value - position);
+        for (int32_t i = 0; i < table->feedback_count; i++)
+            value = tact_section_q31_step(&table->feedback[i], &state->feedback[i], value);
+        last = &state->feedback[table->feedback_count - 1];
+    }
+    return (float)tact_controller_q31_limit(table, state, value, last) * (1.0f / TACT_Q31_PER_VOLT);
+}
+
+/* samples of one channel, for tests and benchmarks. */
+void tact_controller_q31_run(const tact_controller_q31 *table, tact_controller_q31_state *state,
+                             const float *reference, const float *position_v, float *command_v, size_t samples);
+
+#endif

@@ -1,0 +1,66 @@
+/* Second-order section in delta form, Q31: for processors without a floating-point unit.
+ *
+ * The diagram of section.h in integers. Signals are int32 (Q31: full scale is 2^31), the two accumulators int64 with
+ * 24 bits more (Q55):
+ *
+ *     y   = round((s1 + b0 x) / 2^24), saturated to int32
+ *     s1 += (b1 x - a1 y) + s2
+ *     s2 += (b2 x - a2 y)
+ *
+ * What rounding takes from y stays in s1: the error is fed back exactly, and no more than the last bit of y is ever
+ * wrong. Coefficients are int32 with one shift to a row, c = mantissa / 2^(24 + shift): the small numbers of a slow
+ * filter's delta form keep 31 significant bits. Shifts are 2 to 62 and no mantissa is -2^31, so |c| < 32. The accumulators stop at +/- 2^61, 64 full scales.
+ *
+ * Example use:
+ *   tact_section_q31 section = {1 << 30, 0, 0, 0, 0, 6, 0, 0};         (b0 = 1)
+ *   tact_section_q31_state state = {0, 0};
+ *   int32_t y = tact_section_q31_step(&section, &state, x);
+ */
+#ifndef TACT_SECTION_Q31_H
+#define TACT_SECTION_Q31_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+enum { TACT_Q31_EXTRA = 24, TACT_Q31_SHIFT_MIN = 2, TACT_Q31_SHIFT_MAX = 62 };
+
+typedef struct {
+    int32_t b0, b1, b2, a1, a2;
+    uint8_t shift0, shift1, shift2, unused; /* of b0; of b1 and a1; of b2 and a2 */
+} tact_section_q31;
+
+typedef struct {
+    int64_t s1, s2;
+} tact_section_q31_state;
+
+inline int64_t tact_q31_bounded(int64_t state)
+{
+    const int64_t most = (int64_t)1 << 61;
+    const int64_t below = state > most ? most : state;
+    return below < -most ? -most : below;
+}
+
+inline int32_t tact_q31_saturated(int64_t value)
+{
+    const int64_t below = value > INT32_MAX ? INT32_MAX : value;
+    return (int32_t)(below < INT32_MIN ? INT32_MIN : below);
+}
+
+/* One sample through one section. A right shift of a negative number rounds down (gcc and clang: arithmetic). */
+inline int32_t tact_section_q31_step(const tact_section_q31 *section, tact_section_q31_state *state, int32_t x)
+{
+    const int64_t direct = ((int64_t)section->b0 * x) >> section->shift0;
+    const int64_t sum = state->s1 + direct;
+    const int32_t y = tact_q31_saturated((sum + ((int64_t)1 << (TACT_Q31_EXTRA - 1))) >> TACT_Q31_EXTRA);
+    const int64_t first = ((int64_t)section->b1 * x - (int64_t)section->a1 * y) >> section->shift1;
+    const int64_t second = ((int64_t)section->b2 * x - (int64_t)section->a2 * y) >> section->shift2;
+    state->s1 = tact_q31_bounded(state->s1 + (first + state->s2));
+    state->s2 = tact_q31_bounded(state->s2 + second);
+    return y;
+}
+
+/* samples of x through a cascade of count sections into y (which may be x). */
+void tact_cascade_q31_run(const tact_section_q31 *sections, tact_section_q31_state *states, int count,
+                          const int32_t *x, int32_t *y, size_t samples);
+
+#endif

@@ -1,0 +1,49 @@
+/* Port: all that a board has of its own. One file implements it for each board; docs/porting.md tells how.
+ *
+ *     timer ----> tact_port_tick() in main.c ----> put_out, read_in     (in the interrupt)
+ *     link  <---> tact_port_receive, tact_port_send                     (in the main loop)
+ */
+#ifndef TACT_PORT_H
+#define TACT_PORT_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "board.h"
+#include "link.h"
+
+/* Clocks, converters at rest, link; called once, before anything else. May set link->wired, link->bench. */
+void tact_port_begin(tact_board *board, tact_link *link);
+
+/* The timer's interrupt at this rate from now on; it calls tact_port_tick(). */
+void tact_port_start_timer(float rate_hz);
+
+/* Codes to the D/A, now. */
+void tact_port_put_out(const int32_t *codes);
+
+/* Readings of the A/D, of this instant. */
+void tact_port_read_in(int32_t *codes);
+
+/* What is still to be done in the interrupt after the board's step: nothing, on a real board. */
+void tact_port_finish(void);
+
+/* How long after its time this interrupt began, 1/256 of a period; 256 and more if one was missed. */
+uint32_t tact_port_lateness(void);
+
+/* Whether time is to stand still: never, on a real board. */
+int tact_port_holds(void);
+
+/* Bytes that have come, at most `most`; sleeps until the next interrupt if there are none. */
+size_t tact_port_receive(uint8_t *bytes, size_t most);
+
+/* Bytes to the host; returns when they are under way. */
+void tact_port_send(const uint8_t *bytes, size_t size);
+
+/* The timer's interrupt kept out, and let in again. */
+void tact_port_enter(void);
+void tact_port_leave(void);
+
+/* In main.c: one period. */
+void tact_port_tick(void);
+
+#endif

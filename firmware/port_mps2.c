@@ -1,0 +1,178 @@
+/* MPS2 under QEMU (AN386: Cortex-M4F, AN500: Cortex-M7): SysTick, FIFOs of the host or UART 0, and the simulated
+ * display in the place of converters.
+ *
+ * Over FIFOs a read waits for the host, and no time passes on the board: before it waits, a run goes on until it has
+ * come to its end or is dry, or for BREATH ticks if it never waits for its stream. */
+
+#include "port.h"
+#include "semihosting.h"
+
+enum { CLOCK_HZ = 25000000, RELOAD_MAX = 0xffffff, BREATH = 32, STREAM_ROWS = 4096 };
+
+#define REGISTER(address) (*(volatile uint32_t *)(address))
+#define SYSTICK_CONTROL REGISTER(0xE000E010u)
+#define SYSTICK_RELOAD REGISTER(0xE000E014u)
+#define SYSTICK_VALUE REGISTER(0xE000E018u)
+#define UART_DATA REGISTER(0x40004000u)
+#define UART_STATE REGISTER(0x40004004u)
+#define UART_CONTROL REGISTER(0x40004008u)
+#define UART_DIVISOR REGISTER(0x40004010u)
+enum { SYSTICK_RUNS = 7, SYSTICK_COUNTS = 5, SYSTICK_WRAPPED = 1 << 16, UART_FULL = 1, UART_HAS = 2, UART_BOTH = 3 };
+
+void tact_systick(void);
+
+static tact_board *the_board;
+static tact_wired wired;
+static float force[STREAM_ROWS * TACT_CHANNELS_MAX], felt_mm[STREAM_ROWS * TACT_CHANNELS_MAX];
+static int from_host = -1, to_host = -1;
+static uint32_t missed;
+
+static void count_instructions(uint32_t samples, uint32_t *counts);
+
+void tact_port_begin(tact_board *board, tact_link *link)
+{
+    the_board = board;
+    tact_wired_reset(&wired, force, felt_mm);
+    board->allows_hold = 1;
+    link->wired = &wired;
+    link->bench = count_instructions;
+    from_host = tact_host_open("to-board", 0);
+    if (from_host >= 0)
+        to_host = tact_host_open("from-board", 1);
+    UART_DIVISOR = 16;
+    UART_CONTROL = UART_BOTH;
+}
+
+void tact_port_start_timer(float rate_hz)
+{
+    SYSTICK_CONTROL = 0;
+    SYSTICK_RELOAD = (uint32_t)((float)CLOCK_HZ / rate_hz + 0.5f) - 1u;
+    SYSTICK_VALUE = 0;
+    SYSTICK_CONTROL = SYSTICK_RUNS;
+}
+
+void tact_systick(void)
+{
+    (void)SYSTICK_CONTROL; /* takes back the mark of the wrap that brought us here */
+    tact_port_tick();
+    missed = SYSTICK_CONTROL & SYSTICK_WRAPPED ? 256u : 0u;
+}
+
+uint32_t tact_port_lateness(void)
+{
+    const uint32_t reload = SYSTICK_RELOAD;
+    const uint32_t value = SYSTICK_VALUE; /* reads 0 at the wrap itself */
+    const uint32_t since = value == 0 ? 0 : reload - value;
+    return since * 256u / (reload + 1u) + missed;
+}
+
+int tact_port_holds(void)
+{
+    return wired.channels != the_board->channels || tact_board_waits(the_board);
+}
+
+void tact_port_put_out(const int32_t *codes)
+{
+    tact_wired_press(&wired, the_board);
+    tact_wired_latch(&wired, codes);
+}
+
+void tact_port_read_in(int32_t *codes)
+{
+    tact_wired_read(&wired, codes);
+    tact_wired_feel(&wired, the_board);
+}
+
+void tact_port_finish(void)
+{
+    tact_wired_advance(&wired);
+}
+
+static void sleep(void)
+{
+    __asm volatile("wfi" ::: "memory");
+}
+
+/* Time for the run before the host is waited for. */
+static void let_run(void)
+{
+    const volatile tact_board *board = the_board;
+    const uint32_t begun = board->ticks;
+    while (board->safety.channels && wired.channels == board->channels && !tact_board_waits(the_board) &&
+           (board->leaving != TACT_STAYS || board->mode == TACT_RUNNING)) {
+        const int ends = board->mode == TACT_FAULT && tact_board_is_at_rest(the_board);
+        if (ends || (!board->holds && board->ticks - begun >= BREATH))
+            return;
+        sleep();
+    }
+}
+
+size_t tact_port_receive(uint8_t *bytes, size_t most)
+{
+    size_t size = 0;
+    if (from_host >= 0) {
+        let_run();
+        size = tact_host_read(from_host, bytes, most);
+    } else {
+        while (size < most && UART_STATE & UART_HAS)
+            bytes[size++] = (uint8_t)UART_DATA;
+    }
+    if (size == 0 && SYSTICK_CONTROL != 0)
+        sleep();
+    return size;
+}
+
+void tact_port_send(const uint8_t *bytes, size_t size)
+{
+    if (to_host >= 0) {
+        tact_host_write(to_host, bytes, size);
+        return;
+    }
+    for (size_t i = 0; i < size; i++) {
+        while (UART_STATE & UART_FULL) {
+        }
+        UART_DATA = bytes[i];
+    }
+}
+
+void tact_port_enter(void)
+{
+    __asm volatile("cpsid i" ::: "memory");
+}
+
+void tact_port_leave(void)
+{
+    __asm volatile("cpsie i" ::: "memory");
+}
+
+static uint32_t since(uint32_t before)
+{
+    return (before - SYSTICK_VALUE) & RELOAD_MAX;
+}
+
+/* Periods in the main loop, the timer free-running and silent: what the board's part of each takes, the display's part
+ * left out. In counts of the timer; under -icount they are instructions, times a constant. */
+static void count_instructions(uint32_t samples, uint32_t *counts)
+{
+    int32_t codes[TACT_CHANNELS_MAX];
+    SYSTICK_CONTROL = 0;
+    SYSTICK_RELOAD = RELOAD_MAX;
+    SYSTICK_VALUE = 0;
+    SYSTICK_CONTROL = SYSTICK_COUNTS;
+    counts[0] = RELOAD_MAX;
+    for (uint32_t k = 0; k < samples; k++) {
+        uint32_t before = SYSTICK_VALUE;
+        tact_board_latch(the_board, codes);
+        uint32_t count = since(before);
+        tact_port_put_out(codes);
+        tact_port_read_in(codes);
+        before = SYSTICK_VALUE;
+        tact_board_step(the_board, codes, 0);
+        count += since(before);
+        tact_port_finish();
+        counts[0] = count < counts[0] ? count : counts[0];
+        counts[1] = count > counts[1] ? count : counts[1];
+        counts[2] += count;
+    }
+    SYSTICK_CONTROL = 0;
+}
