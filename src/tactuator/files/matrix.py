@@ -1,0 +1,64 @@
+"""Confusion matrices as CSV: a row a stimulus, a column a response; a header row and a first column of names may be."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.errors import BadInput
+
+
+@dataclass(frozen=True, eq=False)
+class NamedMatrix:
+    """counts: (stimuli, responses). Names are the file's, or 1, 2, 3, ..."""
+
+    counts: NDArray[np.float64]
+    stimuli: tuple[str, ...]
+    responses: tuple[str, ...]
+
+
+def read_matrix(path: str | Path) -> NamedMatrix:
+    """Read a matrix; BadInput, one line, where the file cannot be read, is empty, ragged, or holds words for counts."""
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not text"
+        raise BadInput(f"matrix {path}: {reason}; allowed: a CSV file that can be read") from None
+    rows = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
+    rows = [row for row in rows if not row[0].startswith("#")]
+    if not rows:
+        raise BadInput(f"matrix {path}: no rows; allowed: a row of counts for each stimulus")
+    # A corner that is not a number, over rows that all begin with one or with a name, heads a column of names.
+    corner = not rows[0][0] or (not _is_number(rows[0][0]) and len(rows) == len(rows[0]))
+    names_across = corner or not all(_is_number(cell) for cell in rows[0][1:])
+    header, body = (rows[0], rows[1:]) if names_across else (None, rows)
+    names_down = corner or any(not _is_number(row[0]) for row in body)
+    if len({len(row) for row in rows}) != 1 or not body:
+        raise BadInput(f"matrix {path}: rows of {sorted({len(row) for row in rows})} cells; allowed: rows of equal length")
+    first = 1 if names_down else 0
+    cells = [row[first:] for row in body]
+    for row in cells:
+        for cell in row:
+            if not _is_number(cell):
+                raise BadInput(f"matrix {path}: {cell!r} is not a number; allowed: counts")
+    counts = np.array(cells, dtype=np.float64)
+    stimuli = tuple(row[0] for row in body) if names_down else _numbered(counts.shape[0])
+    responses = tuple(header[first:]) if header is not None else _numbered(counts.shape[1])
+    return NamedMatrix(counts, stimuli, responses)
+
+
+def _numbered(count: int) -> tuple[str, ...]:
+    return tuple(str(number + 1) for number in range(count))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
