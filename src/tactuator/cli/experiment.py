@@ -12,6 +12,8 @@ from tactuator.cli.options import AsJson, Seed
 from tactuator.errors import BadInput
 from tactuator.experiment.quest_plus import QuestPlusRule
 from tactuator.experiment.simulate import PROCEDURES, Setting, simulate
+from tactuator.experiment.simulate_curve import simulate_curve
+from tactuator.experiment.whole_curve import WholeCurveRule
 
 experiment = typer.Typer(
     name="experiment", help="Thresholds: run, simulate, analyse, export.", no_args_is_help=True, rich_markup_mode=None
@@ -42,6 +44,8 @@ def simulate_command(
         result: Any = simulate(PROCEDURES[procedure], setting)
     elif procedure == "quest-plus":
         result = simulate(QuestPlusRule(trials=48 if trials is None else trials), setting)
+    elif procedure == "curve":
+        result = simulate_curve(WholeCurveRule(trials=150 if trials is None else trials), setting)
     else:
         raise BadInput(f"procedure {procedure!r}; allowed: {', '.join([*PROCEDURES, 'quest-plus', 'curve'])}")
     figures = plain(result)
