@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -24,6 +25,8 @@ from tactuator.plant.display import Channel, Display
 from tactuator.signals.bands import third_octave_bands
 from tactuator.signals.systems import SampledSystem
 
+_PREFILTER_SHARE = 0.75
+
 
 def design_controller(display: Display, poles: int | None = None) -> Controller:
     """The controller of a display, every channel designed to its own requirements; `poles` replaces the file's.
@@ -36,25 +39,35 @@ def design_controller(display: Display, poles: int | None = None) -> Controller:
 
 
 def design_channel(display: Display, channel: Channel, poles: int | None = None) -> ChannelController:
-    """The controller of one channel of `display`."""
+    """The controller of one channel of `display`.
+
+    Of the loops that keep every requirement, the one with the least mean |S| is taken whose prefilter, with the poles
+    asked for, stays within three quarters of the flatness objective; or else the one with the best prefilter.
+    """
     require_suitable(channel, display.rate_hz)
     family = plant_family(channel, display.rate_hz, display.delay_samples)
-    feedback = design_feedback(channel, display.rate_hz, family, display.objectives.resonance_peak)
     count = channel.prefilter.poles if poles is None else poles
-    fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, count)
+    designs = []
+    for feedback in feedback_candidates(channel, display.rate_hz, family, display.objectives.resonance_peak):
+        fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, count)
+        designs.append((fit, feedback))
+        if fit.max_error_db <= _PREFILTER_SHARE * display.objectives.flatness_db:
+            return assemble(display, channel, feedback, fit, family)
+    fit, feedback = min(designs, key=lambda design: design[0].max_error_db)
     return assemble(display, channel, feedback, fit, family)
 
 
-def design_feedback(
+def feedback_candidates(
     channel: Channel, rate_hz: float, family: tuple[Member, ...], resonance_peak: float
-) -> SampledSystem | None:
-    """C as the channel's structure asks: synthesised, given (bilinear), or none."""
+) -> Iterator[SampledSystem | None]:
+    """C as the channel's structure asks: synthesised (the best first), given (bilinear), or none."""
     requirements = channel.feedback
     if requirements.structure == "none":
-        return None
-    if requirements.structure == "paper":
-        return bilinear(requirements.controller or paper.FEEDBACK, rate_hz)
-    return synthesise(channel, family, rate_hz, resonance_peak)
+        yield None
+    elif requirements.structure == "paper":
+        yield bilinear(requirements.controller or paper.FEEDBACK, rate_hz)
+    else:
+        yield from synthesise(channel, family, rate_hz, resonance_peak)
 
 
 def assemble(

@@ -39,7 +39,7 @@ def feedback_sections(feedback: SampledSystem) -> Sections:
     if real.size:
         others = np.delete(others, real[np.argmin(np.abs(others[real]))])
     room = 2 if real.size else 1
-    slowest, rest = _slowest(feedback.zeros, room if others.size else feedback.zeros.size)
+    slowest, rest = _slowest(feedback.zeros, room)
     last = _integrator_section(slowest, partner if real.size else None)
     if others.size == 0:
         last[:3] *= feedback.gain
@@ -48,13 +48,16 @@ def feedback_sections(feedback: SampledSystem) -> Sections:
 
 
 def _slowest(zeros: Roots, count: int) -> tuple[Roots, Roots]:
-    """The `count` zeros nearest z = 1 (never half of a pair), and the others."""
+    """Up to `count` (1 or 2) zeros nearest z = 1, never half of a pair, and the others."""
     order = np.argsort(np.abs(zeros - 1.0), kind="stable")
-    taken = zeros[order[:count]]
-    if abs(np.sum(taken.imag)) > 1e-9:  # a pair was cut: take one less, or the pair alone
-        count = count - 1 if count != 1 else 0
-        taken = zeros[order[:count]]
-    return taken, zeros[order[count:]]
+    zeros = zeros[order]
+    real = np.flatnonzero(np.abs(zeros.imag) < 1e-12)
+    paired = np.flatnonzero(np.abs(zeros.imag) >= 1e-12)
+    if count == 2 and paired.size and (real.size < 2 or paired[0] < real[0]):
+        taken = paired[:2]
+    else:
+        taken = real[:count]
+    return zeros[taken], np.delete(zeros, taken)
 
 
 def _integrator_section(zeros: Roots, partner: float | None) -> NDArray[np.float64]:
