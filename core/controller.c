@@ -1,5 +1,7 @@
 #include "controller.h"
 
+extern inline float tact_controller_clamp(float wanted, float lowest, float highest);
+extern inline int tact_controller_is_sound(float wanted);
 extern inline float tact_controller_limit(const tact_controller *table, tact_controller_state *state, float wanted,
                                           tact_section_state *last);
 extern inline float tact_controller_step(const tact_controller *table, tact_controller_state *state, float reference,

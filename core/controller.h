@@ -53,19 +53,30 @@ void tact_controller_reset(tact_controller_state *state);
 /* Whether the counts and limits of a table can be run; 0 if not. */
 int tact_controller_is_valid(const tact_controller *table);
 
+/* The limits alone; a NaN stays one. */
+inline float tact_controller_clamp(float wanted, float lowest, float highest)
+{
+    const float cut = wanted > highest ? highest : wanted;
+    return cut < lowest ? lowest : cut;
+}
+
+/* Whether the arithmetic that gave `wanted` is whole. */
+inline int tact_controller_is_sound(float wanted)
+{
+    return (wanted < TACT_COMMAND_MAX) & (wanted > -TACT_COMMAND_MAX);
+}
+
 /* What the limits and the anti-windup make of the sections' output u'; last is C's last section, or NULL. */
 inline float tact_controller_limit(const tact_controller *table, tact_controller_state *state, float wanted,
                                    tact_section_state *last)
 {
-    const float cut = wanted > table->command_max_v ? table->command_max_v : wanted;
-    const float command = cut < table->command_min_v ? table->command_min_v : cut;
-    const int sound = (wanted < TACT_COMMAND_MAX) & (wanted > -TACT_COMMAND_MAX);
+    const float command = tact_controller_clamp(wanted, table->command_min_v, table->command_max_v);
     if (last) {
         const float excess = command - wanted;
         last->s1 += table->anti_windup[0] * excess;
         last->s2 += table->anti_windup[1] * excess;
     }
-    state->broken |= !sound;
+    state->broken |= !tact_controller_is_sound(wanted);
     state->clamped = command != wanted;
     return state->broken ? 0.0f : command;
 }
