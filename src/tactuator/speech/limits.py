@@ -1,0 +1,96 @@
+"""What a reference may not do to one channel: comfort, travel and command, untouched and under every load.
+
+Comfort, 55 dB SL at each frequency, is kept in two ways. No sample of the felt signal (the displacement weighted by
+the inverse threshold curve with zero phase) exceeds the amplitude of 55 dB SL. And no sample of the reference exceeds
+pi/4 of it, less the response's own error: of a signal that stays within +/- A, no sinusoidal component found with any
+positive window exceeds 4 A / pi (that of a square wave), so no component exceeds 55 dB SL, whatever the waveform.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from tactuator.digital.controller import Controller
+from tactuator.perception.levels import COMFORT_DB_SL
+from tactuator.signals.decibels import from_db
+from tactuator.speech.prediction import ChannelPrediction
+
+SAFETY_DB = 0.25
+"""Kept from every limit for what the linear prediction leaves out: friction, hum, noise, word lengths, memory."""
+
+QUIET_ABOVE_HZ = 320.0
+"""Every coding is silent above; see the codings."""
+
+
+@dataclass(frozen=True, eq=False)
+class Constraint:
+    """|response applied to the reference| <= limit, at every sample.
+
+    kind: comfort, travel or command. response: at the bins of a transform of `size` samples. norm: sum of the
+    magnitudes of its impulse response as far as a reference that is silent above 320 Hz can tell; ceiling: of |r|,
+    below which norm * |r| cannot reach the limit.
+    """
+
+    kind: str
+    response: NDArray[np.complex128]
+    limit: float
+    norm: float
+
+    @property
+    def ceiling(self) -> float:
+        """Reference amplitude that cannot reach the limit, whatever its waveform."""
+        return self.limit / self.norm
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelLimits:
+    """The constraints of one channel, and the greatest |r| that comfort allows."""
+
+    finger: str
+    peak: float
+    constraints: tuple[Constraint, ...]
+
+    @property
+    def harmless(self) -> float:
+        """A reference whose samples stay within this cannot reach any limit."""
+        return min(self.peak, *(constraint.ceiling for constraint in self.constraints))
+
+
+def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimits:
+    """The limits of a channel for transforms of `size` samples at the controller's rate."""
+    channel, designed = controller.display.channel(name), controller.channel(name).limits
+    comfort = float(from_db(min(designed.comfort_db_sl, COMFORT_DB_SL) - SAFETY_DB))
+    keep = float(from_db(-SAFETY_DB))
+    command_v = keep * min(designed.command_v, channel.converter.range_v) - abs(channel.converter.offset_v)
+    frequency = fft.rfftfreq(size, 1.0 / controller.rate_hz)
+    heard = frequency <= QUIET_ABOVE_HZ
+    constraints, gain = [], 1.0
+    for load in (None, *(load.name for load in channel.loads)):
+        prediction = ChannelPrediction.of(controller, name, load)
+        felt = _finite(prediction.felt(frequency))
+        gain = max(gain, float(np.abs(felt[heard]).max()))
+        for kind, response, limit in (
+            ("comfort", felt, comfort),
+            ("travel", _finite(prediction.displacement(frequency)), keep * channel.travel_mm),
+            ("command", _finite(prediction.command(frequency)), command_v),
+        ):
+            constraints.append(Constraint(kind, response, limit, _norm(response, frequency, size)))
+    return ChannelLimits(name, 0.25 * np.pi * comfort / gain, tuple(constraints))
+
+
+def _finite(response: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """At rest an integrator's own response is infinite over infinite: there the next bin's is taken."""
+    bad = ~np.isfinite(response)
+    bad[1:] = False
+    return np.where(bad, np.abs(response[1]), response)
+
+
+def _norm(response: NDArray[np.complex128], frequency: NDArray[np.float64], size: int) -> float:
+    """Of the impulse response after a low-pass that is 1 up to 320 Hz: a quiet reference cannot tell the difference."""
+    fall = np.clip((2.5 * QUIET_ABOVE_HZ - frequency) / (1.5 * QUIET_ABOVE_HZ), 0.0, 1.0)
+    kernel = fft.irfft(response * (0.5 - 0.5 * np.cos(np.pi * fall)), size)
+    return float(np.abs(kernel).sum())
