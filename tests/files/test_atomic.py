@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.files.atomic import atomic_folder, atomic_path, write_text
+from tactuator.files.atomic import atomic_folder, atomic_path, require_folder, write_text
 
 
 def interrupted(writing: AbstractContextManager[Path], file: Callable[[Path], Path]) -> None:
@@ -48,3 +48,12 @@ def test_atomic__no_folder_or_a_file_in_the_way__is_refused(tmp_path: Path) -> N
         pass
     with pytest.raises(BadInput, match="cannot be made"), atomic_folder(tmp_path / "file" / "below"):
         pass
+
+
+def test_require_folder__foreign_files__is_refused(tmp_path: Path) -> None:
+    write_text(tmp_path / "thesis.tex", "years of work")
+    with pytest.raises(BadInput, match=r"holds other files \(thesis\.tex"):
+        require_folder(tmp_path, frozenset({"report.html"}))
+    write_text(tmp_path / "thesis.tex", "years of work")
+    require_folder(tmp_path, frozenset({"thesis.tex"}))
+    require_folder(tmp_path / "new", frozenset())

@@ -33,6 +33,24 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         beside.unlink(missing_ok=True)
 
 
+def require_folder(path: str | os.PathLike[str], own_names: frozenset[str]) -> None:
+    """Raise BadInput unless `path` can become a folder of ours: new, empty, or holding nothing but `own_names`.
+
+    To be asked before long work begins; `atomic_folder` replaces the folder at its end.
+    """
+    target = Path(path)
+    if target.exists() and not target.is_dir():
+        raise BadInput(f"{target} is a file; allowed: a folder, or a name that is free")
+    others = sorted({entry.name for entry in target.iterdir()} - own_names) if target.is_dir() else []
+    if others:
+        raise BadInput(f"{target} holds other files ({others[0]}, ...); allowed: a new or empty folder")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"{target} cannot be made: {error.strerror}; allowed: a folder that can be written") from None
+    _check_parent(target)
+
+
 @contextmanager
 def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield an empty folder beside `path`; it takes the place of `path` at the end, and is removed on any error.
@@ -40,13 +58,8 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises BadInput where it cannot be made.
     """
     target = Path(path)
-    if target.exists() and not target.is_dir():
-        raise BadInput(f"{target} is a file; allowed: a folder, or a name that is free")
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInput(f"{target} cannot be made: {error.strerror}; allowed: a folder that can be written") from None
-    _check_parent(target)
+    own = frozenset(entry.name for entry in target.iterdir()) if target.is_dir() else frozenset()
+    require_folder(target, own)
     beside = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
     try:
         yield beside

@@ -1,0 +1,57 @@
+"""`tactuator reproduce`: the paper's study, end to end, on the simulated display."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Group
+from rich.table import Table
+
+from tactuator.cli.answer import answer, progress
+from tactuator.cli.options import AsJson, Seed
+from tactuator.files.atomic import require_folder
+from tactuator.files.display import read_display
+from tactuator.study.comparison import comparison
+from tactuator.study.plan import Plan, Progress, paper_display
+from tactuator.study.publish import OWN_NAMES, publish
+from tactuator.study.run import STEPS, Study, run_study
+from tactuator.study.summary import summary
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+
+    @app.command()
+    def reproduce(
+        out: Annotated[Path, typer.Option("--out", help="Folder to write; replaced if it is a former report.")] = Path(
+            "out/paper"
+        ),
+        speech: Annotated[Path | None, typer.Option("--speech", help="WAV or FLAC to present.")] = None,
+        display: Annotated[Path | None, typer.Option("--display", help="Display file (default: the paper's).")] = None,
+        seed: Seed = 1,
+        as_json: AsJson = False,
+    ) -> None:
+        """Run the paper's study on the simulated display: report.html, figures and summary.json in the folder."""
+        require_folder(out, OWN_NAMES)
+        plan = Plan(paper_display() if display is None else read_display(display), seed, speech)
+        study = _watched(plan)
+        publish(study, out)
+        answer(summary(study), as_json, _shown(study, out))
+
+
+def _watched(plan: Plan) -> Study:
+    """The study, with a bar for each of its steps."""
+    with progress() as bars:
+        tasks = {step: bars.add_task(step, total=1.0) for step in STEPS}
+        tell: Progress = lambda step, done: bars.update(tasks[step], completed=done)  # noqa: E731
+        return run_study(plan, tell)
+
+
+def _shown(study: Study, out: Path) -> Group:
+    table = Table("", "paper (2004)", "here", title="The paper, end to end")
+    for row in comparison(study):
+        table.add_row(row.what, row.paper, row.here)
+    notes = [f"note: {note}" for note in study.spoken.file.notes]
+    return Group(table, *notes, f"report: {out / 'report.html'}")
