@@ -23,6 +23,8 @@ def companion_states(
     first-order hold: whole samples). Source: Van Loan, Computing integrals involving the matrix exponential, 1978.
     """
     n = denominator.size - 1
+    if driver.size == 0:
+        return np.zeros((0, n))
     a = np.eye(n, k=1)
     a[-1] = -denominator[:0:-1]
     b = np.zeros(n)

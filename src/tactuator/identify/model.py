@@ -1,0 +1,121 @@
+"""An identified plant with its uncertainty: what `model.json` holds and a design uses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactuator.errors import BadInput
+from tactuator.signals.systems import ContinuousSystem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PlantModel:
+    """num, den: descending powers of s, den monic; delay_s: dead time.
+
+    covariance: of (num[0..m], den[1..n], delay_s), (m + n + 2, m + n + 2), zero for what was not estimated. band_hz:
+    where the record speaks of the plant. quantity: what the output is proportional to; units: of command and position.
+    record, calibration, method: where it comes from. friction: Coulomb level and presliding, if any was found.
+    """
+
+    num: Array
+    den: Array
+    delay_s: float
+    covariance: Array
+    band_hz: tuple[float, float]
+    quantity: str = "displacement"
+    command_unit: str = "V"
+    position_unit: str = "V"
+    method: str = "refined"
+    record: dict[str, Any] = field(default_factory=dict)
+    calibration: dict[str, Any] = field(default_factory=dict)
+    friction: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        size = self.num.size + self.den.size
+        if self.covariance.shape != (size, size):
+            raise BadInput(f"covariance has shape {self.covariance.shape}; allowed: ({size}, {size})")
+
+    @property
+    def system(self) -> ContinuousSystem:
+        """The model as a system."""
+        return ContinuousSystem.from_polynomials(self.num, self.den, self.delay_s)
+
+    def response(self, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
+        """Complex response at `frequency_hz` (any shape)."""
+        return self._evaluate(self.num, self.den, self.delay_s, np.asarray(frequency_hz, dtype=np.float64))
+
+    def band_db(self, frequency_hz: ArrayLike) -> Array:
+        """95 % half-width of the magnitude in dB at `frequency_hz` (m,): the covariance carried over to first order."""
+        gradient = self._log_gradient(np.asarray(frequency_hz, dtype=np.float64)).real
+        variance = np.einsum("ij,jk,ik->i", gradient, self.covariance, gradient)
+        return np.asarray(1.959964 * 20.0 / np.log(10.0) * np.sqrt(np.maximum(variance, 0.0)))
+
+    def confidence(self) -> dict[str, float]:
+        """95 % half-widths: of the gain num[-1]/den[-1], of each coefficient, of the dead time."""
+        errors = 1.959964 * np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        m, n = self.num.size - 1, self.den.size - 1
+        made = {f"num_s{m - k}": float(errors[k]) for k in range(m + 1)}
+        made |= {f"den_s{n - 1 - k}": float(errors[m + 1 + k]) for k in range(n)}
+        return {"gain": self._gain_confidence(), **made, "delay_s": float(errors[-1])}
+
+    def family(self, count: int, rng: np.random.Generator) -> tuple[ContinuousSystem, ...]:
+        """`count` plants drawn from the covariance, for a design that must hold for all of them; stable as the model is.
+
+        The first two are the ends of the most uncertain direction, 2 standard errors away, if those are of the kind.
+        """
+        values, vectors = np.linalg.eigh(self._relative_covariance())
+        spread = vectors * np.sqrt(np.maximum(values, 0.0))
+        made: list[ContinuousSystem] = []
+        for sign in (2.0, -2.0):
+            self._append(made, sign * spread[:, -1], count)
+        for _ in range(50 * count):
+            if len(made) >= count:
+                break
+            self._append(made, spread @ rng.standard_normal(values.size), count)
+        return tuple(made)
+
+    def _append(self, made: list[ContinuousSystem], change: Array, count: int) -> None:
+        theta = self._theta() + change * self._sizes()
+        m = self.num.size
+        system = ContinuousSystem.from_polynomials(theta[:m], np.append(1.0, theta[m:-1]), max(float(theta[-1]), 0.0))
+        if len(made) < count and system.is_stable == self.system.is_stable:
+            made.append(system)
+
+    def _theta(self) -> Array:
+        return np.concatenate([self.num, self.den[1:], [self.delay_s]])
+
+    def _sizes(self) -> Array:
+        errors = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        return np.where(errors > 0.0, errors, 1.0)
+
+    def _relative_covariance(self) -> Array:
+        return np.asarray(self.covariance / np.outer(self._sizes(), self._sizes()))
+
+    def _gain_confidence(self) -> float:
+        """Of num[-1]/den[-1], or of num[0] where the plant integrates."""
+        m = self.num.size - 1
+        if self.den[-1] == 0.0:
+            return float(1.959964 * np.sqrt(max(self.covariance[0, 0], 0.0)))
+        gradient = np.zeros(self.covariance.shape[0])
+        gradient[m] = 1.0 / self.den[-1]
+        gradient[-2] = -self.num[-1] / self.den[-1] ** 2
+        return float(1.959964 * np.sqrt(max(gradient @ self.covariance @ gradient, 0.0)))
+
+    def _log_gradient(self, frequency_hz: Array) -> NDArray[np.complex128]:
+        s = 2j * np.pi * frequency_hz
+        numerator, denominator = np.polyval(self.num, s), np.polyval(self.den, s)
+        m, n = self.num.size - 1, self.den.size - 1
+        by_num = [s ** (m - k) / numerator for k in range(m + 1)]
+        by_den = [-(s ** (n - 1 - k)) / denominator for k in range(n)]
+        return np.stack([*by_num, *by_den, -s], axis=-1)
+
+    @staticmethod
+    def _evaluate(num: Array, den: Array, delay_s: float, frequency_hz: Array) -> NDArray[np.complex128]:
+        s = 2j * np.pi * frequency_hz
+        return np.asarray(np.polyval(num, s) / np.polyval(den, s) * np.exp(-s * delay_s))

@@ -1,0 +1,63 @@
+"""Was the mechanism excited? Order of persistent excitation of a command, and what it allows to identify."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from tactuator.errors import BadInput
+
+Array = NDArray[np.float64]
+_FLOOR = 1e-8
+"""Power of a line, over the strongest, below which it does not count: 80 dB."""
+
+
+@dataclass(frozen=True)
+class ExcitationReport:
+    """order: lines of the command's two-sided spectrum, and so the number of parameters it can determine (Ljung,
+    System Identification, 1999, section 13.2). needed: parameters of the model. condition: of the information matrix,
+    each parameter in its own unit size (nan before there is a model). low_hz, high_hz: 99.8 % of the power.
+    """
+
+    order: int
+    needed: int
+    condition: float
+    low_hz: float
+    high_hz: float
+
+    @property
+    def sufficient(self) -> bool:
+        """Enough lines for the parameters, and an information matrix that can be inverted."""
+        return self.order >= self.needed and not self.condition > 1e12
+
+
+def excitation_report(command: Array, rate_hz: float, needed: int, condition: float = float("nan")) -> ExcitationReport:
+    """How many independent parameters `command` (n,) can determine."""
+    window = signal.windows.blackmanharris(command.size)
+    centred = command - command.mean()
+    power = np.abs(np.fft.rfft(window * centred)) ** 2
+    power[:4] = 0.0
+    strongest = float(power.max(initial=0.0))
+    if not strongest > 1e-24 * command.size**2 * max(float(np.max(np.abs(command))), 1e-300) ** 2:
+        return ExcitationReport(0, needed, condition, 0.0, 0.0)
+    above = np.concatenate([[False], power > _FLOOR * strongest, [False]]).astype(np.int8)
+    edges = np.flatnonzero(np.diff(above))
+    lengths = edges[1::2] - edges[::2]
+    # the window spreads one line over about eight bins
+    order = int(2 * np.sum(np.maximum(1, lengths - 8)))
+    share = np.cumsum(power) / power.sum()
+    frequency = np.arange(power.size) * rate_hz / command.size
+    low, high = np.searchsorted(share, [0.001, 0.999])
+    return ExcitationReport(order, needed, condition, float(frequency[low]), float(frequency[min(high, power.size - 1)]))
+
+
+def require_excitation(report: ExcitationReport) -> None:
+    """Refuse to identify what was not excited."""
+    if not report.sufficient:
+        raise BadInput(
+            f"the command excites order {report.order}, the model has {report.needed} parameters; allowed: a command "
+            f"of order {report.needed} or more (steps, noise, several sinusoids)"
+        )
