@@ -10,12 +10,12 @@ from matplotlib.axes import Axes
 
 from tactuator.measure.noise import FeltNoise
 from tactuator.report.plate import Plate
-from tactuator.report.style import INK, RED, figure, frequency_axis, legend
+from tactuator.report.style import INK, RED, figure, frequency_axis
 
 
 def noise_plate(proportional: Mapping[float, FeltNoise], designed: FeltNoise, name: str = "noise") -> Plate:
-    """One channel: felt third octaves (left) and mains lines (right) by proportional gain, and under the designed loop."""
-    made, (left, right) = figure(1, 2, height_in=3.8, sharey=True)
+    """One channel: felt third octaves (left), mains lines (right), by proportional gain and under the designed loop."""
+    made, (left, right) = figure(1, 2, height_in=4.2, sharey=True)
     shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(proportional)))
     for shade, (gain, heard) in zip(shades, proportional.items(), strict=True):
         _draw(left, right, heard, tuple(shade), f"gain {gain:g}", 1.0)
@@ -30,7 +30,7 @@ def noise_plate(proportional: Mapping[float, FeltNoise], designed: FeltNoise, na
     for axes in (left, right):
         axes.axhline(0.0, color=INK, linewidth=1.0)
     left.annotate("threshold", (low, 0.0), (0, -10), textcoords="offset points", fontsize=7)
-    legend(left, loc="lower left", fontsize=7)
+    made.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     caption = (
         f"Channel {designed.channel} at rest, judged from the command through the motor's model: under a proportional "
         f"controller of rising gain and under the designed loop, whose strongest line is felt at "
@@ -40,10 +40,10 @@ def noise_plate(proportional: Mapping[float, FeltNoise], designed: FeltNoise, na
 
 
 def _draw(left: Axes, right: Axes, heard: FeltNoise, colour: object, label: str, width: float) -> None:
-    left.plot(heard.band_hz, heard.band_db_sl, color=colour, linewidth=width, label=label)  # type: ignore[arg-type]
-    right.plot(heard.line_hz, heard.line_db_sl, "o-", color=colour, linewidth=width, markersize=3)  # type: ignore[arg-type]
+    left.plot(heard.band_hz, heard.band_db_sl, color=colour, linewidth=width, label=label)
+    right.plot(heard.line_hz, heard.line_db_sl, "o-", color=colour, linewidth=width, markersize=3)
     if heard.resonance_hz is not None and heard.resonance_db_sl is not None:
-        left.plot(heard.resonance_hz, heard.resonance_db_sl, "v", color=colour, markersize=6)  # type: ignore[arg-type]
+        left.plot(heard.resonance_hz, heard.resonance_db_sl, "v", color=colour, markersize=6)
 
 
 def _table(proportional: Mapping[float, FeltNoise], designed: FeltNoise) -> dict[str, list[object]]:

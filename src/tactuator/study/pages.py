@@ -49,6 +49,7 @@ def _objectives(study: Study) -> Section:
 
 def _design_sections(study: Study, plates: dict[str, Plate]) -> tuple[Section, ...]:
     judged = study.prefilters
+    lost = study.loop.continuous_margins.phase_margin_deg - study.loop.sampled_margins.phase_margin_deg
     return (
         Section(
             "The person: threshold and objective",
@@ -71,11 +72,9 @@ def _design_sections(study: Study, plates: dict[str, Plate]) -> tuple[Section, .
         Section(
             "The loop and the prefilter",
             (
-                "C is the paper's own. Sampled, one period of computing delay takes "
-                f"{study.loop.continuous_margins.phase_margin_deg - study.loop.sampled_margins.phase_margin_deg:.1f}° of "
-                "its phase margin.",
-                f"The paper's F misses the curve by up to {judged.paper.max_error_db:.1f} dB (at 300 Hz); a prefilter of "
-                f"the same order, fitted here to H/T, by {judged.worst_fitted.max_error_db:.2f} dB.",
+                f"C is the paper's own. Sampled, one period of computing delay takes {lost:.1f}° of its phase margin.",
+                f"The paper's F misses the curve by up to {judged.paper.max_error_db:.1f} dB (at 300 Hz); a prefilter "
+                f"of the same order, fitted here to H/T, by {judged.worst_fitted.max_error_db:.2f} dB.",
             ),
             plates=_some(plates, "fig06", "fig07", "prefilter"),
         ),
@@ -125,8 +124,8 @@ def _person_sections(study: Study, plates: dict[str, Plate]) -> tuple[Section, .
             (
                 f"Three simulated observers, on three fingers each, by the paper's procedure: {len(study.thresholds)} "
                 "runs, felt through the display. Estimate less truth: "
-                f"{bias:+.2f} dB on average, standard deviation {spread:.2f} dB. A run of this procedure is expected to "
-                "come out about 0.4 dB low.",
+                f"{bias:+.2f} dB on average, standard deviation {spread:.2f} dB. A run of this procedure is expected "
+                "to come out about 0.4 dB low.",
                 f"The prefilter reshaped to the new curve follows it within {study.reshaped.max_error_db:.2f} dB.",
             ),
             plates=_some(plates, "fig11", "reshaped"),
@@ -134,8 +133,8 @@ def _person_sections(study: Study, plates: dict[str, Plate]) -> tuple[Section, .
         Section(
             "Speech on three fingers",
             (
-                f"{speech.file.path.name}, {speech.file.duration_s:.1f} s, band-limited to 300 Hz, at {LEVEL_DB_SL:g} dB "
-                f"SL (peak {speech.report.peak_db_sl:.0f} dB SL): felt against asked, "
+                f"{speech.file.path.name}, {speech.file.duration_s:.1f} s, band-limited to 300 Hz, at "
+                f"{LEVEL_DB_SL:g} dB SL (peak {speech.report.peak_db_sl:.0f} dB SL): felt against asked, "
                 f"{speech.report.worst_rms_db:.2f} dB rms over third-octave bands.",
                 *notes,
             ),

@@ -33,7 +33,7 @@ LEVELS_DB_SL = (0.0, 10.0, 30.0, 50.0)
 THRESHOLD_HZ = (0.4, 1.0, 3.0, 8.0, 20.0, 50.0, 100.0, 170.0, 250.0, 296.0)
 """Where thresholds are measured."""
 
-PROPORTIONAL_GAINS = (0.5, 1.0, 2.0, 4.0, 8.0)
+PROPORTIONAL_GAINS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 """Gains of the proportional controller that probes for noise, volts of command per volt of position."""
 
 Progress = Callable[[str, float], None]
