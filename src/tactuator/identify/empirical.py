@@ -24,6 +24,18 @@ class EmpiricalResponse:
     coherence: Array
     excitation: Array
 
+    def trusted(self, coherence: float = 0.3, fewest: int = 8) -> EmpiricalResponse:
+        """The bands of at least that coherence, or the `fewest` most coherent ones."""
+        bound = min(coherence, float(np.sort(self.coherence)[-min(fewest, self.coherence.size)]))
+        keep = self.coherence >= bound
+        return EmpiricalResponse(
+            self.frequency_hz[keep],
+            self.value[keep],
+            self.relative_error[keep],
+            self.coherence[keep],
+            self.excitation[keep],
+        )
+
 
 def empirical_response(
     command: Array, position: Array, rate_hz: float, *, bands_per_decade: int = 20, high_hz: float | None = None

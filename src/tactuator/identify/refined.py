@@ -140,7 +140,10 @@ def add_friction(samples: Samples, fit: Fit) -> Fit:
         search = FrictionSearch(bare, fit.structure, fit.minimum, path)
         if round_ == 0:
             low = min(max(1e-4 * motion, 1e-3 * noise), 0.1 * motion)
-            presliding, gain, level = search.best(low, motion, 7)
+            presliding, gain, level = search.best(low, motion, 5, refinements=0)
+            if not certain(4.0 * gain, fit.cost, samples.position.size):
+                return fit
+            presliding, gain, level = search.best(low, motion, 5, refinements=4)
             if not certain(gain, fit.cost, samples.position.size):
                 return fit
         else:

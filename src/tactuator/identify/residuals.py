@@ -107,6 +107,6 @@ def feedback_present(innovation: Array, command: Array) -> bool:
     smooth = np.convolve(power, np.ones(201) / 201.0, mode="same") + 1e-12 * power.max()
     cross = np.fft.irfft(np.conj(one) * other / np.sqrt(smooth), size)
     norm = np.sqrt(np.mean(innovation**2) * n * np.mean(np.fft.irfft(other / np.sqrt(smooth), size)[:n] ** 2) * n)
-    ahead = cross[1 : lags + 1] / max(norm, 1e-300)
+    ahead = cross[: lags + 1] / max(norm, 1e-300)
     bound = stats.norm.isf(0.5e-4 / lags) / np.sqrt(n)
     return bool(np.max(np.abs(ahead)) > bound)

@@ -19,6 +19,10 @@ _WORTHWHILE = 0.004
 """Drop of the squared error, in parts, for which one more parameter is taken."""
 
 
+_SLACK = 20.0
+"""Error of the empirical fit, in squared standard errors, that is not worth another pole before the record is asked."""
+
+
 @dataclass(frozen=True)
 class Candidate:
     """One structure that was tried: squared innovation over the best, chance that nothing is left (score test)."""
@@ -81,6 +85,7 @@ def _first(
     delay_s: float,
 ) -> tuple[Structure, RationalModel]:
     """By the empirical response: fewest poles whose error is near the best, then fewest zeros."""
+    response = response.trusted()
     fewest = max(1, integrated)
     poles = [order] if order is not None else list(range(fewest, min(most_poles, 4) + 1))
     fits = {
@@ -88,8 +93,8 @@ def _first(
         for n in poles
     }
     best = min(cost for _, cost in fits.values())
-    chosen = next(n for n in poles if fits[n][1] <= 1.3 * best)
-    limit = 1.3 * fits[chosen][1]
+    chosen = next(n for n in poles if fits[n][1] <= 1.3 * best + _SLACK)
+    limit = 1.3 * fits[chosen][1] + _SLACK
     for zeros in range(integrated, max(chosen - 1, integrated) + 1):
         structure = Structure(chosen, zeros, integrated=integrated)
         model, cost = rational_start(response, structure, samples.rate_hz, delay_s)
@@ -145,7 +150,7 @@ def _starts(samples: Samples, response: EmpiricalResponse, fit: Fit, structure: 
     if structure.poles == fit.structure.poles:
         yield model
         return
-    made, _ = rational_start(response, structure, samples.rate_hz, model.delay_s)
+    made, _ = rational_start(response.trusted(), structure, samples.rate_hz, model.delay_s)
     yield made
 
 

@@ -1,0 +1,45 @@
+"""A record: command and position of one mechanism, evenly sampled, with units and where they come from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.errors import BadInput
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """command, position: (n,), finite, at rate_hz, in command_unit and position_unit. reference: (n,) or None.
+
+    about: what is known of its making (rig, date, channel, load, calibration). remarks: what had to be done to it
+    (samples filled, stamps evened out), to be told to whoever uses it.
+    """
+
+    rate_hz: float
+    command: Array
+    position: Array
+    command_unit: str = "V"
+    position_unit: str = "V"
+    reference: Array | None = None
+    about: dict[str, str] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.rate_hz) and self.rate_hz > 0.0):
+            raise BadInput(f"record: rate is {self.rate_hz} Hz; allowed: a positive number")
+        if self.command.ndim != 1 or self.command.shape != self.position.shape:
+            raise BadInput(f"record: command {self.command.shape}, position {self.position.shape}; allowed: one shape (n,)")
+        for name in ("command", "position"):
+            bad = np.flatnonzero(~np.isfinite(getattr(self, name)))
+            if bad.size:
+                raise BadInput(f"record: {name} is not a number in {bad.size} samples, first in sample {bad[0]}; allowed: none")
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds."""
+        return self.command.size / self.rate_hz
