@@ -2,5 +2,8 @@
 
 VERBS: tuple[str, ...] = (
     # one line each, a dash in a verb being an underscore in its module
+    "design",
+    "check",
+    "reproduce",
     "experiment",
 )

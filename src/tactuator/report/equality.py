@@ -35,8 +35,8 @@ def equality_plate(
     made, axes = figure(1, 3, height_in=2.8)
     low, high = float(frequency_hz[0]), float(frequency_hz[-1])
     panels = (
-        (displacement, BLUE, "displacement of the display", "dB re 1 µm"),
-        (sensitivity, GREEN, "sensitivity of the finger", "dB re 1/µm"),
+        (displacement, BLUE, "displacement", "dB re 1 µm"),
+        (sensitivity, GREEN, "sensitivity", "dB re 1/µm"),
         (felt, RED, "felt level", "dB SL"),
     )
     for one, (values, colour, words, unit) in zip(axes, panels, strict=True):
@@ -53,7 +53,7 @@ def equality_plate(
         centre = 0.5 * float(values.max() + values.min())
         one.set_ylim(centre - span, centre + span)
     for one, sign in ((axes[0], "+"), (axes[1], "=")):
-        one.text(1.03, 1.04, sign, transform=one.transAxes, fontsize=15, ha="left", va="bottom", color=INK)
+        one.text(1.2, 1.0, sign, transform=one.transAxes, fontsize=15, ha="center", va="bottom", color=INK)
     worst = float(np.max(np.abs(felt - level_db_sl)))
     caption = (
         f"A reference of {level_db_sl:g} dB SL at every frequency, channel {channel.name}: displacement (dB) plus "

@@ -85,7 +85,7 @@ def _design_sections(study: Study, plates: dict[str, Plate]) -> tuple[Section, .
                 "The figure shows what runs at every tick; the other one what a coefficient's resolution means at each "
                 "sampling rate.",
             ),
-            plates=_some(plates, "fig08", "wordlength"),
+            plates=_some(plates, "fig08"),
         ),
     )
 

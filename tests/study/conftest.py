@@ -1,0 +1,21 @@
+"""The whole study, run once with the default seed."""
+
+from pathlib import Path
+
+import pytest
+
+from tactuator.study.plan import Plan, paper_display
+from tactuator.study.publish import publish
+from tactuator.study.run import Study, run_study
+
+
+@pytest.fixture(scope="session")
+def study() -> Study:
+    return run_study(Plan(paper_display()), lambda step, done: None)
+
+
+@pytest.fixture(scope="session")
+def published(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("reproduce") / "paper"
+    publish(study, folder)
+    return folder

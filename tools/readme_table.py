@@ -1,0 +1,23 @@
+"""Write README's table "paper / here" anew from a run with the default seed: `make readme`."""
+
+import re
+from pathlib import Path
+
+from tactuator.study.comparison import comparison, markdown
+from tactuator.study.plan import Plan, paper_display
+from tactuator.study.run import run_study
+
+README = Path(__file__).resolve().parent.parent / "README.md"
+MARK = "<!-- paper-here -->"
+
+
+def main():
+    """Replace what stands between the marks."""
+    study = run_study(Plan(paper_display()), lambda step, done: None)
+    table = f"{MARK}\n{markdown(comparison(study))}{MARK}"
+    text = README.read_text(encoding="utf-8")
+    README.write_text(re.sub(f"{MARK}.*{MARK}", lambda _: table, text, flags=re.DOTALL), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
