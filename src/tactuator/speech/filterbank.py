@@ -6,7 +6,8 @@ input is cut into blocks, bit for bit. Outside the stream the signal is zero.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,20 +46,56 @@ def convolve_kernels(first: Samples, second: Samples) -> Samples:
 
 def filter_bank(blocks: Iterable[Samples], kernels: Sequence[Samples]) -> Iterator[NDArray[np.float64]]:
     """Blocks of shape (n,) through every kernel (odd, symmetric): blocks of shape (m, kernels), as long in all."""
-    half = max(len(kernel) for kernel in kernels) // 2
-    size = fft.next_fast_len(max(8 * half, 1 << 13), real=True)
-    hop = size - 2 * half
+    half, size = _frame_of(kernels)
     spectra = [_spectrum(kernel, half, size) for kernel in kernels]
-    history, waiting = np.zeros(2 * half), half  # `waiting`: samples of the filters' delay not yet dropped
+
+    def filtered(frame: Samples) -> NDArray[np.float64]:
+        spectrum = fft.rfft(frame)
+        return np.stack([fft.irfft(spectrum * kernel, size)[2 * half :] for kernel in spectra], axis=1)
+
+    return _overlapped(blocks, half, size, filtered, np.zeros(2 * half))
+
+
+def filter_columns(blocks: Iterable[NDArray[np.float64]], kernel: Samples) -> Iterator[NDArray[np.float64]]:
+    """Blocks of shape (n, columns), every column through the same kernel; as long in all."""
+    half, size = _frame_of([kernel])
+    spectrum = _spectrum(kernel, half, size)
+
+    def filtered(frame: NDArray[np.float64]) -> NDArray[np.float64]:
+        columns = np.ascontiguousarray(frame.T)
+        return np.asarray(fft.irfft(fft.rfft(columns) * spectrum, size)[:, 2 * half :].T)
+
+    stream = iter(blocks)
+    first = next(stream, None)
+    if first is not None:
+        start = np.zeros((2 * half, first.shape[1]))
+        yield from _overlapped(chain([first], stream), half, size, filtered, start)
+
+
+def _frame_of(kernels: Sequence[Samples]) -> tuple[int, int]:
+    """Half the longest kernel, and the length of a frame."""
+    half = max(len(kernel) for kernel in kernels) // 2
+    return half, int(fft.next_fast_len(max(8 * half, 1 << 13), real=True))
+
+
+def _overlapped(
+    blocks: Iterable[NDArray[np.float64]],
+    half: int,
+    size: int,
+    filtered: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    history: NDArray[np.float64],
+) -> Iterator[NDArray[np.float64]]:
+    hop = size - 2 * half
+    waiting = half  # samples of the filters' delay not yet dropped
     for block in blocks:
         history = np.concatenate((history, block))
         while len(history) >= size:
-            yield _frame(history[:size], spectra, half)[waiting:]
+            yield filtered(history[:size])[waiting:]
             history, waiting = history[hop:], 0
     remaining = len(history) - half - waiting
-    history = np.concatenate((history, np.zeros(size + half)))
+    history = np.concatenate((history, np.zeros((size + half, *history.shape[1:]))))
     while remaining > 0:
-        frame = _frame(history[:size], spectra, half)[waiting:][:remaining]
+        frame = filtered(history[:size])[waiting:][:remaining]
         yield frame
         history, remaining, waiting = history[hop:], remaining - len(frame), 0
 
@@ -68,9 +105,3 @@ def _spectrum(kernel: Samples, half: int, size: int) -> NDArray[np.complex128]:
     padded = np.zeros(size)
     padded[offset : offset + len(kernel)] = kernel
     return np.asarray(fft.rfft(padded))
-
-
-def _frame(samples: Samples, spectra: Sequence[NDArray[np.complex128]], half: int) -> NDArray[np.float64]:
-    spectrum = fft.rfft(samples)
-    outputs = [fft.irfft(spectrum * kernel, len(samples))[2 * half :] for kernel in spectra]
-    return np.stack(outputs, axis=1)

@@ -18,19 +18,16 @@ from scipy import fft, ndimage
 
 from tactuator.digital.controller import Controller
 from tactuator.speech.envelope import reduction_envelope
-from tactuator.speech.limits import QUIET_ABOVE_HZ, ChannelLimits, channel_limits
+from tactuator.speech.limits import COARSE, QUIET_ABOVE_HZ, ChannelLimits, between_samples, channel_limits
 
 Samples = NDArray[np.float64]
 
-STRETCH_S, AHEAD_S, MEMORY_S = 12.0, 2.0, 4.0
+STRETCH_S, AHEAD_S, MEMORY_S = 12.0, 2.0, 4.0  # together a multiple of 3 samples at any whole rate
 EDGE_S = 0.25
 """At the end of the look-ahead, where what follows is not known yet, the prediction is faded out and not judged."""
 FIRST_REACH_S = 0.0025
 OVERSHOOT_DB = 0.02
 MOST_ROUNDS = 60
-COARSE = 4
-"""Predictions of quiet stretches are looked at on every fourth sample, with twice the amplitude for what lies between:
-a signal below a third of the rate cannot be more than twice as great between its samples."""
 
 
 @dataclass
@@ -66,7 +63,9 @@ class Limiter:
             _Finger(channel_limits(controller, name, self._size), FingerLimiting(name), np.zeros(memory), np.zeros(0))
             for name in (channel.name for channel in controller.display.channels)
         ]
-        self._high = fft.rfftfreq(self._size, 1.0 / self._rate) > QUIET_ABOVE_HZ
+        self._between = between_samples(self._rate)
+        self._quiet_bin = int(QUIET_ABOVE_HZ * self._size / self._rate) + 1
+        self._last: tuple[Samples, NDArray[np.complex128], float] | None = None
 
     @property
     def report(self) -> tuple[FingerLimiting, ...]:
@@ -109,16 +108,21 @@ class Limiter:
             return True
         if peak > finger.limits.peak:
             return False
-        spectrum = fft.rfft(signal, self._size)
-        magnitude = np.abs(spectrum[self._high]) * (2.0 / self._size)
-        bins = self._size // COARSE // 2 + 1
+        spectrum, rest = self._spectrum(signal)
         for constraint in finger.limits.constraints:
-            rest = float(magnitude @ np.abs(constraint.response[self._high]))
-            low = np.where(self._high[:bins], 0.0, spectrum[:bins] * constraint.response[:bins])
-            greatest = np.abs(fft.irfft(low, self._size // COARSE)).max() / COARSE
-            if 2.0 * greatest + rest > constraint.limit:
+            coarse = fft.irfft(spectrum * constraint.coarse, self._size // COARSE)
+            greatest = max(float(coarse.max()), -float(coarse.min())) / COARSE
+            if self._between * greatest + rest * constraint.beyond > constraint.limit:
                 return False
         return True
+
+    def _spectrum(self, signal: Samples) -> tuple[NDArray[np.complex128], float]:
+        """The spectrum's coarse bins, and the sum of the amplitudes above 320 Hz; fingers often have one signal."""
+        if self._last is None or not np.array_equal(signal, self._last[0]):
+            spectrum = fft.rfft(signal, self._size)
+            rest = float(np.abs(spectrum[self._quiet_bin :]).sum()) * 2.0 / self._size
+            self._last = signal, spectrum[: self._size // COARSE // 2 + 1], rest
+        return self._last[1:]
 
     def _reduce(self, finger: _Finger, reference: Samples, last: bool) -> tuple[Samples, Samples]:
         need = np.zeros(len(reference))
@@ -161,12 +165,15 @@ class Limiter:
 
     def _commit(self, finger: _Finger, reduction: Samples, limited: Samples, commit: int) -> None:
         report, memory = finger.report, len(finger.history)
+        finger.history = np.concatenate((finger.history, limited[:commit]))[-memory:]
+        if not reduction.any():
+            finger.quiet_for, finger.carried_db, finger.start_db = finger.quiet_for + commit, np.zeros(0), 0.0
+            return
         steps = np.abs(np.diff(reduction[:commit], prepend=reduction[0] if finger.start_db is None else finger.start_db))
         report.max_reduction_db = max(report.max_reduction_db, float(reduction[:commit].max()))
         report.max_slope_db_per_ms = max(report.max_slope_db_per_ms, float(steps.max()) * self._rate * 1e-3)
         reduced = np.flatnonzero(reduction[:commit])
         report.reduced_s += len(reduced) / self._rate
         finger.quiet_for = commit - 1 - int(reduced[-1]) if len(reduced) else finger.quiet_for + commit
-        finger.history = np.concatenate((finger.history, limited[:commit]))[-memory:]
         finger.carried_db = reduction[commit : len(reduction) - 2 * self._edge].copy()
         finger.start_db = float(reduction[commit - 1])

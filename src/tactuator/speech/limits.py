@@ -9,6 +9,7 @@ positive window exceeds 4 A / pi (that of a square wave), so no component exceed
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,9 @@ SAFETY_DB = 0.25
 QUIET_ABOVE_HZ = 320.0
 """Every coding is silent above; see the codings."""
 
+COARSE = 3
+"""Predictions of quiet stretches are looked at on every third sample only."""
+
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
@@ -32,13 +36,16 @@ class Constraint:
 
     kind: comfort, travel or command. response: at the bins of a transform of `size` samples. norm: sum of the
     magnitudes of its impulse response as far as a reference that is silent above 320 Hz can tell; ceiling: of |r|,
-    below which norm * |r| cannot reach the limit.
+    below which norm * |r| cannot reach the limit. coarse: the response up to 320 Hz, on the bins of a transform of a
+    quarter of the length; beyond: its greatest magnitude above.
     """
 
     kind: str
     response: NDArray[np.complex128]
     limit: float
     norm: float
+    coarse: NDArray[np.complex128]
+    beyond: float
 
     @property
     def ceiling(self) -> float:
@@ -60,6 +67,15 @@ class ChannelLimits:
         return min(self.peak, *(constraint.ceiling for constraint in self.constraints))
 
 
+def between_samples(rate_hz: float) -> float:
+    """How much greater a signal below 320 Hz can be between every third sample than on them: 1/cos(pi f / rate).
+
+    (Ehlich & Zeller 1964, Math. Z. 86, 41-44.)
+    """
+    return float(1.0 / np.cos(np.pi * QUIET_ABOVE_HZ * COARSE / rate_hz))
+
+
+@lru_cache(maxsize=16)
 def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimits:
     """The limits of a channel for transforms of `size` samples at the controller's rate."""
     channel, designed = controller.display.channel(name), controller.channel(name).limits
@@ -78,7 +94,9 @@ def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimit
             ("travel", _finite(prediction.displacement(frequency)), keep * channel.travel_mm),
             ("command", _finite(prediction.command(frequency)), command_v),
         ):
-            constraints.append(Constraint(kind, response, limit, _norm(response, frequency, size)))
+            norm = _norm(response, frequency, size)
+            coarse = (np.where(heard, response, 0.0))[: size // COARSE // 2 + 1]
+            constraints.append(Constraint(kind, response, limit, norm, coarse, float(np.abs(response[~heard]).max())))
     return ChannelLimits(name, 0.25 * np.pi * comfort / gain, tuple(constraints))
 
 

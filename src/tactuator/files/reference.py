@@ -1,0 +1,258 @@
+"""References: what a display is to play, in threshold units, one column a channel.
+
+A WAV is float32 with 1.0 standing for a stated level (60 dB SL: amplitude 1000); the level stands in its INFO comment
+and, with curves, band and provenance, in NAME.json beside it. An HDF5 file holds threshold units themselves in the
+dataset `reference` (n, channels), and everything else as attributes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import soundfile
+from numpy.typing import NDArray
+
+from tactuator.errors import BadInput
+from tactuator.files.atomic import atomic_path, write_text
+
+FULL_SCALE_DB_SL = 60.0
+BLOCK_FRAMES = 1 << 14
+SUFFIXES = (".wav", ".h5", ".hdf5")
+LARGEST_WAV_BYTES = (1 << 32) - (1 << 16)
+FORMAT = "tactuator-reference/1"
+
+
+@dataclass(frozen=True)
+class ReferenceHead:
+    """What a reference says of itself. curves: channel -> (name, SHA-256 of the points); provenance: plain JSON."""
+
+    rate_hz: float
+    channels: tuple[str, ...]
+    curves: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    band_hz: tuple[float, float] | None = None
+    full_scale_db_sl: float = FULL_SCALE_DB_SL
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def full_scale(self) -> float:
+        """Threshold units for which 1.0 stands in a WAV."""
+        return float(10.0 ** (self.full_scale_db_sl / 20.0))
+
+    def document(self) -> dict[str, Any]:
+        """What stands in NAME.json."""
+        named = {name: {"name": curve, "hash": digest} for name, (curve, digest) in self.curves.items()}
+        return {
+            "format": FORMAT,
+            "full_scale_db_sl": self.full_scale_db_sl,
+            "curve": next(iter(named.values()), None),
+            "curves": named,
+            "band_hz": None if self.band_hz is None else list(self.band_hz),
+            "channels": list(self.channels),
+            "rate_hz": self.rate_hz,
+            "provenance": dict(self.provenance),
+        }
+
+    def comment(self) -> str:
+        """What stands in a WAV's INFO comment."""
+        curve = ",".join(sorted({name for name, _ in self.curves.values()}))
+        return (
+            f"tactuator reference: 1.0 = {self.full_scale_db_sl:g} dB SL; channels {','.join(self.channels)}; "
+            f"curve {curve or 'unknown'}"
+        )
+
+
+class ReferenceWriter:
+    """Takes blocks (n, channels) in threshold units; made by `write_reference`."""
+
+    def __init__(self, sink: Any, head: ReferenceHead, path: Path) -> None:
+        self._sink, self._head, self._path = sink, head, path
+        self.frames = 0
+
+    def write(self, block: NDArray[np.float64]) -> None:
+        """Append a block. Raises BadInput for another shape, samples that are not finite, or where it cannot go."""
+        if block.ndim != 2 or block.shape[1] != len(self._head.channels):
+            raise BadInput(f"reference block of shape {block.shape}; allowed: (n, {len(self._head.channels)})")
+        if not np.all(np.isfinite(block)):
+            raise BadInput("reference block holds a sample that is not finite; allowed: finite threshold units")
+        with _told(self._path):
+            self._append(block)
+        self.frames += len(block)
+
+    def _append(self, block: NDArray[np.float64]) -> None:
+        if isinstance(self._sink, soundfile.SoundFile):
+            after = (self.frames + len(block)) * 4 * block.shape[1]
+            if after > LARGEST_WAV_BYTES:
+                raise BadInput(f"{self._path}: more than 4 GB; allowed in a WAV: less (an .h5 may be as long as the disk)")
+            self._sink.write((block / self._head.full_scale).astype(np.float32))
+        else:
+            self._sink.resize(self.frames + len(block), axis=0)
+            self._sink[self.frames :] = block.astype(np.float32)
+
+
+@contextmanager
+def write_reference(path: str | Path, head: ReferenceHead) -> Iterator[ReferenceWriter]:
+    """Yield a writer of `path` (.wav, .h5, .hdf5); the file and its NAME.json appear whole at the end, or not at all.
+
+    Raises BadInput for another ending, a rate that is not a whole number of hertz (WAV), or a full disk.
+    """
+    path = Path(path)
+    check_suffix(path)
+    if path.suffix == ".wav" and head.rate_hz != int(head.rate_hz):
+        raise BadInput(f"{path}: rate {head.rate_hz:g} Hz; allowed in a WAV: a whole number of hertz")
+    with atomic_path(path) as beside:
+        if path.suffix == ".wav":
+            with _told(path), _wav(beside, head) as file:
+                yield ReferenceWriter(file, head, path)
+        else:
+            with _told(path), h5py.File(beside, "w") as file:
+                yield ReferenceWriter(_dataset(file, head), head, path)
+        if path.suffix == ".wav":
+            write_text(path.with_suffix(".json"), json.dumps(head.document(), indent=1, allow_nan=False) + "\n")
+
+
+def check_suffix(path: Path) -> None:
+    """BadInput unless `path` ends as a reference does."""
+    if path.suffix not in SUFFIXES:
+        raise BadInput(f"reference {path}: ending {path.suffix!r}; allowed: {', '.join(SUFFIXES)}")
+
+
+@dataclass(frozen=True)
+class ReferenceFile:
+    """A reference that can be read."""
+
+    path: Path
+    head: ReferenceHead
+    frames: int
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds."""
+        return self.frames / self.head.rate_hz
+
+    def blocks(self, block_frames: int = BLOCK_FRAMES) -> Iterator[NDArray[np.float64]]:
+        """Blocks (n, channels), threshold units."""
+        if self.path.suffix == ".wav":
+            with soundfile.SoundFile(self.path) as file:
+                while len(block := file.read(block_frames, dtype="float64", always_2d=True)):
+                    yield _finite(block * self.head.full_scale, self.path)
+        else:
+            with h5py.File(self.path) as file:
+                for start in range(0, self.frames, block_frames):
+                    yield _finite(file["reference"][start : start + block_frames].astype(np.float64), self.path)
+
+
+def open_reference(path: str | Path) -> ReferenceFile:
+    """Look at a reference; BadInput, one line, if it is missing, not one, or does not say its scale."""
+    path = Path(path)
+    check_suffix(path)
+    if not path.is_file():
+        raise BadInput(f"reference {path}: no such file; allowed: a file that `render` wrote")
+    try:
+        return _open_wav(path) if path.suffix == ".wav" else _open_hdf5(path)
+    except (soundfile.LibsndfileError, OSError, KeyError, TypeError, ValueError) as error:
+        if isinstance(error, BadInput):
+            raise
+        raise BadInput(f"reference {path}: cannot be read as one; allowed: a file that `render` wrote") from None
+
+
+def content_sha256(path: str | Path) -> str:
+    """SHA-256 (hex) of a reference's samples as little-endian float32 threshold units, whatever the file's kind."""
+    digest = hashlib.sha256()
+    for block in open_reference(path).blocks():
+        digest.update(block.astype("<f4").tobytes())
+    return digest.hexdigest()
+
+
+@contextmanager
+def _wav(beside: Path, head: ReferenceHead) -> Iterator[soundfile.SoundFile]:
+    rate = int(head.rate_hz)
+    with soundfile.SoundFile(beside, "w", rate, len(head.channels), subtype="FLOAT", format="WAV") as file:
+        file.comment = head.comment()
+        yield file
+
+
+def _dataset(file: h5py.File, head: ReferenceHead) -> Any:
+    width = len(head.channels)
+    data = file.create_dataset(
+        "reference", shape=(0, width), maxshape=(None, width), chunks=(BLOCK_FRAMES, width), dtype="<f4"
+    )
+    data.attrs["units"] = "threshold units (a sinusoid of amplitude 1 is at 0 dB SL)"
+    file.attrs["head"] = json.dumps(head.document(), allow_nan=False)
+    file.attrs["format"] = FORMAT
+    file.attrs["rate_hz"] = head.rate_hz
+    return data
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """A disk that is full, or a place that cannot be written, as one line."""
+    try:
+        yield
+    except BadInput:
+        raise
+    except (soundfile.LibsndfileError, OSError) as error:
+        reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
+        raise BadInput(f"{path}: cannot be written ({reason}); allowed: a place with room to write") from None
+    except AssertionError:  # soundfile's own, where fewer frames were written than given
+        raise BadInput(f"{path}: cannot be written (the disk is full); allowed: a place with room to write") from None
+
+
+def _finite(block: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
+    if not np.all(np.isfinite(block)):
+        raise BadInput(f"reference {path}: a sample is not a finite number; allowed: finite samples")
+    return block
+
+
+def _open_wav(path: Path) -> ReferenceFile:
+    beside = path.with_suffix(".json")
+    with soundfile.SoundFile(path) as file:
+        rate, width, frames, comment = file.samplerate, file.channels, file.frames, file.comment
+    if beside.is_file():
+        head = _head(json.loads(beside.read_text(encoding="utf-8")))
+    else:
+        found = re.search(r"1\.0 = ([-+.0-9e]+) dB SL; channels ([^;]+);", comment or "")
+        if found is None:
+            raise BadInput(
+                f"reference {path}: no {beside.name} beside it and no scale in its INFO comment; "
+                "allowed: a file that says for how many dB SL 1.0 stands"
+            )
+        head = ReferenceHead(float(rate), tuple(found[2].split(",")), full_scale_db_sl=float(found[1]))
+    if len(head.channels) != width or head.rate_hz != rate:
+        raise BadInput(
+            f"reference {path}: {width} channels at {rate} Hz, but its scale is for {len(head.channels)} at "
+            f"{head.rate_hz:g} Hz; allowed: a scale that fits"
+        )
+    return ReferenceFile(path, head, frames)
+
+
+def _open_hdf5(path: Path) -> ReferenceFile:
+    with h5py.File(path) as file:
+        head = _head(json.loads(str(file.attrs["head"])))
+        shape = file["reference"].shape
+    if len(shape) != 2 or shape[1] != len(head.channels):
+        raise BadInput(f"reference {path}: dataset of shape {shape}; allowed: (n, {len(head.channels)})")
+    return ReferenceFile(path, head, int(shape[0]))
+
+
+def _head(document: Mapping[str, Any]) -> ReferenceHead:
+    level = float(document["full_scale_db_sl"])
+    if not np.isfinite(level):
+        raise ValueError("scale")
+    band = document.get("band_hz")
+    return ReferenceHead(
+        float(document["rate_hz"]),
+        tuple(str(name) for name in document["channels"]),
+        {name: (str(c["name"]), str(c["hash"])) for name, c in document.get("curves", {}).items()},
+        None if band is None else (float(band[0]), float(band[1])),
+        level,
+        document.get("provenance", {}),
+    )
