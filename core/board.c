@@ -24,7 +24,7 @@ void tact_board_reset(tact_board *board, int32_t channels_max, float *stream, ui
 
 static float motor_v(const tact_converter *converter, int32_t code)
 {
-    return converter->polarity_single * ((float)code * converter->step_v_single) + converter->offset_v_single;
+    return (float)code * converter->motor_step_v_single + converter->offset_v_single;
 }
 
 void tact_board_latch(tact_board *board, int32_t *codes)

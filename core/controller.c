@@ -27,5 +27,5 @@ void tact_controller_run(const tact_controller *table, tact_controller_state *st
                          const float *position_v, float *command_v, size_t samples)
 {
     for (size_t k = 0; k < samples; k++)
-        command_v[k] = tact_controller_step(table, state, reference[k], position_v[k]);
+        command_v[k] = tact_controller_step(table, state, reference[k], tact_finite(position_v[k], TACT_POSITION_MAX));
 }

@@ -81,7 +81,8 @@ inline float tact_controller_limit(const tact_controller *table, tact_controller
     return state->broken ? 0.0f : command;
 }
 
-/* One sample: reference (threshold units) and position (volts) in, command (volts, within the limits) out. */
+/* One sample: reference (threshold units, any bits) and position (volts, finite: a converter gave it) in, command
+ * (volts, within the limits) out. */
 inline float tact_controller_step(const tact_controller *table, tact_controller_state *state, float reference,
                                   float position_v)
 {
@@ -90,13 +91,13 @@ inline float tact_controller_step(const tact_controller *table, tact_controller_
         value = tact_section_step(&table->prefilter[i], &state->prefilter[i], value);
     if (table->feedback_count == 0)
         return tact_controller_limit(table, state, value, NULL);
-    value = value - tact_finite(position_v, TACT_POSITION_MAX);
+    value = value - position_v;
     for (int32_t i = 0; i < table->feedback_count; i++)
         value = tact_section_step(&table->feedback[i], &state->feedback[i], value);
     return tact_controller_limit(table, state, value, &state->feedback[table->feedback_count - 1]);
 }
 
-/* samples of one channel, for tests and benchmarks: no converters, no delay, no device. */
+/* samples of one channel, for tests and benchmarks: no converters, no delay, no device. position_v: any bits. */
 void tact_controller_run(const tact_controller *table, tact_controller_state *state, const float *reference,
                          const float *position_v, float *command_v, size_t samples);
 

@@ -10,12 +10,12 @@ void tact_converter_make(tact_converter *converter, int bits, double range_v, do
     const int32_t half = (int32_t)1 << (bits - 1);
     converter->step_v = range_v / (double)half;
     converter->steps_per_v = (double)half / range_v;
+    converter->motor_step_v = polarity * converter->step_v;
     converter->offset_v = offset_v;
-    converter->polarity = polarity;
     converter->step_v_single = (float)converter->step_v;
-    converter->steps_per_v_single = (float)converter->steps_per_v;
+    converter->motor_step_v_single = (float)converter->motor_step_v;
+    converter->motor_steps_per_v_single = (float)(polarity * converter->steps_per_v);
     converter->offset_v_single = (float)offset_v;
-    converter->polarity_single = (float)polarity;
     converter->code_min = -half;
     converter->code_max = half - 1;
 }

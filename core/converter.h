@@ -23,11 +23,10 @@
 #include "finite.h"
 
 typedef struct {
-    double step_v; /* one code, volts */
-    double steps_per_v;
+    double step_v, steps_per_v; /* A/D: volts per code */
+    double motor_step_v;        /* D/A: volts per code at the motor, the sign is the polarity */
     double offset_v;
-    double polarity; /* +1 or -1 */
-    float step_v_single, steps_per_v_single, offset_v_single, polarity_single;
+    float step_v_single, motor_step_v_single, motor_steps_per_v_single, offset_v_single;
     int32_t code_min, code_max;
 } tact_converter;
 
@@ -40,8 +39,7 @@ inline float tact_converter_position_v(const tact_converter *converter, int32_t 
 /* Processor: the D/A code that brings command_v (finite) to the motor; saturates. */
 inline int32_t tact_converter_code(const tact_converter *converter, float command_v)
 {
-    const float converter_v = converter->polarity_single * (command_v - converter->offset_v_single);
-    const float steps = converter_v * converter->steps_per_v_single;
+    const float steps = (command_v - converter->offset_v_single) * converter->motor_steps_per_v_single;
     const float low = (float)converter->code_min, high = (float)converter->code_max;
     const float cut = steps > high ? high : steps;
     const float inside = cut < low ? low : cut;
@@ -51,16 +49,16 @@ inline int32_t tact_converter_code(const tact_converter *converter, float comman
 /* Device: what the motor sees of a D/A code, volts. */
 inline double tact_converter_motor_v(const tact_converter *converter, int32_t code)
 {
-    return converter->polarity * ((double)code * converter->step_v) + converter->offset_v;
+    return (double)code * converter->motor_step_v + converter->offset_v;
 }
 
-/* Device: the A/D's code for position_v (finite). */
+/* Device: the A/D's code for position_v; a NaN gives code_min. */
 inline int32_t tact_converter_sense(const tact_converter *converter, double position_v)
 {
     const double steps = position_v * converter->steps_per_v;
     const double low = (double)converter->code_min, high = (double)converter->code_max;
-    const double cut = steps > high ? high : steps;
-    const double inside = cut < low ? low : cut;
+    const double cut = steps > low ? steps : low; /* NaN fails */
+    const double inside = cut < high ? cut : high;
     return (int32_t)(inside + (inside < 0.0 ? -0.5 : 0.5));
 }
 

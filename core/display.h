@@ -97,7 +97,7 @@ inline int32_t tact_display_read_order(int32_t order, const tact_display *table,
     const double clean_v = tact_display_sense(order, table, state);
     const double sensed_v =
         clean_v + (tact_hum_next(&table->hum, &state->hum) + table->noise_v * tact_noise_next(&state->noise));
-    return tact_converter_sense(&table->converter, tact_finite_double(sensed_v, 1e6));
+    return tact_converter_sense(&table->converter, sensed_v);
 }
 
 /* To the next instant. */

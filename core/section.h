@@ -47,7 +47,7 @@ inline float tact_section_step(const tact_section *section, tact_section_state *
     const float y = section->b0 * x + state->s1;
     const float s1 = state->s1 + ((section->b1 * x - section->a1 * y) + state->s2);
     const float s2 = state->s2 + (section->b2 * x - section->a2 * y);
-    const int at_rest = (x == 0.0f) & (s1 < TACT_TINY) & (s1 > -TACT_TINY) & (s2 < TACT_TINY) & (s2 > -TACT_TINY);
+    const int at_rest = x == 0.0f && s1 < TACT_TINY && s1 > -TACT_TINY && s2 < TACT_TINY && s2 > -TACT_TINY;
     state->s1 = at_rest ? 0.0f : s1;
     state->s2 = at_rest ? 0.0f : s2;
     return y;
