@@ -6,4 +6,5 @@ VERBS: tuple[str, ...] = (
     "check",
     "reproduce",
     "experiment",
+    "identify",
 )

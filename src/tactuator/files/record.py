@@ -1,0 +1,150 @@
+"""Records: our own HDF5, and whatever else holds a command and a position."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator import __version__
+from tactuator.errors import BadInput
+from tactuator.files.atomic import atomic_path
+from tactuator.files.columns import MOST_SAMPLES, Columns, read_columns
+from tactuator.files.stamps import read_stamps
+from tactuator.signals.record import Record
+
+Array = NDArray[np.float64]
+FORMAT = "tactuator-record/1"
+INPUT_NAMES = ("command_v", "command", "input", "u", "voltage", "in")
+OUTPUT_NAMES = ("position_v", "position", "output", "y", "out")
+TIME_NAMES = ("time_s", "time", "t", "time_ms", "t_ms", "time_us", "t_us", "timestamp", "seconds")
+RATE_NAMES = ("rate_hz", "fs", "rate", "samplerate", "sample_rate", "sampling_rate")
+STEP_NAMES = ("ts", "dt", "sample_time", "sampletime")
+
+
+def read_record(
+    path: str | Path,
+    *,
+    input_name: str | None = None,
+    output_name: str | None = None,
+    time_name: str | None = None,
+    rate_hz: float | None = None,
+) -> Record:
+    """Read a record of any format that `read_columns` knows; names of columns or variables choose what is what.
+
+    Left to itself it takes the usual names (command_v, input, u, ...), or, of exactly two columns beside the time, the
+    first as command. The rate comes from rate_hz, the file, or the time stamps, which must agree. Raises BadInput.
+    """
+    path = Path(path)
+    columns = read_columns(path)
+    try:
+        return _assemble(path, columns, input_name, output_name, time_name, rate_hz)
+    except BadInput as error:
+        raise BadInput(f"record {path}: {error}") from None
+
+
+def _assemble(
+    path: Path, columns: Columns, input_name: str | None, output_name: str | None, time_name: str | None, rate_hz: float | None
+) -> Record:
+    time = _pick(columns, time_name, TIME_NAMES, "time")
+    u_name, y_name = _signals(columns, input_name, output_name, time)
+    u, y = columns.values[u_name], columns.values[y_name]
+    if u.size != y.size:
+        raise BadInput(f"{u_name} has {u.size} samples, {y_name} {y.size}; allowed: as many of each")
+    for name, values in ((u_name, u), (y_name, y)):
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            raise BadInput(f"{name} is not a number in row {bad[0] + 1} ({bad.size} rows in all); allowed: numbers")
+    remarks = [f"only the first {u.size} samples are read"] if columns.cut else []
+    known = _known_rate(columns, rate_hz)
+    if time is not None and columns.values[time].size == u.size:
+        stamps = read_stamps(_seconds(time, columns.values[time]), known)
+        u, y = stamps.spread(u, True), stamps.spread(y, False)
+        known, remarks = stamps.rate_hz, remarks + list(stamps.remarks)
+    elif known is None:
+        raise BadInput("there is no rate and no time stamps; allowed: a time column, or --rate-hz")
+    about = {"file": path.name, "input": u_name, "output": y_name} | dict(columns.attributes)
+    return Record(
+        rate_hz=float(known),
+        command=u,
+        position=y,
+        command_unit=columns.units.get(u_name, "V" if u_name.endswith("_v") else ""),
+        position_unit=columns.units.get(y_name, "V" if y_name.endswith("_v") else ""),
+        about=about,
+        remarks=tuple(remarks),
+    )
+
+
+def _known_rate(columns: Columns, rate_hz: float | None) -> float | None:
+    """From the option, or the file: an attribute, a variable fs or Ts; the two must agree."""
+    if rate_hz is not None and not (np.isfinite(rate_hz) and rate_hz > 0.0):
+        raise BadInput(f"the rate given is {rate_hz:g} Hz; allowed: a positive number")
+    inside = columns.rate_hz
+    for name, values in columns.values.items():
+        if values.size == 1 and inside is None and values[0] > 0.0:
+            plain = name.lower().rpartition(".")[2]
+            if plain in RATE_NAMES:
+                inside = float(values[0])
+            elif plain in STEP_NAMES:
+                inside = 1.0 / float(values[0])
+    if rate_hz is None:
+        return inside
+    if inside is not None and abs(rate_hz / inside - 1.0) > 0.01:
+        raise BadInput(f"the rate given is {rate_hz:g} Hz, the file says {inside:g} Hz; allowed: one that agrees")
+    return rate_hz
+
+
+def _seconds(name: str, values: Array) -> Array:
+    for ending, factor in (("_ms", 1e-3), ("_us", 1e-6), ("_ns", 1e-9)):
+        if name.lower().endswith(ending):
+            return values * factor
+    return values
+
+
+def _pick(columns: Columns, asked: str | None, usual: tuple[str, ...], what: str) -> str | None:
+    if asked is not None:
+        if asked in columns.values:
+            return asked
+        raise BadInput(f"there is no {what} column {asked!r}; allowed: {', '.join(columns.values)}")
+    lower = {name.lower().rpartition(".")[2]: name for name in reversed(list(columns.values))}
+    lower |= {name.lower(): name for name in columns.values}
+    return next((lower[name] for name in usual if name in lower and columns.values[lower[name]].size > 1), None)
+
+
+def _signals(columns: Columns, input_name: str | None, output_name: str | None, time: str | None) -> tuple[str, str]:
+    u = _pick(columns, input_name, INPUT_NAMES, "input")
+    y = _pick(columns, output_name, OUTPUT_NAMES, "output")
+    rest = [name for name, values in columns.values.items() if name != time and values.size > 1]
+    if u is None and y is None and len(rest) == 2:
+        u, y = rest
+    elif u is None and len(rest) == 2 and y in rest:
+        u = next(name for name in rest if name != y)
+    elif y is None and len(rest) == 2 and u in rest:
+        y = next(name for name in rest if name != u)
+    if u is None or y is None:
+        missing = "--input" if u is None else "--output"
+        raise BadInput(f"which column is which is not clear; allowed: {missing} with one of {', '.join(rest)}")
+    if u == y:
+        raise BadInput(f"input and output are both {u!r}; allowed: two different columns")
+    return u, y
+
+
+def write_record(path: str | Path, record: Record) -> None:
+    """Write our own HDF5: datasets command, position (and reference) with their units, rate and origin as attributes."""
+    with atomic_path(path) as beside, h5py.File(beside, "w") as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["tool"] = __version__
+        file.attrs["rate_hz"] = record.rate_hz
+        for key, value in record.about.items():
+            file.attrs[key] = value
+        signals = [("command", record.command, record.command_unit), ("position", record.position, record.position_unit)]
+        if record.reference is not None:
+            signals.append(("reference", record.reference, "1"))
+        for name, values, unit in signals:
+            file.create_dataset(name, data=values, compression="gzip", compression_opts=1, shuffle=True)
+            file[name].attrs["unit"] = unit
+
+
+__all__ = ["FORMAT", "MOST_SAMPLES", "read_record", "write_record"]
