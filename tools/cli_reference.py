@@ -57,7 +57,7 @@ def section(path, command):
 def row(parameter, context):
     """Return one table row: names, meaning, default."""
     argument = parameter.param_type_name == "argument"
-    names = parameter.human_readable_name if argument else ", ".join([*parameter.opts, *parameter.secondary_opts])
+    names = parameter.display_name_raw if argument else ", ".join([*parameter.opts, *parameter.secondary_opts])
     kind = "" if getattr(parameter, "is_flag", False) else " " + parameter.display_type(context)
     shown = f"`{names}`" if argument else f"`{names}{kind}`"
     meaning = " ".join((getattr(parameter, "help", None) or "").split())

@@ -34,6 +34,7 @@ def test_commands__each_parameter__says_what_it_is():
     assert silent == []
 
 
-def test_commands__each__can_answer_in_json():
-    mute = [" ".join(path) for path, command in COMMANDS if not any("--json" in p.opts for p in command.params)]
+def test_commands__each_that_ends_by_itself__can_answer_in_json():
+    answering = [(path, command) for path, command in COMMANDS if path[-1] != "serve"]
+    mute = [" ".join(path) for path, command in answering if not any("--json" in p.opts for p in command.params)]
     assert mute == []
