@@ -165,11 +165,16 @@ def open_reference(path: str | Path) -> ReferenceFile:
 
 
 def content_sha256(path: str | Path) -> str:
-    """SHA-256 (hex) of a reference's samples as little-endian float32 threshold units, whatever the file's kind."""
-    digest = hashlib.sha256()
-    for block in open_reference(path).blocks():
-        digest.update(block.astype("<f4").tobytes())
+    """SHA-256 (hex) of a reference's samples as a WAV holds them (see `sample_bytes`), whatever the file's kind."""
+    reference, digest = open_reference(path), hashlib.sha256()
+    for block in reference.blocks():
+        digest.update(sample_bytes(block, reference.head))
     return digest.hexdigest()
+
+
+def sample_bytes(block: NDArray[np.float64], head: ReferenceHead) -> bytes:
+    """A block (n, channels) of threshold units as little-endian float32 shares of full scale."""
+    return (block / head.full_scale).astype("<f4").tobytes()
 
 
 @contextmanager

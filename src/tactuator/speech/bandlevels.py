@@ -41,10 +41,12 @@ class BandAnalysis:
     low_hz: float = 2.0
     high_hz: float = 300.0
     bands: tuple[Band, ...] = field(init=False)
+    _bins: dict[Band, tuple[int, NDArray[np.float64]]] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         bands = third_octave_bands(self.low_hz, self.high_hz)
         object.__setattr__(self, "bands", tuple(band for band in bands if band.high_hz <= self.high_hz))
+        object.__setattr__(self, "_bins", {band: self._weights(band) for band in self.bands})
 
     @property
     def long_bands(self) -> tuple[Band, ...]:
@@ -90,10 +92,9 @@ class BandAnalysis:
         first, per_frame = round(ENVELOPE_RATE_HZ * MARGIN_S), round(ENVELOPE_RATE_HZ * frame_s)
         levels = np.empty((count, len(bands)))
         for column, band in enumerate(bands):
-            start, weights = self._weights(band)
-            bins = np.zeros(samples, dtype=np.complex128)
-            bins[: len(weights)] = spectrum[start : start + len(weights)] * weights
-            envelope = fft.ifft(bins) * (2.0 * samples / self.chunk)
+            start, weights = self._bins[band]
+            bins = spectrum[start : start + len(weights)] * weights
+            envelope = fft.ifft(bins, samples) * (2.0 * samples / self.chunk)
             power = np.abs(envelope[first : first + count * per_frame]) ** 2
             levels[:, column] = power.reshape(count, per_frame).mean(axis=1)
         with np.errstate(divide="ignore"):

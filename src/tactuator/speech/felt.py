@@ -6,6 +6,7 @@ phase, those of the designed H without load, are taken out, so that levels of th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from tactuator.speech.bandlevels import LONG_FRAME_S, SHORT_FRAME_S, BandAnalysi
 from tactuator.speech.prediction import ChannelPrediction
 
 Levels = NDArray[np.float64]
+Sink = Callable[[NDArray[np.float64]], None]
 
 HEARD_DB_SL = 10.0
 """Only bands asked for at this level or above are compared: below, friction and noise are what there is."""
@@ -74,10 +76,14 @@ class FeltReport:
 
 
 class FeltComparison:
-    """Takes reference and displacement block by block; memory grows by the levels alone."""
+    """Takes reference and displacement block by block; memory grows by the levels alone.
 
-    def __init__(self, controller: Controller, rate_hz: float | None = None) -> None:
-        self.analysis = BandAnalysis(controller.rate_hz if rate_hz is None else rate_hz)
+    sink: is given the felt signal, blocks (n, channels) in threshold units at the moments of the reference's samples.
+    """
+
+    def __init__(self, controller: Controller, sink: Sink | None = None) -> None:
+        self.analysis = BandAnalysis(controller.rate_hz)
+        self._sink = sink
         self._names = tuple(channel.name for channel in controller.display.channels)
         self._weights = np.stack([self._weight(ChannelPrediction.of(controller, name)) for name in self._names])
         self._chunker = Chunker(self.analysis, 2 * len(self._names))
@@ -112,6 +118,11 @@ class FeltComparison:
         limit = {} if seconds is None else {"seconds": seconds}
         spectra = fft.rfft(chunk * self._taper)
         half = len(self._names)
+        if self._sink is not None:
+            start = self.analysis.margin
+            stop = start + (self.analysis.hop if seconds is None else round(seconds * self.analysis.rate_hz))
+            felt = fft.irfft(spectra[half:] * self._weights, self.analysis.chunk)
+            self._sink(np.ascontiguousarray(felt[:, start:stop].T))
         for index in range(half):
             self._asked[index].append(self.analysis.frames(spectra[index], **limit))
             self._felt[index].append(self.analysis.frames(spectra[half + index] * self._weights[index], **limit))
