@@ -46,7 +46,7 @@ def test_atomic__no_folder_or_a_file_in_the_way__is_refused(tmp_path: Path) -> N
     write_text(tmp_path / "file", "x")
     with pytest.raises(BadInput, match="is a file; allowed: a folder"), atomic_folder(tmp_path / "file"):
         pass
-    with pytest.raises(BadInput, match="cannot be made"), atomic_folder(tmp_path / "file" / "below"):
+    with pytest.raises(BadInput, match="is not a folder"), atomic_folder(tmp_path / "file" / "below"):
         pass
 
 

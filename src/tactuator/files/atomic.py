@@ -44,11 +44,10 @@ def require_folder(path: str | os.PathLike[str], own_names: frozenset[str]) -> N
     others = sorted({entry.name for entry in target.iterdir()} - own_names) if target.is_dir() else []
     if others:
         raise BadInput(f"{target} holds other files ({others[0]}, ...); allowed: a new or empty folder")
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInput(f"{target} cannot be made: {error.strerror}; allowed: a folder that can be written") from None
-    _check_parent(target)
+    ancestor = next(folder for folder in target.absolute().parents if folder.exists())
+    if not ancestor.is_dir():
+        raise BadInput(f"{ancestor} is not a folder; allowed: a place in a folder")
+    _check_writable(ancestor)
 
 
 @contextmanager
@@ -60,6 +59,10 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     target = Path(path)
     own = frozenset(entry.name for entry in target.iterdir()) if target.is_dir() else frozenset()
     require_folder(target, own)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"{target} cannot be made: {error.strerror}; allowed: a folder that can be written") from None
     beside = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
     try:
         yield beside
@@ -83,5 +86,9 @@ def _check_parent(target: Path) -> None:
     parent = target.parent
     if not parent.is_dir():
         raise BadInput(f"{parent} is not a folder; allowed: a place in a folder that exists")
-    if not os.access(parent, os.W_OK | os.X_OK):
-        raise BadInput(f"{parent} cannot be written; allowed: a folder with permission to write")
+    _check_writable(parent)
+
+
+def _check_writable(folder: Path) -> None:
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise BadInput(f"{folder} cannot be written; allowed: a folder with permission to write")

@@ -79,7 +79,7 @@ def _response_rows(study: Study) -> list[Row]:
     here = f"down to {low:.2f} dB below 50 Hz: friction (without it within {smooth:.2f} dB)"
     rows.append(Row("response at 0 dB SL, unloaded", "deviations at a few frequencies", here))
     for objective in study.objectives:
-        rows.append(Row(f"objective {objective.number}", "met", "met" if objective.met else "not met"))
+        rows.append(Row(f"objective {objective.number}", "asked", "met" if objective.met else "not met"))
     return rows
 
 
