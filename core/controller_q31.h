@@ -25,7 +25,7 @@ typedef struct {
     int32_t feedback_count; /* 0: no feedback */
     tact_section_q31 prefilter[TACT_PREFILTER_MAX];
     tact_section_q31 feedback[TACT_FEEDBACK_MAX];
-    int32_t anti_windup[2]; /* mantissas over 2^(24 + shift), as the sections' coefficients, within 2^30 */
+    int32_t anti_windup[2]; /* mantissas over 2^(21 + shift), as the sections' coefficients, within 2^30 */
     uint8_t anti_windup_shift[2];
     int32_t command_max; /* Q31 of 32 V */
 } tact_controller_q31;

@@ -2,6 +2,7 @@
 
 #include "bytes.h"
 #include "crc32.h"
+#include "report.h"
 
 enum { ROWS_AT_ONCE = 16 };
 
@@ -29,75 +30,6 @@ void tact_link_reset(tact_link *link, tact_board *board, tact_wired *wired, cons
     link->cobs.buffer = link->received;
     link->cobs.capacity = sizeof link->received;
     link->cobs.done = 1;
-}
-
-/* -- what the board says ------------------------------------------------------------------------------------------- */
-
-static int32_t write_status(const tact_link *link, tact_writer *out)
-{
-    const tact_board *board = link->board;
-    for (int i = 0; i < TACT_BOARD_NAME_SIZE; i++)
-        tact_write_u8(out, link->name[i]);
-    tact_write_u8(out, (uint8_t)board->channels_max);
-    tact_write_u8(out, (uint8_t)board->mode);
-    tact_write_u8(out, (uint8_t)board->fault);
-    tact_write_u8(out, (uint8_t)(board->fault_channel & 255));
-    tact_write_u8(out, (uint8_t)tact_board_is_at_rest(board));
-    tact_write_u8(out, (uint8_t)board->allows_hold);
-    tact_write_u8(out, (uint8_t)board->image.format);
-    tact_write_u8(out, (uint8_t)board->safety.delay_samples);
-    tact_write_f32(out, board->safety.rate_hz);
-    tact_write_u32(out, board->safety.channels ? board->safety.crc : 0);
-    tact_write_u32(out, board->image.format ? board->image.crc : 0);
-    tact_write_u32(out, link->wired && link->wired->channels ? link->wired->crc : 0);
-    tact_write_u32(out, board->stream_capacity);
-    tact_write_u32(out, board->trace_capacity);
-    tact_write_u32(out, board->run);
-    tact_write_u32(out, board->tick);
-    tact_write_u32(out, board->ticks);
-    tact_write_u32(out, board->late);
-    tact_write_u32(out, board->stream_end);
-    tact_write_u32(out, link->heard);
-    tact_write_u32(out, link->dropped);
-    tact_write_u32(out, board->fault_tick);
-    return TACT_DONE;
-}
-
-static void write_rows(const tact_link *link, tact_writer *out, uint32_t first, uint32_t count, int felt)
-{
-    const tact_board *board = link->board;
-    const uint32_t width = (uint32_t)board->channels;
-    for (uint32_t k = 0; k < count; k++) {
-        const uint32_t row = (first + k) & (board->trace_capacity - 1);
-        for (uint32_t i = 0; i < 2 * width; i++)
-            tact_write_u32(out, (uint32_t)board->trace[row * 2 * width + i]);
-        for (uint32_t c = 0; c < width && felt; c++)
-            tact_write_f32(out, link->wired->felt_mm[row * width + c]);
-    }
-}
-
-static int32_t give_trace(const tact_link *link, tact_reader *in, tact_writer *out)
-{
-    const tact_board *board = link->board;
-    const uint32_t run = tact_read_u32(in), first = tact_read_u32(in);
-    uint32_t count = tact_read_u16(in);
-    const int felt = tact_read_u8(in) != 0;
-    const uint32_t row_size = (uint32_t)board->channels * (felt ? 12u : 8u);
-    if (in->overrun || in->at != in->size || (felt && !link->wired))
-        return TACT_BAD_PAYLOAD;
-    if (run != board->run)
-        return TACT_OTHER_RUN;
-    const uint32_t tick = board->tick;
-    if (first > tick || tick - first > board->trace_capacity)
-        return TACT_NOT_HERE;
-    if (count > tick - first)
-        count = tick - first;
-    if (count > (TACT_PAYLOAD_MAX - 16u) / row_size)
-        count = (TACT_PAYLOAD_MAX - 16u) / row_size;
-    tact_write_u32(out, first);
-    tact_write_u16(out, (uint16_t)count);
-    write_rows(link, out, first, count, felt);
-    return board->tick - first > board->trace_capacity ? TACT_NOT_HERE : TACT_DONE;
 }
 
 /* -- what the board is given --------------------------------------------------------------------------------------- */
@@ -352,7 +284,7 @@ static int32_t carry_out(tact_link *link, const tact_frame *frame, tact_writer *
     link->board->silence = 0;
     switch (frame->type) {
     case TACT_ASK_STATUS:
-        return write_status(link, out);
+        return tact_report_status(link, out);
     case TACT_ASK_UPLOAD:
         return take_upload(link, &in);
     case TACT_ASK_COMMIT:
@@ -368,7 +300,7 @@ static int32_t carry_out(tact_link *link, const tact_frame *frame, tact_writer *
     case TACT_ASK_STIMULUS:
         return take_stimulus(link, &in);
     case TACT_ASK_TRACE:
-        return give_trace(link, &in, out);
+        return tact_report_trace(link, &in, out);
     case TACT_ASK_EXERCISE:
         return run_exercise(link, &in, out);
     case TACT_ASK_BENCH:
@@ -399,4 +331,14 @@ int tact_link_receive(tact_link *link, uint8_t byte)
     const size_t size = tact_frame_seal(link->frame, frame.type | TACT_ANSWER, frame.sequence, out.at);
     link->wire_size = tact_cobs_encode(link->frame, size, link->wire, sizeof link->wire);
     return link->wire_size != 0;
+}
+
+size_t tact_link_serve(tact_link *link, const uint8_t *bytes, size_t size, uint8_t *answers, size_t capacity)
+{
+    size_t at = 0;
+    for (size_t i = 0; i < size; i++)
+        if (tact_link_receive(link, bytes[i]) && link->wire_size <= capacity - at)
+            for (size_t j = 0; j < link->wire_size; j++)
+                answers[at++] = link->wire[j];
+    return at;
 }

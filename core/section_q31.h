@@ -1,18 +1,19 @@
 /* Second-order section in delta form, Q31: for processors without a floating-point unit.
  *
  * The diagram of section.h in integers. Signals are int32 (Q31: full scale is 2^31), the two accumulators int64 with
- * 24 bits more (Q55):
+ * 21 bits more (Q52):
  *
- *     y   = round((s1 + b0 x) / 2^24), saturated to int32
+ *     y   = round((s1 + b0 x) / 2^21), saturated to int32
  *     s1 += (b1 x - a1 y) + s2
  *     s2 += (b2 x - a2 y)
  *
  * What rounding takes from y stays in s1: the error is fed back exactly, and no more than the last bit of y is ever
- * wrong. Coefficients are int32 with one shift to a row, c = mantissa / 2^(24 + shift): the small numbers of a slow
- * filter's delta form keep 31 significant bits. Shifts are 2 to 62 and no mantissa is -2^31, so |c| < 32. The accumulators stop at +/- 2^61, 64 full scales.
+ * wrong. Coefficients are int32 with one shift to a row, c = mantissa / 2^(21 + shift): the small numbers of a slow
+ * filter's delta form keep 31 significant bits. Shifts are 2 to 62 and no mantissa is -2^31, so |c| < 256. The
+ * accumulators stop at +/- 2^61, 512 full scales.
  *
  * Example use:
- *   tact_section_q31 section = {1 << 30, 0, 0, 0, 0, 6, 0, 0};         (b0 = 1)
+ *   tact_section_q31 section = {1 << 30, 0, 0, 0, 0, 9, 2, 2};         (b0 = 1)
  *   tact_section_q31_state state = {0, 0};
  *   int32_t y = tact_section_q31_step(&section, &state, x);
  */
@@ -22,7 +23,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-enum { TACT_Q31_EXTRA = 24, TACT_Q31_SHIFT_MIN = 2, TACT_Q31_SHIFT_MAX = 62 };
+enum { TACT_Q31_EXTRA = 21, TACT_Q31_SHIFT_MIN = 2, TACT_Q31_SHIFT_MAX = 62 };
 
 typedef struct {
     int32_t b0, b1, b2, a1, a2;

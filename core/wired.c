@@ -171,3 +171,11 @@ int tact_wired_period(tact_wired *wired, tact_board *board, uint32_t lateness)
     tact_wired_advance(wired);
     return 1;
 }
+
+uint32_t tact_wired_run(tact_wired *wired, tact_board *board, uint32_t most)
+{
+    uint32_t periods = 0;
+    while (periods < most && tact_wired_period(wired, board, 0))
+        periods++;
+    return periods;
+}

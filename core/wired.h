@@ -56,4 +56,7 @@ void tact_wired_feel(tact_wired *wired, const tact_board *board);
 /* All of one period, unless the board waits: 1 if time passed. */
 int tact_wired_period(tact_wired *wired, tact_board *board, uint32_t lateness);
 
+/* Periods until the board waits, but at most so many; how many. */
+uint32_t tact_wired_run(tact_wired *wired, tact_board *board, uint32_t most);
+
 #endif

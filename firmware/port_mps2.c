@@ -2,7 +2,8 @@
  * display in the place of converters.
  *
  * Over FIFOs a read waits for the host, and no time passes on the board: before it waits, a run goes on until it has
- * come to its end or is dry, or for BREATH ticks if it never waits for its stream. */
+ * come to its end or is dry, or for BREATH ticks if it never waits for its stream. Between runs the display's time
+ * stands still, so that what a board plays does not depend on how long the host takes. */
 
 #include "port.h"
 #include "semihosting.h"
@@ -25,7 +26,7 @@ static tact_board *the_board;
 static tact_wired wired;
 static float force[STREAM_ROWS * TACT_CHANNELS_MAX], felt_mm[STREAM_ROWS * TACT_CHANNELS_MAX];
 static int from_host = -1, to_host = -1;
-static uint32_t missed;
+static uint32_t missed, lateness;
 
 static void count_instructions(uint32_t samples, uint32_t *counts);
 
@@ -53,22 +54,23 @@ void tact_port_start_timer(float rate_hz)
 
 void tact_systick(void)
 {
+    const uint32_t reload = SYSTICK_RELOAD, value = SYSTICK_VALUE; /* reads 0 at the wrap itself */
     (void)SYSTICK_CONTROL; /* takes back the mark of the wrap that brought us here */
+    lateness = (value == 0 ? 0 : reload - value) * 256u / (reload + 1u) + missed;
     tact_port_tick();
     missed = SYSTICK_CONTROL & SYSTICK_WRAPPED ? 256u : 0u;
 }
 
 uint32_t tact_port_lateness(void)
 {
-    const uint32_t reload = SYSTICK_RELOAD;
-    const uint32_t value = SYSTICK_VALUE; /* reads 0 at the wrap itself */
-    const uint32_t since = value == 0 ? 0 : reload - value;
-    return since * 256u / (reload + 1u) + missed;
+    return lateness;
 }
 
 int tact_port_holds(void)
 {
-    return wired.channels != the_board->channels || tact_board_waits(the_board);
+    const int rests = the_board->leaving == TACT_STAYS && the_board->mode != TACT_RUNNING;
+    const int over = the_board->mode == TACT_FAULT && tact_board_is_at_rest(the_board);
+    return wired.channels != the_board->channels || rests || over || tact_board_waits(the_board);
 }
 
 void tact_port_put_out(const int32_t *codes)
@@ -98,13 +100,8 @@ static void let_run(void)
 {
     const volatile tact_board *board = the_board;
     const uint32_t begun = board->ticks;
-    while (board->safety.channels && wired.channels == board->channels && !tact_board_waits(the_board) &&
-           (board->leaving != TACT_STAYS || board->mode == TACT_RUNNING)) {
-        const int ends = board->mode == TACT_FAULT && tact_board_is_at_rest(the_board);
-        if (ends || (!board->holds && board->ticks - begun >= BREATH))
-            return;
+    while (!tact_port_holds() && (board->holds || board->ticks - begun < BREATH))
         sleep();
-    }
 }
 
 size_t tact_port_receive(uint8_t *bytes, size_t most)
