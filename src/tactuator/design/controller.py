@@ -20,52 +20,69 @@ from tactuator.design.prefilter import PrefilterFit, fit_prefilter
 from tactuator.design.suitability import require_suitable
 from tactuator.digital.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.digital.discretise import bilinear
+from tactuator.errors import BadInput
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.plant.display import Channel, Display
 from tactuator.signals.bands import third_octave_bands
 from tactuator.signals.systems import SampledSystem
 
-_PREFILTER_SHARE = 0.75
+_SERVES, _GOOD = 0.75, 2.3
+_NEAR_DB = 1.0
 
 
-def design_controller(display: Display, poles: int | None = None) -> Controller:
-    """The controller of a display, every channel designed to its own requirements; `poles` replaces the file's.
+def design_controller(display: Display, poles: int | None = None, error_db: float | None = None) -> Controller:
+    """The controller of a display, every channel designed to its own requirements.
+
+    poles: of every prefilter, in place of the file's. error_db: choose for each prefilter the fewest poles that keep
+    this error instead.
 
     Raises BadInput for a plant that cannot be controlled, requirements that contradict each other, or requirements
     that nothing satisfies: the message says which bind, and what would be possible.
     """
-    channels = tuple(design_channel(display, channel, poles) for channel in display.channels)
+    channels = tuple(design_channel(display, channel, poles, error_db) for channel in display.channels)
     return Controller(display, channels, __version__)
 
 
-def design_channel(display: Display, channel: Channel, poles: int | None = None) -> ChannelController:
+def design_channel(
+    display: Display, channel: Channel, poles: int | None = None, error_db: float | None = None
+) -> ChannelController:
     """The controller of one channel of `display`.
 
-    Of the loops that keep every requirement, the one with the least mean |S| is taken whose prefilter, with the poles
-    asked for, stays within three quarters of the flatness objective; or else the one with the best prefilter.
+    Of the loops that keep every requirement, in the order of their mean |S|, the first is taken whose prefilter is
+    good for its number of poles (2.3/poles of the flatness objective, or error_db); if there is none, the one with the
+    best prefilter among those within 1 dB of the least mean, as long as that prefilter serves.
     """
     require_suitable(channel, display.rate_hz)
+    if poles is not None and error_db is not None:
+        raise BadInput(f"poles {poles} and an error of {error_db:g} dB are both asked for; allowed: one of them")
     family = plant_family(channel, display.rate_hz, display.delay_samples)
-    count = channel.prefilter.poles if poles is None else poles
-    designs = []
-    for feedback in feedback_candidates(channel, display.rate_hz, family, display.objectives.resonance_peak):
-        fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, count)
+    count = poles if poles is not None else None if error_db is not None else channel.prefilter.poles
+    serves = _SERVES * display.objectives.flatness_db if error_db is None else error_db
+    good = serves if count is None else _GOOD / count * display.objectives.flatness_db
+    designs: list[tuple[PrefilterFit, SampledSystem | None]] = []
+    least = -np.inf
+    for mean_db, feedback in feedback_candidates(channel, display.rate_hz, family, display.objectives.resonance_peak):
+        least = mean_db if not designs else least
+        if mean_db > least + _NEAR_DB and any(fit.max_error_db <= serves for fit, _ in designs):
+            break
+        fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, count, serves)
         designs.append((fit, feedback))
-        if fit.max_error_db <= _PREFILTER_SHARE * display.objectives.flatness_db:
-            return assemble(display, channel, feedback, fit, family)
-    fit, feedback = min(designs, key=lambda design: design[0].max_error_db)
+        if fit.max_error_db <= good:
+            break
+    fit, feedback = min(designs, key=lambda design: (design[0].poles, design[0].max_error_db))
     return assemble(display, channel, feedback, fit, family)
 
 
 def feedback_candidates(
     channel: Channel, rate_hz: float, family: tuple[Member, ...], resonance_peak: float
-) -> Iterator[SampledSystem | None]:
-    """C as the channel's structure asks: synthesised (the best first), given (bilinear), or none."""
+) -> Iterator[tuple[float, SampledSystem | None]]:
+    """C as the channel's structure asks: synthesised (the best first, with the mean |S| in dB), given (bilinear), or
+    none."""
     requirements = channel.feedback
     if requirements.structure == "none":
-        yield None
+        yield 0.0, None
     elif requirements.structure == "paper":
-        yield bilinear(requirements.controller or paper.FEEDBACK, rate_hz)
+        yield 0.0, bilinear(requirements.controller or paper.FEEDBACK, rate_hz)
     else:
         yield from synthesise(channel, family, rate_hz, resonance_peak)
 

@@ -78,7 +78,7 @@ def solve(
             bounds=optimize.Bounds(low, high),
             constraints=[{"type": "ineq", "fun": rooms, "jac": slopes}],
             method="SLSQP",
-            options={"maxiter": 120, "ftol": 1e-5},
+            options={"maxiter": 80, "ftol": 1e-3},
         )
     if not np.all(np.isfinite(result.x)):
         return None

@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 
 _FEASIBLE_DB = 1e-4
 _RESERVE_DB = 2e-4
+_SAME_DB = 0.02
 _RESONANCE_SHARES = (0.5, 1.0)
 _SLOWEST_ZEROS_HZ = 1.0
 _ZERO_DAMPING = (0.7, 4.0)
@@ -39,10 +40,11 @@ _STARTS = ((1.0, 1.0), (2.0, 1.0), (3.0, 1.0), (1.5, 0.5), (2.0, 2.0))
 
 def synthesise(
     channel: Channel, family: Sequence[Member], rate_hz: float, resonance_peak: float
-) -> Iterator[SampledSystem]:
+) -> Iterator[tuple[float, SampledSystem]]:
     """Controllers for a family of plants, the best first: integrator, lead-lag, notch; at most three sections.
 
-    Each keeps every requirement; they are local optima, of which the first has the least mean |S|. Raises BadInput if
+    Each keeps every requirement, and comes with the worst plant's mean |S| in dB; they are local optima, all different.
+    Raises BadInput if
     the requirements contradict each other or if nothing satisfies them: the message names those that bind, and what
     would be possible.
     """
@@ -54,13 +56,15 @@ def synthesise(
         found = (solve(problem, start, limits) for start in starts)
         solutions = [one for one in found if one is not None and is_sound(problem, one.parameters, family)]
         kept = sorted((one for one in solutions if one.excess_db <= _FEASIBLE_DB), key=lambda one: one.mean_db)
-        found_any = False
+        means: list[float] = []
         for solution in kept:
+            if means and solution.mean_db - means[-1] < _SAME_DB:
+                continue
             settled = _settle(problem, solution, limits, family)
             if settled is not None:
-                found_any = True
-                yield settled
-        if found_any:
+                means.append(solution.mean_db)
+                yield solution.mean_db, settled
+        if means:
             return
     nearest = sorted(solutions, key=lambda one: one.excess_db)[:3]
     raise BadInput(f"channel {channel.name!r}: " + diagnosis(problem, nearest, starts, limits, family))

@@ -86,7 +86,8 @@ class _Program:
 
     def best(self) -> Coefficients:
         """Coefficients for an error slightly above the least possible (found by bisection)."""
-        low, high = self._lower_bound_db, max(4.0, 1.1 * self._lower_bound_db)
+        low = self._lower_bound_db
+        high = 1.05 * low if low > 0.0 else 4.0
         while self._solve(high) is None:
             low, high = high, 2.0 * high
             if high > _WIDEST_DB:

@@ -1,0 +1,104 @@
+"""`tactuator design`: a controller from a display file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Group
+from rich.table import Table
+
+from tactuator.cli.answer import answer
+from tactuator.cli.options import AsJson
+from tactuator.design.continuous_form import continuous_form
+from tactuator.design.controller import design_controller
+from tactuator.digital.controller import ChannelController, Controller
+from tactuator.files.controller import write_controller
+from tactuator.files.curve import resolve_curve
+from tactuator.files.display import read_display, with_curve
+from tactuator.plant.display import Display
+from tactuator.signals.systems import SampledSystem
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+
+    @app.command()
+    def design(
+        display: Annotated[Path, typer.Argument(help="Display file (TOML).")],
+        out: Annotated[Path, typer.Option("--out", help="Controller file to write.")] = Path("controller.json"),
+        curve: Annotated[str | None, typer.Option("--curve", help="Threshold curve: a name, or a CSV.")] = None,
+        poles: Annotated[int | None, typer.Option("--poles", min=2, max=16, help="Poles of the prefilters.")] = None,
+        error_db: Annotated[
+            float | None, typer.Option("--error-db", min=0.01, help="Choose the fewest poles that keep this error.")
+        ] = None,
+        charts: Annotated[Path | None, typer.Option("--charts", help="Folder for the charts (SVG and CSV).")] = None,
+        as_json: AsJson = False,
+    ) -> None:
+        """Design loop and prefilter of every channel, and write them as a controller file."""
+        controller = design_controller(_with_curve(read_display(display), curve), poles, error_db)
+        if charts is not None:
+            from tactuator.report.design import save_design_plates  # noqa: PLC0415  (drawing takes a second to load)
+
+            save_design_plates(controller, charts)
+        write_controller(out, controller)
+        reports = {channel.name: dict(channel.report) for channel in controller.channels}
+        answer(reports, as_json, _shown(controller, out))
+
+
+def _with_curve(display: Display, curve: str | None) -> Display:
+    return display if curve is None else with_curve(display, resolve_curve(curve))
+
+
+def _shown(controller: Controller, out: Path) -> Group:
+    table = Table("figure (worst over the loads)", *(one.name for one in controller.channels), title="Design")
+    for words, keys in _ROWS.items():
+        table.add_row(words, *(_cell(_found(one.report, keys)) for one in controller.channels))
+    lines_hz = sorted({key for one in controller.channels for key in one.report.get("mains_db", {})}, key=float)
+    for key in lines_hz:
+        table.add_row(
+            f"|T| at {key} Hz (dB)", *(_cell(_found(o.report, ("mains_db", key))) for o in controller.channels)
+        )
+    lines = [line for one in controller.channels for line in _printed(one, controller.rate_hz)]
+    return Group(table, *lines, f"written: {out}")
+
+
+_ROWS: dict[str, tuple[str, ...]] = {
+    "crossover (Hz)": ("margins", "crossover_hz"),
+    "phase margin (deg)": ("margins", "phase_margin_deg"),
+    "gain margin (dB)": ("margins", "gain_margin_db"),
+    "max|S|": ("margins", "sensitivity_peak"),
+    "max|T|": ("margins", "complementary_peak"),
+    "disk margin": ("margins", "disk_margin"),
+    "delay margin (samples)": ("margins", "delay_margin_samples"),
+    "command noise gain": ("margins", "command_noise_gain"),
+    "mean |S| over the rejection band (dB)": ("rejection_db", "mean"),
+    "prefilter: poles": ("prefilter", "poles"),
+    "prefilter: greatest error (dB)": ("prefilter", "max_error_db"),
+    "prefilter: rms error (dB)": ("prefilter", "rms_error_db"),
+}
+
+
+def _found(report: Any, keys: tuple[str, ...]) -> Any:
+    for key in keys:
+        report = report.get(key) if report is not None else None
+    return report
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "—"
+    return f"{value:.2f}" if isinstance(value, float) else str(value)
+
+
+def _printed(channel: ChannelController, rate_hz: float) -> list[str]:
+    """C and F in continuous form (whose bilinear transform the sections are), as a paper prints them."""
+    systems: dict[str, SampledSystem | None] = {"C": channel.feedback(rate_hz), "F": channel.prefilter(rate_hz)}
+    lines = []
+    for letter, system in systems.items():
+        if system is not None:
+            num, den = continuous_form(system).polynomials()
+            texts = (" ".join(f"{value:.6g}" for value in values) for values in (num, den))
+            lines.append(f"{channel.name}: {letter}(s) = [{next(texts)}] / [{next(texts)}], descending powers of s")
+    return lines

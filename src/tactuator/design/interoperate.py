@@ -1,0 +1,117 @@
+"""To and from python-control, for those who work with it. The package is optional and imported when asked for.
+
+Systems go over as state space built factor by factor, not as polynomials: python-control's transfer functions lose all
+their digits for a prefilter in series with a loop at 4 kHz.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import numpy as np
+
+from tactuator.errors import BadInput
+from tactuator.signals.systems import ContinuousSystem, SampledSystem
+
+System = ContinuousSystem | SampledSystem
+
+
+def to_control(system: System) -> Any:
+    """The system as a python-control StateSpace (dt = 0, or the sampling period; delay as poles at z = 0).
+
+    Raises BadInput without python-control, for an improper system, or for continuous dead time, which it cannot hold.
+    """
+    control = _control()
+    if isinstance(system, ContinuousSystem) and system.delay_s > 0.0:
+        raise BadInput(f"python-control holds no dead time of {system.delay_s:g} s; allowed: a system without")
+    if not system.is_proper:
+        raise BadInput(
+            f"a system of {system.zeros.size} zeros and {system.poles.size} poles has no state space; "
+            "allowed: no more zeros than poles"
+        )
+    step: float = 1.0 / system.rate_hz if isinstance(system, SampledSystem) else 0
+    made = control.ss([], [], [], [[system.gain]], step)
+    for zeros, poles in _factors(system):
+        made = made * control.ss(*_factor_matrices(zeros, poles), step)
+    for _ in range(system.delay_samples if isinstance(system, SampledSystem) else 0):
+        made = made * control.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]], step)
+    return made
+
+
+def from_control(system: Any) -> System:
+    """A python-control StateSpace or TransferFunction (one input, one output) as a system of ours.
+
+    Raises BadInput without python-control, for more inputs or outputs, or for an unspecified sampling period.
+    """
+    control = _control()
+    if system.ninputs != 1 or system.noutputs != 1:
+        raise BadInput(f"{system.ninputs} inputs and {system.noutputs} outputs; allowed: one of each")
+    if system.dt is None or system.dt is True:
+        raise BadInput(f"sampling period is {system.dt}; allowed: 0 for continuous time, or seconds")
+    zeros, poles = np.asarray(control.zeros(system)), np.asarray(control.poles(system))
+    gain = _gain(control, system, zeros, poles)
+    if system.dt == 0:
+        return ContinuousSystem(zeros, poles, gain)
+    return SampledSystem(zeros, poles, gain, 1.0 / float(system.dt))
+
+
+def _control() -> Any:
+    try:
+        return importlib.import_module("control")
+    except ImportError:
+        raise BadInput("python-control is not installed; allowed: after `pip install control`") from None
+
+
+def _factors(system: System) -> list[tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]]:
+    """Zeros and poles in groups of one real or one conjugate pair of poles, each with as many zeros at most."""
+    zeros = sorted(system.zeros, key=abs)
+    pairs = [root for root in sorted(system.poles, key=abs) if root.imag >= 0.0]
+    groups: list[np.ndarray[Any, Any]] = [np.array([p, np.conj(p)]) if p.imag > 0.0 else np.array([p]) for p in pairs]
+    return _with_zeros(_merged(groups), zeros)
+
+
+def _merged(groups: list[np.ndarray[Any, Any]]) -> list[np.ndarray[Any, Any]]:
+    """Single poles put together two by two, so that every pair of zeros finds a place."""
+    doubles = [group for group in groups if group.size == 2]
+    singles = [group for group in groups if group.size == 1]
+    doubles += [np.concatenate(singles[i : i + 2]) for i in range(0, len(singles), 2)]
+    return sorted(doubles, key=lambda group: -group.size)
+
+
+def _with_zeros(
+    groups: list[np.ndarray[Any, Any]], zeros: list[complex]
+) -> list[tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]]:
+    complex_zeros = [zero for zero in zeros if zero.imag > 0.0]
+    real_zeros = [zero for zero in zeros if zero.imag == 0.0]
+    found = []
+    for poles in groups:
+        taken: list[complex] = []
+        if poles.size == 2 and complex_zeros:
+            zero = complex_zeros.pop(0)
+            taken = [zero, np.conj(zero)]
+        else:
+            while real_zeros and len(taken) < poles.size:
+                taken.append(real_zeros.pop(0))
+        found.append((np.array(taken, dtype=np.complex128), poles))
+    return found
+
+
+def _factor_matrices(zeros: Any, poles: Any) -> tuple[Any, Any, Any, Any]:
+    """Controllable form of prod(x - zeros) / prod(x - poles) of order one or two."""
+    den, num = np.real(np.poly(poles)), np.real(np.poly(zeros))
+    order = poles.size
+    num = np.concatenate([np.zeros(order + 1 - num.size), num])
+    direct = num[0]
+    rest = num[1:] - direct * den[1:]
+    if order == 1:
+        return [[-den[1]]], [[1.0]], [[rest[0]]], [[direct]]
+    return [[-den[1], -den[2]], [1.0, 0.0]], [[1.0], [0.0]], [list(rest)], [[direct]]
+
+
+def _gain(control: Any, system: Any, zeros: Any, poles: Any) -> float:
+    """From the value at a point far from every root."""
+    size = 1.0 + float(np.max(np.abs(np.concatenate([zeros, poles])), initial=0.0))
+    point = size * (1.3 + 0.7j)
+    value = complex(control.evalfr(system, point))
+    return float(np.real(value * np.prod(point - poles) / np.prod(point - zeros)))
