@@ -34,7 +34,10 @@ class Friction:
 
 
 class FrictionSearch:
-    """What friction along a path would explain of a fit's residual, everything else refitted to first order."""
+    """What friction along a path would explain of a fit's residual, everything else refitted to first order.
+
+    cost: the squared error without it.
+    """
 
     def __init__(self, problem: Problem, structure: Structure, minimum: Minimum, path: Array) -> None:
         """problem: without friction and not whitened; minimum: of it, or near it; path: the noise-free position (n,)."""
@@ -47,6 +50,7 @@ class FrictionSearch:
         gram = self._known.T @ self._known
         self._size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
         self._inverse = np.linalg.pinv(gram / np.outer(self._size, self._size), rcond=1e-12, hermitian=True)
+        self.cost = float(self._residual @ self._residual)
         self._tried: dict[float, tuple[float, float]] = {}
 
     def gain(self, presliding: float) -> tuple[float, float]:

@@ -87,14 +87,15 @@ def identify(
     scale = (float(np.std(part.command)), float(np.std(part.position)))
     samples = Samples(part.command / scale[0], part.position / scale[1], part.rate_hz, hold)
     integrated = DERIVATIVES[quantity]
-    require_excitation(excitation_report(samples.command, samples.rate_hz, (order or 1) + 1))
+    excitation = excitation_report(samples.command, samples.rate_hz, (order or 1) + 1)
+    require_excitation(excitation)
     response = empirical_response(samples.command, samples.position, samples.rate_hz)
     remarks += check_direction(response)
-    common = _Common(part, samples, scale, response, quantity, order, tuple(remarks))
+    common = _Common(part, samples, scale, response, excitation, quantity, order, tuple(remarks))
     if method == "rls":
         return _recursive(common, forgetting)
     selection = choose_structure(samples, response, order=order, integrated=integrated, friction=friction, note=note)
-    return _refined(common, judge(samples, selection.fit), selection.tried)
+    return _refined(common, judge(samples, selection.fit, selection.tests), selection.tried)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +104,7 @@ class _Common:
     samples: Samples
     scale: tuple[float, float]
     response: EmpiricalResponse
+    excitation: ExcitationReport
     quantity: str
     order: int | None
     remarks: tuple[str, ...]
@@ -128,9 +130,7 @@ def _refined(common: _Common, estimate: RefinedEstimate, tried: tuple[Candidate,
     friction = estimate.friction
     if friction is not None:
         friction = Friction(friction.coulomb * to_unit, friction.confidence * to_unit, friction.presliding * to_position)
-    excitation = excitation_report(
-        common.samples.command, common.samples.rate_hz, fit.structure.count, estimate.condition
-    )
+    excitation = replace(common.excitation, needed=fit.structure.count, condition=estimate.condition)
     require_excitation(excitation)
     covariance, transform = inflated(estimate), _to_polynomials(fit.structure, fit.model, to_position / to_unit)
     remarks = list(common.remarks)
@@ -228,7 +228,7 @@ def _recursive(common: _Common, forgetting: float) -> Identification:
     estimate = identify_recursively(
         samples.command, samples.position, samples.rate_hz, poles=order, zeros=integrated, forgetting=forgetting
     )
-    excitation = excitation_report(samples.command, samples.rate_hz, order + 1)
+    excitation = replace(common.excitation, needed=order + 1)
     require_excitation(excitation)
     gain = common.scale[1] / common.scale[0]
     simulated = simulate(estimate.num, estimate.den, samples)

@@ -120,37 +120,42 @@ def fit_with_disturbance(
 ) -> Fit:
     """White fit, then lines and friction where the residual shows them, then the noise's colour."""
     fit = fit_model(samples, structure, start, Disturbance(np.zeros(0)), most=12)
+    with_lines = fit
     if lines:
         found = find_lines(fit.minimum.prediction.residual, samples.command[fit.problem.skip :], samples.rate_hz)
         if found.size:
-            fit = fit_model(samples, structure, fit.model, Disturbance(found))
-    if friction:
-        fit = add_friction(samples, fit)
-    return colour(samples, fit)
+            with_lines = replace(fit, disturbance=Disturbance(found))
+    rubbed = add_friction(samples, with_lines) if friction else with_lines
+    if rubbed is not fit and rubbed is with_lines:
+        rubbed = fit_model(samples, structure, fit.model, with_lines.disturbance)
+    return colour(samples, rubbed)
 
 
 def add_friction(samples: Samples, fit: Fit) -> Fit:
-    """The fit with friction along its own noise-free path, if friction is certain; two rounds, as the path changes."""
-    for round_ in range(2):
+    """The fit with friction along its own noise-free path, if friction is certain; two rounds, as the path changes.
+
+    Without, it is the very fit that was given.
+    """
+    for last in (False, True):
         path = clean_path(samples, fit)
         motion, noise = float(np.std(path)), float(np.sqrt(fit.cost / samples.position.size))
         if motion == 0.0:
             return fit
         bare = build_problem(samples, fit.model.scale_rad_s, fit.model.delay_s, replace(fit.disturbance, path=None))
         search = FrictionSearch(bare, fit.structure, fit.minimum, path)
-        if round_ == 0:
+        if last:
+            around = fit.disturbance.presliding
+            presliding, _, level = search.best(around / 1.25, around * 1.25, 3, refinements=1)
+        else:
             low = min(max(1e-4 * motion, 1e-3 * noise), 0.1 * motion)
             presliding, gain, level = search.best(low, motion, 5, refinements=0)
-            if not certain(4.0 * gain, fit.cost, samples.position.size):
+            if not certain(4.0 * gain, search.cost, samples.position.size):
                 return fit
-            presliding, gain, level = search.best(low, motion, 5, refinements=4)
-            if not certain(gain, fit.cost, samples.position.size):
+            presliding, gain, level = search.best(low, motion, 5, refinements=3)
+            if not certain(gain, search.cost, samples.position.size):
                 return fit
-        else:
-            around = fit.disturbance.presliding
-            presliding, _, level = search.best(around / 1.3, around * 1.3, 3, refinements=2)
         changed = replace(fit.disturbance, presliding=presliding, path=path)
-        fit = fit_model(samples, fit.structure, fit.model, changed, level)
+        fit = fit_model(samples, fit.structure, fit.model, changed, level, most=30 if last else 2)
     return fit
 
 
@@ -194,11 +199,16 @@ def _plain_residual(samples: Samples, fit: Fit) -> Array:
     return plain_prediction(samples, fit)[0].residual
 
 
-def judge(samples: Samples, fit: Fit) -> RefinedEstimate:
-    """Covariance, tests, friction and fit of a finished fit."""
+def fit_tests(samples: Samples, fit: Fit) -> ResidualTests:
+    """The tests of a fit's innovations."""
     prediction = fit.minimum.prediction
-    skip = fit.problem.skip
-    tests = check_residual(prediction.residual, fit.problem.command[skip:], prediction.jacobian, samples.rate_hz)
+    command = fit.problem.command[fit.problem.skip :]
+    return check_residual(prediction.residual, command, prediction.jacobian, samples.rate_hz)
+
+
+def judge(samples: Samples, fit: Fit, tests: ResidualTests) -> RefinedEstimate:
+    """Covariance, friction and fit of a finished fit that passed or failed `tests`."""
+    prediction = fit.minimum.prediction
     residual = _plain_residual(samples, fit)
     past = None
     whitener = fit.disturbance.whitener

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.identify.empirical import EmpiricalResponse
-from tactuator.identify.refined import Fit, Samples, colour, fit_model, fit_with_disturbance
-from tactuator.identify.residuals import check_residual
+from tactuator.identify.refined import Fit, Samples, colour, fit_model, fit_with_disturbance, fit_tests
+from tactuator.identify.residuals import ResidualTests
 from tactuator.identify.start import rational_start
 from tactuator.identify.structure import RationalModel, Structure
 
@@ -39,6 +39,7 @@ class Selection:
     """The fit chosen and all that were tried."""
 
     fit: Fit
+    tests: ResidualTests
     tried: tuple[Candidate, ...]
 
 
@@ -63,7 +64,8 @@ def choose_structure(
     fit = fit_with_disturbance(samples, first, model, friction=friction)
     tried = []
     while True:
-        p_value = _left(samples, fit)
+        tests = fit_tests(samples, fit)
+        p_value = tests.uncorrelated_p
         tried.append(_candidate(fit, p_value))
         note(f"{fit.structure.poles} poles, {fit.structure.zeros} zeros")
         if p_value > 0.01 or samples.position.size < 400:
@@ -72,8 +74,10 @@ def choose_structure(
         if better is None:
             break
         fit = colour(samples, better, rounds=1)
-    fit = _settle_delay(samples, fit)
-    return Selection(fit, tuple(tried))
+    settled = _settle_delay(samples, fit)
+    if settled is not fit:
+        fit, tests = settled, fit_tests(samples, settled)
+    return Selection(fit, tests, tuple(tried))
 
 
 def _first(
@@ -86,15 +90,11 @@ def _first(
 ) -> tuple[Structure, RationalModel]:
     """By the empirical response: fewest poles whose error is near the best, then fewest zeros."""
     response = response.trusted()
-    fewest = max(1, integrated)
-    poles = [order] if order is not None else list(range(fewest, min(most_poles, 4) + 1))
-    fits = {
-        n: rational_start(response, Structure(n, max(n - 1, integrated), integrated=integrated), samples.rate_hz, delay_s)
-        for n in poles
-    }
-    best = min(cost for _, cost in fits.values())
-    chosen = next(n for n in poles if fits[n][1] <= 1.3 * best + _SLACK)
-    limit = 1.3 * fits[chosen][1] + _SLACK
+    if order is not None:
+        chosen, error = order, _start_error(response, order, integrated, samples.rate_hz, delay_s)
+    else:
+        chosen, error = _fewest_poles(response, most_poles, integrated, samples.rate_hz, delay_s)
+    limit = 1.3 * error + _SLACK
     for zeros in range(integrated, max(chosen - 1, integrated) + 1):
         structure = Structure(chosen, zeros, integrated=integrated)
         model, cost = rational_start(response, structure, samples.rate_hz, delay_s)
@@ -103,12 +103,31 @@ def _first(
     return structure, model
 
 
-def _left(samples: Samples, fit: Fit) -> float:
-    prediction = fit.minimum.prediction
-    tests = check_residual(
-        prediction.residual, fit.problem.command[fit.problem.skip :], prediction.jacobian, samples.rate_hz
-    )
-    return tests.uncorrelated_p
+def _start_error(response: EmpiricalResponse, poles: int, integrated: int, rate_hz: float, delay_s: float) -> float:
+    """Error of the empirical fit with all the zeros that a falling response can have."""
+    structure = Structure(poles, max(poles - 1, integrated), integrated=integrated)
+    return rational_start(response, structure, rate_hz, delay_s)[1]
+
+
+def _fewest_poles(
+    response: EmpiricalResponse, most_poles: int, integrated: int, rate_hz: float, delay_s: float
+) -> tuple[int, float]:
+    """The fewest poles that one more does not improve on, and their error."""
+    poles = max(1, integrated)
+    error = _start_error(response, poles, integrated, rate_hz, delay_s)
+    while poles < min(most_poles, 4):
+        ahead = [_start_error(response, poles + 1, integrated, rate_hz, delay_s)]
+        if error > 1.3 * ahead[0] + _SLACK:
+            poles, error = poles + 1, ahead[0]
+            continue
+        if poles + 2 <= min(most_poles, 4):
+            # a resonance takes two poles at once
+            ahead.append(_start_error(response, poles + 2, integrated, rate_hz, delay_s))
+        if error > 1.5 * ahead[-1] + _SLACK:
+            poles, error = poles + len(ahead), ahead[-1]
+            continue
+        break
+    return poles, error
 
 
 def _candidate(fit: Fit, p_value: float) -> Candidate:

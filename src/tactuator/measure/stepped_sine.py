@@ -56,21 +56,8 @@ def stepped_sine(
     only names what touches the display: whoever holds the finger port puts it there. Raises BadInput above the comfort
     level, for frequencies outside the rig's band, or an unknown channel.
     """
-    if not level_db_sl <= COMFORT_DB_SL:
-        raise BadInput(
-            f"level {level_db_sl:g} dB SL; allowed: {COMFORT_DB_SL:g} dB SL at most, which is still comfortable"
-        )
-    if not 0.0 < coverage < 1.0:
-        raise BadInput(f"coverage {coverage:g}; allowed: between 0 and 1")
-    if confidence_db <= 0.0 or longest_s <= 0.0:
-        raise BadInput(f"confidence {confidence_db:g} dB within {longest_s:g} s; allowed: both positive")
-    names = tuple(rig.channels if channels is None else channels)
-    for name in names:
-        if name not in rig.channels:
-            raise BadInput(f"channel {name!r} is not there; allowed: {', '.join(rig.channels)}")
+    names = check_asked(rig, frequency_hz, level_db_sl, confidence_db, longest_s, channels)
     frequencies = np.unique(off_mains(frequency_hz, mains_hz))
-    if frequencies.size == 0 or frequencies[0] <= 0.0 or frequencies[-1] >= 0.45 * rig.rate_hz:
-        raise BadInput(f"frequencies {frequencies.tolist()} Hz; allowed: above 0, below {0.45 * rig.rate_hz:g} Hz")
     columns = [rig.channels.index(name) for name in names]
     points = []
     for done, frequency in enumerate(frequencies):
@@ -83,6 +70,29 @@ def stepped_sine(
     return tuple(
         _response(name, load, level_db_sl, controller_hash, column, *made) for column, name in enumerate(names)
     )
+
+
+def check_asked(
+    rig: Rig,
+    frequency_hz: ArrayLike,
+    level_db_sl: float,
+    confidence_db: float,
+    longest_s: float,
+    channels: Sequence[str] | None,
+) -> tuple[str, ...]:
+    """The channels to measure; BadInput for what cannot be measured or should not be felt."""
+    if not level_db_sl <= COMFORT_DB_SL:
+        raise BadInput(f"level {level_db_sl:g} dB SL; allowed: {COMFORT_DB_SL:g} dB SL at most, which is still comfortable")
+    if not (confidence_db > 0.0 and longest_s > 0.0):
+        raise BadInput(f"confidence {confidence_db:g} dB within {longest_s:g} s; allowed: both positive")
+    names = tuple(rig.channels if channels is None else channels)
+    for name in names:
+        if name not in rig.channels:
+            raise BadInput(f"channel {name!r} is not there; allowed: {', '.join(rig.channels)}")
+    frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
+    if frequency.size == 0 or not (np.min(frequency) > 0.0 and np.max(frequency) < 0.45 * rig.rate_hz):
+        raise BadInput(f"frequencies {frequency.tolist()} Hz; allowed: above 0, below {0.45 * rig.rate_hz:g} Hz")
+    return names
 
 
 class _Tone:

@@ -1,0 +1,167 @@
+"""Response by multisine: all frequencies at once, noise and nonlinear distortion told apart.
+
+What differs between two periods is noise; what repeats on lines that were not played is distortion (Pintelon and
+Schoukens, System Identification: A Frequency Domain Approach, 2012, chapter 4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactuator.errors import BadInput
+from tactuator.measure.stepped_sine import check_asked
+from tactuator.rig.protocol import Rig
+from tactuator.signals.decibels import from_db
+from tactuator.signals.multisine import Multisine, multisine, place_lines
+from tactuator.signals.response import Response
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class _Spectra:
+    """Peak amplitudes of every line, (periods, lines), and whether anything was limited."""
+
+    lines: Complex
+    saturated: bool
+
+
+def multisine_response(
+    rig: Rig,
+    frequency_hz: ArrayLike,
+    level_db_sl: float,
+    rng: np.random.Generator,
+    *,
+    channels: Sequence[str] | None = None,
+    load: str = "none",
+    confidence_db: float = 0.25,
+    longest_s: float = 20.0,
+    settle_s: float = 1.25,
+    mains_hz: float | None = 60.0,
+    controller_hash: str = "",
+) -> tuple[Response, ...]:
+    """Response at `frequency_hz` (m,), each line at `level_db_sl`, one Response for each of `channels` (default all).
+
+    The period is that of the lowest frequency; lines stand at its odd multiples nearest to what is asked, 2 Hz off
+    mains. After settle_s of the same signal two periods are averaged, and more until every line's 95 % half-width is at
+    most confidence_db or longest_s are over. The half-width covers noise and distortion. Raises BadInput as
+    `stepped_sine` does.
+    """
+    names = check_asked(rig, frequency_hz, level_db_sl, confidence_db, longest_s, channels)
+    frequency = np.sort(np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64)))
+    period = round(rig.rate_hz / frequency[0])
+    if 2.0 * period / rig.rate_hz > longest_s:
+        raise BadInput(f"two periods of {frequency[0]:g} Hz within {longest_s:g} s; allowed: a longer time")
+    bins = place_lines(frequency, rig.rate_hz, period, mains_hz=mains_hz)
+    excited = multisine(rig.rate_hz, period, bins, float(from_db(level_db_sl)), rng)
+    columns = [rig.channels.index(name) for name in names]
+    player = _Player(rig, excited, columns, mains_hz)
+    player.settle(settle_s)
+    player.play(2)
+    most = int(longest_s * rig.rate_hz / period)
+    while player.periods < most and max(np.max(player.confidence_db(k)) for k in range(len(names))) > confidence_db:
+        player.play(1)
+    rig.rest()
+    return tuple(
+        player.response(k, name, load, level_db_sl, confidence_db, controller_hash) for k, name in enumerate(names)
+    )
+
+
+class _Player:
+    """Plays periods of one multisine and keeps their spectra."""
+
+    def __init__(self, rig: Rig, excited: Multisine, columns: list[int], mains_hz: float | None) -> None:
+        self._rig, self._excited, self._columns = rig, excited, columns
+        self._wave = excited.one_period()
+        self._kept: list[Complex] = []
+        self._saturated = np.zeros(len(columns), dtype=bool)
+        spacing = excited.rate_hz / excited.period
+        lines = np.arange(excited.period // 2 + 1)
+        off = np.full(lines.size, np.inf)
+        if mains_hz:
+            off = np.abs(lines * spacing - mains_hz * np.maximum(np.round(lines * spacing / mains_hz), 1.0))
+        self._clear = off > 1.0
+
+    @property
+    def periods(self) -> int:
+        """Periods averaged."""
+        return len(self._kept)
+
+    def settle(self, settle_s: float) -> None:
+        """The end of the period, faded in, so that the next sample is its beginning."""
+        count = round(settle_s * self._rig.rate_hz)
+        wave = np.tile(self._wave, -(-count // self._wave.size))[-count:] if count else np.zeros(0)
+        fade = max(1, count // 4)
+        gain = np.minimum(1.0, np.arange(count) / fade)
+        self._run(wave * (0.5 - 0.5 * np.cos(np.pi * gain)))
+
+    def play(self, periods: int) -> None:
+        """That many periods more."""
+        for _ in range(periods):
+            position, saturated = self._run(self._wave)
+            self._kept.append(np.fft.rfft(position, axis=0) * 2.0 / self._wave.size)
+            self._saturated |= saturated
+
+    def _run(self, wave: Array) -> tuple[Array, NDArray[np.bool_]]:
+        reference = np.zeros((wave.size, len(self._rig.channels)))
+        reference[:, self._columns] = wave[:, None]
+        trace = self._rig.play(reference)
+        return trace.position_v[:, self._columns], np.any(trace.saturated[:, self._columns], axis=0)
+
+    def _parts(self, column: int) -> tuple[Complex, Array, Array]:
+        """Mean amplitude (m,), variance of that mean by noise, and power of distortion on a line, at the excited lines."""
+        spectra = np.stack([one[:, column] for one in self._kept])
+        mean = spectra.mean(axis=0)
+        scatter = np.sum(np.abs(spectra - mean) ** 2, axis=0) / (self.periods - 1)
+        silent = self._clear.copy()
+        silent[self._excited.bins] = False
+        silent[0] = False
+        noise = self._around(scatter, self._clear) / self.periods
+        repeated = self._around(np.abs(mean) ** 2, silent)
+        return mean[self._excited.bins], noise, np.maximum(repeated - noise, 0.0)
+
+    def _around(self, power: Array, usable: NDArray[np.bool_]) -> Array:
+        """Mean of the usable lines around each excited one: 12 of them at least, a tenth of the frequency to each side."""
+        made = []
+        places = np.flatnonzero(usable)
+        for line in self._excited.bins:
+            reach = max(0.1 * line, float(np.sort(np.abs(places - line))[min(11, places.size - 1)]))
+            made.append(power[places[np.abs(places - line) <= reach]].mean())
+        return np.array(made)
+
+    def confidence_db(self, column: int) -> Array:
+        """95 % half-widths of the excited lines' magnitudes, dB, (m,)."""
+        mean, noise, distortion = self._parts(column)
+        # half of each power is along the amplitude, half across it
+        half_width = 1.96 * np.sqrt(0.5 * (noise + distortion))
+        return np.asarray(20.0 * np.log10(1.0 + half_width / np.maximum(np.abs(mean), 1e-300)))
+
+    def response(
+        self, column: int, name: str, load: str, level_db_sl: float, confidence_db: float, controller_hash: str
+    ) -> Response:
+        """What was measured on one channel."""
+        mean, noise, distortion = self._parts(column)
+        confidence = self.confidence_db(column)
+        count = mean.size
+        return Response(
+            channel=name,
+            load=load,
+            level_db_sl=level_db_sl,
+            method="multisine",
+            frequency_hz=self._excited.frequency_hz,
+            # phases against the reference's own; a cosine there, a cosine here
+            amplitude_v=mean * np.exp(-1j * self._excited.phase_rad),
+            reference=self._excited.amplitude.copy(),
+            confidence_db=confidence,
+            noise_v=np.sqrt(noise * self.periods),
+            distortion_v=np.sqrt(distortion),
+            saturated=np.full(count, bool(self._saturated[column])),
+            reached=confidence <= confidence_db,
+            averaged_s=np.full(count, self.periods * self._excited.period / self._excited.rate_hz),
+            controller_hash=controller_hash,
+        )
