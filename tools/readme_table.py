@@ -6,6 +6,7 @@ from pathlib import Path
 from tactuator.study.comparison import comparison, markdown
 from tactuator.study.plan import Plan, paper_display
 from tactuator.study.run import run_study
+from tactuator.study.speech import check_speech
 
 README = Path(__file__).resolve().parent.parent / "README.md"
 MARK = "<!-- paper-here -->"
@@ -13,7 +14,8 @@ MARK = "<!-- paper-here -->"
 
 def main():
     """Replace what stands between the marks."""
-    study = run_study(Plan(paper_display()), lambda step, done: None)
+    plan = Plan(paper_display())
+    study = run_study(plan, check_speech(plan), lambda step, done: None)
     table = f"{MARK}\n{markdown(comparison(study))}{MARK}"
     text = README.read_text(encoding="utf-8")
     README.write_text(re.sub(f"{MARK}.*{MARK}", lambda _: table, text, flags=re.DOTALL), encoding="utf-8")

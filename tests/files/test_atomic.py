@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.files.atomic import atomic_folder, atomic_path, require_folder, write_text
+from tactuator.files.atomic import atomic_folder, atomic_path, write_text
 
 
 def interrupted(writing: AbstractContextManager[Path], file: Callable[[Path], Path]) -> None:
@@ -25,10 +25,13 @@ def test_atomic_path__error_in_the_middle__leaves_the_old_file(tmp_path: Path) -
     assert list(tmp_path.iterdir()) == [target]
 
 
+OWN = frozenset({"a.txt"})
+
+
 def test_atomic_folder__whole__takes_the_place_of_the_old(tmp_path: Path) -> None:
     target = tmp_path / "report"
     for text in ("one", "two"):
-        with atomic_folder(target) as beside:
+        with atomic_folder(target, OWN) as beside:
             (beside / "a.txt").write_text(text)
     assert (target / "a.txt").read_text() == "two"
     assert list(tmp_path.iterdir()) == [target]
@@ -36,24 +39,28 @@ def test_atomic_folder__whole__takes_the_place_of_the_old(tmp_path: Path) -> Non
 
 def test_atomic_folder__error_in_the_middle__leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
-        interrupted(atomic_folder(tmp_path / "deep" / "report"), lambda beside: beside / "a.txt")
-    assert list((tmp_path / "deep").iterdir()) == []
+        interrupted(atomic_folder(tmp_path / "deep" / "report", OWN), lambda beside: beside / "a.txt")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_atomic__no_folder_or_a_file_in_the_way__is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="is not a folder"), atomic_path(tmp_path / "none" / "a.txt"):
         pass
     write_text(tmp_path / "file", "x")
-    with pytest.raises(BadInput, match="is a file; allowed: a folder"), atomic_folder(tmp_path / "file"):
+    with pytest.raises(BadInput, match="is a file; allowed: a folder"), atomic_folder(tmp_path / "file", OWN):
         pass
-    with pytest.raises(BadInput, match="is not a folder"), atomic_folder(tmp_path / "file" / "below"):
+    with pytest.raises(BadInput, match="cannot be made"), atomic_folder(tmp_path / "file" / "below" / "c", OWN):
         pass
 
 
-def test_require_folder__foreign_files__is_refused(tmp_path: Path) -> None:
+def test_atomic_folder__files_of_others__is_refused(tmp_path: Path) -> None:
     write_text(tmp_path / "thesis.tex", "years of work")
-    with pytest.raises(BadInput, match=r"holds other files \(thesis\.tex"):
-        require_folder(tmp_path, frozenset({"report.html"}))
-    write_text(tmp_path / "thesis.tex", "years of work")
-    require_folder(tmp_path, frozenset({"thesis.tex"}))
-    require_folder(tmp_path / "new", frozenset())
+    with pytest.raises(BadInput, match=r"holds other files \(thesis\.tex"), atomic_folder(tmp_path, OWN):
+        pass
+    assert (tmp_path / "thesis.tex").read_text() == "years of work"
+
+
+def test_atomic_folder__place_that_cannot_be_written__is_refused_and_left_as_it_was() -> None:
+    # a folder that even root cannot write to
+    with pytest.raises(BadInput, match=r"cannot be (made|written)"), atomic_folder("/proc/none/report", OWN):
+        pass

@@ -7,15 +7,18 @@ import pytest
 from tactuator.study.plan import Plan, paper_display
 from tactuator.study.publish import publish
 from tactuator.study.run import Study, run_study
+from tactuator.study.speech import check_speech
 
 
 @pytest.fixture(scope="session")
 def study() -> Study:
-    return run_study(Plan(paper_display()), lambda step, done: None)
+    plan = Plan(paper_display())
+    return run_study(plan, check_speech(plan), lambda step, done: None)
 
 
 @pytest.fixture(scope="session")
 def published(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("reproduce") / "paper"
+    folder.mkdir()
     publish(study, folder)
     return folder

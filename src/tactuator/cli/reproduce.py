@@ -11,12 +11,14 @@ from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
 from tactuator.cli.options import AsJson, Seed
-from tactuator.files.atomic import require_folder
+from tactuator.files.atomic import atomic_folder
 from tactuator.files.display import read_display
+from tactuator.speech.reading import SpeechFile
 from tactuator.study.comparison import comparison
 from tactuator.study.plan import Plan, Progress, paper_display
 from tactuator.study.publish import OWN_NAMES, publish
 from tactuator.study.run import STEPS, Study, run_study
+from tactuator.study.speech import check_speech
 from tactuator.study.summary import summary
 
 
@@ -34,19 +36,20 @@ def register(app: typer.Typer) -> None:
         as_json: AsJson = False,
     ) -> None:
         """Run the paper's study on the simulated display: report.html, figures and summary.json in the folder."""
-        require_folder(out, OWN_NAMES)
         plan = Plan(paper_display() if display is None else read_display(display), seed, speech)
-        study = _watched(plan)
-        publish(study, out)
+        file = check_speech(plan)
+        with atomic_folder(out, OWN_NAMES) as folder:
+            study = _watched(plan, file)
+            publish(study, folder)
         answer(summary(study), as_json, _shown(study, out))
 
 
-def _watched(plan: Plan) -> Study:
+def _watched(plan: Plan, file: SpeechFile) -> Study:
     """The study, with a bar for each of its steps."""
     with progress() as bars:
         tasks = {step: bars.add_task(step, total=1.0) for step in STEPS}
         tell: Progress = lambda step, done: bars.update(tasks[step], completed=done)  # noqa: E731
-        return run_study(plan, tell)
+        return run_study(plan, file, tell)
 
 
 def _shown(study: Study, out: Path) -> Group:

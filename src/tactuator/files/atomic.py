@@ -6,7 +6,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from tactuator.errors import BadInput
@@ -33,47 +33,58 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         beside.unlink(missing_ok=True)
 
 
-def require_folder(path: str | os.PathLike[str], own_names: frozenset[str]) -> None:
-    """Raise BadInput unless `path` can become a folder of ours: new, empty, or holding nothing but `own_names`.
+@contextmanager
+def atomic_folder(path: str | os.PathLike[str], own_names: frozenset[str]) -> Iterator[Path]:
+    """Yield an empty folder beside `path`; it takes the place of `path` at the end, and is removed on any error.
 
-    To be asked before long work begins; `atomic_folder` replaces the folder at its end.
+    Raises BadInput where it cannot be made, or where `path` holds anything but `own_names`: what is not ours is never
+    replaced. Enter it before long work begins, so that a refusal comes first.
     """
     target = Path(path)
+    _check_own(target, own_names)
+    made = _made_parents(target)
+    try:
+        beside = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+        try:
+            yield beside
+            beside.chmod(0o755)
+            _take_the_place_of(target, beside)
+        finally:
+            shutil.rmtree(beside, ignore_errors=True)
+    except BaseException as error:
+        for folder in made:
+            with suppress(OSError):
+                folder.rmdir()
+        if isinstance(error, OSError):
+            raise BadInput(f"{target} cannot be written: {error.strerror}; allowed: another place") from None
+        raise
+
+
+def _check_own(target: Path, own_names: frozenset[str]) -> None:
     if target.exists() and not target.is_dir():
         raise BadInput(f"{target} is a file; allowed: a folder, or a name that is free")
     others = sorted({entry.name for entry in target.iterdir()} - own_names) if target.is_dir() else []
     if others:
         raise BadInput(f"{target} holds other files ({others[0]}, ...); allowed: a new or empty folder")
-    ancestor = next(folder for folder in target.absolute().parents if folder.exists())
-    if not ancestor.is_dir():
-        raise BadInput(f"{ancestor} is not a folder; allowed: a place in a folder")
-    _check_writable(ancestor)
 
 
-@contextmanager
-def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield an empty folder beside `path`; it takes the place of `path` at the end, and is removed on any error.
-
-    Raises BadInput where it cannot be made.
-    """
-    target = Path(path)
-    own = frozenset(entry.name for entry in target.iterdir()) if target.is_dir() else frozenset()
-    require_folder(target, own)
+def _made_parents(target: Path) -> list[Path]:
+    """Make the folders above `target`; those that were not there, the lowest first."""
+    missing = [folder for folder in target.absolute().parents if not folder.exists()]
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BadInput(f"{target} cannot be made: {error.strerror}; allowed: a folder that can be written") from None
-    beside = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
-    try:
-        yield beside
-        beside.chmod(0o755)
-        old = beside.with_name(beside.name + "-old")
-        if target.exists():
-            target.rename(old)
-        beside.rename(target)
-        shutil.rmtree(old, ignore_errors=True)
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
+    _check_parent(target)
+    return missing
+
+
+def _take_the_place_of(target: Path, beside: Path) -> None:
+    old = beside.with_name(beside.name + "-old")
+    if target.exists():
+        target.rename(old)
+    beside.rename(target)
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
@@ -86,9 +97,5 @@ def _check_parent(target: Path) -> None:
     parent = target.parent
     if not parent.is_dir():
         raise BadInput(f"{parent} is not a folder; allowed: a place in a folder that exists")
-    _check_writable(parent)
-
-
-def _check_writable(folder: Path) -> None:
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise BadInput(f"{folder} cannot be written; allowed: a folder with permission to write")
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise BadInput(f"{parent} cannot be written; allowed: a folder with permission to write")

@@ -10,6 +10,7 @@ from tactuator.digital.controller import Controller
 from tactuator.identify.calibration import Calibration
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.rig.trace import Trace
+from tactuator.speech.reading import SpeechFile
 from tactuator.study.calibration import calibrate
 from tactuator.study.controllers import paper_controller, reshaped_controller
 from tactuator.study.loops import PaperLoop, paper_loop
@@ -19,7 +20,7 @@ from tactuator.study.objectives import Objective, judge_objectives
 from tactuator.study.plan import Plan, Progress
 from tactuator.study.prefilters import Prefilters, judge_prefilters
 from tactuator.study.response import UNLOADED, ResponsePoint, measure_responses, nominal_response
-from tactuator.study.speech import Spoken, check_speech, speak
+from tactuator.study.speech import Spoken, speak
 from tactuator.study.thresholds import Threshold, measure_thresholds, new_curve
 
 STEPS = (
@@ -61,9 +62,8 @@ class Study:
     objectives: tuple[Objective, ...]
 
 
-def run_study(plan: Plan, progress: Progress) -> Study:
-    """Run it all. Raises BadInput for a speech file that cannot be used, before anything else is done."""
-    file = check_speech(plan)
+def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> Study:
+    """Run it all; file: the plan's speech file as `check_speech` found it, so that a bad one is refused first."""
     calibration = calibrate(plan)
     progress("calibration", 1.0)
     record = record_motors(plan)
