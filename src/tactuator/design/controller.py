@@ -27,7 +27,7 @@ from tactuator.signals.bands import third_octave_bands
 from tactuator.signals.systems import SampledSystem
 
 _SERVES, _GOOD = 0.75, 2.3
-_NEAR_DB = 1.0
+_NEAR_DB = 1.5
 
 
 def design_controller(display: Display, poles: int | None = None, error_db: float | None = None) -> Controller:
@@ -50,7 +50,7 @@ def design_channel(
 
     Of the loops that keep every requirement, in the order of their mean |S|, the first is taken whose prefilter is
     good for its number of poles (2.3/poles of the flatness objective, or error_db); if there is none, the one with the
-    best prefilter among those within 1 dB of the least mean, as long as that prefilter serves.
+    best prefilter among those within 1.5 dB of the least mean, as long as that prefilter serves.
     """
     require_suitable(channel, display.rate_hz)
     if poles is not None and error_db is not None:

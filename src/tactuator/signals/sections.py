@@ -60,3 +60,25 @@ def sections_response(sos: ArrayLike, frequency_hz: ArrayLike, rate_hz: float) -
         denominator = exact_sum(a0, a1, a2) - exact_sum(a1, a2, a2) * difference + a2 * difference**2
         response = response * numerator / denominator
     return response
+
+
+def section_roots(c0: float, c1: float, c2: float) -> NDArray[np.complex128]:
+    """Roots in z of c0 + c1 z^-1 + c2 z^-2 times the power of z that its first coefficient which is not zero leaves.
+
+    Found for d = z - 1 with an exact discriminant: slow roots keep their digits at any rate, and a root at z = 1 is
+    exactly there.
+    """
+    if c2 == 0.0 or c0 == 0.0:
+        if c0 != 0.0:
+            return np.array([-c1 / c0, 0.0], dtype=np.complex128)
+        return np.array([] if c1 == 0.0 else [-c2 / c1], dtype=np.complex128)
+    lead = Fraction(float(c0))
+    half = (2 * lead + Fraction(float(c1))) / lead / 2
+    last = (lead + Fraction(float(c1)) + Fraction(float(c2))) / lead
+    square = half * half - last
+    size = float(np.sqrt(abs(float(square))))
+    if square < 0:
+        return np.array([complex(1.0 - float(half), size), complex(1.0 - float(half), -size)])
+    far = -(float(half) + np.copysign(size, float(half)))
+    near = float(last) / far if far != 0.0 else 0.0
+    return np.array([1.0 + far, 1.0 + near], dtype=np.complex128)

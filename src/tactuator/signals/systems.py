@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
 from tactuator.errors import BadInput
-from tactuator.signals.sections import backward_difference
+from tactuator.signals.sections import backward_difference, check_sections, section_roots
 
 _CANNOT_COMBINE = "{left} and {right} cannot be combined; allowed: two systems of the same kind of time and rate"
 
@@ -158,7 +158,11 @@ class SampledSystem(_System):
     @classmethod
     def from_sections(cls, sos: ArrayLike, rate_hz: float, delay_samples: int = 0) -> SampledSystem:
         """The cascade of second-order sections `sos`, shape (n, 6)."""
-        zeros, poles, gain = signal.sos2zpk(np.asarray(sos, dtype=np.float64))
+        sections = check_sections(sos)
+        zeros = np.concatenate([np.empty(0), *(section_roots(*row[:3]) for row in sections)])
+        poles = np.concatenate([np.empty(0), *(section_roots(*row[3:]) for row in sections)])
+        leads = [row[:3][row[:3] != 0.0] for row in sections]
+        gain = np.prod([lead[0] / row[3] if lead.size else 0.0 for lead, row in zip(leads, sections, strict=True)])
         return cls(zeros, poles, float(gain), rate_hz, delay_samples)
 
     def sections(self) -> NDArray[np.float64]:
