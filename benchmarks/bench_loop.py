@@ -1,0 +1,182 @@
+"""The closed loop: how fast the core simulates it, beside what else one would use.
+
+The work: one channel at 4 kHz, 40 000 samples: the paper's F (4th order) and C (2nd), motor (2nd), one sample of
+delay. The core does all of it with friction, noise, hum, converters and limits; so does the plain Python loop, in the
+same arithmetic; `scipy.signal.dlsim` and `control.forced_response` do the linear part alone. Every time is the best
+of several on one core, and the ratios are those of this run. The core is timed in blocks of a second.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import control
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from tactuator.digital.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.digital.discretise import bilinear, zero_order_hold
+from tactuator.digital.lanes import Loop, ManyLoops, kernels_available
+from tactuator.digital.simulation import Simulation
+from tactuator.perception.library import curve
+from tactuator.plant.display import Channel, Display, Threshold
+from tactuator.signals.systems import ContinuousSystem
+
+RATE_HZ = 4000.0
+SAMPLES = 40_000
+LOOPS = 32
+MANY_SAMPLES = 4000
+THRESHOLD_V = 0.004
+MOTOR = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])
+FEEDBACK = ContinuousSystem.from_polynomials(12.264 * np.array([1.0, 111.0, 530.0]), [1.0, 260.0, 0.0])
+PREFILTER = ContinuousSystem.from_polynomials(
+    565.49 * THRESHOLD_V * np.array([1.0, 199.81, 17923.0, 1.786e5]), [1.0, 1420.0, 336711.0, 1.12e7, 1.01e8]
+)
+
+Work = Callable[[], Any]
+
+
+def best_s(work: Work, repeats: int) -> float:
+    """Seconds of the quickest of several runs."""
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def paper_controller(display: Display) -> Controller:
+    sections = (bilinear(PREFILTER, RATE_HZ).sections(), bilinear(FEEDBACK, RATE_HZ).sections())
+    channel = ChannelController("index", THRESHOLD_V, *sections, AntiWindup((0.01, 0.001)), Limits(10.0, 2.4))
+    return Controller(display, (channel,))
+
+
+def paper_display() -> Display:
+    channel = Channel("index", "index", 0.19898, 12.5, MOTOR, Threshold(curve("bolanowski-1988")))
+    return Display("benchmark", RATE_HZ, 1, (channel,))
+
+
+def linear_system() -> tuple[NDArray[np.float64], ...]:
+    """y/r of the linear part as one discrete state space (a, b, c, d): what dlsim and forced_response take."""
+    plant = zero_order_hold(MOTOR, RATE_HZ)
+    loop = control.ss(*_state_space(plant.sections())) * control.ss(
+        *_state_space(bilinear(FEEDBACK, RATE_HZ).sections())
+    )
+    delayed = loop * control.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]], 1.0 / RATE_HZ)
+    closed = control.feedback(delayed, 1) * control.ss(*_state_space(bilinear(PREFILTER, RATE_HZ).sections()))
+    return closed.A, closed.B, closed.C, closed.D
+
+
+def _state_space(sos: NDArray[np.float64]) -> tuple[Any, ...]:
+    return (*signal.zpk2ss(*signal.sos2zpk(sos)), 1.0 / RATE_HZ)
+
+
+def python_loop(reference: list[float]) -> list[float]:
+    """The whole loop as one would write it in Python: sections, converters, friction, noise, hum."""
+    f = [_delta(row) for row in bilinear(PREFILTER, RATE_HZ).sections()]
+    c = [_delta(row) for row in bilinear(FEEDBACK, RATE_HZ).sections()]
+    states = [[0.0, 0.0] for _ in (*f, *c)]
+    (a11, a12, a21, a22), (b1, b2) = _held_motor()
+    noise = np.random.default_rng(0).normal(0.0, 0.2e-3, len(reference)).tolist()
+    x1 = x2 = delayed = force = before = 0.0
+    felt = []
+    for k, r in enumerate(reference):
+        position = 2875.0 * x1
+        moved = position - before
+        force = (force + 0.4 * moved) / (1.0 + abs(moved) / 10e-3)
+        before = position
+        angle = 2.0 * math.pi * 60.0 * k / RATE_HZ
+        hum = 1e-3 * math.sin(angle) + 3e-4 * math.sin(2.0 * angle) + 2e-4 * math.sin(3.0 * angle)
+        code = max(-32768, min(32767, round((position + noise[k] + hum) * 3276.8)))
+        value = r
+        for section, state in zip(f, states, strict=False):
+            value = _section(section, state, value)
+        value -= code / 3276.8
+        for section, state in zip(c, states[len(f) :], strict=True):
+            value = _section(section, state, value)
+        command = max(-10.0, min(10.0, value))
+        states[-1][0] += 0.01 * (command - value)
+        states[-1][1] += 0.001 * (command - value)
+        put_out, delayed = delayed, max(-32768, min(32767, round(command * 3276.8))) / 3276.8
+        total = put_out - force
+        x1, x2 = a11 * x1 + a12 * x2 + b1 * total, a21 * x1 + a22 * x2 + b2 * total
+        felt.append(position)
+    return felt
+
+
+def _delta(row: NDArray[np.float64]) -> tuple[float, ...]:
+    b0, b1, b2, _, a1, a2 = row.tolist()
+    return b0, 2.0 * b0 + b1, b0 + b1 + b2, 2.0 + a1, 1.0 + a1 + a2
+
+
+def _section(section: tuple[float, ...], state: list[float], x: float) -> float:
+    b0, b1, b2, a1, a2 = section
+    y = b0 * x + state[0]
+    state[0] += b1 * x - a1 * y + state[1]
+    state[1] += b2 * x - a2 * y
+    return y
+
+
+def _held_motor() -> tuple[tuple[float, ...], tuple[float, float]]:
+    a, b = np.array([[0.0, 1.0], [-290.0, -94.0]]), np.array([[0.0], [1.0]])
+    ad, bd, *_ = signal.cont2discrete((a, b, np.eye(2), np.zeros((2, 1))), 1.0 / RATE_HZ, "zoh")
+    return tuple(ad.ravel().tolist()), (float(bd[0, 0]), float(bd[1, 0]))
+
+
+def peers(reference: NDArray[np.float64]) -> dict[str, tuple[Work, int]]:
+    """What each peer has to do, and how often it is timed."""
+    a, b, c, d = linear_system()
+    discrete = signal.dlti(a, b, c, d, dt=1.0 / RATE_HZ)
+    state_space = control.ss(a, b, c, d, 1.0 / RATE_HZ)
+    return {
+        "plain_python": (partial(python_loop, reference.tolist()), 3),
+        "scipy_dlsim": (partial(signal.dlsim, discrete, reference), 3),
+        "control_forced_response": (partial(control.forced_response, state_space, U=reference), 3),
+    }
+
+
+def many_loops(display: Display, controller: Controller, reference: NDArray[np.float64]) -> dict[str, dict[str, float]]:
+    """Million loop samples a second of every kernel, metrics alone and with a trace of everything."""
+    loops = [Loop(display.channels[0], controller.channels[0], seed) for seed in range(LOOPS)]
+    part = reference[:MANY_SAMPLES]
+    work = LOOPS * MANY_SAMPLES / 1e6
+    figures = {}
+    for kernel in kernels_available()[1:]:
+        together = ManyLoops(loops, RATE_HZ, 1, kernel)
+        figures[kernel] = {
+            "metrics_million_per_s": work / best_s(partial(together.measure, part), 25),
+            "trace_million_per_s": work / best_s(partial(together.play, part), 25),
+        }
+    return figures
+
+
+def run() -> dict[str, object]:
+    """Figures of the closed loop: million loop samples per second, and ratios to the peers."""
+    display = paper_display()
+    controller = paper_controller(display)
+    reference = 10.0 * np.sin(2.0 * np.pi * 10.0 * np.arange(SAMPLES) / RATE_HZ)
+    simulation = Simulation(display, seed=1)
+    simulation.load(controller)
+    blocks = np.split(np.ascontiguousarray(reference[:, None], dtype=np.float32), SAMPLES // MANY_SAMPLES)
+    core_s = len(blocks) * best_s(partial(simulation.play, blocks[0]), 100)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        peer_s = {name: best_s(work, repeats) for name, (work, repeats) in peers(reference).items()}
+    many = many_loops(display, controller, reference)
+    core = SAMPLES / core_s / 1e6
+    fastest = max(each["metrics_million_per_s"] for each in many.values())
+    return {
+        "loop_samples_million_per_s": core,
+        "single_loop_times_peer": {name: seconds / core_s for name, seconds in peer_s.items()},
+        "many_loops_times_peer": {name: seconds / SAMPLES * fastest * 1e6 for name, seconds in peer_s.items()},
+        "many_loops": dict(many),
+        "many_loops_times_single_loop": fastest / core,
+        "goals": {"loop_samples_million_per_s": 20.0, "times_control_forced_response": 500.0, "many_times_single": 2.5},
+    }
