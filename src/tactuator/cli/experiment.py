@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer, plain
+from tactuator.cli.experiment_serve import serve
+from tactuator.cli.experiment_station import station
 from tactuator.cli.options import AsJson, Seed
 from tactuator.errors import BadInput
 from tactuator.experiment.quest_plus import QuestPlusRule
@@ -51,6 +54,33 @@ def simulate_command(
     figures = plain(result)
     assert isinstance(figures, dict)
     answer(figures, as_json, _table(f"{procedure}, {runs} runs", figures))
+
+
+ProtocolFile = Annotated[Path, typer.Argument(help="Protocol file (TOML).", metavar="PROTOCOL")]
+StoreFile = Annotated[Path, typer.Option("--store", help="Database of the experiment (SQLite).")]
+ControllerFile = Annotated[Path | None, typer.Option(help="controller.json; default: the paper's display and C.")]
+RigName = Annotated[str, typer.Option("--rig", help="simulated.")]
+
+
+@experiment.command("serve")
+def serve_command(
+    protocol: ProtocolFile,
+    store: StoreFile,
+    rig: RigName = "simulated",
+    controller: ControllerFile = None,
+    host: Annotated[
+        str, typer.Option(help="Address to listen at; another than loopback lets others in.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port; 0: any that is free.")] = 8765,
+    operator_token: Annotated[str | None, typer.Option(help="The operator's token; default: a fresh one.")] = None,
+    speed: Annotated[
+        float, typer.Option(help="Speed of presentation on the simulated rig; 0: as fast as it can.")
+    ] = 1.0,
+    auto_start: Annotated[bool, typer.Option("--auto-start", help="Subjects may begin without the operator.")] = False,
+    seed: Seed = 0,
+) -> None:
+    """Serve the study to browsers: one page for every subject, one for the operator."""
+    serve(protocol, store, station(rig, controller, seed, speed or None), host, port, operator_token, auto_start)
 
 
 def _slope_range(text: str) -> tuple[float, float]:

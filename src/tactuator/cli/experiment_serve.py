@@ -1,0 +1,51 @@
+"""tactuator experiment serve: the study in a browser."""
+
+from __future__ import annotations
+
+import secrets
+import sys
+from pathlib import Path
+
+import uvicorn
+
+from tactuator.errors import BadInput
+from tactuator.experiment import records
+from tactuator.experiment.clock import SystemClock
+from tactuator.experiment.conduct import Station
+from tactuator.experiment.protocol_file import read_protocol
+from tactuator.experiment.store import Store
+from tactuator.web.app import build_app
+from tactuator.web.lab import Lab
+
+
+def serve(
+    protocol_path: Path, store_path: Path, station: Station, host: str, port: int, token: str | None, auto_start: bool
+) -> None:
+    """Serve until interrupted. The addresses go to standard error, one a line: operator's first, then each subject's."""
+    protocol, text = read_protocol(protocol_path)
+    station.check(protocol)
+    if not 0 <= port <= 65535:
+        raise BadInput(f"port {port}; allowed: 0 to 65535")
+    store, clock = Store(store_path), SystemClock()
+    links = [secrets.token_urlsafe(12) for _ in protocol.subject]
+    with store.begin() as connection:
+        study = records.open_study(connection, protocol, text, clock.utc(), links)
+    operator_token = secrets.token_urlsafe(16) if token is None else token
+    lab = Lab(store, protocol, study, station, clock, auto_start)
+    config = uvicorn.Config(
+        build_app(lab, operator_token), host=host, port=port, log_level="warning", ws_max_size=65536
+    )
+    server = uvicorn.Server(config)
+    listener = config.bind_socket()
+    base = f"http://{host}:{listener.getsockname()[1]}"
+    lines = [f"operator: {base}/operator#{operator_token}"]
+    lines += [f"subject {row.subject_code}: {base}/s/{row.link_token}" for row in lab.sessions]
+    if host not in ("127.0.0.1", "localhost", "::1"):
+        lines.append("anyone who can reach this machine can reach these pages; the connection is not encrypted")
+    sys.stderr.write("\n".join(lines) + "\n")
+    sys.stderr.flush()
+    try:
+        server.run(sockets=[listener])
+    finally:
+        lab.close()
+        store.close()

@@ -1,0 +1,161 @@
+"""An operator's connection: what goes on, and the few things that one may ask for."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from fastapi import WebSocket, WebSocketDisconnect
+
+from tactuator.errors import BadInput
+from tactuator.experiment import records
+from tactuator.experiment.conduct import Conduct
+from tactuator.experiment.up_down import UpDown
+from tactuator.web.lab import Fault, Lab
+from tactuator.web.messages import Command, operator_command
+from tactuator.web.subject import Tabs, send
+
+_REFRESH_S = 1.0
+
+
+class Operators:
+    """The operators' pages; one has control, the others look on until one takes it."""
+
+    def __init__(self) -> None:
+        self._control: OperatorPage | None = None
+
+    def enter(self, page: OperatorPage) -> None:
+        """A page opens; it has control if nobody has."""
+        if self._control is None:
+            self._control = page
+
+    def exit(self, page: OperatorPage) -> None:
+        """A page closes."""
+        if self._control is page:
+            self._control = None
+
+    def take(self, page: OperatorPage) -> None:
+        """A page takes control from whoever has it."""
+        self._control = page
+
+    def has_control(self, page: OperatorPage) -> bool:
+        """Whether commands of that page count."""
+        return self._control is page
+
+
+class OperatorPage:
+    """One open page."""
+
+    def __init__(self, socket: WebSocket, lab: Lab, tabs: Tabs, operators: Operators) -> None:
+        self.socket, self.lab, self.tabs, self.operators = socket, lab, tabs, operators
+
+    async def attend(self) -> None:
+        """Serve the page until it closes."""
+        for row in self.lab.sessions:
+            await self.lab.conduct(row)
+        show, obey = asyncio.create_task(self._show()), asyncio.create_task(self._obey())
+        done, waiting = await asyncio.wait({show, obey}, return_when=asyncio.FIRST_COMPLETED)
+        for task in waiting:
+            task.cancel()
+        await asyncio.gather(*waiting, return_exceptions=True)
+        for task in done:
+            if not isinstance(task.exception(), WebSocketDisconnect | None):
+                task.result()
+
+    async def _show(self) -> None:
+        while True:
+            await send(self.socket, self.snapshot())
+            await self.lab.until_changed(_REFRESH_S)
+            try:
+                await self.lab.work(self.lab.watch_clock)
+            except Fault:
+                continue  # the lab has kept it, the next snapshot tells it
+
+    async def _obey(self) -> None:
+        while True:
+            text = await self.socket.receive_text()
+            try:
+                await self._command(operator_command(text))
+            except (BadInput, Fault) as error:
+                await send(self.socket, {"type": "refused", "message": str(error)})
+
+    async def _command(self, command: Command) -> None:
+        if command.type == "take-control":
+            self.operators.take(self)
+            self.lab.notify()
+            return
+        if not self.operators.has_control(self):
+            raise BadInput("another operator has control; allowed: looking on, or taking control first")
+        if command.type == "start":
+            if command.session is None:
+                raise BadInput("start without a session; allowed: with one")
+            self.lab.start(command.session)
+        elif command.type in ("pause", "resume"):
+            self.lab.pause(command.type == "pause")
+        elif command.type == "stop":
+            await self.lab.stop()
+        elif command.type == "clear-fault":
+            self.lab.tell(None)
+        else:
+            await self._give_up_run()
+
+    async def _give_up_run(self) -> None:
+        conduct = None if self.lab.active is None else self.lab.opened(self.lab.active)
+        if conduct is None:
+            raise BadInput("no session is at the rig; allowed: giving up a run of one that is")
+        if not self.lab.paused:
+            raise BadInput("the session is not paused; allowed: giving up a run after pausing")
+        await self.lab.work(conduct.give_up_run)
+        self.lab.notify()
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything that the page shows."""
+        lab = self.lab
+        active = None if lab.active is None else lab.opened(lab.active)
+        return {
+            "type": "snapshot",
+            "study": lab.protocol.study.name,
+            "control": self.operators.has_control(self),
+            "paused": lab.paused,
+            "fault": lab.fault,
+            "active": lab.active,
+            "rig": {
+                "name": lab.station.name,
+                "display": lab.station.controller.display.name,
+                "rate_hz": lab.station.rig.rate_hz,
+                "channels": list(lab.station.rig.channels),
+            },
+            "sessions": [self._session(row) for row in lab.sessions],
+            "track": None if active is None else track(active),
+        }
+
+    def _session(self, row: records.Found) -> dict[str, Any]:
+        conduct = self.lab.opened(row.id)
+        return {
+            "id": row.id,
+            "subject": row.subject_code,
+            "group": row.subject_group,
+            "link": f"/s/{row.link_token}",
+            "here": self.tabs.is_open(row.id),
+            "stage": None if conduct is None else conduct.session.stage,
+            "progress": 0.0 if conduct is None else conduct.session.progress,
+            "trials": 0 if conduct is None else conduct.session.trials,
+        }
+
+
+def track(conduct: Conduct) -> dict[str, Any] | None:
+    """The run that goes on, for drawing: levels and outcomes of its trials."""
+    running = conduct.session.running
+    if running is None:
+        return None
+    planned, procedure = running
+    levels, outcomes = conduct.session.history
+    return {
+        "finger": planned.finger,
+        "frequency_hz": planned.frequency_hz,
+        "practice": planned.practice,
+        "levels_db_sl": levels,
+        "correct": outcomes,
+        "reversals": len(procedure.reversal_levels) if isinstance(procedure, UpDown) else None,
+        "progress": procedure.progress,
+    }
