@@ -5,7 +5,7 @@ extern inline void tact_metrics_add(tact_metrics *metrics, double displacement_m
 
 enum { CHUNK = 64 };
 
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#if defined(TACT_LANES_WIDE)
 int tact_lanes_available(int kernel)
 {
     if (kernel == TACT_LANES_AVX2)
@@ -88,7 +88,7 @@ static void run_single(const tact_lanes_job *job, tact_closed_loop *loop)
 
 static void run_batch(int kernel, const tact_lanes_job *job, tact_closed_loop *loops)
 {
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#if defined(TACT_LANES_WIDE)
     if (kernel == TACT_LANES_AVX512) {
         tact_lanes_run_avx512(job, loops);
         return;

@@ -1,5 +1,5 @@
 /* The kernel for vectors of 256 bits. No fused multiply-add: -ffp-contract=off holds here too. */
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(TACT_LANES_BASELINE_ONLY)
 #pragma GCC optimize("O3")
 #pragma GCC target("avx2")
 

@@ -1,5 +1,5 @@
 /* The kernel for vectors of 512 bits. No fused multiply-add: -ffp-contract=off holds here too. */
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(TACT_LANES_BASELINE_ONLY)
 #pragma GCC optimize("O3")
 #pragma GCC target("avx512f,avx512vl,avx512dq,avx512bw,prefer-vector-width=512")
 

@@ -9,6 +9,11 @@
 
 #include "lanes.h"
 
+/* Define TACT_LANES_BASELINE_ONLY to leave the wider kernels out. */
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(TACT_LANES_BASELINE_ONLY)
+#define TACT_LANES_WIDE 1
+#endif
+
 typedef struct {
     size_t first, count, samples; /* first loop of the batch, loops in all */
     const float *reference;
