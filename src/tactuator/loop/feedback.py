@@ -55,22 +55,23 @@ class FeedbackLoop:
 
     def sensitivity(self, frequency_hz: ArrayLike) -> Response:
         """S = 1/(1 + L): from a disturbance of the position to the position."""
-        return np.asarray(1.0 / (1.0 + self.open_response(frequency_hz)))
+        numerator, denominator = self.open_loop.fraction(frequency_hz)
+        return np.asarray(denominator / (numerator + denominator))
 
     def complementary(self, frequency_hz: ArrayLike) -> Response:
         """T = L/(1 + L): from F's output to the position, and (with a minus sign) from sensor noise to it."""
-        response = self.open_response(frequency_hz)
-        return np.asarray(response / (1.0 + response))
+        numerator, denominator = self.open_loop.fraction(frequency_hz)
+        return np.asarray(numerator / (numerator + denominator))
 
     def command_sensitivity(self, frequency_hz: ArrayLike) -> Response:
         """C S: from F's output to the command."""
-        controller = self.controller.response(frequency_hz)
-        return np.asarray(controller / (1.0 + controller * self.plant.response(frequency_hz)))
+        (c, c_den), (p, p_den) = self.controller.fraction(frequency_hz), self.plant.fraction(frequency_hz)
+        return np.asarray(c * p_den / (c * p + c_den * p_den))
 
     def load_sensitivity(self, frequency_hz: ArrayLike) -> Response:
         """P S: from a voltage added to the command (friction, a force) to the position."""
-        plant = self.plant.response(frequency_hz)
-        return np.asarray(plant / (1.0 + self.controller.response(frequency_hz) * plant))
+        (c, c_den), (p, p_den) = self.controller.fraction(frequency_hz), self.plant.fraction(frequency_hz)
+        return np.asarray(p * c_den / (c * p + c_den * p_den))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from tactuator.design.controller import headroom_grid_hz
 from tactuator.design.family import UNLOADED, plant_family
 from tactuator.design.headroom import headroom
 from tactuator.digital.controller import Controller
-from tactuator.files.atomic import atomic_folder, require_folder
+from tactuator.files.atomic import atomic_folder
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.report.bode import bode_plate
 from tactuator.report.equality import equality_plate
@@ -63,8 +63,8 @@ def save_design_plates(controller: Controller, folder: Path) -> None:
     Raises BadInput for a folder that holds anything else.
     """
     names = [f"{kind}-{channel.name}" for channel in controller.channels for kind in _KINDS]
-    require_folder(folder, frozenset(f"{name}.{ending}" for name in names for ending in ("svg", "csv")))
-    plates = [plate for channel in controller.channels for plate in design_plates(controller, channel.name)]
-    with atomic_folder(folder) as beside:
-        for plate in plates:
-            plate.save(beside)
+    own_names = frozenset(f"{name}.{ending}" for name in names for ending in ("svg", "csv"))
+    with atomic_folder(folder, own_names) as beside:
+        for channel in controller.channels:
+            for plate in design_plates(controller, channel.name):
+                plate.save(beside)

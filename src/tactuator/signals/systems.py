@@ -15,6 +15,9 @@ from tactuator.signals.sections import backward_difference, check_sections, sect
 _CANNOT_COMBINE = "{left} and {right} cannot be combined; allowed: two systems of the same kind of time and rate"
 
 
+Fraction = tuple[NDArray[np.complex128], NDArray[np.complex128]]
+
+
 def _roots(values: ArrayLike, name: str) -> NDArray[np.complex128]:
     roots = np.atleast_1d(np.asarray(values, dtype=np.complex128))
     if roots.ndim != 1 or not np.all(np.isfinite(roots)):
@@ -72,6 +75,16 @@ class _System:
     def _key(self) -> tuple[Any, ...]:
         return (self.zeros.tobytes(), self.poles.tobytes(), self.gain)
 
+    def fraction(self, frequency_hz: ArrayLike) -> Fraction:
+        """Numerator and denominator of the response."""
+        raise NotImplementedError
+
+    def response(self, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
+        """Complex response at `frequency_hz` (any shape, hertz), dead time included; infinite on a pole."""
+        numerator, denominator = self.fraction(frequency_hz)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(numerator / denominator)
+
     @property
     def is_proper(self) -> bool:
         """No more zeros than poles."""
@@ -107,15 +120,16 @@ class ContinuousSystem(_System):
         """(num, den) in descending powers of s, den monic: for printing and files, not for computing with."""
         return self.gain * _expanded(self.zeros), _expanded(self.poles)
 
-    def response(self, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
-        """Complex response at `frequency_hz` (any shape, hertz), dead time included."""
+    def fraction(self, frequency_hz: ArrayLike) -> Fraction:
+        """Numerator (with gain and dead time) and denominator of the response: finite even where a pole lies."""
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
-        values = np.full(s.shape, self.gain, dtype=np.complex128)
+        numerator = self.gain * np.exp(-s * self.delay_s)
         for zero in self.zeros:
-            values = values * (s - zero)
+            numerator = numerator * (s - zero)
+        denominator = np.ones(s.shape, dtype=np.complex128)
         for pole in self.poles:
-            values = values / (s - pole)
-        return np.asarray(values * np.exp(-s * self.delay_s), dtype=np.complex128)
+            denominator = denominator * (s - pole)
+        return np.asarray(numerator, dtype=np.complex128), denominator
 
     @property
     def is_stable(self) -> bool:
@@ -172,18 +186,19 @@ class SampledSystem(_System):
         sos = np.asarray(signal.zpk2sos(self.zeros, self.poles, self.gain))
         return _delayed(sos, self.poles.size - self.zeros.size)
 
-    def response(self, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
-        """Complex response at `frequency_hz` (any shape, hertz), delay included."""
+    def fraction(self, frequency_hz: ArrayLike) -> Fraction:
+        """Numerator (with gain and delay) and denominator of the response: finite even where a pole lies."""
         frequency = np.asarray(frequency_hz, dtype=np.float64)
         z = np.exp(2j * np.pi * frequency / self.rate_hz)
         # z - root = (1 - root) + (z - 1), and z - 1 is known to full precision
         step = backward_difference(frequency, self.rate_hz) * z
-        values = np.full(z.shape, self.gain, dtype=np.complex128)
+        numerator = self.gain * z ** (-float(self.delay_samples))
         for zero in self.zeros:
-            values = values * ((1.0 - zero) + step)
+            numerator = numerator * ((1.0 - zero) + step)
+        denominator = np.ones(z.shape, dtype=np.complex128)
         for pole in self.poles:
-            values = values / ((1.0 - pole) + step)
-        return np.asarray(values * z ** (-float(self.delay_samples)), dtype=np.complex128)
+            denominator = denominator * ((1.0 - pole) + step)
+        return np.asarray(numerator, dtype=np.complex128), denominator
 
     @property
     def is_stable(self) -> bool:
