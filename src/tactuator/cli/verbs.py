@@ -7,4 +7,12 @@ VERBS: tuple[str, ...] = (
     "reproduce",
     "experiment",
     "identify",
+    "render",
+    "play",
+    "corpus",
+    "record",
+    "measure",
+    "disturb",
+    "noise",
+    "calibrate",
 )

@@ -1,0 +1,57 @@
+"""`tactuator calibrate`: sensor gain from pairs of displacement and voltage."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from tactuator.cli.answer import answer
+from tactuator.cli.options import AsJson
+from tactuator.errors import BadInput
+from tactuator.files.pairs import read_pairs
+from tactuator.identify.calibration import Calibration, fit_line
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+
+    @app.command()
+    def calibrate(
+        pairs: Annotated[Path, typer.Argument(help="CSV with columns displacement_mm, voltage_v and, if any, name.")],
+        gauge_error_mm: Annotated[float, typer.Option("--gauge-error-mm", help="Standard error of the gauge.")] = 0.0,
+        strict: Annotated[bool, typer.Option("--strict", help="Stop where a pair is off the line.")] = False,
+        as_json: AsJson = False,
+    ) -> None:
+        """Sensor gain, offset and linearity with confidence; pairs off the line are refused, each by its name."""
+        read = read_pairs(pairs)
+        found = fit_line(read.displacement_mm, read.voltage_v, gauge_error_mm=gauge_error_mm, names=read.names)
+        if found.refused and strict:
+            raise BadInput("; ".join(str(pair) for pair in found.refused) + "; allowed: pairs on one line")
+        for pair in found.refused:
+            sys.stderr.write(f"tactuator: refused: {pair}\n")
+        answer(document(found), as_json, _table(found))
+
+
+def document(found: Calibration) -> dict[str, Any]:
+    """What `--json` prints."""
+    return {
+        "sensor_gain_v_per_mm": found.gain_v_per_mm,
+        "sensor_gain_confidence_v_per_mm": found.gain_confidence_v_per_mm,
+        "offset_v": found.offset_v,
+        "offset_confidence_v": found.offset_confidence_v,
+        "linearity_percent": found.linearity_percent,
+        "pairs": int(found.displacement_mm.size),
+        "refused": [vars(pair) for pair in found.refused],
+    }
+
+
+def _table(found: Calibration) -> Table:
+    table = Table("what", "value", "±95 %", title=f"{found.displacement_mm.size} pairs, {len(found.refused)} refused")
+    table.add_row("gain (V/mm)", f"{found.gain_v_per_mm:.6g}", f"{found.gain_confidence_v_per_mm:.2g}")
+    table.add_row("offset (V)", f"{found.offset_v:.5g}", f"{found.offset_confidence_v:.2g}")
+    table.add_row("largest departure (% of span)", f"{found.linearity_percent:.3g}", "")
+    return table

@@ -1,0 +1,84 @@
+"""`tactuator disturb`: what a pressing, lifting or trembling finger does to the position."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from tactuator.cli.answer import answer
+from tactuator.cli.controllers import ControllerOption, DisplayOption, chosen_controller
+from tactuator.cli.measure import frequencies
+from tactuator.cli.options import AsJson, Seed
+from tactuator.cli.rigs import RigOption, opened_rig
+from tactuator.errors import BadInput
+from tactuator.measure.disturbance import DisturbanceReport, disturbance
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+
+    @app.command()
+    def disturb(
+        display: DisplayOption = None,
+        controller: ControllerOption = None,
+        channel: Annotated[list[str] | None, typer.Option("--channel", help="Channel (default: all).")] = None,
+        frequency: Annotated[
+            str, typer.Option("--frequency-hz", help="Frequencies of the rejection, comma between.")
+        ] = "0.5,1,2,5,10,20,30,50,100",
+        excursion_mm: Annotated[
+            float, typer.Option("--excursion-mm", help="What each force would move without the loop.")
+        ] = 1.0,
+        rig: RigOption = "simulated",
+        seed: Seed = 0,
+        as_json: AsJson = False,
+    ) -> None:
+        """Press, lift and tremble at the finger port; rejection against frequency beside S."""
+        made = chosen_controller(display, controller)
+        names = channel or [one.name for one in made.channels]
+        reports = []
+        with opened_rig(rig, made, seed) as opened:
+            finger = getattr(opened, "finger", None)
+            if finger is None:
+                raise BadInput(f"rig {rig!r} has no finger port to press at; allowed: one that has")
+            opened.load(made)
+            rng = np.random.default_rng(seed)
+            for name in names:
+                report = disturbance(
+                    opened, finger(name), made, name, frequencies(frequency), rng, excursion_mm=excursion_mm
+                )
+                reports.append(report)
+        answer({"channels": [document(one) for one in reports]}, as_json, _table(reports))
+
+
+def document(report: DisturbanceReport) -> dict[str, Any]:
+    """One channel as `--json` prints it."""
+    return {
+        "channel": report.channel,
+        "unit": report.unit,
+        "rejection": vars(report.rejection),
+        "press": vars(report.press),
+        "tremor": vars(report.tremor),
+    }
+
+
+def _table(reports: list[DisturbanceReport]) -> Table:
+    table = Table("channel", "disturbance", "measured", "expected")
+    for report in reports:
+        rejection = report.rejection
+        for k in range(rejection.frequency_hz.size):
+            measured = f"{rejection.measured_db[k]:.2f} ± {rejection.confidence_db[k]:.2f} dB"
+            expected = f"{rejection.expected_db[k]:.2f} dB"
+            table.add_row(report.channel, f"{rejection.frequency_hz[k]:g} Hz", measured, expected)
+        press, tremor = report.press, report.tremor
+        table.add_row(
+            report.channel,
+            "press",
+            f"{press.peak_mm:.3g} {report.unit}, within a tenth after {press.recovery_s:.2f} s",
+            f"{press.without_loop_mm:.3g} {report.unit} without the loop",
+        )
+        table.add_row(report.channel, "lift", f"{press.lift_peak_mm:.3g} {report.unit}", "")
+        table.add_row(report.channel, "tremor 4–12 Hz", f"{tremor.rejection_db:.2f} dB", f"{tremor.expected_db:.2f} dB")
+    return table

@@ -1,0 +1,148 @@
+"""`tactuator measure`: the response of a display at a level, with confidence."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from tactuator.cli.answer import answer, progress
+from tactuator.cli.controllers import ControllerOption, DisplayOption, chosen_controller
+from tactuator.cli.options import AsJson, Seed
+from tactuator.cli.rigs import RigOption, opened_rig
+from tactuator.errors import BadInput
+from tactuator.files.controller import controller_hash
+from tactuator.files.response import write_responses
+from tactuator.measure.multisine_response import multisine_response
+from tactuator.measure.stepped_sine import stepped_sine
+from tactuator.rig.protocol import Rig
+from tactuator.signals.response import Response
+
+METHODS = ("stepped", "multisine")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+
+    @app.command()
+    def measure(
+        display: DisplayOption = None,
+        controller: ControllerOption = None,
+        level_db_sl: Annotated[float, typer.Option("--level-db-sl", "--level", help="Level, dB SL.")] = 30.0,
+        load: Annotated[str, typer.Option("--load", help="Load of the display file, or none.")] = "none",
+        method: Annotated[str, typer.Option("--method", help="stepped or multisine.")] = "stepped",
+        frequency: Annotated[
+            str | None, typer.Option("--frequency-hz", help="Frequencies, comma between (default: 30 over the band).")
+        ] = None,
+        channel: Annotated[list[str] | None, typer.Option("--channel", help="Channel (default: all).")] = None,
+        confidence_db: Annotated[float, typer.Option("--confidence-db", help="95 % half-width to reach.")] = 0.25,
+        longest_s: Annotated[float, typer.Option("--longest-s", help="Seconds per point at most.")] = 30.0,
+        mains_hz: Annotated[float, typer.Option("--mains-hz", help="Mains frequency; 0 for none.")] = 60.0,
+        out: Annotated[Path | None, typer.Option("--out", help="Response to write (.h5 or .csv).")] = None,
+        rig: RigOption = "simulated",
+        seed: Seed = 0,
+        as_json: AsJson = False,
+    ) -> None:
+        """Measure the response: each frequency until its confidence is reached, off mains, saturation marked."""
+        if method not in METHODS:
+            raise BadInput(f"method {method!r}; allowed: {', '.join(METHODS)}")
+        made = chosen_controller(display, controller)
+        low, high = made.display.channels[0].threshold.band_hz
+        wanted = np.geomspace(low, high, 30) if frequency is None else frequencies(frequency)
+        with opened_rig(rig, made, seed) as opened, progress() as bar:
+            touch_all(opened, made.display.channels, load)
+            opened.load(made)
+            asked: dict[str, Any] = {
+                "channels": channel,
+                "load": load,
+                "confidence_db": confidence_db,
+                "longest_s": longest_s,
+                "mains_hz": mains_hz or None,
+                "controller_hash": controller_hash(made),
+            }
+            if method == "stepped":
+                task = bar.add_task("response", total=wanted.size)
+
+                def show(done: int, total: int) -> None:
+                    bar.update(task, completed=done, total=total)
+
+                responses = stepped_sine(opened, wanted, level_db_sl, progress=show, **asked)
+            else:
+                responses = multisine_response(opened, wanted, level_db_sl, np.random.default_rng(seed), **asked)
+        if out is not None:
+            write_responses(out, responses)
+        answer(document(responses), as_json, _table(responses))
+        if not all(bool(np.all(one.reached)) for one in responses):
+            sys.stderr.write("tactuator: the confidence was not reached everywhere in the time allowed\n")
+            raise typer.Exit(1)
+
+
+def frequencies(text: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Numbers with commas between; BadInput otherwise."""
+    try:
+        return np.array([float(cell) for cell in text.split(",") if cell.strip()], dtype=np.float64)
+    except ValueError:
+        raise BadInput(f"frequencies {text!r}; allowed: numbers of hertz with commas between") from None
+
+
+def touch_all(rig: Rig, channels: Sequence[Any], load: str) -> None:
+    """Put the load on every channel that a simulated finger can touch; ask for it where a hand must."""
+    finger = getattr(rig, "finger", None)
+    if load == "none":
+        return
+    for described in channels:
+        described.load(load)
+        if finger is not None:
+            finger(described.name).touch(load)
+    if finger is None:
+        sys.stderr.write(f"tactuator: put the load {load!r} on every channel now\n")
+
+
+def document(responses: Sequence[Response]) -> dict[str, Any]:
+    """What `--json` prints."""
+    return {
+        "responses": [
+            {
+                "channel": one.channel,
+                "load": one.load,
+                "level_db_sl": one.level_db_sl,
+                "method": one.method,
+                "controller_hash": one.controller_hash,
+                "frequency_hz": one.frequency_hz,
+                "magnitude_v": one.magnitude_v,
+                "magnitude_db": one.magnitude_db,
+                "phase_rad": one.phase_rad,
+                "latency_s": one.latency_s,
+                "confidence_db": one.confidence_db,
+                "noise_v": one.noise_v,
+                "distortion_v": one.distortion_v,
+                "saturated": one.saturated,
+                "reached": one.reached,
+                "averaged_s": one.averaged_s,
+            }
+            for one in responses
+        ]
+    }
+
+
+def _table(responses: Sequence[Response]) -> Table:
+    table = Table("channel", "Hz", "mV", "±dB", "phase °", "latency ms", "distortion dB", "limited")
+    for one in responses:
+        for k in range(one.frequency_hz.size):
+            ratio = one.distortion_v[k] / one.magnitude_v[k] if one.magnitude_v[k] > 0.0 else np.inf
+            table.add_row(
+                one.channel,
+                f"{one.frequency_hz[k]:.4g}",
+                f"{1e3 * one.magnitude_v[k]:.4g}",
+                f"{one.confidence_db[k]:.2f}",
+                f"{np.degrees(one.phase_rad[k]):.1f}",
+                f"{1e3 * one.latency_s[k]:.2f}",
+                f"{20.0 * np.log10(ratio):.0f}" if ratio > 0.0 else "none",
+                "yes" if one.saturated[k] else "",
+            )
+    return table

@@ -1,0 +1,230 @@
+"""What a finger that presses, lifts or trembles does to the position, and how much of it the loop takes away."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from tactuator.digital.controller import Controller
+from tactuator.digital.discretise import zero_order_hold
+from tactuator.errors import BadInput
+from tactuator.plant.display import Channel
+from tactuator.plant.load import DERIVATIVES
+from tactuator.rig.protocol import Rig
+from tactuator.signals.decibels import db
+from tactuator.signals.lockin import lock_in, mains_multiples, off_mains
+from tactuator.signals.stimuli import ramps
+from tactuator.signals.systems import ContinuousSystem, SampledSystem
+
+Array = NDArray[np.float64]
+TREMOR_HZ = (4.0, 12.0)
+"""Band of a finger's tremor (physiological 8-12 Hz, pathological from 4 Hz)."""
+
+
+class Presser(Protocol):
+    """A finger port: takes a force for the coming samples, in volts of command that would push as hard."""
+
+    def press(self, force_v: ArrayLike) -> None:
+        """Force (n,) for the n samples to come."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Rejection:
+    """|S| measured and expected, dB, at frequency_hz (m,), with 95 % half-widths; force_v: peak of the press, (m,)."""
+
+    frequency_hz: Array
+    measured_db: Array
+    confidence_db: Array
+    expected_db: Array
+    force_v: Array
+    saturated: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Press:
+    """A finger that presses for a second and lifts: peak excursion and what is left after a second, mm; time until the
+    excursion stays within a tenth of its peak, s; peak without the loop, mm.
+    """
+
+    peak_mm: float
+    left_mm: float
+    recovery_s: float
+    without_loop_mm: float
+    lift_peak_mm: float
+
+
+@dataclass(frozen=True)
+class Tremor:
+    """Noise of 4 .. 12 Hz at the finger: rms of the position with the loop and (by the model) without, mm."""
+
+    rms_mm: float
+    without_loop_mm: float
+    rejection_db: float
+    expected_db: float
+
+
+@dataclass(frozen=True, eq=False)
+class DisturbanceReport:
+    """What was found on one channel. unit: mm for a displacement sensor, mm/s and mm/s^2 for the others."""
+
+    channel: str
+    rejection: Rejection
+    press: Press
+    tremor: Tremor
+    unit: str = "mm"
+
+
+def disturbance(
+    rig: Rig,
+    port: Presser,
+    controller: Controller,
+    channel: str,
+    frequency_hz: ArrayLike,
+    rng: np.random.Generator,
+    *,
+    model: ContinuousSystem | None = None,
+    excursion_mm: float = 1.0,
+    mains_hz: float | None = 60.0,
+) -> DisturbanceReport:
+    """Disturb `channel` at its finger port while the controller holds it at rest, and compare with S.
+
+    frequency_hz (m,): of the rejection. model: identified plant (default: the display's). excursion_mm: what each force
+    would move without the loop, as far as half the command range allows. Raises BadInput for an unknown channel.
+    """
+    described = controller.display.channel(channel)
+    if excursion_mm <= 0.0:
+        raise BadInput(f"excursion {excursion_mm:g} mm; allowed: a positive number")
+    plant = zero_order_hold(model or described.plant, rig.rate_hz)
+    bench = _Bench(rig, port, rig.channels.index(channel), described, plant, excursion_mm)
+    loop = _Loop(controller, channel, plant)
+    rejection = bench.rejection(np.unique(off_mains(frequency_hz, mains_hz)), loop, mains_hz)
+    press = bench.press()
+    tremor = bench.tremor(loop, rng)
+    rig.rest()
+    return DisturbanceReport(channel, rejection, press, tremor, ("mm", "mm/s", "mm/s^2")[DERIVATIVES[described.quantity]])
+
+
+class _Loop:
+    """S of the controller and plant, sampled, with the computing delay."""
+
+    def __init__(self, controller: Controller, channel: str, plant: SampledSystem) -> None:
+        self._feedback = controller.channel(channel).feedback(controller.rate_hz)
+        self._delay_s = controller.delay_samples / controller.rate_hz
+        self._plant = plant
+
+    def sensitivity(self, frequency_hz: Array) -> NDArray[np.complex128]:
+        """S, (m,); 1 where there is no loop."""
+        if self._feedback is None:
+            return np.ones(frequency_hz.shape, dtype=np.complex128)
+        late = np.exp(-2j * np.pi * frequency_hz * self._delay_s)
+        loop = self._feedback.response(frequency_hz) * late * self._plant.response(frequency_hz)
+        return np.asarray(1.0 / (1.0 + loop))
+
+
+class _Bench:
+    """One channel at rest under its controller, with a finger port to press."""
+
+    def __init__(
+        self, rig: Rig, port: Presser, column: int, channel: Channel, plant: SampledSystem, excursion_mm: float
+    ) -> None:
+        self._rig, self._port, self._column, self._channel, self._plant = rig, port, column, channel, plant
+        self._excursion_v = excursion_mm * channel.sensor_gain_v_per_mm
+        self._largest_v = 0.5 * channel.converter.range_v
+        self._play(None, 2.0)
+
+    def _play(self, force: Array | None, duration_s: float = 0.0) -> tuple[Array, bool]:
+        count = force.size if force is not None else round(duration_s * self._rig.rate_hz)
+        if force is not None:
+            self._port.press(force)
+        trace = self._rig.play(np.zeros((count, len(self._rig.channels))))
+        return trace.position_v[:, self._column], bool(np.any(trace.saturated[:, self._column]))
+
+    def rejection(self, frequency_hz: Array, loop: _Loop, mains_hz: float | None) -> Rejection:
+        """One sinusoidal force after the other."""
+        rows = [self._one(float(hertz), mains_hz) for hertz in frequency_hz]
+        measured, confidence, force, saturated = (np.array(column) for column in zip(*rows, strict=True))
+        expected = db(loop.sensitivity(frequency_hz))
+        return Rejection(frequency_hz, measured, confidence, expected, force, saturated.astype(bool))
+
+    def _one(self, hertz: float, mains_hz: float | None) -> tuple[float, float, float, bool]:
+        rate = self._rig.rate_hz
+        through = self._plant.response(np.array([hertz]))[0]
+        force_v = min(self._excursion_v / abs(through), self._largest_v)
+        block = round(max(1.0, np.ceil(hertz)) / hertz * rate)
+        settle = round(max(0.5, 1.0 / hertz) * rate)
+        count = settle + 4 * block
+        wave = force_v * np.sin(2.0 * np.pi * hertz * np.arange(count) / rate)
+        position, limited = self._play(wave * ramps(count, rate, 0.1))
+        lines = np.concatenate([[hertz], mains_multiples(mains_hz, min(200.0, 0.45 * rate))])
+        # the last tenth of a second fades out
+        blocks = np.array(
+            [
+                lock_in(position[start : start + block], lines, rate, start=start)[0]
+                for start in range(settle - round(0.1 * rate), count - block - round(0.1 * rate) + 1, block)
+            ]
+        )
+        mean = blocks.mean()
+        variance = np.sum(np.abs(blocks - mean) ** 2) / (2.0 * (blocks.size - 1))
+        half_width = stats.t.isf(0.025, 2 * (blocks.size - 1)) * np.sqrt(variance / blocks.size)
+        measured = float(db(mean / (through * force_v)))
+        return measured, float(20.0 * np.log10(1.0 + half_width / abs(mean))), force_v, limited
+
+    def press(self) -> Press:
+        """Press for a second within 20 ms, lift, and watch another second."""
+        rate, gain = self._rig.rate_hz, self._channel.sensor_gain_v_per_mm
+        force_v = min(self._excursion_v / abs(self._plant.response(np.array([0.4]))[0]), self._largest_v)
+        second = round(rate)
+        force = np.zeros(2 * second)
+        force[:second] = force_v * np.minimum(1.0, np.arange(second) / (0.02 * rate))
+        before, _ = self._play(None, 0.5)
+        position, _ = self._play(force)
+        moved = (position - before.mean()) / gain
+        # a sixtieth of a second takes out hum of 60 Hz and most noise
+        width = max(1, round(rate / 60.0))
+        smooth = np.convolve(moved, np.ones(width) / width, mode="same")
+        pressed, lifted = smooth[:second], smooth[second:]
+        peak = int(np.argmax(np.abs(pressed)))
+        outside = np.flatnonzero(np.abs(pressed[peak:]) > 0.1 * abs(pressed[peak]))
+        recovery = (peak + (outside[-1] + 1 if outside.size else 0)) / rate
+        left = float(np.mean(moved[second - second // 20 : second]))
+        free = self._free(force) / gain
+        self._play(None, 1.0)
+        return Press(
+            peak_mm=float(abs(pressed[peak])),
+            left_mm=abs(left),
+            recovery_s=float(recovery),
+            without_loop_mm=float(np.max(np.abs(free))),
+            lift_peak_mm=float(np.max(np.abs(lifted))),
+        )
+
+    def tremor(self, loop: _Loop, rng: np.random.Generator) -> Tremor:
+        """Eight seconds of noise of 4 .. 12 Hz, made of lines so that it can be found again."""
+        rate, gain = self._rig.rate_hz, self._channel.sensor_gain_v_per_mm
+        lines = np.arange(TREMOR_HZ[0], TREMOR_HZ[1] + 0.125, 0.25)
+        through = self._plant.response(lines)
+        size = np.sqrt(2.0 / lines.size) * self._excursion_v / np.abs(through)
+        size *= min(1.0, self._largest_v / np.sum(size))
+        phase = rng.uniform(0.0, 2.0 * np.pi, lines.size)
+        count = round(10.0 * rate)
+        angle = 2.0 * np.pi * np.outer(np.arange(count), lines) / rate + phase
+        force = np.cos(angle) @ size
+        position, _ = self._play(force * ramps(count, rate, 0.2))
+        kept = slice(round(1.5 * rate), round(9.5 * rate))
+        found = lock_in(position[kept], lines, rate, start=kept.start)
+        free = through * size
+        expected = free * loop.sensitivity(lines)
+        rms, rms_free, rms_expected = (float(np.sqrt(0.5 * np.sum(np.abs(x) ** 2))) for x in (found, free, expected))
+        return Tremor(rms / gain, rms_free / gain, float(db(rms / rms_free)), float(db(rms_expected / rms_free)))
+
+    def _free(self, force: Array) -> Array:
+        """What the force would do without the loop, volts of y, (n,), by the model."""
+        count = 4 * force.size
+        spectrum = np.fft.rfft(force, count)
+        frequency = np.fft.rfftfreq(count, 1.0 / self._rig.rate_hz)
+        frequency[0] = 0.25 * frequency[1]
+        return np.asarray(np.fft.irfft(spectrum * self._plant.response(frequency), count)[: force.size])
