@@ -87,24 +87,17 @@ def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimit
     constraints, gain = [], 1.0
     for load in (None, *(load.name for load in channel.loads)):
         prediction = ChannelPrediction.of(controller, name, load)
-        felt = _finite(prediction.felt(frequency))
+        felt = prediction.felt(frequency)
         gain = max(gain, float(np.abs(felt[heard]).max()))
         for kind, response, limit in (
             ("comfort", felt, comfort),
-            ("travel", _finite(prediction.displacement(frequency)), keep * channel.travel_mm),
-            ("command", _finite(prediction.command(frequency)), command_v),
+            ("travel", prediction.displacement(frequency), keep * channel.travel_mm),
+            ("command", prediction.command(frequency), command_v),
         ):
             norm = _norm(response, frequency, size)
             coarse = (np.where(heard, response, 0.0))[: size // COARSE // 2 + 1]
             constraints.append(Constraint(kind, response, limit, norm, coarse, float(np.abs(response[~heard]).max())))
     return ChannelLimits(name, 0.25 * np.pi * comfort / gain, tuple(constraints))
-
-
-def _finite(response: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """At rest an integrator's own response is infinite over infinite: there the next bin's is taken."""
-    bad = ~np.isfinite(response)
-    bad[1:] = False
-    return np.where(bad, np.abs(response[1]), response)
 
 
 def _norm(response: NDArray[np.complex128], frequency: NDArray[np.float64], size: int) -> float:

@@ -38,11 +38,11 @@ class ChannelPrediction:
 
     def command(self, frequency_hz: ArrayLike) -> Response:
         """Volts of command per threshold unit (the computing delay not counted)."""
-        return self.loop.command_response(frequency_hz)
+        return self.loop.command_response(_off_rest(frequency_hz))
 
     def displacement(self, frequency_hz: ArrayLike) -> Response:
         """Millimetres at the finger per threshold unit."""
-        return self.loop.position_response(frequency_hz) / self.channel.sensor_gain_v_per_mm
+        return self.loop.position_response(_off_rest(frequency_hz)) / self.channel.sensor_gain_v_per_mm
 
     def felt(self, frequency_hz: ArrayLike) -> Response:
         """Felt amplitude (threshold units) per threshold unit asked: 1 in magnitude where the design is exact.
@@ -50,3 +50,8 @@ class ChannelPrediction:
         The threshold curve's weight has zero phase: the phase is that of the displacement.
         """
         return self.displacement(frequency_hz) / self.channel.threshold.curve.displacement_mm(frequency_hz)
+
+
+def _off_rest(frequency_hz: ArrayLike) -> NDArray[np.float64]:
+    """At rest an integrator's response is infinite over infinite: a microhertz stands for it."""
+    return np.maximum(np.asarray(frequency_hz, dtype=np.float64), 1e-6)

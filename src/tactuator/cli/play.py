@@ -1,0 +1,110 @@
+"""`tactuator play`: a reference on a rig."""
+
+from __future__ import annotations
+
+import select
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from types import FrameType
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from tactuator.cli.answer import answer, progress
+from tactuator.cli.controllers import ControllerOption, DisplayOption, chosen_controller
+from tactuator.cli.options import AsJson, Seed
+from tactuator.cli.rigs import RigOption, opened_rig
+from tactuator.files.reference import open_reference
+from tactuator.speech.playing import Played, Wish, play_reference
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+
+    @app.command()
+    def play(
+        reference: Annotated[Path, typer.Argument(help="Reference that `render` wrote: .wav or .h5.")],
+        display: DisplayOption = None,
+        controller: ControllerOption = None,
+        rig: RigOption = "simulated",
+        realtime: Annotated[bool, typer.Option("--realtime", help="Keep time on a rig that could go faster.")] = False,
+        seed: Seed = 0,
+        as_json: AsJson = False,
+    ) -> None:
+        """Play a reference. Space pauses and goes on, q or Ctrl-C stops; a stop ramps down, and the rig comes to rest."""
+        opened = open_reference(reference)
+        chosen = chosen_controller(display, controller)
+        with opened_rig(rig, chosen, seed) as ready, _wishes() as wish, progress() as bars:
+            ready.load(chosen)
+            task = bars.add_task("play", total=opened.duration_s)
+            pace = _pace() if realtime else lambda played_s: None
+            played = play_reference(ready, opened, wish, lambda done: bars.update(task, completed=done), pace)
+        answer({"reference": str(reference), "rig": rig, **asdict(played)}, as_json, _shown(played, reference))
+        if played.stopped:
+            raise KeyboardInterrupt
+
+
+def _pace() -> Callable[[float], None]:
+    begun = time.monotonic()
+    return lambda played_s: time.sleep(max(0.0, begun + played_s - time.monotonic()))
+
+
+@contextmanager
+def _wishes() -> Iterator[Callable[[], Wish]]:
+    """What the person at the keyboard wishes; Ctrl-C and SIGTERM are a wish to stop."""
+    state: dict[str, Wish] = {"wish": "run"}
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        state["wish"] = "stop"
+
+    def wish() -> Wish:
+        if state["wish"] != "stop" and sys.stdin.isatty() and select.select([sys.stdin], [], [], 0.0)[0]:
+            key = sys.stdin.read(1)
+            if key == " ":
+                state["wish"] = "pause" if state["wish"] == "run" else "run"
+            elif key in ("q", ""):
+                state["wish"] = "stop"
+        return state["wish"]
+
+    former = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        with _keys_at_once():
+            yield wish
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def _keys_at_once() -> Iterator[None]:
+    """On a terminal, keys come without Enter."""
+    if not sys.stdin.isatty():
+        yield
+        return
+    import termios  # noqa: PLC0415  (there is none on Windows)
+    import tty  # noqa: PLC0415
+
+    settings = termios.tcgetattr(sys.stdin)
+    try:
+        tty.setcbreak(sys.stdin)
+        yield
+    finally:
+        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, settings)
+
+
+def _shown(played: Played, reference: Path) -> Table:
+    table = Table("", "s", title=str(reference))
+    for words, seconds in (
+        ("length", played.duration_s),
+        ("played", played.played_s),
+        ("paused", played.paused_s),
+        ("saturated", played.saturated_s),
+    ):
+        table.add_row(words, f"{seconds:.2f}")
+    return table

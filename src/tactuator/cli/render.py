@@ -1,0 +1,83 @@
+"""`tactuator render`: speech to a reference in dB SL, and what is felt of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Group
+from rich.table import Table
+
+from tactuator.cli.answer import answer, progress
+from tactuator.cli.controllers import ControllerOption, DisplayOption, chosen_controller
+from tactuator.cli.options import AsJson, Seed
+from tactuator.errors import BadInput
+from tactuator.files.atomic import write_text
+from tactuator.speech.coding_file import coding_of, write_coding
+from tactuator.speech.job import Rendered, RenderJob, render_file
+from tactuator.speech.render import LEVEL_DB_SL
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+
+    @app.command()
+    def render(
+        speech: Annotated[Path, typer.Argument(help="Speech file: WAV, FLAC, Ogg, AIFF, ...")],
+        out: Annotated[Path, typer.Option("--out", help="Reference to write: .wav (with NAME.json) or .h5.")],
+        display: DisplayOption = None,
+        controller: ControllerOption = None,
+        coding: Annotated[
+            str, typer.Option("--coding", help="direct, bands, envelope, yuan-2005, bratakos-2001, or FILE.toml.")
+        ] = "direct",
+        level: Annotated[float, typer.Option("--level", help="Level of the utterance, dB SL.")] = LEVEL_DB_SL,
+        felt: Annotated[
+            Path | None, typer.Option("--felt", help="What the simulated display's fingers feel, to write.")
+        ] = None,
+        picture: Annotated[
+            Path | None, typer.Option("--picture", help="SVG to write: asked, felt, difference (needs --felt).")
+        ] = None,
+        save_coding: Annotated[
+            Path | None, typer.Option("--save-coding", help="TOML to write: the coding, every parameter in it.")
+        ] = None,
+        seed: Seed = 0,
+        as_json: AsJson = False,
+    ) -> None:
+        """Code speech onto the fingers, set its level in dB SL, keep the display's limits, write the reference."""
+        if picture is not None and felt is None:
+            raise BadInput("--picture without --felt; allowed: both, since it shows what was felt")
+        if picture is not None and picture.suffix != ".svg":
+            raise BadInput(f"--picture {picture}; allowed: a name ending in .svg")
+        chosen = coding_of(coding)
+        job = RenderJob(chosen_controller(display, controller), chosen, level, felt is not None, seed)
+        with progress() as bars:
+            task = bars.add_task("render", total=1.0)
+            rendered = render_file(speech, out, job, felt, lambda done: bars.update(task, completed=done))
+        if save_coding is not None:
+            write_coding(save_coding, chosen)
+        if picture is not None and rendered.felt is not None:
+            from tactuator.report.spectrogram import spectrogram_plate  # noqa: PLC0415  (drawing loads slowly)
+
+            plate = spectrogram_plate(rendered.felt, f"{speech.name}, coding “{coding}” at {level:g} dB SL")
+            write_text(picture, plate.svg())
+        answer({"out": str(out), **rendered.document()}, as_json, _shown(rendered, out))
+
+
+def _shown(rendered: Rendered, out: Path) -> Group:
+    table = Table(
+        "finger", "peak dB SL", "limiter", "felt − asked, rms", "median frame", "95 % of frames", title=str(out)
+    )
+    figures: dict[str, Any] = {} if rendered.felt is None else rendered.felt.figures()
+    for entry in rendered.limiting:
+        felt = figures.get(entry.finger)
+        cells = ["–"] * 3 if felt is None else [f"{felt[key]:.2f} dB" for key in ("rms_db", "median_db_all", "p95_db_all")]
+        table.add_row(entry.finger, f"{rendered.peak_db_sl[entry.finger]:.1f}", _limited(entry), *cells)
+    return Group(table, *(f"note: {note}" for note in rendered.speech.notes))
+
+
+def _limited(entry: Any) -> str:
+    if entry.max_reduction_db == 0.0:
+        return "untouched"
+    reason = max(entry.reasons, key=entry.reasons.get)
+    return f"up to {entry.max_reduction_db:.1f} dB for {entry.reduced_s:.2f} s ({reason})"
