@@ -28,7 +28,9 @@ def register(app: typer.Typer) -> None:
         input_name: Annotated[str | None, typer.Option("--input", help="Column or variable of the command.")] = None,
         output_name: Annotated[str | None, typer.Option("--output", help="Column or variable of the position.")] = None,
         time_name: Annotated[str | None, typer.Option("--time", help="Column or variable of the time stamps.")] = None,
-        rate_hz: Annotated[float | None, typer.Option("--rate-hz", help="Sampling rate, where the file has none.")] = None,
+        rate_hz: Annotated[
+            float | None, typer.Option("--rate-hz", help="Sampling rate, where the file has none.")
+        ] = None,
         order: Annotated[int | None, typer.Option("--order", help="Number of poles (default: chosen).")] = None,
         method: Annotated[str, typer.Option("--method", help="refined (unbiased) or rls (the paper's).")] = "refined",
         quantity: Annotated[
@@ -41,18 +43,14 @@ def register(app: typer.Typer) -> None:
         as_json: AsJson = False,
     ) -> None:
         """Identify a continuous model of a recorded mechanism, with its confidence band."""
-        read = read_record(
-            record, input_name=input_name, output_name=output_name, time_name=time_name, rate_hz=rate_hz
-        )
-        found = identify(
-            read, order=order, method=method, quantity=quantity, friction=friction, forgetting=forgetting
-        )
+        read = read_record(record, input_name=input_name, output_name=output_name, time_name=time_name, rate_hz=rate_hz)
+        found = identify(read, order=order, method=method, quantity=quantity, friction=friction, forgetting=forgetting)
         for remark in found.remarks:
             sys.stderr.write(f"tactuator: note: {remark}\n")
         if out is not None:
             write_model(out, found.model, found.model.family(_FAMILY, np.random.default_rng(0)))
         if charts is not None:
-            from tactuator.report.identification import save_identification  # noqa: PLC0415  (matplotlib takes a second)
+            from tactuator.report.identification import save_identification
 
             save_identification(found, charts)
         answer(document(found), as_json, _table(found))

@@ -87,8 +87,8 @@ def _keys_at_once() -> Iterator[None]:
     if not sys.stdin.isatty():
         yield
         return
-    import termios  # noqa: PLC0415  (there is none on Windows)
-    import tty  # noqa: PLC0415
+    import termios
+    import tty
 
     settings = termios.tcgetattr(sys.stdin)
     try:

@@ -37,9 +37,7 @@ def _device_bytes(table: Any) -> bytes:
     friction, hum = table.friction, table.hum
     lines = [(hum.cosine[i], hum.sine[i], hum.amplitude_v[i]) for i in range(hum.count)]
     content = struct.pack("<ii", table.dead_time, table.has_late)
-    content += struct.pack(
-        "<4d", friction.stiffness, friction.per_presliding, table.sensor_v_per_mm, table.noise_v
-    )
+    content += struct.pack("<4d", friction.stiffness, friction.per_presliding, table.sensor_v_per_mm, table.noise_v)
     content += struct.pack("<i", hum.count) + b"".join(struct.pack("<3d", *line) for line in lines)
     order = table.plants[0].order
     content += struct.pack("<ii", table.plant_count, order)

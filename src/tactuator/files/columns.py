@@ -120,7 +120,9 @@ def _parse(lines: list[str], delimiter: str | None, before: int) -> Array:
         width = max(len(row) for row in rows)
         for number, row in enumerate(rows):
             if len(row) != width:
-                raise BadInput(f"row {before + number + 1} has {len(row)} of {width} columns; allowed: all of them") from None
+                raise BadInput(
+                    f"row {before + number + 1} has {len(row)} of {width} columns; allowed: all of them"
+                ) from None
         return np.array(rows)
 
 
@@ -188,7 +190,9 @@ def _read_hdf5(path: Path) -> Columns:
             cut = cut or longest > MOST_SAMPLES
             plain = name.replace("/", ".")
             if len(item.shape) <= 1:
-                found[plain] = np.atleast_1d(np.asarray(item[:MOST_SAMPLES] if item.shape else item[()], dtype=np.float64))
+                found[plain] = np.atleast_1d(
+                    np.asarray(item[:MOST_SAMPLES] if item.shape else item[()], dtype=np.float64)
+                )
             elif len(item.shape) == 2 and min(item.shape) == 1:
                 found[plain] = np.asarray(item[...], dtype=np.float64).ravel()[:MOST_SAMPLES]
             elif len(item.shape) == 2 and min(item.shape) <= 64:

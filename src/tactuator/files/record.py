@@ -46,7 +46,12 @@ def read_record(
 
 
 def _assemble(
-    path: Path, columns: Columns, input_name: str | None, output_name: str | None, time_name: str | None, rate_hz: float | None
+    path: Path,
+    columns: Columns,
+    input_name: str | None,
+    output_name: str | None,
+    time_name: str | None,
+    rate_hz: float | None,
 ) -> Record:
     time = _pick(columns, time_name, TIME_NAMES, "time")
     u_name, y_name = _signals(columns, input_name, output_name, time)
@@ -139,7 +144,10 @@ def write_record(path: str | Path, record: Record) -> None:
         file.attrs["rate_hz"] = record.rate_hz
         for key, value in record.about.items():
             file.attrs[key] = value
-        signals = [("command", record.command, record.command_unit), ("position", record.position, record.position_unit)]
+        signals = [
+            ("command", record.command, record.command_unit),
+            ("position", record.position, record.position_unit),
+        ]
         if record.reference is not None:
             signals.append(("reference", record.reference, "1"))
         for name, values, unit in signals:

@@ -91,7 +91,9 @@ class ReferenceWriter:
         if isinstance(self._sink, soundfile.SoundFile):
             after = (self.frames + len(block)) * 4 * block.shape[1]
             if after > LARGEST_WAV_BYTES:
-                raise BadInput(f"{self._path}: more than 4 GB; allowed in a WAV: less (an .h5 may be as long as the disk)")
+                raise BadInput(
+                    f"{self._path}: more than 4 GB; allowed in a WAV: less (an .h5 may be as long as the disk)"
+                )
             self._sink.write((block / self._head.full_scale).astype(np.float32))
         else:
             self._sink.resize(self.frames + len(block), axis=0)

@@ -126,9 +126,7 @@ def _line(
     quantile = float(stats.t.isf(0.025, kept.sum() - 2))
     gain_error = scatter / np.sqrt(spread)
     offset_error = scatter * np.sqrt(1.0 / kept.sum() + centre**2 / spread)
-    refused = tuple(
-        RefusedPair(labels[k], float(x[k]), float(y[k]), float(residual[k])) for k in np.flatnonzero(~kept)
-    )
+    refused = tuple(RefusedPair(labels[k], float(x[k]), float(y[k]), float(residual[k])) for k in np.flatnonzero(~kept))
     return Calibration(
         gain_v_per_mm=float(gain),
         gain_confidence_v_per_mm=float(quantile * gain_error),

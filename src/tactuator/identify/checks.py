@@ -68,7 +68,9 @@ def check_direction(response: EmpiricalResponse) -> tuple[str, ...]:
             "look swapped"
         )
     if np.real(np.mean(trusted.value[:3])) < 0.0 and abs(np.angle(trusted.value[0])) > 2.5:
-        remarks.append("the position moves against the command (negative correlation): a polarity or the columns are swapped")
+        remarks.append(
+            "the position moves against the command (negative correlation): a polarity or the columns are swapped"
+        )
     return tuple(remarks)
 
 

@@ -48,7 +48,7 @@ def recursive_least_squares(
     count, n = rows.shape
     if not 0.0 < forgetting <= 1.0:
         raise BadInput(f"forgetting is {forgetting:g}; allowed: above 0, at most 1")
-    if not (1 <= n <= lib.TACT_RLS_MAX and 1 <= every):
+    if not (1 <= n <= lib.TACT_RLS_MAX and every >= 1):
         raise BadInput(f"{n} parameters, history every {every}; allowed: 1 to {lib.TACT_RLS_MAX}, 1 or more")
     theta, m = np.zeros(n), np.eye(n) * start_variance
     theta_history, variance_history = np.zeros((count // every, n)), np.zeros((count // every, n))

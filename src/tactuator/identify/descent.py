@@ -24,7 +24,13 @@ class Minimum:
 
 
 def descend(
-    problem: Problem, structure: Structure, theta: Array, coulomb: float = 0.0, *, most: int = 30, tolerance: float = 1e-5
+    problem: Problem,
+    structure: Structure,
+    theta: Array,
+    coulomb: float = 0.0,
+    *,
+    most: int = 30,
+    tolerance: float = 1e-5,
 ) -> Minimum:
     """From theta downhill until a step changes every parameter by less than `tolerance` of its own standard error
     or of itself, or `most` steps."""
@@ -72,9 +78,7 @@ def _inverse(gram: Array) -> Array:
     return np.asarray(np.linalg.pinv(gram / np.outer(size, size), rcond=1e-13) / np.outer(size, size))
 
 
-def _moved(
-    structure: Structure, theta: Array, coulomb: float, step: Array, with_friction: bool
-) -> tuple[Array, float]:
+def _moved(structure: Structure, theta: Array, coulomb: float, step: Array, with_friction: bool) -> tuple[Array, float]:
     level = coulomb + float(step[-1]) if with_friction else coulomb
     trial = theta + (step[:-1] if with_friction else step)
     if structure.dead_time:

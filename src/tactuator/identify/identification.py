@@ -118,9 +118,7 @@ def _liveliest(record: Record) -> tuple[Record, tuple[str, ...]]:
     starts = np.arange(0, count - LONGEST + 1, LONGEST // 4)
     best = int(starts[np.argmax(power[starts + LONGEST - 1] - power[starts])])
     piece = slice(best, best + LONGEST)
-    said = (
-        f"of {record.duration_s:.4g} s the {LONGEST / record.rate_hz:.4g} s from {best / record.rate_hz:.4g} s on are used"
-    )
+    said = f"of {record.duration_s:.4g} s the {LONGEST / record.rate_hz:.4g} s from {best / record.rate_hz:.4g} s on are used"
     return replace(record, command=record.command[piece], position=record.position[piece], reference=None), (said,)
 
 
@@ -129,7 +127,9 @@ def _refined(common: _Common, estimate: RefinedEstimate, tried: tuple[Candidate,
     to_unit, to_position = common.scale
     friction = estimate.friction
     if friction is not None:
-        friction = Friction(friction.coulomb * to_unit, friction.confidence * to_unit, friction.presliding * to_position)
+        friction = Friction(
+            friction.coulomb * to_unit, friction.confidence * to_unit, friction.presliding * to_position
+        )
     excitation = replace(common.excitation, needed=fit.structure.count, condition=estimate.condition)
     require_excitation(excitation)
     covariance, transform = inflated(estimate), _to_polynomials(fit.structure, fit.model, to_position / to_unit)

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.identify.core import dahl_state
 from tactuator.identify.covariance import robust_covariance
 from tactuator.identify.descent import Minimum, descend
 from tactuator.identify.friction import Friction, FrictionSearch, certain
-from tactuator.identify.core import dahl_state
 from tactuator.identify.lines import find_lines, line_columns
 from tactuator.identify.prediction import Prediction, Problem, predict
 from tactuator.identify.residuals import ResidualTests, check_residual

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.identify.empirical import EmpiricalResponse
-from tactuator.identify.refined import Fit, Samples, colour, fit_model, fit_with_disturbance, fit_tests
+from tactuator.identify.refined import Fit, Samples, colour, fit_model, fit_tests, fit_with_disturbance
 from tactuator.identify.residuals import ResidualTests
 from tactuator.identify.start import rational_start
 from tactuator.identify.structure import RationalModel, Structure

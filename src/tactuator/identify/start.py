@@ -30,7 +30,9 @@ def rational_start(
     best: tuple[float, Array] | None = None
     for corner in (None, scale):
         for lag in {delay_s, delay_s + 1.0 / rate_hz} if structure.dead_time else {delay_s}:
-            theta = _koerner(response.value / hold, omega / scale, weight, structure, lag * scale, corner and corner / scale)
+            theta = _koerner(
+                response.value / hold, omega / scale, weight, structure, lag * scale, corner and corner / scale
+            )
             theta, cost = _polish(theta, response.value / hold, omega / scale, weight, structure, delay_s * scale)
             if best is None or cost < best[0]:
                 best = (cost, theta)

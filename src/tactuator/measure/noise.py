@@ -137,7 +137,9 @@ def _displacement_mm(
     frequency = np.maximum(frequency_hz, 1e-3)
     omega = 2j * np.pi * frequency
     hold = np.sinc(frequency / rate_hz)
-    response = plant.response(frequency) * hold / (channel.sensor_gain_v_per_mm * omega ** DERIVATIVES[channel.quantity])
+    response = (
+        plant.response(frequency) * hold / (channel.sensor_gain_v_per_mm * omega ** DERIVATIVES[channel.quantity])
+    )
     return np.where(frequency_hz > 0.0, response, 0.0)
 
 

@@ -82,7 +82,9 @@ def check_asked(
 ) -> tuple[str, ...]:
     """The channels to measure; BadInput for what cannot be measured or should not be felt."""
     if not level_db_sl <= COMFORT_DB_SL:
-        raise BadInput(f"level {level_db_sl:g} dB SL; allowed: {COMFORT_DB_SL:g} dB SL at most, which is still comfortable")
+        raise BadInput(
+            f"level {level_db_sl:g} dB SL; allowed: {COMFORT_DB_SL:g} dB SL at most, which is still comfortable"
+        )
     if not (confidence_db > 0.0 and longest_s > 0.0):
         raise BadInput(f"confidence {confidence_db:g} dB within {longest_s:g} s; allowed: both positive")
     names = tuple(rig.channels if channels is None else channels)

@@ -18,8 +18,8 @@ from tactuator.files.controller import controller_hash
 from tactuator.plant.display import Display
 from tactuator.rig.board_finger import BoardFinger
 from tactuator.rig.commissioning import SOFT_START_S, safety_table
-from tactuator.rig.link import IMAGE, SAFETY, STREAM, LinkClient, Mode, RigFault, Status, TraceRows
 from tactuator.rig.frames import Request
+from tactuator.rig.link import IMAGE, SAFETY, STREAM, LinkClient, Mode, RigFault, Status, TraceRows
 from tactuator.rig.trace import Trace
 
 REFERENCE_MAX = 1000.0
@@ -99,7 +99,9 @@ class BoardRig:
         rows = block_samples(reference, len(self.channels), "reference", np.float32)
         if not np.all(np.abs(rows) <= REFERENCE_MAX):
             self.rest()
-            raise BadInput("the reference is not finite or beyond 60 dB SL; allowed: finite, at most 1000 threshold units")
+            raise BadInput(
+                "the reference is not finite or beyond 60 dB SL; allowed: finite, at most 1000 threshold units"
+            )
         command, position, flags = self._block(rows, drives=False)
         asked = np.array(reference, dtype=np.float64).reshape(command.shape)
         return Trace(self.rate_hz, self.channels, asked, command, position, flags)

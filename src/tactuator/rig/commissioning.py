@@ -40,9 +40,7 @@ def safety_table(controller: Controller) -> SafetyTable:
     )
     ticks = (round(duration * rate) for duration in (SILENCE_S, SOFT_START_S, FADE_S, RAMP_S, QUICK_S))
     silence, soft_start, fade, ramp, quick = ticks
-    return SafetyTable(
-        rate, display.delay_samples, LATENESS_MAX, silence, soft_start, fade, ramp, quick, channels
-    )
+    return SafetyTable(rate, display.delay_samples, LATENESS_MAX, silence, soft_start, fade, ramp, quick, channels)
 
 
 def is_watched(channel: Channel) -> bool:
@@ -90,7 +88,9 @@ def _channel(display: Display, channel: Channel, controller: ChannelController) 
     power = (REVERSAL_SHARE * travel_v * 2.0 * math.pi * REVERSAL_HZ / rate) ** 2 / 2.0
     return ChannelSafety(
         converter=converter,
-        position_code_max=min(code_max - 1, round(OPEN_SHARE * travel_v / converter.step_v)) if watched else code_max - 1,
+        position_code_max=min(code_max - 1, round(OPEN_SHARE * travel_v / converter.step_v))
+        if watched
+        else code_max - 1,
         frozen_ticks=frozen_ticks(channel, rate),
         stop_max_v=STOP_SHARE * travel_v if watched else NEVER,
         stop_lead=1.0 / lost if watched else 0.0,

@@ -33,11 +33,15 @@ class Record:
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0.0):
             raise BadInput(f"record: rate is {self.rate_hz} Hz; allowed: a positive number")
         if self.command.ndim != 1 or self.command.shape != self.position.shape:
-            raise BadInput(f"record: command {self.command.shape}, position {self.position.shape}; allowed: one shape (n,)")
+            raise BadInput(
+                f"record: command {self.command.shape}, position {self.position.shape}; allowed: one shape (n,)"
+            )
         for name in ("command", "position"):
             bad = np.flatnonzero(~np.isfinite(getattr(self, name)))
             if bad.size:
-                raise BadInput(f"record: {name} is not a number in {bad.size} samples, first in sample {bad[0]}; allowed: none")
+                raise BadInput(
+                    f"record: {name} is not a number in {bad.size} samples, first in sample {bad[0]}; allowed: none"
+                )
 
     @property
     def duration_s(self) -> float:

@@ -39,7 +39,9 @@ class BandsCoding:
                 "allowed: two edges or more, and for each band between them a list of fingers and a gain"
             )
         if any(high - low < self.transition_hz for low, high in zip(self.edges_hz, self.edges_hz[1:], strict=False)):
-            raise BadInput(f"bands coding: edges {self.edges_hz} Hz; allowed: ascending, {self.transition_hz:g} Hz apart")
+            raise BadInput(
+                f"bands coding: edges {self.edges_hz} Hz; allowed: ascending, {self.transition_hz:g} Hz apart"
+            )
 
     def signals(self, blocks: Iterable[Samples], rate_in_hz: int, rate_hz: int) -> Iterator[NDArray[np.float64]]:
         """Mono blocks (n,) at `rate_in_hz` as blocks (m, bands) at `rate_hz`, in the file's own units."""

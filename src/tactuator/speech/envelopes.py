@@ -22,6 +22,7 @@ from tactuator.speech.modulation import modulated
 from tactuator.speech.reading import Samples
 from tactuator.speech.resampling import resample
 
+
 @dataclass(frozen=True)
 class EnvelopeCoding:
     """Bands, each on its carrier; analysis_hz: least rate of analysis (the next multiple of the display's is taken)."""

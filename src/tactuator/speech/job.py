@@ -75,7 +75,9 @@ class Rendered:
             "channels": list(self.channels),
             "threshold_units_per_full_scale": self.gain,
             "peak_db_sl": self.peak_db_sl,
-            "limiter": {entry.finger: {k: v for k, v in asdict(entry).items() if k != "finger"} for entry in self.limiting},
+            "limiter": {
+                entry.finger: {k: v for k, v in asdict(entry).items() if k != "finger"} for entry in self.limiting
+            },
             "sha256": self.sha256,
             "felt": None if self.felt is None else self.felt.figures(),
         }

@@ -152,7 +152,11 @@ class Limiter:
         memory = len(finger.history)
         spectrum = fft.rfft(np.concatenate((finger.history, limited * fade)), self._size)
         excess = np.abs(limited) / finger.limits.peak
-        near = {"comfort": excess > 0.944, "travel": np.zeros(len(limited), bool), "command": np.zeros(len(limited), bool)}
+        near = {
+            "comfort": excess > 0.944,
+            "travel": np.zeros(len(limited), bool),
+            "command": np.zeros(len(limited), bool),
+        }
         for constraint in finger.limits.constraints:
             share = np.abs(fft.irfft(spectrum * constraint.response, self._size)[memory:]) / constraint.limit
             np.logical_or(near[constraint.kind], share > 0.944, out=near[constraint.kind])
@@ -169,7 +173,9 @@ class Limiter:
         if not reduction.any():
             finger.quiet_for, finger.carried_db, finger.start_db = finger.quiet_for + commit, np.zeros(0), 0.0
             return
-        steps = np.abs(np.diff(reduction[:commit], prepend=reduction[0] if finger.start_db is None else finger.start_db))
+        steps = np.abs(
+            np.diff(reduction[:commit], prepend=reduction[0] if finger.start_db is None else finger.start_db)
+        )
         report.max_reduction_db = max(report.max_reduction_db, float(reduction[:commit].max()))
         report.max_slope_db_per_ms = max(report.max_slope_db_per_ms, float(steps.max()) * self._rate * 1e-3)
         reduced = np.flatnonzero(reduction[:commit])

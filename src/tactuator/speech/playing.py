@@ -49,7 +49,9 @@ def check_reference(reference: ReferenceFile, rig: Rig) -> tuple[int, ...]:
     peak = max((float(np.abs(block).max()) for block in reference.blocks()), default=0.0)
     if peak > ABOVE_COMFORT * float(from_db(COMFORT_DB_SL)):
         level = 20.0 * np.log10(peak)
-        raise BadInput(f"{reference.path}: peak at {level:.1f} dB SL; allowed: comfort, {COMFORT_DB_SL:g} dB SL at most")
+        raise BadInput(
+            f"{reference.path}: peak at {level:.1f} dB SL; allowed: comfort, {COMFORT_DB_SL:g} dB SL at most"
+        )
     return tuple(head.channels.index(name) for name in rig.channels)
 
 
@@ -83,9 +85,7 @@ class _Player:
         self._gain = 1.0
         self._saturated = 0
 
-    def run(
-        self, wish: Callable[[], Wish], progress: Callable[[float], None], pace: Callable[[float], None]
-    ) -> Played:
+    def run(self, wish: Callable[[], Wish], progress: Callable[[float], None], pace: Callable[[float], None]) -> Played:
         played = paused = 0
         stopped = False
         held = np.zeros((self._length, len(self._rig.channels)))

@@ -64,7 +64,9 @@ def scan_speech(path: str | Path) -> SpeechFile:
             _check_header(path, rate, frames, channels)
             read, mean, low, high = _scan_samples(path, file)
     except soundfile.LibsndfileError as error:
-        raise BadInput(f"{path}: not readable as sound ({_reason(error)}); allowed: WAV, FLAC, Ogg, AIFF, ...") from None
+        raise BadInput(
+            f"{path}: not readable as sound ({_reason(error)}); allowed: WAV, FLAC, Ogg, AIFF, ..."
+        ) from None
     if read != frames:
         raise BadInput(f"{path}: truncated, {read} of {frames} frames are there; allowed: a whole file")
     peak = max(high - mean, mean - low)
