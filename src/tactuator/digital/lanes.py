@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactuator.digital._core import ffi, lib
 from tactuator.digital.controller import ChannelController
 from tactuator.digital.core_tables import controller_table, display_table
-from tactuator.digital.simulation import SimulatedBlock, block_samples
+from tactuator.digital.simulation import SimulatedBlock, block_samples, check_arithmetic
 from tactuator.errors import BadInput
 from tactuator.plant.display import Channel
 
@@ -146,6 +146,7 @@ class ManyLoops:
         return block_samples(array, columns, "reference", np.float32)
 
     def _run(self, reference: ArrayLike, force_v: ArrayLike | None, trace: Any, sums: Any, probe: Any) -> None:
+        check_arithmetic()
         inputs = self._reference(reference)
         forces = ffi.NULL
         if force_v is not None:

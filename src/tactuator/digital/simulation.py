@@ -122,6 +122,7 @@ class Simulation:
             loop.controller, loop.display = controller, display
 
     def _run(self, step: Any, samples: ArrayLike, name: str, force_v: ArrayLike | None) -> SimulatedBlock:
+        check_arithmetic()
         count = len(self._loops)
         inputs = block_samples(samples, count, name, np.float32)
         forces = ffi.NULL
@@ -140,6 +141,15 @@ class Simulation:
         step(self._loops, count, ffi.from_buffer("float[]", inputs), forces, trace, inputs.shape[0])
         saturated = lib.TACT_SATURATED_POSITION | lib.TACT_SATURATED_COMMAND
         return SimulatedBlock(command, position, displacement, (flags & saturated) != 0, (flags & lib.TACT_BROKEN) != 0)
+
+
+def check_arithmetic() -> None:
+    """Raises RuntimeError where a foreign library has made this thread flush subnormal numbers to zero."""
+    if not lib.tact_finite_is_ieee():
+        raise RuntimeError(
+            "a library of this process has switched the processor to flush subnormal numbers to zero (-ffast-math does "
+            "that): the core's bits would not be those of other machines"
+        )
 
 
 def block_samples(samples: ArrayLike, channels: int, name: str, dtype: type) -> NDArray[Any]:
