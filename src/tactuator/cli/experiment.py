@@ -8,14 +8,20 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from tactuator.cli.answer import answer, plain
+from tactuator.cli.answer import answer, plain, progress
+from tactuator.cli.experiment_results import results
 from tactuator.cli.experiment_serve import serve
 from tactuator.cli.experiment_station import station
-from tactuator.cli.options import AsJson, Seed
+from tactuator.cli.options import AsJson, Out, Seed
 from tactuator.errors import BadInput
+from tactuator.experiment.clock import SystemClock
+from tactuator.experiment.export import export
+from tactuator.experiment.protocol_file import read_protocol
 from tactuator.experiment.quest_plus import QuestPlusRule
 from tactuator.experiment.simulate import PROCEDURES, Setting, simulate
 from tactuator.experiment.simulate_curve import simulate_curve
+from tactuator.experiment.simulated_study import run_study, simulated_observers
+from tactuator.experiment.store import Store
 from tactuator.experiment.whole_curve import WholeCurveRule
 
 experiment = typer.Typer(
@@ -81,6 +87,78 @@ def serve_command(
 ) -> None:
     """Serve the study to browsers: one page for every subject, one for the operator."""
     serve(protocol, store, station(rig, controller, seed, speed or None), host, port, operator_token, auto_start)
+
+
+@experiment.command("observe")
+def observe_command(
+    protocol: ProtocolFile,
+    store: StoreFile,
+    controller: ControllerFile = None,
+    load: Annotated[str | None, typer.Option(help="Load on the display's port while a finger is there.")] = "finger",
+    seed: Seed = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Let simulated subjects go through the study at the simulated display; they feel what the loop makes of it."""
+    read, text = read_protocol(protocol)
+    place = station("simulated", controller, seed, None)
+    curve = place.controller.display.channels[0].threshold.curve
+    observers = simulated_observers(curve, len(read.subject), seed, place.band_hz)
+    database = Store(store)
+    with progress() as bars:
+        task = bars.add_task("observers", total=1000 * len(observers))
+        at = {one.name: index for index, one in enumerate(observers)}
+        run_study(
+            database,
+            read,
+            text,
+            place,
+            observers,
+            SystemClock(),
+            load,
+            lambda name, share: bars.update(task, completed=round(1000 * (at[name] + share))),
+        )
+    database.close()
+    truth = [
+        {"subject": subject.code, "frequency_hz": hertz, "true_db_re_1um": float(one.curve.level_db_re_1um_at(hertz))}
+        for subject, one in zip(read.subject, observers, strict=True)
+        for hertz in read.conditions.frequencies_hz
+    ]
+    table = Table("subject", "Hz", "truth, dB re 1 µm")
+    for row in truth:
+        table.add_row(str(row["subject"]), f"{row['frequency_hz']:g}", f"{row['true_db_re_1um']:.2f}")
+    answer({"store": str(store), "truth": truth}, as_json, table)
+
+
+@experiment.command("thresholds")
+def thresholds_command(
+    store: StoreFile,
+    group: Annotated[str | None, typer.Option(help="Only subjects of this group.")] = None,
+    reference: Annotated[str | None, typer.Option(help="Curve (name or CSV) that 0 dB SL stood for.")] = None,
+    curve_out: Annotated[Path | None, typer.Option(help="Write the curve across subjects (CSV) for `design`.")] = None,
+    figure_out: Annotated[Path | None, typer.Option(help="Folder for fig11.svg and fig11.csv.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Thresholds of every finished run, refitted, with flags; and the curve across subjects."""
+    found, table = results(store, group, reference, curve_out, figure_out)
+    answer(found, as_json, table)
+
+
+@experiment.command("export")
+def export_command(
+    store: StoreFile,
+    out: Out,
+    form: Annotated[str, typer.Option("--format", help="tidy, psych-ds or bids.")] = "tidy",
+    as_json: AsJson = False,
+) -> None:
+    """Write every answered trial in an open format, with its data dictionary."""
+    database = Store(store, must_exist=True)
+    try:
+        count = export(database, out, form)
+    finally:
+        database.close()
+    table = Table("folder", "trials")
+    table.add_row(str(out), str(count))
+    answer({"folder": str(out), "format": form, "trials": count}, as_json, table)
 
 
 def _slope_range(text: str) -> tuple[float, float]:

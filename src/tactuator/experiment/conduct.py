@@ -45,6 +45,7 @@ class Station:
             curve.name,
             curve.content_hash,
             channel.sensor_gain_v_per_mm,
+            *self.band_hz,
         )
 
     def check(self, protocol: Protocol) -> None:

@@ -1,9 +1,9 @@
 """What is believed of a threshold curve between trials, and where the next trial tells most.
 
-One Gaussian over the curve's points for each psychometric slope that is thought possible. A response changes the Gaussian
+One Gaussian over the curve's points for each psychometric slope that is thought possible. A response changes it
 by moment matching (assumed-density filtering; Minka 2001): the marginal at the trial's frequency is multiplied by psi,
-its mean and variance are taken by quadrature, and the rest of the curve follows by its covariance. The next trial is the
-one that is expected to take most off the variance of the whole curve. Many runs at once; one run is a batch of one.
+its mean and variance are taken by quadrature, and the rest of the curve follows by its covariance. The next trial is
+the one that is expected to take most off the variance of the whole curve. Many runs at once; one run is a batch of one.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 
 @dataclass(frozen=True)
 class Answering:
-    """How people answer: slopes thought equally possible, a lapse rate, the guess rate; offsets_db: levels worth trying,
+    """How people answer: slopes thought equally possible, lapse rate, guess rate; offsets_db: levels worth trying,
 
     relative to the present estimate at each frequency.
     """

@@ -1,7 +1,7 @@
 """What is believed of a person's threshold curve before a trial: a Gaussian process over log frequency.
 
-Relative to the display's own curve (0 dB SL), a curve is an offset, a tilt in dB per decade about the band's middle, and
-a smooth wave, all normal (Rasmussen & Williams 2006, chapter 2).
+Relative to the display's own curve (0 dB SL), a curve is an offset, a tilt in dB per decade about the band's middle,
+and a smooth wave, all normal (Rasmussen & Williams 2006, chapter 2).
 """
 
 from __future__ import annotations

@@ -105,32 +105,11 @@ class RunRecord:
         """The Bayesian refit of the run's trials."""
         return refit(self.levels_db_sl, self.correct, prior)
 
-    @property
-    def measured_offset_db(self) -> float:
-        """How far the display's sensor was above what was commanded."""
-        return measured_offset_db(
-            [
-                (interval.commanded_db_sl, interval.measured_db_sl)
-                for one in self.trials
-                for interval in one.intervals
-                if interval.commanded_db_sl is not None
-            ]
-        )
-
-
-def measured_offset_db(pairs: Sequence[tuple[float, float]], reliable_db_sl: float = 6.0) -> float:
-    """Median of measured less commanded level over (commanded, measured) pairs of at least `reliable_db_sl`.
-
-    Below that hum and noise at the sensor hide the stimulus. NaN where no trial was so high.
-    """
-    gaps = [measured - commanded for commanded, measured in pairs if commanded >= reliable_db_sl]
-    return float(np.median(gaps)) if gaps else float("nan")
-
 
 def run_detection(
     detection: Detection, procedure: Procedure, subject: Subject, frequency_hz: float, seed: Sequence[int]
 ) -> RunRecord:
-    """Run until the procedure ends (a whole-curve procedure chooses its own frequencies; frequency_hz is then ignored)."""
+    """Run until the procedure ends (a whole-curve procedure chooses its own frequencies: frequency_hz is ignored)."""
     records: list[TrialRecord] = []
     detection.presenter.watch = subject.begins
     while (placement := procedure.placement()) is not None:

@@ -1,4 +1,4 @@
-"""A simulated subject's finger on the display: it feels what the loop makes of the stimulus, through the finger port."""
+"""A simulated subject's finger on the display: it feels what the loop makes of the stimulus, by the finger port."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ class Observer:
     curve: level (dB re 1 um peak) at which psi reaches its target. A Weibull or logistic observer notices each interval
     independently with probability F (a high threshold), picks one it noticed, and guesses where it noticed none; with
     the signal in one interval that is psi exactly. A MaxOfM observer takes the largest of m noisy impressions.
-    interval_bias: weights of the intervals in guesses and lapses (none: even); drift_db_per_trial: rise of the threshold.
+    interval_bias: weights of the intervals in guesses and lapses (none: even); drift_db_per_trial: the threshold's rise.
     """
 
     name: str
@@ -46,7 +46,8 @@ class Observer:
             raise BadInput(
                 f"observer {self.name!r}: interval_bias has {len(self.interval_bias)} weights for {intervals} intervals"
             )
-        return np.array(self.interval_bias) / np.sum(self.interval_bias)
+        weights = np.asarray(self.interval_bias, dtype=np.float64)
+        return weights / float(weights.sum())
 
 
 def respond(

@@ -1,7 +1,7 @@
 """QUEST+ (Watson 2017): each trial is put where its outcome is expected to tell most, over a grid of parameters.
 
-aim `parameters` is Watson's: the greatest expected fall of entropy over threshold, slope and lapse together, which is the
-mutual information I(s) = h(mean psi) - mean h(psi), h the entropy of a yes-or-no outcome. aim `threshold` takes the
+aim `parameters` is Watson's: the greatest expected fall of entropy over threshold, slope and lapse together, which is
+the mutual information I(s) = h(mean psi) - mean h(psi), h the entropy of a yes-or-no outcome. aim `threshold` takes the
 least expected variance of the threshold alone; it spends no trials on lapses and needs about 15 % fewer.
 Both are matrix products, for any number of runs at once.
 """
@@ -27,7 +27,8 @@ Floats = NDArray[np.float64]
 class QuestPlusRule:
     """low_db_sl to high_db_sl: where the threshold may lie, and where trials may be put, in steps of step_db.
 
-    expected_db_sl, expected_sd_db: normal prior of the threshold within that range. slopes, slope_weights: prior of the Weibull slope; lapses: of the lapse rate, even weights.
+    expected_db_sl, expected_sd_db: normal prior of the threshold within that range. slopes, slope_weights: prior of the
+    Weibull slope; lapses: of the lapse rate, even weights.
     """
 
     trials: int = 48
@@ -89,8 +90,8 @@ class Tables:
         """Index of the level to try next; posterior: (runs, parameters)."""
         chance = posterior @ self.psi
         if self.aim == "parameters":
-            return np.argmax(entr(chance) + entr(1.0 - chance) - posterior @ self.entropy, axis=1)
-        return np.argmin(self._expected_variance(posterior, chance), axis=1)
+            return np.asarray(np.argmax(entr(chance) + entr(1.0 - chance) - posterior @ self.entropy, axis=1))
+        return np.asarray(np.argmin(self._expected_variance(posterior, chance), axis=1))
 
     def _expected_variance(self, posterior: Floats, chance: Floats) -> Floats:
         """Variance of the threshold after a trial at each level, mean over its outcome, less what all levels share."""

@@ -30,6 +30,8 @@ class Apparatus:
     curve: str
     curve_sha256: str
     sensor_gain_v_per_mm: float
+    band_low_hz: float
+    band_high_hz: float
 
 
 def stamp(when: datetime) -> str:

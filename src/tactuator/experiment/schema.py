@@ -71,6 +71,8 @@ run = Table(
     Column("curve", String, nullable=False),
     Column("curve_sha256", String, nullable=False),
     Column("sensor_gain_v_per_mm", Float, nullable=False),
+    Column("band_low_hz", Float, nullable=False),
+    Column("band_high_hz", Float, nullable=False),
     Column("started_utc", String, nullable=False),
     Column("ended_utc", String),
     UniqueConstraint("session_id", "position", "attempt"),

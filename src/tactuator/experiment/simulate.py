@@ -26,7 +26,7 @@ _SCATTER_DB = 5.0
 
 @dataclass(frozen=True)
 class Setting:
-    """runs: how many; slope: Weibull slope, or (lowest, highest) to draw each run's from evenly; start_db above truth."""
+    """runs: how many; slope: Weibull slope, or (lowest, highest) to draw each run's from; start_db above truth."""
 
     runs: int
     slope: tuple[float, float] = (2.5, 2.5)

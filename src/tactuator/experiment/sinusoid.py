@@ -1,7 +1,7 @@
 """Amplitude of a sinusoid of known frequency and envelope in a stretch of signal, by least squares.
 
-The basis is envelope x cos, envelope x sin and a constant: the matched filter of a ramped tone, with no leak from its own
-negative frequency (which a plain lock-in has when only a few periods are there) and none from an offset.
+The basis is envelope x cos, envelope x sin and a constant: the matched filter of a ramped tone, with no leak from its
+own negative frequency (which a plain lock-in has when only a few periods are there) and none from an offset.
 """
 
 from __future__ import annotations

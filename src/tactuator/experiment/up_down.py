@@ -17,7 +17,7 @@ _EPSILON_DB = 1e-9  # levels are sums of steps: at a limit means within rounding
 class UpDownRule:
     """How a track moves and ends.
 
-    down, up: consecutive correct (incorrect) responses that lower (raise) the level. steps_db: the step after 0, 1, 2...
+    down, up: consecutive correct (incorrect) responses that lower (raise) the level. steps_db: the step after 0, 1, 2,..
     reversals; the last one stays. reversals: how many end the run; averaged: how many of the last make the threshold.
     initial_rule: 1-down-1-up until the first reversal. average: `reversals`, the mean of the averaged reversals' levels
     in dB, or `mid-runs`, Levitt's mean of the midpoints of every second run among them.
@@ -56,7 +56,7 @@ class UpDownRule:
     def target(self) -> float:
         """The proportion correct where the track balances: 0.5^(1/n) for n-down-1-up.
 
-        In general where a run of n correct comes before a run of m incorrect half of the time (Feller, volume 1, XIII.8).
+        In general where a run of n correct comes before a run of m incorrect half of the time (Feller, vol. 1, XIII.8).
         """
         p = np.linspace(1e-6, 1.0 - 1e-6, 200_001)
         q = 1.0 - p

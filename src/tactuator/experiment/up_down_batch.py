@@ -18,7 +18,7 @@ Probability = Callable[[Floats, NDArray[np.intp]], Floats]
 
 @dataclass(frozen=True)
 class Tracks:
-    """levels_db_sl, correct: (runs, trials), NaN (False) after a run's end; trials: (runs,); estimates_db_sl: (runs,)."""
+    """levels_db_sl, correct: (runs, trials), NaN (False) after a run's end; trials, estimates_db_sl: (runs,)."""
 
     levels_db_sl: Floats
     correct: NDArray[np.bool_]

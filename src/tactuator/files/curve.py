@@ -14,6 +14,7 @@ from tactuator.perception.curve import Provenance, ThresholdCurve
 from tactuator.perception.library import curve, curve_names, level_from_acceleration
 
 _LEVEL, _ACCELERATION, _ERROR = "level_db_re_1um", "acceleration_m_s2_rms", "standard_error_db"
+_NUMBERS = ("frequency_hz", _LEVEL, _ACCELERATION, _ERROR)
 
 
 def resolve_curve(name_or_path: str, beside: Path = Path()) -> ThresholdCurve:
@@ -71,13 +72,14 @@ def _columns(path: Path, rows: list[str]) -> dict[str, np.ndarray[tuple[int], np
         raise BadInput(
             f"threshold curve {path}: columns {got}; allowed: frequency_hz and {_LEVEL} (or {_ACCELERATION})"
         )
+    if any(len(row) < len(header) for row in table[1:]) or len(table) < 2:
+        raise BadInput(f"threshold curve {path}: rows of unequal length; allowed: {len(header)} cells a row")
+    own = [index for index, name in enumerate(header) if name in _NUMBERS]  # others tell how it was measured
     try:
-        values = np.array([[float(cell) for cell in row[: len(header)]] for row in table[1:]])
+        values = np.array([[float(row[index]) for index in own] for row in table[1:]])
     except ValueError as error:
         raise BadInput(f"threshold curve {path}: {error}; allowed: numbers") from None
-    if values.ndim != 2 or values.shape[1] != len(header):
-        raise BadInput(f"threshold curve {path}: rows of unequal length; allowed: {len(header)} cells a row")
-    return {name: values[:, index] for index, name in enumerate(header)}
+    return {header[index]: values[:, place] for place, index in enumerate(own)}
 
 
 def write_curve(path: str | Path, threshold: ThresholdCurve) -> None:

@@ -55,6 +55,7 @@ const handlers = {
   "answer-now"(message) {
     page.asked = false;
     page.standing = { run: message.run, number: message.number };
+    document.body.dataset.trial = `${message.run}/${message.number}`;
     page.shownAt = performance.now();
     light(-1);
     show();

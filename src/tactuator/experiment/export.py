@@ -1,0 +1,141 @@
+"""Exports: tidy CSV, Psych-DS and BIDS behaviour; each a folder with its data dictionary, whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from tactuator import __version__
+from tactuator.errors import BadInput
+from tactuator.experiment.dictionary import TRIAL_COLUMNS
+from tactuator.experiment.export_rows import TrialRow, trial_rows
+from tactuator.experiment.store import Store
+from tactuator.files.atomic import atomic_folder
+
+_OWN = frozenset(
+    ("trials.csv", "trials_dictionary.csv", "dataset_description.json", "data", "README")
+    + ("participants.tsv", "participants.json")
+)
+_NAMES = [one.name for one in TRIAL_COLUMNS]
+
+
+def export(store: Store, folder: Path, form: str) -> int:
+    """Write every answered trial; how many there were. Raises BadInput for another form or an empty store."""
+    if form not in FORMS:
+        raise BadInput(f"format {form!r}; allowed: {', '.join(FORMS)}")
+    rows = trial_rows(store)
+    own = _OWN | {f"sub-{_label(subject)}" for subject in _subjects(rows)}
+    with atomic_folder(folder, own) as beside:
+        FORMS[form](rows, beside)
+    return len(rows)
+
+
+def _tidy(rows: Sequence[TrialRow], folder: Path) -> None:
+    """trials.csv and trials_dictionary.csv."""
+    (folder / "trials.csv").write_text(_table(rows, ",", ""), encoding="utf-8")
+    meanings = ((one.name, one.description, one.unit) for one in TRIAL_COLUMNS)
+    (folder / "trials_dictionary.csv").write_text(
+        _lines([("column", "description", "unit"), *meanings], ","), encoding="utf-8"
+    )
+
+
+def _psych_ds(rows: Sequence[TrialRow], folder: Path) -> None:
+    """Psych-DS 1.0: dataset_description.json (schema.org) and data/*_data.csv."""
+    described = [
+        {
+            "@type": "PropertyValue",
+            "name": one.name,
+            "description": one.description,
+            **({"unitText": one.unit} if one.unit else {}),
+        }
+        for one in TRIAL_COLUMNS
+    ]
+    _json(
+        folder / "dataset_description.json",
+        {
+            "@context": "https://schema.org/",
+            "@type": "Dataset",
+            "name": _study(rows),
+            "description": "Vibrotactile detection, one row for each answered trial.",
+            "schemaVersion": "Psych-DS 1.0.0",
+            "variableMeasured": described,
+        },
+    )
+    data = folder / "data"
+    data.mkdir()
+    for subject in _subjects(rows):
+        mine = [row for row in rows if row["subject"] == subject]
+        (data / f"subject-{_label(subject)}_task-detection_data.csv").write_text(
+            _table(mine, ",", ""), encoding="utf-8"
+        )
+
+
+def _bids(rows: Sequence[TrialRow], folder: Path) -> None:
+    """BIDS 1.10: sub-*/beh/*_beh.tsv with a sidecar each, participants.tsv."""
+    _json(
+        folder / "dataset_description.json",
+        {
+            "Name": _study(rows),
+            "BIDSVersion": "1.10.0",
+            "DatasetType": "raw",
+            "GeneratedBy": [{"Name": "tactuator", "Version": __version__}],
+        },
+    )
+    (folder / "README").write_text("Vibrotactile detection; one row of a beh.tsv for each answered trial.\n", "utf-8")
+    groups = {str(row["subject"]): row["subject_group"] for row in rows}
+    people = [("participant_id", "group"), *((f"sub-{_label(who)}", group) for who, group in groups.items())]
+    (folder / "participants.tsv").write_text(_lines(people, "\t"), encoding="utf-8")
+    _json(folder / "participants.json", {"group": {"Description": "hearing, hearing-impaired, simulated or unknown"}})
+    sidecar = {
+        "TaskName": "detection",
+        "TaskDescription": "Which interval carries the vibration?",
+        **{
+            one.name: {"Description": one.description, **({"Units": one.unit} if one.unit else {})}
+            for one in TRIAL_COLUMNS
+        },
+    }
+    for subject in _subjects(rows):
+        place = folder / f"sub-{_label(subject)}" / "beh"
+        place.mkdir(parents=True)
+        mine = [row for row in rows if row["subject"] == subject]
+        for number, run in enumerate(sorted({int(row["run"] or 0) for row in mine}), start=1):
+            stem = f"sub-{_label(subject)}_task-detection_run-{number:02d}_beh"
+            table = _table([row for row in mine if row["run"] == run], "\t", "n/a")
+            (place / f"{stem}.tsv").write_text(table, encoding="utf-8")
+            _json(place / f"{stem}.json", sidecar)
+
+
+FORMS: dict[str, Callable[[Sequence[TrialRow], Path], None]] = {"tidy": _tidy, "psych-ds": _psych_ds, "bids": _bids}
+"""Name of each format, and what writes it."""
+
+
+def _table(rows: Sequence[TrialRow], separator: str, missing: str) -> str:
+    cells = ([missing if row[name] is None or row[name] == "" else row[name] for name in _NAMES] for row in rows)
+    return _lines([_NAMES, *cells], separator)
+
+
+def _lines(rows: Iterable[Sequence[object]], separator: str) -> str:
+    stream = io.StringIO()
+    csv.writer(stream, delimiter=separator, lineterminator="\n").writerows(rows)
+    return stream.getvalue()
+
+
+def _json(path: Path, document: object) -> None:
+    path.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _study(rows: Sequence[TrialRow]) -> str:
+    return "; ".join(sorted({str(row["study"]) for row in rows}))
+
+
+def _subjects(rows: Sequence[TrialRow]) -> list[str]:
+    return sorted({str(row["subject"]) for row in rows})
+
+
+def _label(text: str) -> str:
+    """As a file name's label may be: letters and digits."""
+    return re.sub(r"[^A-Za-z0-9]", "", text)
