@@ -11,9 +11,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.digital._core import ffi, lib
 from tactuator.digital.coefficients import FEEDBACK_SECTIONS_MAX, PREFILTER_SECTIONS_MAX, delta_coefficients_single
 from tactuator.digital.controller import ChannelController, Controller
-from tactuator.digital.core_tables import ffi, lib
 from tactuator.digital.q31 import (
     REFERENCE_FULL_SCALE,
     VOLTS_FULL_SCALE,

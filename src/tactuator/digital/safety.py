@@ -9,8 +9,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.digital._core import ffi, lib
 from tactuator.digital.coefficients import delta_coefficients_single
-from tactuator.digital.core_tables import ffi, lib
 from tactuator.digital.image import sealed
 from tactuator.errors import BadInput
 from tactuator.plant.display import Converter

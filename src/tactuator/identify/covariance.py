@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 def robust_covariance(jacobian: Array, innovation: Array, past: Array | None = None) -> Array:
-    """(J'J)^-1 J' Phi J (J'J)^-1 with Phi from the innovation's own smoothed spectrum: right though some colour is left.
+    """(J'J)^-1 J' Phi J (J'J)^-1 with Phi from the innovation's smoothed spectrum: right though some colour is left.
 
     jacobian (n, p), innovation (n,). past (n, k): the noise model's regressors; in closed loop the plant's estimate
     leans on them, so they are projected out of the jacobian. Source: Ljung, System Identification, 1999, section 9.3.

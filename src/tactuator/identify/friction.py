@@ -40,7 +40,7 @@ class FrictionSearch:
     """
 
     def __init__(self, problem: Problem, structure: Structure, minimum: Minimum, path: Array) -> None:
-        """problem: without friction and not whitened; minimum: of it, or near it; path: the noise-free position (n,)."""
+        """problem: without friction and not whitened; minimum: of it, or near it; path: noise-free position (n,)."""
         bare = replace(problem, friction=None)
         self._path, self._skip = path, problem.skip
         self._model = Model(bare, structure, minimum.theta, 0.0)

@@ -67,6 +67,6 @@ def _peak(power: Array, k: int) -> float:
     centre = np.sqrt(power[k])
     if right >= left:
         ratio = right / centre
-        return k + (2.0 * ratio - 1.0) / (ratio + 1.0)
+        return k + float((2.0 * ratio - 1.0) / (ratio + 1.0))
     ratio = left / centre
-    return k - (2.0 * ratio - 1.0) / (ratio + 1.0)
+    return k - float((2.0 * ratio - 1.0) / (ratio + 1.0))

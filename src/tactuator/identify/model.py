@@ -65,7 +65,7 @@ class PlantModel:
         return {"gain": self._gain_confidence(), **made, "delay_s": float(errors[-1])}
 
     def family(self, count: int, rng: np.random.Generator) -> tuple[ContinuousSystem, ...]:
-        """`count` plants drawn from the covariance, for a design that must hold for all of them; stable as the model is.
+        """`count` plants drawn from the covariance, for a design that must hold for all; stable as the model is.
 
         The first two are the ends of the most uncertain direction, 2 standard errors away, if those are of the kind.
         """
@@ -105,7 +105,7 @@ class PlantModel:
         gradient = np.zeros(self.covariance.shape[0])
         gradient[m] = 1.0 / self.den[-1]
         gradient[-2] = -self.num[-1] / self.den[-1] ** 2
-        return float(1.959964 * np.sqrt(max(gradient @ self.covariance @ gradient, 0.0)))
+        return float(1.959964 * np.sqrt(max(float(gradient @ self.covariance @ gradient), 0.0)))
 
     def _log_gradient(self, frequency_hz: Array) -> NDArray[np.complex128]:
         s = 2j * np.pi * frequency_hz

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 class Structure:
     """n poles, m <= n zeros, of which `integrated` at s = 0 (1 for a velocity output, 2 for an acceleration).
 
-    dead_time: whether a dead time is estimated beside. Parameters: numerator coefficients ascending (from s^integrated),
+    dead_time: whether a dead time is estimated too. Parameters: numerator coefficients ascending (from s^integrated),
     denominator coefficients ascending below the leading 1, dead time if estimated.
     """
 
@@ -40,7 +40,7 @@ class Structure:
         return self.numerator_count + self.poles + int(self.dead_time)
 
     def split(self, theta: Array, delay: float) -> tuple[Array, Array, float]:
-        """theta -> numerator ascending (zeros + 1,), denominator ascending without the leading 1 (poles,), dead time."""
+        """theta -> numerator ascending (zeros + 1,), denominator ascending without its leading 1 (poles,), delay."""
         k = self.numerator_count
         b = np.concatenate([np.zeros(self.integrated), theta[:k]])
         return b, theta[k : k + self.poles], float(theta[-1]) if self.dead_time else delay

@@ -114,7 +114,7 @@ class _Player:
         return trace.position_v[:, self._columns], np.any(trace.saturated[:, self._columns], axis=0)
 
     def _parts(self, column: int) -> tuple[Complex, Array, Array]:
-        """Mean amplitude (m,), variance of that mean by noise, and power of distortion on a line, at the excited lines."""
+        """Mean amplitude (m,), variance of that mean by noise, power of distortion on a line, at the excited lines."""
         spectra = np.stack([one[:, column] for one in self._kept])
         mean = spectra.mean(axis=0)
         scatter = np.sum(np.abs(spectra - mean) ** 2, axis=0) / (self.periods - 1)
@@ -126,7 +126,7 @@ class _Player:
         return mean[self._excited.bins], noise, np.maximum(repeated - noise, 0.0)
 
     def _around(self, power: Array, usable: NDArray[np.bool_]) -> Array:
-        """Mean of the usable lines around each excited one: 12 of them at least, a tenth of the frequency to each side."""
+        """Mean of the usable lines around each excited one: 12 at least, a tenth of the frequency to each side."""
         made = []
         places = np.flatnonzero(usable)
         for line in self._excited.bins:

@@ -162,7 +162,7 @@ class LinkClient:
     def stream(
         self, run: int, first: int, rows: NDArray[np.float32], forces: NDArray[np.float32] | None
     ) -> tuple[int, int]:
-        """Send rows (n, channels) for the ticks from `first` on; the tick up to which the board has them, and its own."""
+        """Send rows (n, channels) for the ticks from `first` on; the tick to which the board has them, and its own."""
         both = rows if forces is None else np.concatenate([rows, forces], axis=1)
         most = (PAYLOAD_MAX - 11) // (4 * both.shape[1])
         part = both[:most].astype("<f4")

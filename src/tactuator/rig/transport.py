@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-from tactuator.digital.core_tables import ffi, lib
+from tactuator.digital._core import ffi, lib
 from tactuator.errors import BadInput
 
 _BREATH = 32

@@ -83,7 +83,8 @@ def log_chirp(duration_s: float, rate_hz: float, low_hz: float, high_hz: float) 
         raise BadInput(f"chirp from {low_hz:g} to {high_hz:g} Hz at {rate_hz:g} Hz; allowed: 0 < low < high <= rate/2")
     time = np.arange(sample_count(duration_s, rate_hz)) / rate_hz
     growth = np.log(high_hz / low_hz) / duration_s
-    return np.sin(2.0 * np.pi * low_hz * np.expm1(growth * time) / growth)
+    swept: Samples = np.sin(2.0 * np.pi * low_hz * np.expm1(growth * time) / growth)
+    return swept
 
 
 def paper_mix(
@@ -137,7 +138,7 @@ def plan_amplitude(
 
 
 def periodic_response(command: Samples, rate_hz: float, plant: ContinuousSystem) -> Samples:
-    """Steady answer of `plant` to a command (n,) repeated for ever, by its spectrum; an integrator's mean is dropped."""
+    """Steady answer of `plant` to a command (n,) repeated for ever, by its spectrum; an integrator's mean dropped."""
     spectrum = np.fft.rfft(command)
     frequency = np.fft.rfftfreq(command.size, 1.0 / rate_hz)
     response = np.zeros(frequency.size, dtype=np.complex128)

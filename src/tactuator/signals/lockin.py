@@ -36,7 +36,7 @@ def mains_multiples(mains_hz: float | None, high_hz: float) -> NDArray[np.float6
     """Mains frequency and its multiples up to high_hz; none for None."""
     if not mains_hz:
         return np.zeros(0)
-    return mains_hz * np.arange(1, int(high_hz / mains_hz) + 1)
+    return mains_hz * np.arange(1.0, int(high_hz / mains_hz) + 1.0)
 
 
 def off_mains(frequency_hz: ArrayLike, mains_hz: float | None = 60.0, keep_off_hz: float = 2.0) -> NDArray[np.float64]:

@@ -26,4 +26,6 @@ def reduction_envelope(need_db: Samples, start_db: float | None, rate_hz: float)
         after = np.maximum(after, start_db - release * (index + 1.0))
     before = np.maximum.accumulate((after - attack * index)[::-1])[::-1] + attack * index
     reduction = np.maximum(before, 0.0)
-    return reduction if start_db is None else np.minimum(reduction, start_db + attack * (index + 1.0))
+    if start_db is None:
+        return np.asarray(reduction)
+    return np.asarray(np.minimum(reduction, start_db + attack * (index + 1.0)))
