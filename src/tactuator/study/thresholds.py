@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import signal
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 
@@ -50,12 +52,21 @@ def measure_thresholds(plan: Plan, controller: Controller, progress: Progress) -
     people = observers(plan.display.channels[0].threshold.curve)
     tasks = [(person, channel.name) for person in people for channel in plan.display.channels]
     found: dict[tuple[str, str], tuple[Threshold, ...]] = {}
-    with ProcessPoolExecutor(max_workers=_WORKERS) as pool:
+    # spawned, not forked: a progress bar's thread may hold a lock at that moment
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(_WORKERS, context, initializer=_leave_interrupts_to_the_parent)
+    try:
         jobs = {pool.submit(one_observer, plan, controller, *task): (task[0].name, task[1]) for task in tasks}
         for done, job in enumerate(as_completed(jobs), start=1):
             found[jobs[job]] = job.result()
             progress("thresholds", done / len(tasks))
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
     return tuple(one for person, channel in tasks for one in found[person.name, channel])
+
+
+def _leave_interrupts_to_the_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def one_observer(plan: Plan, controller: Controller, observer: Observer, channel: str) -> tuple[Threshold, ...]:
