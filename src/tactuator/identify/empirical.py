@@ -50,7 +50,7 @@ def empirical_response(
     u, y = (np.fft.rfft(window * _levelled(values)) for values in (command, position))
     spacing = rate_hz / count
     top = min(high_hz or 0.45 * rate_hz, 0.45 * rate_hz)
-    edges = _edges(3, max(int(top / spacing), 12), bands_per_decade)
+    edges = _edges(3, min(max(int(top / spacing), 12), u.size - 1), bands_per_decade)
     index = edges[:-1]
     suu = np.add.reduceat(np.abs(u) ** 2, edges)[:-1]
     syy = np.add.reduceat(np.abs(y) ** 2, edges)[:-1]
@@ -79,4 +79,4 @@ def _edges(first: int, last: int, bands_per_decade: int) -> NDArray[np.int64]:
     growth = 10.0 ** (1.0 / bands_per_decade)
     while edges[-1] < last:
         edges.append(max(edges[-1] + 5, round(edges[-1] * growth)))
-    return np.array(edges, dtype=np.int64)
+    return np.minimum(np.array(edges, dtype=np.int64), last)

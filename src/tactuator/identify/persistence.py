@@ -56,8 +56,13 @@ def excitation_report(command: Array, rate_hz: float, needed: int, condition: fl
 
 def require_excitation(report: ExcitationReport) -> None:
     """Refuse to identify what was not excited."""
-    if not report.sufficient:
+    if report.order < report.needed:
         raise BadInput(
             f"the command excites order {report.order}, the model has {report.needed} parameters; allowed: a command "
             f"of order {report.needed} or more (steps, noise, several sinusoids)"
+        )
+    if not report.sufficient:
+        raise BadInput(
+            f"the record cannot tell the model's {report.needed} parameters apart (condition {report.condition:.1g}); "
+            f"allowed: a livelier command, or a lower order"
         )

@@ -7,7 +7,9 @@ linearly; they are fitted beside and projected out (Golub and Pereyra, variable 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +58,7 @@ class _Driven:
     states: Array
     acting: Array
 
-    def combine(self, polynomials: list[Array], square: Array) -> Array:
+    def combine(self, polynomials: Sequence[NDArray[np.floating[Any]]], square: Array) -> Array:
         """Each polynomial(s)/A^2 (descending, of degree 2 order at most) applied to the driver: (n, columns)."""
         weights, direct = np.zeros((square.size - 1, len(polynomials))), np.zeros(len(polynomials))
         for column, polynomial in enumerate(polynomials):

@@ -128,7 +128,20 @@ def fit_with_disturbance(
     rubbed = add_friction(samples, with_lines) if friction else with_lines
     if rubbed is not fit and rubbed is with_lines:
         rubbed = fit_model(samples, structure, fit.model, with_lines.disturbance)
-    return colour(samples, rubbed)
+    coloured = colour(samples, rubbed)
+    if coloured.disturbance.path is not None and not _friction_stands(coloured):
+        bare = replace(coloured.disturbance, path=None, presliding=0.0)
+        return colour(samples, fit_model(samples, structure, coloured.model, bare))
+    return coloured
+
+
+def _friction_stands(fit: Fit) -> bool:
+    """Whether the Coulomb level is still certain after the noise has got its colour: five standard errors."""
+    jacobian = fit.minimum.prediction.jacobian
+    size = np.linalg.norm(jacobian, axis=0)
+    inverse = np.linalg.pinv(jacobian.T @ jacobian / np.outer(size, size), rcond=1e-12)
+    variance = inverse[-1, -1] / size[-1] ** 2 * fit.cost / jacobian.shape[0]
+    return fit.coulomb > 5.0 * float(np.sqrt(variance))
 
 
 def add_friction(samples: Samples, fit: Fit) -> Fit:
@@ -218,8 +231,11 @@ def judge(samples: Samples, fit: Fit, tests: ResidualTests) -> RefinedEstimate:
     p = fit.structure.count
     friction = None
     if fit.disturbance.path is not None and fit.coulomb > 0.0:
-        friction = Friction(fit.coulomb, 1.96 * float(np.sqrt(covariance[p, p])), fit.disturbance.presliding)
+        half_width = 1.96 * float(np.sqrt(covariance[p, p]))
+        if fit.coulomb > 2.0 * half_width:
+            friction = Friction(fit.coulomb, half_width, fit.disturbance.presliding)
     size = np.linalg.norm(prediction.jacobian, axis=0)
+    size[size == 0.0] = 1.0
     condition = float(np.linalg.cond(prediction.jacobian.T @ prediction.jacobian / np.outer(size, size)))
     measured = samples.position[-residual.size :]
     spread = float(np.linalg.norm(measured - measured.mean()))

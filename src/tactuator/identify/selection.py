@@ -60,7 +60,7 @@ def choose_structure(
 
     order: number of poles, if given. delay_s: dead time known beforehand; estimated from there if estimate_delay.
     """
-    first, model = _first(samples, response, order, most_poles, integrated, delay_s)
+    first, model = _first(samples, response, order, most_poles, integrated, delay_s, estimate_delay)
     fit = fit_with_disturbance(samples, first, model, friction=friction)
     tried = []
     while True:
@@ -74,7 +74,7 @@ def choose_structure(
         if better is None:
             break
         fit = colour(samples, better, rounds=1)
-    settled = _settle_delay(samples, fit)
+    settled = _settle_delay(samples, _simplified(samples, fit, order is not None))
     if settled is not fit:
         fit, tests = settled, fit_tests(samples, settled)
     return Selection(fit, tests, tuple(tried))
@@ -87,47 +87,33 @@ def _first(
     most_poles: int,
     integrated: int,
     delay_s: float,
+    estimate_delay: bool,
 ) -> tuple[Structure, RationalModel]:
-    """By the empirical response: fewest poles whose error is near the best, then fewest zeros."""
+    """The structure of fewest parameters that fits the empirical response about as well as a rich one."""
     response = response.trusted()
-    if order is not None:
-        chosen, error = order, _start_error(response, order, integrated, samples.rate_hz, delay_s)
-    else:
-        chosen, error = _fewest_poles(response, most_poles, integrated, samples.rate_hz, delay_s)
-    limit = 1.3 * error + _SLACK
-    for zeros in range(integrated, max(chosen - 1, integrated) + 1):
-        structure = Structure(chosen, zeros, integrated=integrated)
-        model, cost = rational_start(response, structure, samples.rate_hz, delay_s)
-        if cost <= limit:
+    richest = order or min(most_poles, 4)
+    rich = Structure(richest, max(richest - 1, integrated), integrated=integrated)
+    best = (rich, *rational_start(response, rich, samples.rate_hz, delay_s))
+    limit = 1.3 * best[2] + _SLACK
+    for structure in _by_size(order, min(most_poles, 4), integrated, estimate_delay):
+        model, error = rational_start(response, structure, samples.rate_hz, delay_s)
+        if error <= limit:
             return structure, model
-    return structure, model
+        if error < best[2]:
+            best = (structure, model, error)
+    return best[0], best[1]
 
 
-def _start_error(response: EmpiricalResponse, poles: int, integrated: int, rate_hz: float, delay_s: float) -> float:
-    """Error of the empirical fit with all the zeros that a falling response can have."""
-    structure = Structure(poles, max(poles - 1, integrated), integrated=integrated)
-    return rational_start(response, structure, rate_hz, delay_s)[1]
-
-
-def _fewest_poles(
-    response: EmpiricalResponse, most_poles: int, integrated: int, rate_hz: float, delay_s: float
-) -> tuple[int, float]:
-    """The fewest poles that one more does not improve on, and their error."""
-    poles = max(1, integrated)
-    error = _start_error(response, poles, integrated, rate_hz, delay_s)
-    while poles < min(most_poles, 4):
-        ahead = [_start_error(response, poles + 1, integrated, rate_hz, delay_s)]
-        if error > 1.3 * ahead[0] + _SLACK:
-            poles, error = poles + 1, ahead[0]
-            continue
-        if poles + 2 <= min(most_poles, 4):
-            # a resonance takes two poles at once
-            ahead.append(_start_error(response, poles + 2, integrated, rate_hz, delay_s))
-        if error > 1.5 * ahead[-1] + _SLACK:
-            poles, error = poles + len(ahead), ahead[-1]
-            continue
-        break
-    return poles, error
+def _by_size(order: int | None, most_poles: int, integrated: int, estimate_delay: bool) -> list[Structure]:
+    """Structures up to 3 parameters beside the poles, those of fewer parameters first, no dead time before one."""
+    poles = [order] if order is not None else list(range(max(1, integrated), most_poles + 1))
+    made = [
+        Structure(n, m, late, integrated)
+        for n in poles
+        for late in ((False, True) if estimate_delay else (False,))
+        for m in range(integrated, max(n, integrated + 1))
+    ]
+    return sorted(made, key=lambda one: (one.count, one.dead_time, one.poles))
 
 
 def _candidate(fit: Fit, p_value: float) -> Candidate:
@@ -173,6 +159,55 @@ def _starts(samples: Samples, response: EmpiricalResponse, fit: Fit, structure: 
     yield made
 
 
+def _simplified(samples: Samples, fit: Fit, keep_poles: bool) -> Fit:
+    """Without a pole, a zero, or both, as long as the fit is no worse than the parameter was worth."""
+    while fit.structure.zeros > fit.structure.integrated or _condition(fit) > 1e11:
+        count = fit.minimum.prediction.residual.size
+        smaller = [_fitted_smaller(samples, fit, one) for one in _reductions(fit.structure, keep_poles)]
+        fitting = [
+            one
+            for one in smaller
+            if count * np.log(one.cost / fit.cost)
+            < max(np.log(count), _WORTHWHILE * count) * (fit.structure.count - one.structure.count)
+        ]
+        if not fitting:
+            break
+        fit = min(fitting, key=lambda one: (one.structure.count, one.cost))
+    return fit
+
+
+def _reductions(structure: Structure, keep_poles: bool) -> Iterator[Structure]:
+    n, m, least = structure.poles, structure.zeros, structure.integrated
+    if not keep_poles and n > max(1, least):
+        if m > least:
+            yield replace(structure, poles=n - 1, zeros=m - 1)
+        elif m <= n - 1:
+            yield replace(structure, poles=n - 1, zeros=m)
+    if m > least:
+        yield replace(structure, zeros=m - 1)
+
+
+def _fitted_smaller(samples: Samples, fit: Fit, structure: Structure) -> Fit:
+    """The smaller structure, fitted to the response of the larger one first, then to the record."""
+    frequency = np.geomspace(2.0 / samples.position.size, 0.4, 120) * samples.rate_hz
+    value = fit.model.response(frequency)
+    omega = 2.0 * np.pi * frequency
+    hold = -np.expm1(-1j * omega / samples.rate_hz) / (1j * omega / samples.rate_hz)
+    weight = np.full(frequency.size, 0.05) + 0.3 * np.abs(value) / np.max(np.abs(value))
+    like = EmpiricalResponse(frequency, value * hold, 0.1 / weight, np.ones(frequency.size), weight)
+    start, _ = rational_start(like, structure, samples.rate_hz, fit.model.delay_s)
+    return fit_model(samples, structure, start, fit.disturbance, fit.coulomb)
+
+
+def _condition(fit: Fit) -> float:
+    jacobian = fit.minimum.prediction.jacobian[:, : fit.structure.count]
+    if jacobian.size == 0:
+        return np.inf
+    size = np.linalg.norm(jacobian, axis=0)
+    size[size == 0.0] = 1.0
+    return float(np.linalg.cond(jacobian.T @ jacobian / np.outer(size, size)))
+
+
 def _settle_delay(samples: Samples, fit: Fit) -> Fit:
     """A dead time that cannot be told from a whole number of samples is that number."""
     if not fit.structure.dead_time:
@@ -182,6 +217,8 @@ def _settle_delay(samples: Samples, fit: Fit) -> Fit:
     gram = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14)
     error_s = np.sqrt(max(gram[index, index], 0.0) * fit.cost / jacobian.shape[0]) / fit.model.scale_rad_s
     whole = round(fit.model.delay_s * samples.rate_hz) / samples.rate_hz
+    if 3.0 * error_s > 0.3 / samples.rate_hz and whole > 0.0:
+        return fit
     if abs(fit.model.delay_s - whole) > max(3.0 * error_s, 0.02 / samples.rate_hz):
         return fit
     structure = replace(fit.structure, dead_time=False)
