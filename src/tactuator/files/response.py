@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -84,6 +85,6 @@ def read_responses(path: str | Path) -> tuple[Response, ...]:
 
 
 def _read_group(group: h5py.Group) -> Response:
-    texts = {name: str(group.attrs[name]) for name in _TEXTS}
-    arrays = {name: np.asarray(group[name]) for name in _ARRAYS}
+    texts: dict[str, Any] = {name: str(group.attrs[name]) for name in _TEXTS}
+    arrays: dict[str, Any] = {name: np.asarray(group[name]) for name in _ARRAYS}
     return Response(level_db_sl=float(group.attrs["level_db_sl"]), **texts, **arrays)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
 from tactuator.report.plate import Plate
@@ -47,15 +49,15 @@ def spectrogram_plate(report: FeltReport, what: str, name: str = "render") -> Pl
     return Plate(name, "Asked and felt over time", caption, made, _table(report))
 
 
-def _draw_finger(row: list[Axes], finger: FingerFelt) -> tuple[object, object]:
+def _draw_finger(row: list[Axes], finger: FingerFelt) -> tuple[ScalarMappable, ScalarMappable]:
     split = finger.asked_long.shape[1]
     edges = _edges(finger.centre_hz)
     parts = (
         (finger.asked_long, finger.felt_long, edges[: split + 1], LONG_FRAME_S),
         (finger.asked_short, finger.felt_short, edges[split:], SHORT_FRAME_S),
     )
-    levels: object = None
-    difference: object = None
+    level_norm, difference_norm = Normalize(LOWEST_DB_SL, HIGHEST_DB_SL), Normalize(-DIFFERENCE_DB, DIFFERENCE_DB)
+    levels, difference = ScalarMappable(level_norm, "magma_r"), ScalarMappable(difference_norm, "RdBu")
     for asked, felt, frequency, frame_s in parts:
         count = min(len(asked), round(SHOWN_S / frame_s))
         if not count:
@@ -63,13 +65,9 @@ def _draw_finger(row: list[Axes], finger: FingerFelt) -> tuple[object, object]:
         time = np.arange(count + 1) * frame_s
         for axes, values in ((row[0], asked), (row[1], felt)):
             shown = np.maximum(values[:count], LOWEST_DB_SL).T
-            levels = axes.pcolormesh(
-                time, frequency, shown, vmin=LOWEST_DB_SL, vmax=HIGHEST_DB_SL, cmap="magma_r", rasterized=True
-            )
+            axes.pcolormesh(time, frequency, shown, norm=level_norm, cmap=levels.cmap, rasterized=True)
         counted = np.where(asked[:count] >= HEARD_DB_SL, felt[:count] - asked[:count], np.nan).T
-        difference = row[2].pcolormesh(
-            time, frequency, counted, vmin=-DIFFERENCE_DB, vmax=DIFFERENCE_DB, cmap="RdBu", rasterized=True
-        )
+        row[2].pcolormesh(time, frequency, counted, norm=difference_norm, cmap=difference.cmap, rasterized=True)
     for axes in row:
         axes.set_yscale("log")
         axes.set_ylim(edges[0], edges[-1])
