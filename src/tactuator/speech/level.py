@@ -30,7 +30,7 @@ class LevelMeter:
         length = round(FRAME_S * self.rate_hz)
         block = block if self._rest is None else np.concatenate((self._rest, block))
         whole = len(block) // length
-        frames = block[: whole * length].reshape(whole, length, -1)
+        frames = block[: whole * length].reshape(whole, length, block.shape[1])
         self._powers.append(np.einsum("ijk,ijk->ik", frames, frames) / length)
         self._rest = block[whole * length :].copy()
 

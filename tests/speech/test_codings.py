@@ -1,0 +1,182 @@
+"""The codings against what their parameters say, and their files."""
+
+import numpy as np
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.speech.bands import BandsCoding
+from tactuator.speech.coding_file import NAMED, coding_of, read_coding, write_coding
+from tactuator.speech.direct import DirectCoding, place
+from tactuator.speech.envelope_bands import EnvelopeBand, Voicing
+from tactuator.speech.envelopes import BRATAKOS_2001, DEFAULT, YUAN_2005, EnvelopeCoding
+
+FINGERS = ("thumb", "index", "middle")
+RATE_IN, RATE = 16000, 4000
+
+
+def coded(coding, samples):
+    return np.concatenate(list(coding.signals(iter([samples]), RATE_IN, RATE)))
+
+
+def tone(frequency, seconds=4.0):
+    return np.sin(2 * np.pi * frequency * np.arange(round(RATE_IN * seconds)) / RATE_IN)
+
+
+def amplitude(signal, frequency):
+    part = signal[RATE : 3 * RATE]
+    return 2 * np.abs(np.mean(part * np.exp(-2j * np.pi * frequency * np.arange(len(part)) / RATE)))
+
+
+def test_direct__tones__inside_kept_outside_gone():
+    for frequency, expected in ((5.0, 1.0), (100.0, 1.0), (270.0, 1.0), (310.0, 0.0), (1000.0, 0.0)):
+        assert amplitude(coded(DirectCoding(), tone(frequency))[:, 0], frequency) == pytest.approx(expected, abs=1e-3)
+
+
+def test_direct__fingers__all_or_those_named():
+    np.testing.assert_array_equal(DirectCoding().placement(FINGERS), [[1, 1, 1]])
+    np.testing.assert_array_equal(DirectCoding(fingers=("index",)).placement(FINGERS), [[0, 1, 0]])
+
+
+def test_bands__their_sum__is_direct():
+    noise = np.random.default_rng(0).standard_normal(RATE_IN * 4)
+    low = DirectCoding(low_hz=2.0, low_transition_hz=2.0, high_hz=290.0, high_transition_hz=20.0)
+    np.testing.assert_allclose(coded(BandsCoding(), noise).sum(axis=1), coded(low, noise)[:, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize(("frequency", "band"), [(100.0, 0), (180.0, 1), (250.0, 2)])
+def test_bands__tone__on_its_finger_alone(frequency, band):
+    signals = coded(BandsCoding(), tone(frequency))
+    for column in range(3):
+        assert amplitude(signals[:, column], frequency) == pytest.approx(float(column == band), abs=2e-3)
+
+
+def test_bands__gains__in_db():
+    gains = BandsCoding(gains_db=(6.0, 0.0, -6.0)).placement(FINGERS)
+    np.testing.assert_allclose(np.diag(gains), [10**0.3, 1.0, 10**-0.3])
+
+
+def test_envelope__tone_in_a_band__carrier_with_the_rectified_mean():
+    coding = EnvelopeCoding((EnvelopeBand(400.0, 1600.0, 50.0, ("thumb",)),))
+    got = coded(coding, tone(800.0))[:, 0]
+    assert amplitude(got, 50.0) == pytest.approx(2 / np.pi, rel=0.01)  # mean of |sine|
+    half = EnvelopeCoding((EnvelopeBand(400.0, 1600.0, 50.0, ("thumb",), rectifier="half"),))
+    assert amplitude(coded(half, tone(800.0))[:, 0], 50.0) == pytest.approx(1 / np.pi, rel=0.01)
+
+
+def test_envelope__modulated_tone__envelope_follows_to_its_smoothing():
+    modulation = 1.0 + 0.8 * np.sin(2 * np.pi * 5.0 * np.arange(RATE_IN * 4) / RATE_IN)
+    coding = EnvelopeCoding((EnvelopeBand(400.0, 1600.0, 200.0, ("thumb",), smooth_hz=25.0),))
+    got = coded(coding, modulation * tone(800.0))[:, 0]
+    smoothed = 1.0 / np.sqrt(1.0 + (5.0 / 25.0) ** 4)
+    for side in (195.0, 205.0):
+        assert amplitude(got, side) / amplitude(got, 200.0) == pytest.approx(0.4 * smoothed, rel=0.02)
+
+
+def test_envelope__gates__voice_and_its_absence():
+    rng = np.random.default_rng(1)
+    voiced, unvoiced = tone(150.0), 0.3 * np.diff(rng.standard_normal(RATE_IN * 4 + 1))
+    for gate, for_voice, for_noise in (("voiced", True, False), ("unvoiced", False, True)):
+        coding = EnvelopeCoding((EnvelopeBand(100.0, 6000.0, 50.0, ("thumb",), gate=gate),))
+        assert (amplitude(coded(coding, voiced)[:, 0], 50.0) > 0.3) == for_voice
+        assert (np.std(coded(coding, unvoiced)[RATE:, 0]) > 0.1) == for_noise
+
+
+def test_envelope__any_preset__silent_above_300_hz():
+    noise = np.random.default_rng(2).standard_normal(RATE_IN * 4)
+    for coding in (DEFAULT, YUAN_2005, BRATAKOS_2001):
+        spectrum = np.abs(np.fft.rfft(coded(coding, noise) * np.hanning(4 * RATE)[:, None], axis=0))
+        frequency = np.fft.rfftfreq(4 * RATE, 1 / RATE)
+        assert 20 * np.log10(spectrum[frequency > 302].max() / spectrum.max()) < -70
+
+
+def test_presets__published_parameters():
+    low, high = YUAN_2005.bands
+    assert (low.low_hz, low.high_hz, low.carrier_hz, low.smooth_hz, low.order) == (0.0, 350.0, 50.0, 25.0, 2)
+    assert (high.low_hz, high.high_hz, high.carrier_hz, high.smooth_hz, high.order) == (3000.0, None, 250.0, 25.0, 2)
+    (octave,) = BRATAKOS_2001.bands
+    assert (octave.carrier_hz, octave.smooth_hz) == (200.0, 100.0)
+    assert octave.high_hz == pytest.approx(2 * octave.low_hz)
+
+
+@pytest.mark.parametrize("lengths", [[100], [65536], [1, 9999, 3]])
+@pytest.mark.parametrize("name", ["direct", "bands", "envelope"])
+def test_coding__however_it_is_cut__same_bits(name, lengths):
+    noise = np.random.default_rng(3).standard_normal(20011)
+
+    def cut():
+        at = turn = 0
+        while at < len(noise):
+            yield noise[at : at + lengths[turn % len(lengths)]]
+            at, turn = at + lengths[turn % len(lengths)], turn + 1
+
+    pieces = np.concatenate(list(NAMED[name].signals(cut(), RATE_IN, RATE)))
+    np.testing.assert_array_equal(pieces, coded(NAMED[name], noise))
+    assert len(pieces) == int(np.ceil(20011 / 4))
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_coding_file__written_and_read__same_coding(tmp_path, name):
+    write_coding(tmp_path / "c.toml", NAMED[name])
+    assert coding_of(str(tmp_path / "c.toml")) == NAMED[name]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("kind = \"direct\"", "kind = \"other\""), "kind is 'other'"),
+        (("low_hz = 2.0\n", ""), "'low_hz' is missing"),
+        (("low_hz = 2.0", "low_hz = 2.0\nloww = 1"), "'loww' is not a parameter"),
+        (("low_hz = 2.0", "low_hz = \"two\""), "low_hz is 'two'"),
+        (("low_hz = 2.0", "low_hz = "), "Invalid"),
+    ],
+)  # fmt: skip
+def test_coding_file__amiss__refused_in_one_line(tmp_path, change, words):
+    path = tmp_path / "c.toml"
+    write_coding(path, NAMED["direct"])
+    path.write_text(path.read_text().replace(*change, 1))
+    with pytest.raises(BadInput, match=words) as refusal:
+        read_coding(path)
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("order = 2\n", ""), r"bands\[0\]: 'order' is missing"),
+        (("carrier_hz = 50.0", "carrier_hz = 900.0"), "carrier 900 Hz"),
+        (("rectifier = \"full\"", "rectifier = \"none\""), "rectifier"),
+        (("ratio = 1.0", "ratio = 0.0"), "voicing"),
+        (("ratio = 1.0", ""), "voicing: 'ratio' is missing"),
+    ],
+)  # fmt: skip
+def test_envelope_file__amiss__refused(tmp_path, change, words):
+    path = tmp_path / "c.toml"
+    write_coding(path, YUAN_2005)
+    path.write_text(path.read_text().replace(*change, 1))
+    with pytest.raises(BadInput, match=words):
+        read_coding(path)
+
+
+def test_coding_of__unknown_name_or_no_file__refused(tmp_path):
+    with pytest.raises(BadInput, match="not known; allowed: direct, bands, envelope"):
+        coding_of("vocoder")
+    with pytest.raises(BadInput, match="No such file"):
+        coding_of(str(tmp_path / "none.toml"))
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: place([("ring",)], FINGERS),
+        lambda: BandsCoding(edges_hz=(2.0, 100.0)),
+        lambda: BandsCoding(edges_hz=(2.0, 200.0, 100.0, 290.0)),
+        lambda: EnvelopeCoding(()),
+        lambda: EnvelopeBand(500.0, 400.0, 50.0, ("thumb",)),
+        lambda: EnvelopeBand(0.0, None, 50.0, ("thumb",)),
+        lambda: EnvelopeBand(0.0, 400.0, 50.0, ("thumb",), order=0),
+        lambda: Voicing(low_hz=3000.0),
+    ],
+)
+def test_coding__impossible_parameters__refused(make):
+    with pytest.raises(BadInput, match="allowed"):
+        make()
