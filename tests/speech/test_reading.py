@@ -71,7 +71,7 @@ def truncated(path, share=0.5):
     [
         (lambda w, d: d / "none.wav", "no such file"),
         (lambda w, d: d, "a folder"),
-        (lambda w, d: (d / "empty.wav").write_bytes(b"") and None or d / "empty.wav", "empty, 0 bytes"),
+        (lambda w, d: ((d / "empty.wav").write_bytes(b"") and None) or d / "empty.wav", "empty, 0 bytes"),
         (lambda w, d: (d / "t.wav").write_text("words\n") and d / "t.wav", "not readable as sound"),
         (lambda w, d: truncated(w(tone())), "truncated"),
         (lambda w, d: truncated(w(tone(), name="s.flac")), "truncated|not readable"),

@@ -27,7 +27,9 @@ class Journal:
             self._file.write(json.dumps({"item": item, **entry}, sort_keys=True, allow_nan=False) + "\n")
             self._file.flush()
         except OSError as error:
-            raise BadInput(f"{self._file.name}: cannot be written ({error.strerror}); allowed: a disk with room") from None
+            raise BadInput(
+                f"{self._file.name}: cannot be written ({error.strerror}); allowed: a disk with room"
+            ) from None
         self.finished[item] = dict(entry)
 
 

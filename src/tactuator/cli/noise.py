@@ -70,10 +70,14 @@ def document(felt: FeltNoise) -> dict[str, Any]:
 
 def _table(runs: Sequence[tuple[str, Sequence[FeltNoise]]], verdict: dict[str, bool]) -> Table:
     caption = ", ".join(f"objective {name}: {'met' if met else 'not met'}" for name, met in verdict.items())
-    table = Table("under", "channel", "worst line", "worst third octave", "resonance", caption=f"dB SL as felt; {caption}")
+    table = Table(
+        "under", "channel", "worst line", "worst third octave", "resonance", caption=f"dB SL as felt; {caption}"
+    )
     for name, felt in runs:
         for one in felt:
-            resonance = "none" if one.resonance_hz is None else f"{one.resonance_db_sl:.1f} at {one.resonance_hz:.0f} Hz"
+            resonance = (
+                "none" if one.resonance_hz is None else f"{one.resonance_db_sl:.1f} at {one.resonance_hz:.0f} Hz"
+            )
             worst = float(max(one.band_db_sl))
             table.add_row(name, one.channel, f"{one.worst_line_db_sl:.1f}", f"{worst:.1f}", resonance)
     return table

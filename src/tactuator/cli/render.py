@@ -57,7 +57,7 @@ def register(app: typer.Typer) -> None:
         if save_coding is not None:
             write_coding(save_coding, chosen)
         if picture is not None and rendered.felt is not None:
-            from tactuator.report.spectrogram import spectrogram_plate  # noqa: PLC0415  (drawing loads slowly)
+            from tactuator.report.spectrogram import spectrogram_plate
 
             plate = spectrogram_plate(rendered.felt, f"{speech.name}, coding “{coding}” at {level:g} dB SL")
             write_text(picture, plate.svg())
@@ -71,7 +71,9 @@ def _shown(rendered: Rendered, out: Path) -> Group:
     figures: dict[str, Any] = {} if rendered.felt is None else rendered.felt.figures()
     for entry in rendered.limiting:
         felt = figures.get(entry.finger)
-        cells = ["–"] * 3 if felt is None else [f"{felt[key]:.2f} dB" for key in ("rms_db", "median_db_all", "p95_db_all")]
+        cells = (
+            ["–"] * 3 if felt is None else [f"{felt[key]:.2f} dB" for key in ("rms_db", "median_db_all", "p95_db_all")]
+        )
         table.add_row(entry.finger, f"{rendered.peak_db_sl[entry.finger]:.1f}", _limited(entry), *cells)
     return Group(table, *(f"note: {note}" for note in rendered.speech.notes))
 

@@ -62,9 +62,7 @@ def empirical_response(
     keep = (suu > 1e-14 * suu.max()) & (np.diff(edges) > 0) & (index > 0)
     coherence = np.clip(np.abs(syu) ** 2 / np.maximum(suu * syy, 1e-300), 1e-6, 1.0 - 1e-9)
     error = np.sqrt((1.0 - coherence) / coherence / (2.0 * effective))
-    return EmpiricalResponse(
-        centre[keep], syu[keep] / suu[keep], error[keep], coherence[keep], suu[keep] / suu.sum()
-    )
+    return EmpiricalResponse(centre[keep], syu[keep] / suu[keep], error[keep], coherence[keep], suu[keep] / suu.sum())
 
 
 def _levelled(values: Array) -> Array:

@@ -51,7 +51,9 @@ def excitation_report(command: Array, rate_hz: float, needed: int, condition: fl
     share = np.cumsum(power) / power.sum()
     frequency = np.arange(power.size) * rate_hz / command.size
     low, high = np.searchsorted(share, [0.001, 0.999])
-    return ExcitationReport(order, needed, condition, float(frequency[low]), float(frequency[min(high, power.size - 1)]))
+    return ExcitationReport(
+        order, needed, condition, float(frequency[low]), float(frequency[min(high, power.size - 1)])
+    )
 
 
 def require_excitation(report: ExcitationReport) -> None:

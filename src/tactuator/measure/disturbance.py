@@ -106,7 +106,9 @@ def disturbance(
     press = bench.press()
     tremor = bench.tremor(loop, rng)
     rig.rest()
-    return DisturbanceReport(channel, rejection, press, tremor, ("mm", "mm/s", "mm/s^2")[DERIVATIVES[described.quantity]])
+    return DisturbanceReport(
+        channel, rejection, press, tremor, ("mm", "mm/s", "mm/s^2")[DERIVATIVES[described.quantity]]
+    )
 
 
 class _Loop:
