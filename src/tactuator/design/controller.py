@@ -26,7 +26,7 @@ from tactuator.plant.display import Channel, Display
 from tactuator.signals.bands import third_octave_bands
 from tactuator.signals.systems import SampledSystem
 
-_SERVES, _GOOD = 0.75, 2.3
+_SERVES, _GOOD = 0.75, 1.95
 _NEAR_DB = 1.5
 
 
@@ -49,7 +49,7 @@ def design_channel(
     """The controller of one channel of `display`.
 
     Of the loops that keep every requirement, in the order of their mean |S|, the first is taken whose prefilter is
-    good for its number of poles (2.3/poles of the flatness objective, or error_db); if there is none, the one with the
+    good for its number of poles (1.95/poles of the flatness objective, or error_db); if there is none, the one with the
     best prefilter among those within 1.5 dB of the least mean, as long as that prefilter serves.
     """
     require_suitable(channel, display.rate_hz)

@@ -25,6 +25,7 @@ Coefficients = tuple[Array, Array]
 
 _WIDEST_DB = 30.0
 _PRECISION = 0.01
+_MOST_NARROWED_DB = 0.18
 _LEAST_DAMPING = 0.005
 
 
@@ -34,7 +35,8 @@ class MagnitudeGoal:
 
     frequency_hz, level_db: shape (n,), ascending, zero allowed: the level wanted. allowance_db: shape (n,), how far
     beyond the common error each point may be off (0 in the band proper). ceiling_db: the greatest level of the band;
-    at above_hz, shape (m,), and at every frequency beyond, no more than what the filter reaches there.
+    at above_hz, shape (m,), and at every frequency beyond, no more than what the filter reaches there. floor_db: shape
+    (n,), no error is to be lower than this, where that narrows the tolerance by 0.18 dB at most; None: no floor.
     """
 
     frequency_hz: Array
@@ -42,6 +44,7 @@ class MagnitudeGoal:
     allowance_db: Array
     above_hz: Array
     ceiling_db: float
+    floor_db: Array | None = None
 
 
 def fit_magnitude(goal: MagnitudeGoal, rate_hz: float, order: int) -> SampledSystem:
@@ -101,13 +104,17 @@ class _Program:
             if high < 1e-3:
                 break
         self._lower_bound_db = low
-        found = self._solve(1.02 * high + 0.003) or self._solve(high)
+        found = self._solve(1.01 * high + 0.002) or self._solve(high)
         assert found is not None
         return found
 
     def _solve(self, error_db: float) -> Coefficients | None:
         """Coefficients (of N, of D) that keep the error, as far inside the constraints as can be; None if none do."""
+        floor = -np.inf if self._goal.floor_db is None else self._goal.floor_db
+        narrowed = np.minimum(np.maximum(-error_db, floor), min(0.0, _MOST_NARROWED_DB - error_db))
+        lowest = narrowed - self._goal.allowance_db
         root = 10.0 ** ((error_db + self._goal.allowance_db[:, None]) / 20.0)
+        least = 10.0 ** (lowest[:, None] / 20.0)
         ceiling = 10.0 ** ((self._goal.ceiling_db - error_db - self._middle_db) / 10.0)
         above = self._fractions(self._above)
         none = np.zeros_like(above)
@@ -116,7 +123,7 @@ class _Program:
         rows = np.vstack(
             [
                 np.hstack([top / root, -root * bottom, np.ones((n, 1))]),
-                np.hstack([-root * top, bottom / root, np.ones((n, 1))]),
+                np.hstack([-top / least, least * bottom, np.ones((n, 1))]),
                 np.hstack([above / self._scale / ceiling, -above, np.full((m, 1), 1e-3)]),
                 np.hstack([none, -above, np.full((m, 1), 1e-2)]),
                 np.hstack([-above / self._scale / ceiling, none, np.full((m, 1), 1e-7)]),

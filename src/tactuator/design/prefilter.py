@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactuator.design.cascade import Sections, cascade
 from tactuator.design.family import sampled_plant
+from tactuator.design.friction import friction_loss_db
 from tactuator.design.magnitude_fit import MagnitudeGoal, fit_magnitude
 from tactuator.errors import BadInput
 from tactuator.loop.feedback import TwoDegreeLoop
@@ -26,6 +27,8 @@ Array = NDArray[np.float64]
 
 MOST_POLES = 16
 _BELOW_BAND_ALLOWANCE_DB = 1.0
+_FRICTION_FLOORS_DB = {20.0: 0.45, 10.0: 0.72}
+"""By level (dB SL): how far below the curve the motion may be, friction included, as far as the fit can help it."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,10 @@ def fit_prefilter(
 def prefilter_goal(
     channel: Channel, feedback: SampledSystem | None, plant: SampledSystem, rate_hz: float
 ) -> MagnitudeGoal:
-    """|F| = threshold voltage / |T| over the band; held near it below; no more than its greatest above the band."""
+    """|F| = threshold voltage / |T| over the band; held near it below; no more than its greatest above the band.
+
+    Friction only takes away: where it does, the fit leans against it within its tolerance.
+    """
     low, high = channel.threshold.band_hz
     inside = design_grid_hz(channel, feedback, plant)
     below = np.append(low * 1e-3, np.geomspace(low / 10.0, low / 1.05, 8))
@@ -90,7 +96,8 @@ def prefilter_goal(
     if falls > 0.9 * top:
         falls = max(high * 1.02, 0.9 * top)
     above = np.unique(np.append(np.geomspace(high * 1.02, top, 50), falls))
-    return MagnitudeGoal(frequency, level, allowance, above, float(np.max(level[allowance == 0.0])))
+    floor = _floor_db(channel, feedback, plant, frequency)
+    return MagnitudeGoal(frequency, level, allowance, above, float(np.max(level[allowance == 0.0])), floor)
 
 
 def design_grid_hz(channel: Channel, feedback: SampledSystem | None, plant: SampledSystem) -> Array:
@@ -110,6 +117,16 @@ def design_grid_hz(channel: Channel, feedback: SampledSystem | None, plant: Samp
 def response_error_db(channel: Channel, loop: TwoDegreeLoop, frequency_hz: ArrayLike) -> Array:
     """|H| against the curve's threshold voltage, dB, at `frequency_hz`; what it should be is 0."""
     return db(np.abs(loop.position_response(frequency_hz)) / channel.threshold_voltage(frequency_hz))
+
+
+def _floor_db(channel: Channel, feedback: SampledSystem | None, plant: SampledSystem, frequency_hz: Array) -> Array:
+    """The least error that keeps what friction takes, at the levels of `_FRICTION_FLOORS_DB`, within bounds."""
+    one = SampledSystem(np.empty(0), np.empty(0), 1.0, plant.rate_hz)
+    loop = TwoDegreeLoop(one, feedback, plant)
+    floors = [
+        friction_loss_db(channel, loop, frequency_hz, level) - most for level, most in _FRICTION_FLOORS_DB.items()
+    ]
+    return np.asarray(np.max(floors, axis=0))
 
 
 def _behind(feedback: SampledSystem | None, plant: SampledSystem, frequency_hz: Array) -> NDArray[np.complex128]:
