@@ -39,5 +39,6 @@ def weighting_sections(display: Display, channel: Channel, controller: ChannelCo
     level: NDArray[np.float64] = -db(np.abs(loop.position_response(frequency)))
     above = np.geomspace(1.02 * high, 0.4998 * display.rate_hz, 50)
     ceiling = float(np.max(level)) + _RISE_ABOVE_BAND_DB
-    goal = MagnitudeGoal(frequency, level, np.zeros_like(frequency), above, ceiling)
+    none = np.zeros_like(frequency)
+    goal = MagnitudeGoal(frequency_hz=frequency, level_db=level, allowance_db=none, above_hz=above, ceiling_db=ceiling)
     return cascade(fit_magnitude(goal, display.rate_hz, POLES))
