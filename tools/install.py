@@ -239,6 +239,8 @@ def build():
             run(command, env=uv_environment())
         else:
             run([PYTHON, "-m", "pip", "install", *offline, "--no-index", "-e", ROOT])
+        # A function that is declared and nowhere defined shows only now.
+        run([PYTHON, "-c", "import tactuator.digital._core"])
     except subprocess.CalledProcessError:
         sys.exit("the build failed (the compiler's words are above)")
     write_stamp(BUILD_STAMP, wanted)
