@@ -31,7 +31,9 @@ static void record(const tact_trace *trace, size_t at, const tact_closed_loop *l
     if (trace->displacement_mm)
         trace->displacement_mm[at] = loop->display_state.displacement_mm;
     if (trace->saturated)
-        trace->saturated[at] = (uint8_t)(flags | (at_rail(converter, reading) ? TACT_SATURATED_POSITION : 0));
+        trace->saturated[at] = (uint8_t)(((flags & TACT_SATURATED_COMMAND) != 0) | at_rail(converter, reading));
+    if (trace->broken)
+        trace->broken[at] = (flags & TACT_BROKEN) != 0;
 }
 
 /* The controller's answer to a reading: a code, and what became of it. */

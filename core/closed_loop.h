@@ -8,7 +8,7 @@
  * computed delay_samples earlier. Every pointer of a trace may be NULL. Arrays are (samples, channels), row by row.
  *
  * Example use:
- *   tact_trace trace = {command_v, position_v, displacement_mm, saturated};
+ *   tact_trace trace = {command_v, position_v, displacement_mm, saturated, broken};
  *   tact_closed_loop_play(loops, 3, reference, NULL, &trace, samples);
  */
 #ifndef TACT_CLOSED_LOOP_H
@@ -38,7 +38,8 @@ typedef struct {
     double *command_v;       /* at the motor */
     double *position_v;      /* as the processor reads it */
     double *displacement_mm; /* what a finger feels */
-    uint8_t *saturated;      /* TACT_SATURATED_..., TACT_BROKEN */
+    uint8_t *saturated;      /* 1: a converter or the command's limit was reached */
+    uint8_t *broken;         /* 1: the controller's arithmetic had overflowed */
 } tact_trace;
 
 /* Controller states and the computing delay to zero command; the device stays as it is. */

@@ -58,8 +58,8 @@ static void run_single(const tact_lanes_job *job, tact_closed_loop *loop)
 {
     float reference[CHUNK];
     double force_v[CHUNK], command_v[CHUNK], position_v[CHUNK], displacement_mm[CHUNK];
-    uint8_t flags[CHUNK];
-    const tact_trace columns = {command_v, position_v, displacement_mm, flags};
+    uint8_t saturated[CHUNK], broken[CHUNK];
+    const tact_trace columns = {command_v, position_v, displacement_mm, saturated, broken};
     for (size_t k = 0; k < job->samples; k += CHUNK) {
         const size_t chunk = job->samples - k < CHUNK ? job->samples - k : CHUNK;
         for (size_t i = 0; i < chunk; i++) {
@@ -77,9 +77,11 @@ static void run_single(const tact_lanes_job *job, tact_closed_loop *loop)
             if (job->trace && job->trace->displacement_mm)
                 job->trace->displacement_mm[at] = displacement_mm[i];
             if (job->trace && job->trace->saturated)
-                job->trace->saturated[at] = flags[i];
+                job->trace->saturated[at] = saturated[i];
+            if (job->trace && job->trace->broken)
+                job->trace->broken[at] = broken[i];
             if (job->metrics)
-                tact_metrics_add(&job->metrics[job->first], displacement_mm[i], command_v[i], flags[i],
+                tact_metrics_add(&job->metrics[job->first], displacement_mm[i], command_v[i], saturated[i] | broken[i],
                                  job->probe ? job->probe->sine[k + i] : 0.0,
                                  job->probe ? job->probe->cosine[k + i] : 0.0);
         }

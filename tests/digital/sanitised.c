@@ -81,7 +81,7 @@ static void run(int kernel, int order, int unstable, int delay_samples)
     static tact_closed_loop loops[LOOPS];
     static float reference[LOOPS * SAMPLES];
     static double force_v[LOOPS * SAMPLES], outputs[3][LOOPS * SAMPLES];
-    static uint8_t flags[LOOPS * SAMPLES];
+    static uint8_t flags[2][LOOPS * SAMPLES];
     static tact_metrics metrics[LOOPS];
     make_controller(&controller, unstable);
     make_display(&display, plants, order);
@@ -97,7 +97,7 @@ static void run(int kernel, int order, int unstable, int delay_samples)
         reference[i] = hostile();
         force_v[i] = (double)hostile() * 1e30;
     }
-    const tact_trace trace = {outputs[0], outputs[1], outputs[2], flags};
+    const tact_trace trace = {outputs[0], outputs[1], outputs[2], flags[0], flags[1]};
     if (!tact_lanes_available(kernel))
         return;
     tact_lanes_play(kernel, loops, LOOPS, reference, LOOPS, force_v, &trace, metrics, NULL, SAMPLES);

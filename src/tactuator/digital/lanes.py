@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactuator.digital._core import ffi, lib
 from tactuator.digital.controller import ChannelController
 from tactuator.digital.core_tables import controller_table, display_table
-from tactuator.digital.simulation import SimulatedBlock, block_samples, check_arithmetic
+from tactuator.digital.simulation import SimulatedBlock, block_samples, check_arithmetic, empty_block
 from tactuator.errors import BadInput
 from tactuator.plant.display import Channel
 
@@ -76,17 +76,9 @@ class ManyLoops:
     def play(self, reference: ArrayLike, force_v: ArrayLike | None = None) -> SimulatedBlock:
         """Reference (n, 1), the same for all, or (n, loops), in threshold units; what came of it, each (n, loops)."""
         samples = self._reference(reference).shape[0]
-        command, position, displacement = (np.empty((samples, len(self))) for _ in range(3))
-        flags = np.empty((samples, len(self)), dtype=np.uint8)
-        trace = ffi.new("tact_trace *")
-        trace.command_v = ffi.from_buffer("double[]", command)
-        trace.position_v = ffi.from_buffer("double[]", position)
-        trace.displacement_mm = ffi.from_buffer("double[]", displacement)
-        trace.saturated = ffi.from_buffer("uint8_t[]", flags)
+        block, trace = empty_block(samples, len(self))
         self._run(reference, force_v, trace, ffi.NULL, ffi.NULL)
-        saturated = lib.TACT_SATURATED_POSITION | lib.TACT_SATURATED_COMMAND
-        broken = (flags & lib.TACT_BROKEN) != 0
-        return SimulatedBlock(command, position, displacement, (flags & saturated) != 0, broken)
+        return block
 
     def measure(
         self, reference: ArrayLike, probe_hz: float | None = None, force_v: ArrayLike | None = None

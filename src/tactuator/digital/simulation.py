@@ -131,16 +131,20 @@ class Simulation:
             if force.shape != inputs.shape:
                 raise BadInput(f"force has {force.shape[0]} samples; allowed: {inputs.shape[0]}, as the {name} has")
             forces = ffi.from_buffer("double[]", force)
-        command, position, displacement = (np.empty(inputs.shape) for _ in range(3))
-        flags = np.empty(inputs.shape, dtype=np.uint8)
-        trace = ffi.new("tact_trace *")
-        trace.command_v = ffi.from_buffer("double[]", command)
-        trace.position_v = ffi.from_buffer("double[]", position)
-        trace.displacement_mm = ffi.from_buffer("double[]", displacement)
-        trace.saturated = ffi.from_buffer("uint8_t[]", flags)
+        block, trace = empty_block(inputs.shape[0], count)
         step(self._loops, count, ffi.from_buffer("float[]", inputs), forces, trace, inputs.shape[0])
-        saturated = lib.TACT_SATURATED_POSITION | lib.TACT_SATURATED_COMMAND
-        return SimulatedBlock(command, position, displacement, (flags & saturated) != 0, (flags & lib.TACT_BROKEN) != 0)
+        return block
+
+
+def empty_block(samples: int, columns: int) -> tuple[SimulatedBlock, Any]:
+    """A block to be filled, and the `tact_trace` that points into it."""
+    shape = (samples, columns)
+    volts = (np.empty(shape), np.empty(shape), np.empty(shape))
+    flags = (np.empty(shape, dtype=np.bool_), np.empty(shape, dtype=np.bool_))
+    trace = ffi.new("tact_trace *")
+    trace.command_v, trace.position_v, trace.displacement_mm = (ffi.from_buffer("double[]", each) for each in volts)
+    trace.saturated, trace.broken = (ffi.from_buffer("uint8_t[]", each) for each in flags)
+    return SimulatedBlock(*volts, *flags), trace
 
 
 def check_arithmetic() -> None:

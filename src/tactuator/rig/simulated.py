@@ -94,14 +94,14 @@ class SimulatedRig:
 
     def play(self, reference: ArrayLike) -> Trace:
         """Reference (n, channels), threshold units, through the loaded controller; state carries on."""
-        count = block_samples(reference, len(self._ports), "reference", np.float32).shape[0]
-        block = self._simulation.play(reference, self._forces(count))
-        return self._trace(block, np.array(reference, dtype=np.float64).reshape(block.command_v.shape))
+        samples = block_samples(reference, len(self._ports), "reference", np.float64)
+        block = self._simulation.play(samples, self._forces(samples.shape[0]))
+        return self._trace(block, samples.copy())
 
     def drive(self, command_v: ArrayLike) -> Trace:
         """Command (n, channels), volts, straight to the motors: no controller, no computing delay."""
-        count = block_samples(command_v, len(self._ports), "command", np.float32).shape[0]
-        block = self._simulation.drive(command_v, self._forces(count))
+        samples = block_samples(command_v, len(self._ports), "command", np.float64)
+        block = self._simulation.drive(samples, self._forces(samples.shape[0]))
         return self._trace(block, np.zeros(block.command_v.shape))
 
     def rest(self, settle_s: float = 1.0) -> None:
@@ -117,9 +117,9 @@ class SimulatedRig:
         return self._ports[self.channels.index(channel)]
 
     def _forces(self, count: int) -> NDArray[np.float64] | None:
-        forces = [port._take_force(count) for port in self._ports]
-        if all(force is None for force in forces):
+        if not any(port._pressed_v.size for port in self._ports):
             return None
+        forces = [port._take_force(count) for port in self._ports]
         return np.stack([np.zeros(count) if force is None else force for force in forces], axis=1)
 
     def _trace(self, block: SimulatedBlock, reference: NDArray[np.float64]) -> Trace:
