@@ -71,6 +71,8 @@ def _read_text(path: Path) -> Columns:
     table = np.concatenate(blocks) if blocks else np.zeros((0, 0))
     if table.shape[0] == 0:
         raise BadInput("there are no rows of numbers in it; allowed: columns of numbers")
+    if names is not None and table.shape[1] == len(names) + 1 and not np.any(np.isfinite(table[:, -1])):
+        table = table[:, :-1]
     names = names or [f"column{k + 1}" for k in range(table.shape[1])]
     if len(names) != table.shape[1]:
         raise BadInput(f"{len(names)} names over {table.shape[1]} columns; allowed: a name for each")
@@ -86,6 +88,8 @@ def _delimiter(line: str) -> str | None:
 
 def _header(line: str, delimiter: str | None) -> list[str] | None:
     cells = [cell.strip().strip('"').strip("'") for cell in line.strip().split(delimiter)]
+    if cells and not cells[-1]:
+        cells.pop()
     if all(re.fullmatch(r"[-+]?[\d.,]+([eE][-+]?\d+)?|nan|NaN|", cell) for cell in cells):
         return None
     return cells

@@ -29,7 +29,9 @@ def read_matrix(path: str | Path) -> NamedMatrix:
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not text"
         raise BadInput(f"matrix {path}: {reason}; allowed: a CSV file that can be read") from None
-    rows = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
+    rows = [
+        [cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)
+    ]
     rows = [row for row in rows if not row[0].startswith("#")]
     if not rows:
         raise BadInput(f"matrix {path}: no rows; allowed: a row of counts for each stimulus")
@@ -39,7 +41,9 @@ def read_matrix(path: str | Path) -> NamedMatrix:
     header, body = (rows[0], rows[1:]) if names_across else (None, rows)
     names_down = corner or any(not _is_number(row[0]) for row in body)
     if len({len(row) for row in rows}) != 1 or not body:
-        raise BadInput(f"matrix {path}: rows of {sorted({len(row) for row in rows})} cells; allowed: rows of equal length")
+        raise BadInput(
+            f"matrix {path}: rows of {sorted({len(row) for row in rows})} cells; allowed: rows of equal length"
+        )
     first = 1 if names_down else 0
     cells = [row[first:] for row in body]
     for row in cells:

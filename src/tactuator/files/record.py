@@ -17,8 +17,8 @@ from tactuator.signals.record import Record
 
 Array = NDArray[np.float64]
 FORMAT = "tactuator-record/1"
-INPUT_NAMES = ("command_v", "command", "input", "u", "voltage", "in")
-OUTPUT_NAMES = ("position_v", "position", "output", "y", "out")
+INPUT_NAMES = ("command_v", "command", "input", "u", "voltage", "in", "uest", "vir", "torque", "force", "current")
+OUTPUT_NAMES = ("position_v", "position", "output", "y", "out", "yest", "qm", "angle", "displacement", "velocity")
 TIME_NAMES = ("time_s", "time", "t", "time_ms", "t_ms", "time_us", "t_us", "timestamp", "seconds")
 RATE_NAMES = ("rate_hz", "fs", "rate", "samplerate", "sample_rate", "sampling_rate")
 STEP_NAMES = ("ts", "dt", "sample_time", "sampletime")

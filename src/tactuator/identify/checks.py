@@ -62,7 +62,7 @@ def check_direction(response: EmpiricalResponse) -> tuple[str, ...]:
     phase = np.unwrap(np.angle(trusted.value))
     lead = float(phase[-1] - phase[0])
     remarks = []
-    if slope > 0.6 and lead > 0.5:
+    if slope > 1.0 and lead > 1.5:
         remarks.append(
             "the position leads the command and rises with frequency, as no mechanism can (not causal): input and output "
             "look swapped"
@@ -80,7 +80,9 @@ def check_length(poles_rad_s: NDArray[np.complex128], slow_error: float, duratio
     slow_error: standard error of the slowest pole, rad/s. A pole that cannot be told from zero in a record 20 times as
     long as the next time constant is an integrator; in a shorter one nothing is known of it.
     """
-    speed = np.sort(np.abs(poles_rad_s.real) + 0.0)
+    # a resonance shows itself within its periods, however slowly it decays
+    resonant = np.abs(poles_rad_s.imag) > np.abs(poles_rad_s.real)
+    speed = np.sort(np.where(resonant, np.abs(poles_rad_s), np.abs(poles_rad_s.real)))
     slowest = float(speed[0])
     if slowest * duration_s >= 1.0:
         return ()

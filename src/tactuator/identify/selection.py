@@ -9,8 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.identify.empirical import EmpiricalResponse
-from tactuator.identify.refined import Fit, Samples, colour, fit_model, fit_tests, fit_with_disturbance
+from tactuator.identify.refined import (
+    Fit,
+    Samples,
+    colour,
+    fit_model,
+    fit_tests,
+    fit_with_disturbance,
+    plain_prediction,
+)
 from tactuator.identify.residuals import ResidualTests
+from tactuator.identify.rubbing import rubbing_fit
 from tactuator.identify.start import rational_start
 from tactuator.identify.structure import RationalModel, Structure
 
@@ -21,6 +30,14 @@ _WORTHWHILE = 0.004
 
 _SLACK = 20.0
 """Error of the empirical fit, in squared standard errors, that is not worth another pole before the record is asked."""
+
+
+_MISSPECIFIED = 0.02
+"""Share of the residual that follows the command from which on no noise model is trusted."""
+_UNDETERMINED = 1e11
+"""Condition of the information matrix beyond which parameters cannot be told apart."""
+_POOR = 0.02
+"""Share of the position's power that a first fit may leave before friction is suspected to rule the record."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +79,9 @@ def choose_structure(
     """
     first, model = _first(samples, response, order, most_poles, integrated, delay_s, estimate_delay)
     fit = fit_with_disturbance(samples, first, model, friction=friction)
+    left = plain_prediction(samples, fit)[0].cost / (samples.position.size * float(np.var(samples.position)))
+    if friction and left > _POOR:
+        fit = _or_rubbing(samples, fit, order, most_poles, integrated)
     tried = []
     while True:
         tests = fit_tests(samples, fit)
@@ -77,6 +97,12 @@ def choose_structure(
     settled = _settle_delay(samples, _simplified(samples, fit, order is not None))
     if settled is not fit:
         fit, tests = settled, fit_tests(samples, settled)
+    if not tests.uncorrelated_with_input and tests.unexplained > _MISSPECIFIED and fit.disturbance.whitener is not None:
+        # the structure cannot say it all: the smallest error of the simulated position is then worth more than the
+        # smallest of the one-step prediction
+        white = replace(fit.disturbance, whitener=None)
+        fit = fit_model(samples, fit.structure, fit.model, white, fit.coulomb)
+        tests = fit_tests(samples, fit)
     return Selection(fit, tests, tuple(tried))
 
 
@@ -141,7 +167,7 @@ def _best_extension(
     for structure in _extensions(fit.structure, limit, estimate_delay):
         for start in _starts(samples, response, fit, structure):
             trial = fit_model(samples, structure, start, fit.disturbance, fit.coulomb, most=10)
-            if not trial.cost <= (1.0 - _WORTHWHILE) * fit.cost:
+            if not trial.cost <= (1.0 - _WORTHWHILE) * fit.cost or _condition(trial) > _UNDETERMINED:
                 continue
             score = count * np.log(trial.cost) + np.log(count) * (structure.count - fit.structure.count)
             if score < best_score:
@@ -159,9 +185,19 @@ def _starts(samples: Samples, response: EmpiricalResponse, fit: Fit, structure: 
     yield made
 
 
+def _or_rubbing(samples: Samples, fit: Fit, order: int | None, most_poles: int, integrated: int) -> Fit:
+    """The fit, or one that starts from friction among the regressors if that explains clearly more."""
+    plain = plain_prediction(samples, fit)[0].cost
+    for poles in [order] if order is not None else range(max(1, integrated), min(most_poles, 3) + 1):
+        rubbing = rubbing_fit(samples, poles, integrated)
+        if rubbing is not None and rubbing.cost < 0.8 * plain:
+            fit, plain = colour(samples, rubbing), rubbing.cost
+    return fit
+
+
 def _simplified(samples: Samples, fit: Fit, keep_poles: bool) -> Fit:
     """Without a pole, a zero, or both, as long as the fit is no worse than the parameter was worth."""
-    while fit.structure.zeros > fit.structure.integrated or _condition(fit) > 1e11:
+    while fit.structure.zeros > fit.structure.integrated or _condition(fit) > _UNDETERMINED:
         count = fit.minimum.prediction.residual.size
         smaller = [_fitted_smaller(samples, fit, one) for one in _reductions(fit.structure, keep_poles)]
         fitting = [
