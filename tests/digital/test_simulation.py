@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tactuator.digital.discretise import zero_order_hold
 from tactuator.digital.simulation import Simulation
 from tactuator.errors import BadInput
+from tactuator.loop.feedback import FeedbackLoop
 from tactuator.plant.display import Converter, Environment
 from tactuator.signals.systems import SampledSystem
 from tests.digital.paper_display import (
@@ -52,6 +53,35 @@ def test_closed_loop__nothing_disturbs__has_the_response_of_the_transfer_functio
         measured * 1j * 10.0 ** (-30.0 / 20.0)
     )  # 3 s are whole periods of each; the lock-in's phase is the cosine's
     assert turned == pytest.approx(loop_response(frequencies, delay_samples), rel=1e-4)
+
+
+def quiet_loop(environment: Environment) -> tuple[Simulation, FeedbackLoop]:
+    """The paper's loop with fine converters, simulated and as transfer functions."""
+    of = display(replace(channel(), environment=environment, converter=FINE))
+    simulation = Simulation(of, seed=5)
+    simulation.load(controller(of, command_v=90.0))
+    c = SampledSystem.from_sections(feedback_sections(), RATE_HZ, 1)
+    return simulation, FeedbackLoop(c, zero_order_hold(of.channels[0].plant, RATE_HZ))
+
+
+def test_closed_loop__sensor_noise_alone__reaches_command_and_finger_as_the_loop_says() -> None:
+    simulation, loop = quiet_loop(replace(QUIET, noise_v_rms=0.2e-3))
+    block = simulation.play(np.zeros((400_000, 1)))
+    grid = (np.arange(20_000) + 0.5) * RATE_HZ / 40_000
+    command_gain = np.sqrt(np.mean(np.abs(loop.command_sensitivity(grid)) ** 2))
+    felt_gain = np.sqrt(np.mean(np.abs(loop.complementary(grid)) ** 2))
+    assert command_gain == pytest.approx(12.0, abs=0.5)  # facts, section 1
+    assert np.std(block.command_v) == pytest.approx(0.2e-3 * command_gain, rel=0.01)
+    assert np.std(block.displacement_mm) * 0.19898 == pytest.approx(0.2e-3 * felt_gain, rel=0.05)
+
+
+def test_closed_loop__force_at_the_finger__moves_it_as_the_loop_says() -> None:
+    simulation, loop = quiet_loop(QUIET)
+    for frequency_hz in (2.0, 20.0, 100.0):
+        push = tone(frequency_hz, 6.0)[:, None]
+        felt = simulation.play(np.zeros(push.shape), force_v=push).displacement_mm[16000:, 0]
+        expected = abs(loop.load_sensitivity(frequency_hz))
+        assert abs(lock_in(felt, frequency_hz)) * 0.19898 == pytest.approx(expected, rel=2e-3)
 
 
 def felt_error_db(frequency_hz: float, level_db_sl: float, finger: str, load: str | None) -> float:
