@@ -79,7 +79,7 @@ static float answer(tact_exercise *exercise, const tact_image *image, int32_t c)
                                         exercise->position_v[c]);
     exercise->controller[c].single.broken = 0;
     return tact_controller_step(&image->tables.single[c], &exercise->controller[c].single, exercise->reference[c],
-                                exercise->position_v[c]);
+                                tact_finite(exercise->position_v[c], TACT_POSITION_MAX));
 }
 
 static void digest(tact_exercise *exercise, float command_v)
