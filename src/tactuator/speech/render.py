@@ -113,7 +113,7 @@ def rendering(
         raise BadInput(f"display runs at {rate:g} Hz; allowed for speech: a whole number of hertz")
     placement = coding.placement(tuple(channel.finger for channel in controller.display.channels))
     speech = scan_speech(path)
-    with tempfile.TemporaryFile(dir=workspace) as coded:
+    with _room(workspace) as coded:
         meter, frames = LevelMeter(rate), 0
         try:
             for block in coding.signals(speech_blocks(speech), speech.rate_hz, int(rate)):
@@ -129,6 +129,13 @@ def rendering(
             )
         gain = float(10.0 ** ((level_db_sl - level) / 20.0))
         yield Rendering(speech, controller, level_db_sl, gain, frames, coded, placement, Limiter(controller))
+
+
+def _room(workspace: str | Path | None) -> IO[bytes]:
+    try:
+        return tempfile.TemporaryFile(dir=workspace)
+    except OSError as error:
+        raise BadInput(f"{workspace}: {error.strerror}; allowed: a folder that can be written") from None
 
 
 def render_array(
