@@ -95,7 +95,7 @@ class DaskCluster:
 
     def __init__(self, address: str, timeout_s: float = 10.0) -> None:
         try:
-            import distributed
+            import distributed  # noqa: PLC0415  (an extra)
         except ImportError:
             raise BadInput("dask.distributed is not installed; allowed: pip install 'tactuator[batch]'") from None
         self._distributed = distributed

@@ -25,7 +25,7 @@ def chosen_controller(display: Path | None, controller: Path | None) -> Controll
         return made
     if display is None:
         raise BadInput("neither --display nor --controller; allowed: one of them")
-    from tactuator.design.controller import design_controller
+    from tactuator.design.controller import design_controller  # its solvers take a second to load
 
     return design_controller(read_display(display))
 

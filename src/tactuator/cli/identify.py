@@ -50,7 +50,7 @@ def register(app: typer.Typer) -> None:
         if out is not None:
             write_model(out, found.model, found.model.family(_FAMILY, np.random.default_rng(0)))
         if charts is not None:
-            from tactuator.report.identification import save_identification
+            from tactuator.report.identification import save_identification  # matplotlib takes a second
 
             save_identification(found, charts)
         answer(document(found), as_json, _table(found))

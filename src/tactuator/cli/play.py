@@ -87,7 +87,7 @@ def _keys_at_once() -> Iterator[None]:
     if not sys.stdin.isatty():
         yield
         return
-    import termios
+    import termios  # there is none on Windows
     import tty
 
     settings = termios.tcgetattr(sys.stdin)

@@ -48,7 +48,7 @@ def _watched(plan: Plan, file: SpeechFile) -> Study:
     """The study, with a bar for each of its steps."""
     with progress() as bars:
         tasks = {step: bars.add_task(step, total=1.0) for step in STEPS}
-        tell: Progress = lambda step, done: bars.update(tasks[step], completed=done)
+        tell: Progress = lambda step, done: bars.update(tasks[step], completed=done)  # noqa: E731
         return run_study(plan, file, tell)
 
 
