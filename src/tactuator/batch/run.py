@@ -130,7 +130,9 @@ def _is_done(item: Item, folder: Path, out: Path, entry: Mapping[str, Any] | Non
         return False
     path = out / item.out
     try:
-        return path.stat().st_size == entry["bytes"] and file_sha256(folder / item.source) == entry["source_sha256"]
+        return bool(
+            path.stat().st_size == entry["bytes"] and file_sha256(folder / item.source) == entry["source_sha256"]
+        )
     except OSError:
         return False
 

@@ -37,7 +37,7 @@ def register(app: typer.Typer) -> None:
         seed: Seed = 0,
         as_json: AsJson = False,
     ) -> None:
-        """Play a reference. Space pauses and goes on, q or Ctrl-C stops; a stop ramps down, and the rig comes to rest."""
+        """Play a reference. Space pauses and goes on, q or Ctrl-C stops: that ramps down, and the rig comes to rest."""
         opened = open_reference(reference)
         chosen = chosen_controller(display, controller)
         with opened_rig(rig, chosen, seed) as ready, _wishes() as wish, progress() as bars:

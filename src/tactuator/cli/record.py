@@ -77,7 +77,7 @@ def register(app: typer.Typer) -> None:
 def planned(
     excitation: str, channel: Channel, rate_hz: float, duration_s: float, travel_share: float, seed: int
 ) -> NDArray[np.float64]:
-    """The command (n,), volts: as large as the share of travel and 0.9 of the range allow by the display's own plant."""
+    """The command (n,), volts: as large as the share of travel and 0.9 of the range allow by the display's plant."""
     if excitation not in EXCITATIONS:
         raise BadInput(f"excitation {excitation!r}; allowed: {', '.join(EXCITATIONS)}")
     if not 0.0 < travel_share <= 1.0:

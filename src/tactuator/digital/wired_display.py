@@ -5,7 +5,8 @@ from __future__ import annotations
 import struct
 from typing import Any
 
-from tactuator.digital.core_tables import display_table, lib
+from tactuator.digital._core import lib
+from tactuator.digital.core_tables import display_table
 from tactuator.digital.image import sealed
 from tactuator.errors import BadInput
 from tactuator.plant.display import Display

@@ -106,7 +106,8 @@ def _blocks(stream: TextIO, delimiter: str | None, header: bool, comma: bool) ->
                 continue
             yield line.replace(",", ".") if comma else line
 
-    lines, blocks, rows = clean(), [], 0
+    lines, rows = clean(), 0
+    blocks: list[Array] = []
     while rows < MOST_SAMPLES:
         piece = list(itertools.islice(lines, _ROWS))
         if not piece:

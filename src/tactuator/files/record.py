@@ -137,7 +137,7 @@ def _signals(columns: Columns, input_name: str | None, output_name: str | None, 
 
 
 def write_record(path: str | Path, record: Record) -> None:
-    """Write our own HDF5: datasets command, position (and reference) with their units, rate and origin as attributes."""
+    """Write our own HDF5: datasets command, position (and reference) with units, rate and origin as attributes."""
     with atomic_path(path) as beside, h5py.File(beside, "w") as file:
         file.attrs["format"] = FORMAT
         file.attrs["tool"] = __version__

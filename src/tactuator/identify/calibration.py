@@ -24,7 +24,7 @@ class RefusedPair:
     off_line_v: float
 
     def __str__(self) -> str:
-        return f"{self.name} ({self.displacement_mm:g} mm, {self.voltage_v:g} V) lies {self.off_line_v:+.3g} V off the line"
+        return f"{self.name} ({self.displacement_mm:g} mm, {self.voltage_v:g} V) lies {self.off_line_v:+.3g} V off"
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def _kept_pairs(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bo
     """Start from the half of the pairs nearest to the median line, then let in all that belong to it."""
     slope, intercept, *_ = stats.theilslopes(y, x)
     distance = np.abs(y - intercept - slope * x)
-    kept = distance <= np.median(distance)
+    kept: NDArray[np.bool_] = distance <= np.median(distance)
     for _ in range(20):
         offset, gain, scatter = _fit(x[kept], y[kept])
         residual = np.abs(y - offset - gain * x)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -64,8 +66,8 @@ def check_direction(response: EmpiricalResponse) -> tuple[str, ...]:
     remarks = []
     if slope > 1.0 and lead > 1.5:
         remarks.append(
-            "the position leads the command and rises with frequency, as no mechanism can (not causal): input and output "
-            "look swapped"
+            "the position leads the command and rises with frequency, as no mechanism can (not causal): input and "
+            "output look swapped"
         )
     if np.real(np.mean(trusted.value[:3])) < 0.0 and abs(np.angle(trusted.value[0])) > 2.5:
         remarks.append(
@@ -74,7 +76,7 @@ def check_direction(response: EmpiricalResponse) -> tuple[str, ...]:
     return tuple(remarks)
 
 
-def check_length(poles_rad_s: NDArray[np.complex128], slow_error: float, duration_s: float) -> tuple[str, ...]:
+def check_length(poles_rad_s: NDArray[np.inexact[Any]], slow_error: float, duration_s: float) -> tuple[str, ...]:
     """Refuse a record shorter than the slowest time constant, unless the mechanism integrates.
 
     slow_error: standard error of the slowest pole, rad/s. A pole that cannot be told from zero in a record 20 times as
@@ -91,6 +93,6 @@ def check_length(poles_rad_s: NDArray[np.complex128], slow_error: float, duratio
     if integrates:
         return (f"the slowest pole cannot be told from an integrator in {duration_s:.3g} s",)
     raise BadInput(
-        f"the record lasts {duration_s:.3g} s, the slowest time constant {1.0 / max(slowest, 1e-300):.3g} s; allowed: a "
-        f"record that is longer"
+        f"the record lasts {duration_s:.3g} s, the slowest time constant {1.0 / max(slowest, 1e-300):.3g} s; allowed: "
+        "a record that is longer"
     )

@@ -68,8 +68,8 @@ def empirical_response(
 def _levelled(values: Array) -> Array:
     """Without mean and slope by least squares."""
     time = np.linspace(-1.0, 1.0, values.size)
-    centred = values - values.mean()
-    return centred - time * float(time @ centred) / float(time @ time)
+    centred: Array = values - values.mean()
+    return np.asarray(centred - time * float(time @ centred) / float(time @ time))
 
 
 def _edges(first: int, last: int, bands_per_decade: int) -> NDArray[np.int64]:

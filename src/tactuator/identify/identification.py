@@ -71,9 +71,9 @@ def identify(
 ) -> Identification:
     """Identify a continuous model of a record.
 
-    order: number of poles, 1 to 6 (default: chosen). method: "refined" (unbiased), or "rls" (the paper's recursive least
-    squares, with `forgetting`). quantity: what the position is proportional to; a velocity or acceleration output has
-    zeros at s = 0. hold: the command between its samples. Raises BadInput for a record that cannot tell what is asked.
+    order: number of poles, 1 to 6 (default: chosen). method: "refined" (unbiased), or "rls" (the paper's recursive
+    least squares, with `forgetting`). quantity: what the position is proportional to; a velocity or acceleration output
+    has zeros at s = 0. hold: the command between its samples. Raises BadInput for a record that cannot tell what is asked.
     """
     if method not in ("refined", "rls"):
         raise BadInput(f"method {method!r}; allowed: 'refined', 'rls'")
@@ -118,7 +118,9 @@ def _liveliest(record: Record) -> tuple[Record, tuple[str, ...]]:
     starts = np.arange(0, count - LONGEST + 1, LONGEST // 4)
     best = int(starts[np.argmax(power[starts + LONGEST - 1] - power[starts])])
     piece = slice(best, best + LONGEST)
-    said = f"of {record.duration_s:.4g} s the {LONGEST / record.rate_hz:.4g} s from {best / record.rate_hz:.4g} s on are used"
+    said = (
+        f"of {record.duration_s:.4g} s the {LONGEST / record.rate_hz:.4g} s from {best / record.rate_hz:.4g} s are used"
+    )
     return replace(record, command=record.command[piece], position=record.position[piece], reference=None), (said,)
 
 
@@ -138,8 +140,8 @@ def _refined(common: _Common, estimate: RefinedEstimate, tried: tuple[Candidate,
     remarks += check_length(poles, _slow_pole_error(fit.model, fit.structure, covariance), common.record.duration_s)
     if not estimate.tests.uncorrelated_with_input:
         remarks.append(
-            f"{100.0 * estimate.tests.unexplained:.2g} % of the residual still follows the command (not linear, or of a "
-            f"higher order): the band is widened accordingly"
+            f"{100.0 * estimate.tests.unexplained:.2g} % of the residual still follows the command (not linear, or of "
+            f"a higher order): the band is widened accordingly"
         )
     if np.any(poles.real > 1e-9 * np.abs(poles).max()):
         remarks.append("the model is not stable")

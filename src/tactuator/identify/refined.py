@@ -67,8 +67,8 @@ class Fit:
 class RefinedEstimate:
     """The fit with its covariance (of theta, without friction), tests, friction and what it explains.
 
-    simulated: the position as the plant alone gives it, with offsets and lines, (n,); fit_percent: 100 (1 - |y - that| /
-    |y - mean|).
+    simulated: the position as the plant alone gives it, with offsets and lines, (n,); fit_percent:
+    100 (1 - |y - that| / |y - mean|).
     """
 
     fit: Fit

@@ -21,8 +21,8 @@ def rational_start(
 ) -> tuple[RationalModel, float]:
     """The best of several Sanathanan-Koerner iterations, polished by least squares; and its weighted squared error.
 
-    With a dead time, whole samples even in log from delay_s on are tried first. Source: Sanathanan and Koerner, Transfer
-    function synthesis as a ratio of two complex polynomials, 1963.
+    With a dead time, whole samples even in log from delay_s on are tried first. Source: Sanathanan and Koerner,
+    Transfer function synthesis as a ratio of two complex polynomials, 1963.
     """
     weight = 1.0 / np.hypot(response.relative_error, _FLOOR)
     omega = 2.0 * np.pi * response.frequency_hz
@@ -100,7 +100,7 @@ class _Fit:
 def _hold(omega: Array, rate_hz: float) -> Complex:
     """What a zero-order hold adds below half the rate, aliases aside."""
     angle = 1j * omega / rate_hz
-    return -np.expm1(-angle) / angle
+    return np.asarray(-np.expm1(-angle) / angle)
 
 
 def _stable(a: Array) -> Array:

@@ -48,7 +48,7 @@ def stepped_sine(
     controller_hash: str = "",
     progress: Progress | None = None,
 ) -> tuple[Response, ...]:
-    """Response of the loaded controller and display at `level_db_sl`, one Response for each of `channels` (default all).
+    """Response of the loaded controller and display at `level_db_sl`, one Response each for `channels` (default: all).
 
     frequency_hz (m,): any order, moved to at least 2 Hz off multiples of mains_hz. Each is played, after settling, in
     blocks of whole periods until every channel's half-width at `coverage` is at most confidence_db, or for longest_s.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -48,7 +49,7 @@ class BandsCoding:
         high = (self.edges_hz[-1], self.transition_hz)
         low = (self.edges_hz[0], self.low_transition_hz)
         below = [band_limit_kernel(low, (edge, self.transition_hz), rate_hz) for edge in self.edges_hz[1:]]
-        kernels = [below[0], *(upper - lower for lower, upper in zip(below, below[1:], strict=False))]
+        kernels = [below[0], *(upper - lower for lower, upper in pairwise(below))]
         stop_hz = high[0] + 0.5 * high[1]
         return filter_bank(resample(blocks, rate_in_hz, rate_hz, stop_hz), kernels)
 

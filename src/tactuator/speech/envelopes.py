@@ -52,9 +52,6 @@ class EnvelopeCoding:
         kernel = band_limit_kernel((0.0, 0.0), (290.0, 20.0), rate_hz)
         return filter_columns(modulated(speech, self.bands, self._groups(), self.voicing, rate, step), kernel)
 
-    def _groups(self) -> tuple[tuple[str, ...], ...]:
-        return tuple(dict.fromkeys(band.fingers for band in self.bands))
-
 
 DEFAULT = EnvelopeCoding(
     (
