@@ -73,7 +73,7 @@ def identify(
 
     order: number of poles, 1 to 6 (default: chosen). method: "refined" (unbiased), or "rls" (the paper's recursive
     least squares, with `forgetting`). quantity: what the position is proportional to; a velocity or acceleration output
-    has zeros at s = 0. hold: the command between its samples. Raises BadInput for a record that cannot tell what is asked.
+    has zeros at s = 0. hold: the command between its samples. Raises BadInput for a record that cannot tell this.
     """
     if method not in ("refined", "rls"):
         raise BadInput(f"method {method!r}; allowed: 'refined', 'rls'")
