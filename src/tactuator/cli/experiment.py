@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+from tactuator.cli import experiment_identification
 from tactuator.cli.answer import answer, plain, progress
 from tactuator.cli.experiment_results import results
 from tactuator.cli.experiment_serve import serve
@@ -31,6 +32,7 @@ experiment = typer.Typer(
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
+    experiment_identification.register(experiment)
     app.add_typer(experiment)
 
 

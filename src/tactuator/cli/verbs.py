@@ -10,6 +10,7 @@ VERBS: tuple[str, ...] = (
     "render",
     "play",
     "corpus",
+    "waveforms",
     "record",
     "measure",
     "disturb",

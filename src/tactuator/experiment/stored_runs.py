@@ -37,8 +37,10 @@ def detection_runs(store: Store, state: str = "done") -> list[StoredRun]:
     Raises BadInput where the store has none.
     """
     with store.read() as connection:
+        asked = select(schema.stimulus.c.study_id)  # identification studies have stimuli of their own
         protocols = {
-            row.id: parse_protocol(row.protocol_toml, row.name) for row in connection.execute(select(schema.study))
+            row.id: parse_protocol(row.protocol_toml, row.name)
+            for row in connection.execute(select(schema.study).where(schema.study.c.id.not_in(asked)))
         }
         sessions = {row.id: row for row in connection.execute(select(schema.session))}
         query = (

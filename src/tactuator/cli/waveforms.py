@@ -1,0 +1,73 @@
+"""`tactuator waveforms`: a set of synthetic waveforms, and an identification protocol that asks for them."""
+
+from __future__ import annotations
+
+import string
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from tactuator.cli.answer import answer
+from tactuator.cli.controllers import ControllerOption, DisplayOption, chosen_controller
+from tactuator.cli.options import AsJson, Seed
+from tactuator.errors import BadInput
+from tactuator.files.atomic import write_text
+from tactuator.speech.waveforms import CUTANEOUS, KINESTHETIC, MIDDLE, WaveformSet, WrittenWaveform, write_waveforms
+
+PROTOCOL = "protocol.toml"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+
+    @app.command()
+    def waveforms(
+        out: Annotated[Path, typer.Option("--out", help="Folder for the references and protocol.toml.")],
+        display: DisplayOption = None,
+        controller: ControllerOption = None,
+        duration: Annotated[float, typer.Option("--duration", help="Of every waveform, seconds.")] = 0.5,
+        level: Annotated[float, typer.Option("--level", help="Of every component, dB SL.")] = 40.0,
+        fingers: Annotated[str, typer.Option("--fingers", help="Groups: names with +, groups with commas.")] = (
+            "thumb,index,middle,all"
+        ),
+        repetitions: Annotated[int, typer.Option("--repetitions", min=1, help="Of each item in the test.")] = 10,
+        seed: Seed = 0,
+        as_json: AsJson = False,
+    ) -> None:
+        """Write kinesthetic, middle and cutaneous waveforms, singly and combined, and a protocol to ask for them."""
+        chosen = chosen_controller(display, controller)
+        groups = tuple(tuple(group.split("+")) for group in fingers.split(","))
+        components = tuple(replace(one, level_db_sl=level) for one in (KINESTHETIC, MIDDLE, CUTANEOUS))
+        made = WaveformSet(duration, components=components, fingers=groups)
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise BadInput(f"{out} cannot be made: {error.strerror}; allowed: a folder that can be written") from None
+        written = write_waveforms(made, chosen, out)
+        write_text(out / PROTOCOL, _protocol(written, duration, repetitions, seed))
+        table = Table("waveform", "limiter", title=str(out))
+        for one in written:
+            table.add_row(one.label, f"{one.max_reduction_db:.1f} dB" if one.max_reduction_db else "untouched")
+        items = [
+            {"label": one.label, "file": one.path.name, "max_reduction_db": one.max_reduction_db} for one in written
+        ]
+        answer({"out": str(out), "protocol": str(out / PROTOCOL), "items": items}, as_json, table)
+
+
+def _protocol(written: tuple[WrittenWaveform, ...], duration_s: float, repetitions: int, seed: int) -> str:
+    keys = [*string.digits[1:], *string.ascii_lowercase, *string.ascii_uppercase]
+    keys += [f"{number}" for number in range(10, 1000)]
+    items = "".join(
+        f'\n[[item]]\nlabel = "{one.label}"\nfile = "{one.path.name}"\nkey = "{key}"\n'
+        for one, key in zip(written, keys, strict=False)
+    )
+    return (
+        f'[study]\nname = "waveforms of {1e3 * duration_s:g} ms"\nseed = {seed}\n\n'
+        '[identification]\nparadigm = "identification"\nlead_s = 0.3\ngap_s = 0.3\n'
+        f'{items}\n[[block]]\nkind = "training"\nrepetitions = 2\nfeedback = true\n'
+        f'\n[[block]]\nkind = "test"\nrepetitions = {repetitions}\nfeedback = false\n'
+        '\n[[subject]]\ncode = "S1"\n'
+    )
