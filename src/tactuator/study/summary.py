@@ -14,7 +14,6 @@ def summary(study: Study) -> dict[str, Any]:
     """Plain numbers, strings and lists; the same seed gives the same."""
     first = study.plan.display.channels[0].name
     error = study.curve.standard_error_db
-    continuous, sampled = study.loop.continuous_margins, study.loop.sampled_margins
     return {
         "display": study.plan.display.name,
         "seed": study.plan.seed,
@@ -30,21 +29,7 @@ def summary(study: Study) -> dict[str, Any]:
             }
             for name, motor in study.motors.items()
         },
-        "loop": {
-            "crossover_hz": continuous.crossover_hz,
-            "phase_margin_deg": continuous.phase_margin_deg,
-            "sensitivity_peak": continuous.sensitivity_peak,
-            "complementary_peak": continuous.complementary_peak,
-            "bandwidth_hz": continuous.bandwidth_hz,
-            "disk_margin": continuous.disk.alpha,
-            "sampled": {
-                "crossover_hz": sampled.crossover_hz,
-                "phase_margin_deg": sampled.phase_margin_deg,
-                "gain_margin_db": sampled.gain_margin_db,
-                "sensitivity_peak": sampled.sensitivity_peak,
-                "complementary_peak": sampled.complementary_peak,
-            },
-        },
+        "loop": _loop(study),
         "prefilter": _prefilter(study),
         "noise": _noise(study),
         "response": [asdict(point) for point in study.responses],
@@ -85,6 +70,25 @@ def _calibration(study: Study, name: str) -> dict[str, float]:
         "gain_confidence_v_per_mm": found.gain_confidence_v_per_mm,
         "offset_v": found.offset_v,
         "linearity_percent": found.linearity_percent,
+    }
+
+
+def _loop(study: Study) -> dict[str, Any]:
+    continuous, sampled = study.loop.continuous_margins, study.loop.sampled_margins
+    return {
+        "crossover_hz": continuous.crossover_hz,
+        "phase_margin_deg": continuous.phase_margin_deg,
+        "sensitivity_peak": continuous.sensitivity_peak,
+        "complementary_peak": continuous.complementary_peak,
+        "bandwidth_hz": continuous.bandwidth_hz,
+        "disk_margin": continuous.disk.alpha,
+        "sampled": {
+            "crossover_hz": sampled.crossover_hz,
+            "phase_margin_deg": sampled.phase_margin_deg,
+            "gain_margin_db": sampled.gain_margin_db,
+            "sensitivity_peak": sampled.sensitivity_peak,
+            "complementary_peak": sampled.complementary_peak,
+        },
     }
 
 
