@@ -11,18 +11,17 @@ void tact_display_reset(const tact_display *table, tact_display_state *state, ui
 {
     state->touched = 0;
     state->dead_at = 0;
-    for (int i = 0; i < TACT_DEAD_TIME_MAX; i++)
+    for (int32_t i = 0; i < table->dead_time; i++)
         state->dead_time_v[i] = 0.0;
     for (int i = 0; i < TACT_ORDER_MAX; i++)
         state->x[i] = 0.0;
     state->motor_v = state->before_v = state->force_v = state->displacement_mm = 0.0;
     state->friction.force_v = state->friction.position = 0.0;
-    for (int i = 0; i < TACT_HUM_MAX; i++) {
+    for (int32_t i = 0; i < table->hum.count; i++) {
         state->hum.cosine[i] = 1.0;
         state->hum.sine[i] = 0.0;
     }
     state->hum.age = 0;
-    (void)table;
     tact_noise_seed(&state->noise, seed, channel);
 }
 
