@@ -50,6 +50,20 @@ def test_prefilter__paper_order__misses_ten_times_less_than_the_papers(study: St
     assert study.prefilters.worst_fitted.max_error_db <= 0.8
 
 
+def test_resolution__rising_rate__costs_bits_but_in_delta_form(study: Study) -> None:
+    # facts, section 2: at 4 kHz 19/28, 15/20 and 1/10 bits for F as one direct form, biquads, delta biquads; at 32 kHz
+    # 32/37, 21/26, 1/9 (how sections are paired moves them by a few bits)
+    f = study.resolution["prefilter F"]
+    for form, low, high in (
+        ("direct", (19, 28), (32, 37)),
+        ("sections", (15, 20), (21, 26)),
+        ("delta", (1, 10), (1, 9)),
+    ):
+        for rate, (stable, accurate) in ((4000.0, low), (32000.0, high)):
+            assert f[form][rate].stable == pytest.approx(stable, abs=3)
+            assert f[form][rate].accurate == pytest.approx(accurate, abs=4)
+
+
 def test_noise__rising_gain__brings_hum_and_resonance_above_threshold(study: Study) -> None:
     for column in range(len(CHANNELS)):
         heard = [channels[column] for channels in study.noise.proportional.values()]

@@ -82,10 +82,10 @@ def _design_sections(study: Study, plates: dict[str, Plate]) -> tuple[Section, .
             "The digital implementation",
             (
                 "Plants are held (zero-order), C is transformed bilinearly, F is fitted on the sampled loop itself. "
-                "The figure shows what runs at every tick; the other one what a coefficient's resolution means at each "
-                "sampling rate.",
+                "The paper chose the lowest rate because coefficients need more resolution at higher ones; sections in "
+                "delta form, which run here, hardly do.",
             ),
-            plates=_some(plates, "fig08"),
+            plates=_some(plates, "fig08", "resolution"),
         ),
     )
 

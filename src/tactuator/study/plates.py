@@ -18,6 +18,7 @@ from tactuator.report.nichols import NicholsInput, nichols_plate
 from tactuator.report.noise import noise_plate
 from tactuator.report.plate import Plate
 from tactuator.report.prefilter import prefilter_plate
+from tactuator.report.resolution import resolution_plate
 from tactuator.report.response import LevelResponse, response_plate
 from tactuator.report.thresholds import PersonThresholds, thresholds_plate
 from tactuator.study.loops import sampled_loop
@@ -26,7 +27,7 @@ from tactuator.study.run import Study
 
 
 def plates(study: Study) -> tuple[Plate, ...]:
-    """fig01 to fig12 as in the paper (12: speech), then noise, prefilter and the reshaped response."""
+    """fig01 to fig12 as in the paper (12: speech), then noise, prefilter, resolution and the reshaped response."""
     display = study.plan.display
     first = display.channels[0]
     curve = first.threshold.curve
@@ -54,6 +55,7 @@ def plates(study: Study) -> tuple[Plate, ...]:
         felt_plate(study.spoken.report, study.spoken.file.path.name),
         noise_plate({gain: heard[0] for gain, heard in study.noise.proportional.items()}, study.noise.designed[0]),
         _prefilters(study),
+        resolution_plate(study.resolution),
         response_plate(_runs(study.reshaped.responses, UNLOADED), "prefilter reshaped to the new curve", "reshaped"),
     )
 

@@ -19,6 +19,7 @@ from tactuator.study.noise import NoiseProbe, probe_noise
 from tactuator.study.objectives import Objective, judge_objectives
 from tactuator.study.plan import Plan, Progress
 from tactuator.study.prefilters import Prefilters, judge_prefilters
+from tactuator.study.resolution import Needed, bits_needed
 from tactuator.study.response import UNLOADED, ResponsePoint, measure_responses, nominal_response
 from tactuator.study.speech import Spoken, speak
 from tactuator.study.thresholds import Threshold, measure_thresholds, new_curve
@@ -51,6 +52,7 @@ class Study:
     open_loop: OpenLoopResponse
     loop: PaperLoop
     prefilters: Prefilters
+    resolution: Needed
     controller: Controller
     noise: NoiseProbe
     responses: tuple[ResponsePoint, ...]
@@ -72,6 +74,7 @@ def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> Study:
     loop = paper_loop(plan.display)
     progress("loop", 1.0)
     prefilters = judge_prefilters(plan.display)
+    resolution = bits_needed()
     controller = paper_controller(plan.display)
     progress("prefilter", 1.0)
     noise = probe_noise(plan, controller, progress)
@@ -90,6 +93,7 @@ def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> Study:
         open_loop,
         loop,
         prefilters,
+        resolution,
         controller,
         noise,
         responses,

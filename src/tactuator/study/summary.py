@@ -31,6 +31,10 @@ def summary(study: Study) -> dict[str, Any]:
         },
         "loop": _loop(study),
         "prefilter": _prefilter(study),
+        "resolution_bits": {
+            name: {form: {f"{rate:g}": asdict(bits) for rate, bits in rates.items()} for form, rates in forms.items()}
+            for name, forms in study.resolution.items()
+        },
         "noise": _noise(study),
         "response": [asdict(point) for point in study.responses],
         "friction": {"response_without_friction": [asdict(point) for point in study.without_friction]},
