@@ -21,7 +21,7 @@ from tactuator.web.lab import Lab
 def serve(
     protocol_path: Path, store_path: Path, station: Station, host: str, port: int, token: str | None, auto_start: bool
 ) -> None:
-    """Serve until interrupted. The addresses go to standard error, one a line: operator's first, then each subject's."""
+    """Serve until interrupted. Addresses go to standard error, a line each: the operator's, then each subject's."""
     protocol, text = read_protocol(protocol_path)
     station.check(protocol)
     if not 0 <= port <= 65535:
@@ -37,6 +37,7 @@ def serve(
     )
     server = uvicorn.Server(config)
     listener = config.bind_socket()
+    listener.listen()  # who follows an address before the server has come up waits
     base = f"http://{host}:{listener.getsockname()[1]}"
     lines = [f"operator: {base}/operator#{operator_token}"]
     lines += [f"subject {row.subject_code}: {base}/s/{row.link_token}" for row in lab.sessions]

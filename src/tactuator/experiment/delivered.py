@@ -15,8 +15,8 @@ _NEAR_DB = 4.0
 def delivered_offset_db(intervals: Sequence[IntervalRecord], level_db_sl: float, near_db: float = _NEAR_DB) -> float:
     """How far the sensor's amplitude lay above the commanded one, dB, over stimuli within near_db of level_db_sl.
 
-    Powers are averaged, and what hum and noise leave in blank intervals is taken off: near threshold the amplitude alone
-    reads too high. NaN where no stimulus was near, or noise hides them.
+    Powers are averaged, and what hum and noise leave in blank intervals is taken off: near threshold the amplitude
+    alone reads too high. NaN where no stimulus was near, or noise hides them.
     """
     blank = [float(from_db(one.measured_db_sl)) ** 2 for one in intervals if one.commanded_db_sl is None]
     near = [

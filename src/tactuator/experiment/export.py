@@ -16,10 +16,8 @@ from tactuator.experiment.export_rows import TrialRow, trial_rows
 from tactuator.experiment.store import Store
 from tactuator.files.atomic import atomic_folder
 
-_OWN = frozenset(
-    ("trials.csv", "trials_dictionary.csv", "dataset_description.json", "data", "README")
-    + ("participants.tsv", "participants.json")
-)
+_DESCRIPTION, _DICTIONARY = "dataset_description.json", "trials_dictionary.csv"
+_OWN = frozenset(["trials.csv", _DICTIONARY, _DESCRIPTION, "data", "README", "participants.tsv", "participants.json"])
 _NAMES = [one.name for one in TRIAL_COLUMNS]
 
 
@@ -38,9 +36,7 @@ def _tidy(rows: Sequence[TrialRow], folder: Path) -> None:
     """trials.csv and trials_dictionary.csv."""
     (folder / "trials.csv").write_text(_table(rows, ",", ""), encoding="utf-8")
     meanings = ((one.name, one.description, one.unit) for one in TRIAL_COLUMNS)
-    (folder / "trials_dictionary.csv").write_text(
-        _lines([("column", "description", "unit"), *meanings], ","), encoding="utf-8"
-    )
+    (folder / _DICTIONARY).write_text(_lines([("column", "description", "unit"), *meanings], ","), encoding="utf-8")
 
 
 def _psych_ds(rows: Sequence[TrialRow], folder: Path) -> None:
@@ -55,7 +51,7 @@ def _psych_ds(rows: Sequence[TrialRow], folder: Path) -> None:
         for one in TRIAL_COLUMNS
     ]
     _json(
-        folder / "dataset_description.json",
+        folder / _DESCRIPTION,
         {
             "@context": "https://schema.org/",
             "@type": "Dataset",
@@ -77,7 +73,7 @@ def _psych_ds(rows: Sequence[TrialRow], folder: Path) -> None:
 def _bids(rows: Sequence[TrialRow], folder: Path) -> None:
     """BIDS 1.10: sub-*/beh/*_beh.tsv with a sidecar each, participants.tsv."""
     _json(
-        folder / "dataset_description.json",
+        folder / _DESCRIPTION,
         {
             "Name": _study(rows),
             "BIDSVersion": "1.10.0",

@@ -44,9 +44,9 @@ class GroupCurve:
 def group_curve(found: Sequence[Threshold], reference: ThresholdCurve, band_hz: tuple[float, float]) -> GroupCurve:
     """Mean refitted threshold at each frequency, a subject's fingers and repeats averaged first.
 
-    The standard error is that of the mean between subjects, and not below what the single thresholds are known to. Beyond
-    the measured frequencies the curve keeps its distance from `reference` up to the band's edges: a design needs the
-    whole band. Raises BadInput for fewer than three frequencies.
+    The standard error is that of the mean between subjects, and not below what the single thresholds are known to.
+    Beyond the measured frequencies the curve keeps its distance from `reference` up to the band's edges: a design needs
+    the whole band. Raises BadInput for fewer than three frequencies.
     """
     frequency_hz = np.array(sorted({one.frequency_hz for one in found}))
     if frequency_hz.size < 3:

@@ -19,7 +19,7 @@ class Observer:
     curve: level (dB re 1 um peak) at which psi reaches its target. A Weibull or logistic observer notices each interval
     independently with probability F (a high threshold), picks one it noticed, and guesses where it noticed none; with
     the signal in one interval that is psi exactly. A MaxOfM observer takes the largest of m noisy impressions.
-    interval_bias: weights of the intervals in guesses and lapses (none: even); drift_db_per_trial: the threshold's rise.
+    interval_bias: weights of the intervals in guesses and lapses (none: even); drift_db_per_trial: the threshold rises.
     """
 
     name: str

@@ -17,7 +17,7 @@ _EPSILON_DB = 1e-9  # levels are sums of steps: at a limit means within rounding
 class UpDownRule:
     """How a track moves and ends.
 
-    down, up: consecutive correct (incorrect) responses that lower (raise) the level. steps_db: the step after 0, 1, 2,..
+    down, up: consecutive correct (incorrect) responses that lower (raise) the level. steps_db: the step after 0, 1 ...
     reversals; the last one stays. reversals: how many end the run; averaged: how many of the last make the threshold.
     initial_rule: 1-down-1-up until the first reversal. average: `reversals`, the mean of the averaged reversals' levels
     in dB, or `mid-runs`, Levitt's mean of the midpoints of every second run among them.

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import Any
 
-from fastapi import WebSocket, WebSocketDisconnect
+from fastapi import WebSocket
 
 from tactuator.errors import BadInput
 from tactuator.experiment import records
@@ -13,7 +12,7 @@ from tactuator.experiment.conduct import Conduct
 from tactuator.experiment.up_down import UpDown
 from tactuator.web.lab import Fault, Lab
 from tactuator.web.messages import Command, operator_command
-from tactuator.web.subject import Tabs, send
+from tactuator.web.subject import Tabs, first_to_end, send
 
 _REFRESH_S = 1.0
 
@@ -53,14 +52,7 @@ class OperatorPage:
         """Serve the page until it closes."""
         for row in self.lab.sessions:
             await self.lab.conduct(row)
-        show, obey = asyncio.create_task(self._show()), asyncio.create_task(self._obey())
-        done, waiting = await asyncio.wait({show, obey}, return_when=asyncio.FIRST_COMPLETED)
-        for task in waiting:
-            task.cancel()
-        await asyncio.gather(*waiting, return_exceptions=True)
-        for task in done:
-            if not isinstance(task.exception(), WebSocketDisconnect | None):
-                task.result()
+        await first_to_end(self._show(), self._obey())
 
     async def _show(self) -> None:
         while True:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Coroutine
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 from fastapi import WebSocket, WebSocketDisconnect
@@ -62,15 +64,7 @@ class SubjectTab:
         """Serve the page until it closes."""
         conduct = await self.lab.conduct(self.row)
         await self._send(type="hello", **self._about())
-        reader = asyncio.create_task(self._read())
-        flow = asyncio.create_task(self._flow(conduct))
-        done, waiting = await asyncio.wait({reader, flow}, return_when=asyncio.FIRST_COMPLETED)
-        for task in waiting:
-            task.cancel()
-        await asyncio.gather(*waiting, return_exceptions=True)
-        for task in done:
-            if not isinstance(task.exception(), WebSocketDisconnect | None):
-                task.result()
+        await first_to_end(self._read(), self._flow(conduct))
 
     async def _read(self) -> None:
         while True:
@@ -106,9 +100,8 @@ class SubjectTab:
             while not self.lab.may_play(self.row.id):
                 await self._stage(conduct)
                 await self.lab.until_changed(_LOOK_AGAIN_S)
-            watch = self._watch()
             try:
-                stands = await self.lab.work(lambda: conduct.present(watch))
+                stands = await self.lab.work(partial(conduct.present, self._watch()))
             except Fault as fault:
                 await self._fault(str(fault))
                 continue
@@ -223,3 +216,17 @@ async def send(socket: WebSocket, message: dict[str, Any]) -> None:
     if socket.application_state is WebSocketState.DISCONNECTED:
         raise WebSocketDisconnect
     await socket.send_json(message)
+
+
+async def first_to_end(*parts: Coroutine[Any, Any, None]) -> None:
+    """Run the parts of a connection until one ends, and end the others; a page that goes is no error."""
+    tasks = [asyncio.create_task(part) for part in parts]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
+            task.cancel()
+        ends = await asyncio.gather(*tasks, return_exceptions=True)
+    for end in ends:
+        if isinstance(end, Exception) and not isinstance(end, WebSocketDisconnect):
+            raise end

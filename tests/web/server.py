@@ -1,0 +1,69 @@
+"""The application on a real socket, and a client of it."""
+
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from http.client import HTTPConnection
+
+import uvicorn
+from fastapi import FastAPI
+from websockets.sync.client import ClientConnection, connect
+
+
+@dataclass
+class Answer:
+    status: int
+    headers: dict[str, str]
+    text: str
+
+
+class Socket:
+    """One connection that speaks JSON."""
+
+    def __init__(self, connection: ClientConnection) -> None:
+        self._connection = connection
+
+    def receive_json(self) -> dict:
+        return json.loads(self._connection.recv(timeout=10.0))
+
+    def send_json(self, message: dict) -> None:
+        self._connection.send(json.dumps(message))
+
+    def send_text(self, text: str) -> None:
+        self._connection.send(text)
+
+
+@dataclass
+class Client:
+    port: int
+
+    def get(self, path: str) -> Answer:
+        connection = HTTPConnection("127.0.0.1", self.port, timeout=10.0)
+        connection.request("GET", path)
+        response = connection.getresponse()
+        names = {name.title(): value for name, value in response.getheaders()}
+        answer = Answer(response.status, names, response.read().decode())
+        connection.close()
+        return answer
+
+    @contextmanager
+    def websocket_connect(self, path: str, origin: str | None = None) -> Iterator[Socket]:
+        with connect(f"ws://127.0.0.1:{self.port}{path}", origin=origin) as connection:
+            yield Socket(connection)
+
+
+@contextmanager
+def served(app: FastAPI) -> Iterator[Client]:
+    config = uvicorn.Config(app, host="127.0.0.1", port=0, log_level="error", timeout_graceful_shutdown=2)
+    server, listener = uvicorn.Server(config), config.bind_socket()
+    listener.listen()  # whoever connects before the server has come up waits
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
+    thread.start()
+    try:
+        yield Client(listener.getsockname()[1])
+    finally:
+        server.should_exit = True
+        thread.join(timeout=10.0)
+        listener.close()

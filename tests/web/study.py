@@ -1,0 +1,122 @@
+"""A study in a real browser: a server process that may be killed, a page, and a subject who answers by the script."""
+
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect, sync_playwright
+
+from tactuator.experiment.plan import plan_runs, run_seed
+from tactuator.experiment.procedure import Placement
+from tactuator.experiment.protocol_file import read_protocol
+from tests.experiment.stations import response_of
+
+ARGUMENTS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+COMMAND = "import sys; from tactuator.cli.main import main; sys.exit(main())"
+
+
+@pytest.fixture(scope="session")
+def browser():
+    path = shutil.which("chromium") or shutil.which("chromium-browser")
+    assert path is not None, "Chromium is not there: install the package `chromium`"
+    with sync_playwright() as playwright:
+        made = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
+        yield made
+        made.close()
+
+
+@dataclass
+class Server:
+    """`tactuator experiment serve` as a process of its own."""
+
+    protocol: Path
+    store: Path
+    controller: Path
+    port: int = 0
+    process: subprocess.Popen | None = None
+    addresses: dict[str, str] = field(default_factory=dict)
+
+    def start(self) -> None:
+        arguments = ["experiment", "serve", str(self.protocol), "--store", str(self.store), "--port", str(self.port)]
+        arguments += ["--controller", str(self.controller), "--operator-token", "op", "--speed", "0", "--auto-start"]
+        self.process = subprocess.Popen([sys.executable, "-c", COMMAND, *arguments], stderr=subprocess.PIPE, text=True)
+        assert self.process.stderr is not None
+        while "subject S1" not in self.addresses or self.port == 0:
+            line = self.process.stderr.readline()
+            assert line, "the server ended"
+            name, _, address = line.strip().partition(": ")
+            self.addresses[name] = address
+            self.port = int(re.search(r":(\d+)/", address)[1])
+
+    def kill(self) -> None:
+        """As a power cut would."""
+        assert self.process is not None
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+        self.process.stderr.close()
+
+
+@dataclass
+class Subject:
+    """Answers whatever the page asks, right but for every fourth trial; knows what was acknowledged."""
+
+    page: Page
+    protocol: Path
+    acknowledged: list[tuple[int, int]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._protocol, _ = read_protocol(self.protocol)
+        self._positions = [run.position for run in plan_runs(self._protocol, 0)]
+        self.page.on("websocket", lambda socket: socket.on("framereceived", self._hear))
+
+    def _hear(self, frame: str | bytes) -> None:
+        found = re.match(r'\{"type":"ack","run":(\d+),"number":(\d+)', str(frame))
+        if found:
+            self.acknowledged.append((int(found[1]), int(found[2])))
+
+    def act(self) -> bool:
+        """Do the next thing if there is one to do; False once the session is over."""
+        status = self.page.locator("#status").inner_text()
+        if status.startswith("That was all"):
+            return False
+        if self.page.locator("#go").is_visible():
+            self.page.keyboard.press("Enter")
+        elif status.startswith("Which one"):
+            run, number = map(int, self.page.locator("body").get_attribute("data-trial").split("/"))
+            self.page.keyboard.press(self._answer(run, number))
+        self.page.wait_for_timeout(4)
+        return True
+
+    def _answer(self, run: int, number: int) -> str:
+        seed = run_seed(self._protocol, 0, self._positions[run - 1], 0)  # one subject, no restart: rows are positions
+        return response_of(self._protocol.forced_choice().trial(number, Placement(0.0), seed))
+
+
+def finish(subject: Subject, limit_s: float = 60.0) -> None:
+    end = time.monotonic() + limit_s
+    while subject.act():
+        assert time.monotonic() < end, subject.page.locator("#status").inner_text()
+
+
+def watch_errors(page: Page) -> list[str]:
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    return errors
+
+
+def visible(page: Page, text: str) -> None:
+    expect(page.locator("#status")).to_contain_text(text, timeout=10_000)

@@ -1,0 +1,300 @@
+"""The server without a browser: who gets which page, what each connection may say, and what is acknowledged."""
+
+import pytest
+from sqlalchemy import func, select
+from websockets.exceptions import ConnectionClosed
+
+from tactuator.experiment import records, schema
+from tactuator.experiment.protocol_file import parse_protocol
+from tactuator.experiment.store import Store, StoreFault
+from tactuator.web.app import FORBIDDEN, UNKNOWN, build_app
+from tactuator.web.lab import Lab
+from tests.web.server import served
+from tests.experiment.stations import PROTOCOL, ObedientClock, station, tokens
+
+TOKEN = "the operator's own"
+
+
+@pytest.fixture
+def lab(tmp_path):
+    clock, store, protocol = ObedientClock(), Store(tmp_path / "lab.db"), parse_protocol(PROTOCOL)
+    with store.begin() as connection:
+        study = records.open_study(connection, protocol, PROTOCOL, clock.utc(), tokens(protocol))
+    made = Lab(store, protocol, study, station(), clock, auto_start=True)
+    yield made
+    made.close()
+    store.close()
+
+
+@pytest.fixture
+def client(lab):
+    with served(build_app(lab, TOKEN)) as made:
+        yield made
+
+
+def count(lab) -> int:
+    with lab.store.read() as connection:
+        return int(connection.execute(select(func.count()).select_from(schema.response)).scalar_one())
+
+
+def until(socket, kind: str) -> dict:
+    while True:
+        message = socket.receive_json()
+        if message["type"] == kind:
+            return message
+
+
+def begun(socket) -> dict:
+    """Up to the first answer that is asked for."""
+    until(socket, "stage")
+    socket.send_json({"type": "consent"})
+    until(socket, "stage")
+    socket.send_json({"type": "ready"})
+    return until(socket, "answer-now")
+
+
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        ("/", 200),
+        ("/s/token-S1", 200),
+        ("/s/token-S9", 404),
+        ("/operator", 200),
+        ("/static/subject.js", 200),
+        ("/static/app.py", 404),
+        ("/static/..%2Fapp.py", 404),
+        ("/docs", 404),
+        ("/openapi.json", 404),
+    ],
+)
+def test_page__asked_for__is_given_or_not(client, path, status) -> None:
+    answer = client.get(path)
+    assert answer.status == status
+    if not path.startswith(("/docs", "/open")) and "%2F" not in path:
+        assert "default-src 'self'" in answer.headers["Content-Security-Policy"]
+
+
+@pytest.mark.parametrize("name", ["subject.html", "operator.html"])
+def test_page__every_part__comes_from_this_server(client, name) -> None:
+    text = client.get(f"/static/{name}").text
+    assert "http" not in text
+    assert "style=" not in text
+
+
+def test_subject__trial_answered__is_acknowledged_after_it_is_stored(client, lab) -> None:
+    with client.websocket_connect("/ws/subject/token-S1") as socket:
+        asked = begun(socket)
+        assert asked["responses"] == ["1", "2", "3"]
+        assert count(lab) == 0
+        socket.send_json({"type": "answer", "run": asked["run"], "number": asked["number"], "response": "2"})
+        acknowledged = until(socket, "ack")
+        assert count(lab) == 1
+        assert (acknowledged["run"], acknowledged["number"]) == (asked["run"], asked["number"])
+        assert acknowledged["correct"] in (True, False)
+        assert until(socket, "answer-now")["number"] == asked["number"] + 1
+
+
+def test_subject__intervals__are_told_in_order(client) -> None:
+    with client.websocket_connect("/ws/subject/token-S1") as socket:
+        until(socket, "stage")
+        socket.send_json({"type": "consent"})
+        until(socket, "stage")
+        socket.send_json({"type": "ready"})
+        seen = []
+        while (message := socket.receive_json())["type"] != "answer-now":
+            if message["type"] == "interval":
+                seen.append((message["interval"], message["on"]))
+        assert seen == [(0, True), (0, False), (1, True), (1, False), (2, True), (2, False)]
+
+
+@pytest.mark.parametrize("response", ["4", "", "x" * 100])
+def test_subject__answer_that_is_not_allowed__is_refused(client, lab, response) -> None:
+    with client.websocket_connect("/ws/subject/token-S1") as socket:
+        asked = begun(socket)
+        socket.send_json({"type": "answer", "run": asked["run"], "number": asked["number"], "response": response})
+        assert "allowed" in until(socket, "refused")["message"]
+        assert count(lab) == 0
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[]", '{"type": "answer"}', '{"type": "start"}', '{"type": "answer", "run": 1e99}'])
+def test_subject__message_that_is_none__is_refused_and_the_session_goes_on(client, text) -> None:
+    with client.websocket_connect("/ws/subject/token-S1") as socket:
+        until(socket, "stage")
+        socket.send_text(text)
+        until(socket, "refused")
+        socket.send_json({"type": "consent"})
+        until(socket, "stage")
+        socket.send_json({"type": "ready"})
+        assert until(socket, "answer-now")["number"] == 0
+
+
+def test_subject__answer_to_another_trial__is_refused(client, lab) -> None:
+    with client.websocket_connect("/ws/subject/token-S1") as socket:
+        asked = begun(socket)
+        socket.send_json({"type": "answer", "run": asked["run"], "number": 7, "response": "1"})
+        assert "trial that stands" in until(socket, "refused")["message"]
+        assert count(lab) == 0
+
+
+def test_subject__lost_acknowledgement__answer_sent_again_counts_once(client, lab) -> None:
+    with client.websocket_connect("/ws/subject/token-S1") as socket:
+        asked = begun(socket)
+        message = {"type": "answer", "run": asked["run"], "number": asked["number"], "response": "1"}
+        socket.send_json(message)
+        first = until(socket, "ack")
+    with client.websocket_connect("/ws/subject/token-S1") as socket:
+        until(socket, "stage")
+        socket.send_json(message)
+        assert until(socket, "ack")["correct"] == first["correct"]
+        assert count(lab) == 1
+        socket.send_json({"type": "ready"})
+        assert until(socket, "answer-now")["number"] == 1
+
+
+def test_subject__second_tab__takes_over_and_the_first_is_told(client, lab) -> None:
+    with client.websocket_connect("/ws/subject/token-S1") as first:
+        begun(first)
+        with client.websocket_connect("/ws/subject/token-S1") as second:
+            until(first, "elsewhere")
+            until(second, "stage")
+            second.send_json({"type": "ready"})
+            asked = until(second, "answer-now")
+            second.send_json({"type": "answer", "run": asked["run"], "number": 0, "response": "3"})
+            until(second, "ack")
+    assert count(lab) == 1
+
+
+def test_subject__store_fails__is_told_and_the_answer_may_come_again(client, lab, monkeypatch) -> None:
+    with client.websocket_connect("/ws/subject/token-S1") as socket:
+        asked = begun(socket)
+        message = {"type": "answer", "run": asked["run"], "number": 0, "response": "1"}
+
+        def full(*args: object) -> None:
+            raise StoreFault("lab.db: database or disk is full")
+
+        with monkeypatch.context() as broken:
+            broken.setattr(records, "save_answer", full)
+            socket.send_json(message)
+            assert "full" in until(socket, "fault")["detail"]
+            assert count(lab) == 0
+        assert lab.fault == "lab.db: database or disk is full"
+        socket.send_json(message)
+        until(socket, "ack")
+        assert count(lab) == 1
+        assert lab.fault is None
+
+
+def test_subject__other_subject_at_the_rig__waits(client, lab) -> None:
+    with client.websocket_connect("/ws/subject/token-S1") as first, client.websocket_connect("/ws/subject/token-S2") as other:
+        begun(first)
+        until(other, "stage")
+        other.send_json({"type": "consent"})
+        assert until(other, "stage")["waiting"] is True
+
+
+def test_connection__unknown_link__is_closed(client) -> None:
+    with client.websocket_connect("/ws/subject/token-S9") as socket, pytest.raises(ConnectionClosed) as closed:
+        socket.receive_json()
+    assert closed.value.rcvd.code == UNKNOWN
+
+
+@pytest.mark.parametrize("said", ["", "wrong", "token-S1", "ü"])
+def test_operator__wrong_token__is_closed(client, said) -> None:
+    with client.websocket_connect("/ws/operator") as socket, pytest.raises(ConnectionClosed) as closed:
+        socket.send_text(said)
+        socket.receive_json()
+    assert closed.value.rcvd.code == FORBIDDEN
+
+
+@pytest.mark.parametrize(("path", "code"), [("/ws/operator", FORBIDDEN), ("/ws/subject/token-S1", UNKNOWN)])
+def test_connection__from_another_sites_page__is_closed(client, path, code) -> None:
+    with (
+        client.websocket_connect(path, origin="http://elsewhere.example") as socket,
+        pytest.raises(ConnectionClosed) as closed,
+    ):
+        socket.send_text(TOKEN)
+        socket.receive_json()
+    assert closed.value.rcvd.code == code
+
+
+def test_operator__start_pause_stop__are_obeyed_and_shown(client, lab) -> None:
+    lab.auto_start = False
+    with client.websocket_connect("/ws/operator") as socket:
+        socket.send_text(TOKEN)
+        first = until(socket, "snapshot")
+        assert (first["control"], first["active"]) == (True, None)
+        assert [one["subject"] for one in first["sessions"]] == ["S1", "S2"]
+        session = first["sessions"][0]["id"]
+        socket.send_json({"type": "start", "session": session})
+        assert _until(socket, lambda shot: shot["active"] == session)
+        socket.send_json({"type": "pause"})
+        assert _until(socket, lambda shot: shot["paused"])
+        socket.send_json({"type": "stop"})
+        assert _until(socket, lambda shot: shot["active"] is None)
+
+
+def _until(socket, wanted) -> bool:
+    for _ in range(50):
+        if wanted(until(socket, "snapshot")):
+            return True
+    return False
+
+
+def test_operator__second__looks_on_until_control_is_taken(client) -> None:
+    with client.websocket_connect("/ws/operator") as first, client.websocket_connect("/ws/operator") as second:
+        first.send_text(TOKEN)
+        assert until(first, "snapshot")["control"] is True
+        second.send_text(TOKEN)
+        assert until(second, "snapshot")["control"] is False
+        second.send_json({"type": "pause"})
+        assert "another operator has control" in until(second, "refused")["message"]
+        second.send_json({"type": "take-control"})
+        assert _until(second, lambda shot: shot["control"])
+        assert _until(first, lambda shot: not shot["control"])
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ({"type": "start"}, "without a session"),
+        ({"type": "start", "session": 99}, "not of this study"),
+        ({"type": "give-up-run"}, "no session is at the rig"),
+        ({"type": "explode"}, "command"),
+    ],
+)
+def test_operator__nonsense__is_refused(client, command, message) -> None:
+    with client.websocket_connect("/ws/operator") as socket:
+        socket.send_text(TOKEN)
+        socket.send_json(command)
+        assert message in until(socket, "refused")["message"]
+
+
+def test_operator__clock_jumps__is_noted(client, lab) -> None:
+    with client.websocket_connect("/ws/operator") as socket:
+        socket.send_text(TOKEN)
+        until(socket, "snapshot")
+        lab.clock.jump(3600.0)
+        until(socket, "snapshot")
+        until(socket, "snapshot")
+    with lab.store.read() as connection:
+        notes = [row.detail for row in connection.execute(select(schema.event))]
+    assert notes == ["the wall clock moved by 3600.0 s"]
+
+
+def test_rig__fails__is_told_to_subject_and_operator_and_goes_to_rest(client, lab, monkeypatch) -> None:
+    rested = []
+    monkeypatch.setattr(lab.station.rig, "rest", lambda: rested.append(True))
+
+    def broken(*args: object) -> None:
+        raise OSError("the board is gone")
+
+    with client.websocket_connect("/ws/subject/token-S1") as socket:
+        until(socket, "stage")
+        socket.send_json({"type": "consent"})
+        until(socket, "stage")
+        with monkeypatch.context() as patched:
+            patched.setattr(lab.station.rig, "play", broken)
+            socket.send_json({"type": "ready"})
+            assert "the board is gone" in until(socket, "fault")["detail"]
+        assert until(socket, "answer-now")["number"] == 0
+    assert rested
