@@ -52,7 +52,7 @@ def read_columns(path: Path) -> Columns:
         columns = reader(path)
     except BadInput as error:
         raise BadInput(f"record {path}: {error}") from None
-    except (OSError, ValueError, KeyError, soundfile.LibsndfileError, NotImplementedError) as error:
+    except (OSError, ValueError, LookupError, TypeError, soundfile.LibsndfileError, NotImplementedError) as error:
         raise BadInput(f"record {path}: {str(error).splitlines()[0] if str(error) else 'cannot be read'}") from None
     if not columns.values:
         raise BadInput(f"record {path}: there are no numbers in it; allowed: columns of numbers")

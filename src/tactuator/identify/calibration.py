@@ -81,8 +81,8 @@ def _check_pairs(x: NDArray[np.float64], y: NDArray[np.float64], labels: list[st
 
 def _kept_pairs(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Start from the half of the pairs nearest to the median line, then let in all that belong to it."""
-    slope, intercept, *_ = stats.theilslopes(y, x)
-    distance = np.abs(y - intercept - slope * x)
+    slope = stats.theilslopes(y, x)[0]
+    distance = np.abs(y - slope * x - np.median(y - slope * x))
     kept: NDArray[np.bool_] = distance <= np.median(distance)
     for _ in range(20):
         offset, gain, scatter = _fit(x[kept], y[kept])

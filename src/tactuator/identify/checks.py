@@ -63,17 +63,20 @@ def check_direction(response: EmpiricalResponse) -> tuple[str, ...]:
     slope = np.polyfit(log_f[upper], np.log(np.abs(trusted.value[upper])), 1)[0]
     phase = np.unwrap(np.angle(trusted.value))
     lead = float(phase[-1] - phase[0])
-    remarks = []
     if slope > 1.0 and lead > 1.5:
-        remarks.append(
-            "the position leads the command and rises with frequency, as no mechanism can (not causal): input and "
-            "output look swapped"
+        return (
+            "the position leads the command and rises with frequency, as no mechanism can (not causal): input and output "
+            "look swapped",
         )
-    if np.real(np.mean(trusted.value[:3])) < 0.0 and abs(np.angle(trusted.value[0])) > 2.5:
-        remarks.append(
-            "the position moves against the command (negative correlation): a polarity or the columns are swapped"
-        )
-    return tuple(remarks)
+    return ()
+
+
+def check_polarity(num: Array, den: Array) -> tuple[str, ...]:
+    """Whether the position goes where the command pushes; num, den: descending powers."""
+    lowest = num[np.flatnonzero(num)[-1]] if np.any(num) else 1.0
+    if lowest / (den[-1] if den[-1] != 0.0 else 1.0) < 0.0 and np.all(np.roots(den).real <= 0.0):
+        return ("the position moves against the command (negative correlation): a polarity or the columns are swapped",)
+    return ()
 
 
 def check_length(poles_rad_s: NDArray[np.inexact[Any]], slow_error: float, duration_s: float) -> tuple[str, ...]:

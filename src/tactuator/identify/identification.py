@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.errors import BadInput
-from tactuator.identify.checks import check_direction, check_length, check_record
+from tactuator.identify.checks import check_direction, check_length, check_polarity, check_record
 from tactuator.identify.empirical import EmpiricalResponse, empirical_response
 from tactuator.identify.friction import Friction
 from tactuator.identify.model import PlantModel
@@ -138,6 +138,7 @@ def _refined(common: _Common, estimate: RefinedEstimate, tried: tuple[Candidate,
     remarks = list(common.remarks)
     poles = np.roots(fit.model.denominator())
     remarks += check_length(poles, _slow_pole_error(fit.model, fit.structure, covariance), common.record.duration_s)
+    remarks += check_polarity(fit.model.numerator(), fit.model.denominator())
     if not estimate.tests.uncorrelated_with_input:
         remarks.append(
             f"{100.0 * estimate.tests.unexplained:.2g} % of the residual still follows the command (not linear, or of "
@@ -155,7 +156,7 @@ def _refined(common: _Common, estimate: RefinedEstimate, tried: tuple[Candidate,
         command_unit=common.record.command_unit,
         position_unit=common.record.position_unit,
         method="refined",
-        record=dict(common.record.about),
+        record=common.record.about | {"rate_hz": common.record.rate_hz, "duration_s": common.record.duration_s},
         friction={} if friction is None else {"coulomb": friction.coulomb, "presliding": friction.presliding},
     )
     return Identification(
@@ -255,7 +256,7 @@ def _recursive(common: _Common, forgetting: float) -> Identification:
         command_unit=common.record.command_unit,
         position_unit=common.record.position_unit,
         method="rls",
-        record=dict(common.record.about),
+        record=common.record.about | {"rate_hz": common.record.rate_hz, "duration_s": common.record.duration_s},
     )
     return Identification(
         model=model,

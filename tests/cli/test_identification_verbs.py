@@ -1,0 +1,148 @@
+"""record, identify, measure, noise, disturb and calibrate, as a user types them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.measure.loops import controller, display
+
+from tactuator.cli.main import main
+from tactuator.files.controller import write_controller
+
+DISPLAY = """
+[display]
+name = "one finger"
+rate_hz = 4000
+delay_samples = 1
+[threshold]
+curve = "bolanowski-1988"
+[[channel]]
+name = "index"
+sensor_gain_v_per_mm = 0.19898
+travel_mm = 12.5
+plant = { num = [2875.0], den = [1.0, 94.0, 290.0] }
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("verbs")
+    (made / "display.toml").write_text(DISPLAY)
+    write_controller(made / "controller.json", controller(display()))
+    assert main(["record", str(made / "display.toml"), "--duration-s", "12", "--out", str(made / "r.h5"), "--json"]) == 0
+    return made
+
+
+def printed(capsys: pytest.CaptureFixture[str]) -> dict:
+    out = capsys.readouterr().out
+    assert out.count("\n") == 1
+    return json.loads(out)
+
+
+def test_identify__record_of_the_simulated_display__prints_what_the_design_promises(folder: Path, capsys) -> None:
+    capsys.readouterr()
+    assert main(["identify", str(folder / "r.h5"), "--json", "--out", str(folder / "m.json")]) == 0
+    found = printed(capsys)
+    np.testing.assert_allclose(found["model"]["den"], [1.0, 94.0, 290.0], rtol=0.005)
+    np.testing.assert_allclose(found["model"]["num"], [2875.0], rtol=0.005)
+    assert found["model"]["delay_s"] == 0.0
+    assert found["order"] == 2
+    np.testing.assert_allclose(found["poles_hz"], np.array([3.195, 90.80]) / (2.0 * np.pi), rtol=0.01)
+    frequency = np.array(found["frf"]["frequency_hz"])
+    assert frequency.size >= 500
+    assert (frequency[0], frequency[-1]) == pytest.approx((0.4, 300.0))
+    s = 2j * np.pi * frequency
+    truth = 20.0 * np.log10(np.abs(2875.0 / (s**2 + 94.0 * s + 290.0)))
+    assert np.max(np.abs(np.array(found["frf"]["magnitude_db"]) - truth)) < 0.2
+    assert len(found["frf"]["band_db"]) == frequency.size
+    assert found["friction"]["coulomb"] == pytest.approx(4e-3, rel=0.2)
+    assert found["excitation"]["sufficient"] is True
+    assert set(found["residuals"]) >= {"white", "uncorrelated_with_input"}
+    assert found["fit_percent"] > 99.0
+    assert len(found["confidence"]["den"]) == 3
+    assert json.loads((folder / "m.json").read_text())["format"] == "tactuator-model/1"
+
+
+def test_identify__least_squares_and_charts__are_made(folder: Path, capsys) -> None:
+    capsys.readouterr()
+    asked = ["identify", str(folder / "r.h5"), "--method", "rls", "--json", "--charts", str(folder / "charts")]
+    assert main(asked) == 0
+    assert printed(capsys)["method"] == "rls"
+    assert (folder / "charts" / "identification.svg").exists()
+
+
+def test_identify__table__is_for_people(folder: Path, capsys) -> None:
+    assert main(["identify", str(folder / "r.h5"), "--order", "2"]) == 0
+    assert "den s^0" in capsys.readouterr().out
+
+
+def test_measure__multisine_and_stepped__print_responses(folder: Path, capsys) -> None:
+    capsys.readouterr()
+    common = ["measure", "--controller", str(folder / "controller.json"), "--json"]
+    assert main([*common, "--method", "multisine", "--out", str(folder / "resp.h5")]) == 0
+    assert len(printed(capsys)["responses"][0]["frequency_hz"]) == 30
+    assert main([*common, "--frequency-hz", "5,60", "--load", "finger", "--level", "40"]) == 0
+    one = printed(capsys)["responses"][0]
+    assert one["frequency_hz"] == [5.0, 62.0]
+    assert one["load"] == "finger"
+    assert (folder / "resp.h5").exists()
+    assert main([*common, "--frequency-hz", "200", "--level", "0", "--confidence-db", "0.05", "--longest-s", "1"]) == 1
+
+
+def test_noise__gains__verdict_and_levels(folder: Path, capsys) -> None:
+    capsys.readouterr()
+    status = main(["noise", "--controller", str(folder / "controller.json"), "--gains", "4,32", "--json"])
+    found = printed(capsys)
+    assert status == (0 if all(found["objectives"].values()) else 1)
+    assert [run["under"] for run in found["runs"]] == ["gain 4", "gain 32", "loop"]
+    assert found["runs"][1]["channels"][0]["worst_line_db_sl"] > found["runs"][0]["channels"][0]["worst_line_db_sl"]
+
+
+def test_disturb__paper_loop__prints_rejection(folder: Path, capsys) -> None:
+    capsys.readouterr()
+    assert main(["disturb", "--controller", str(folder / "controller.json"), "--frequency-hz", "1,10", "--json"]) == 0
+    rejection = printed(capsys)["channels"][0]["rejection"]
+    np.testing.assert_allclose(rejection["measured_db"], rejection["expected_db"], atol=0.4)
+
+
+def test_calibrate__outlier__is_refused_by_name_or_stops(folder: Path, capsys) -> None:
+    capsys.readouterr()
+    pairs = folder / "pairs.csv"
+    rows = [f"p{k},{x},{0.19898 * x + (0.5 if k == 3 else 0.0)}" for k, x in enumerate(range(-6, 7))]
+    pairs.write_text("name,displacement_mm,voltage_v\n" + "\n".join(rows) + "\n")
+    assert main(["calibrate", str(pairs), "--json"]) == 0
+    both = capsys.readouterr()
+    found = json.loads(both.out)
+    assert found["sensor_gain_v_per_mm"] == pytest.approx(0.19898, rel=0.005)
+    assert [pair["name"] for pair in found["refused"]] == ["p3"]
+    assert "p3" in both.err
+    assert main(["calibrate", str(pairs), "--strict"]) == 2
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        ["identify", "nothing.csv"],
+        ["identify", "{r}", "--method", "magic"],
+        ["identify", "{r}", "--order", "9"],
+        ["identify", "{r}", "--rate-hz", "100"],
+        ["record", "{d}", "--excitation", "song"],
+        ["record", "{d}", "--travel-share", "2"],
+        ["record", "{d}", "--channel", "toe"],
+        ["measure", "--controller", "{c}", "--method", "guess"],
+        ["measure", "--controller", "{c}", "--level", "90"],
+        ["measure", "--controller", "{c}", "--load", "elephant"],
+        ["measure", "--controller", "{c}", "--frequency-hz", "a,b"],
+        ["noise", "--controller", "{c}", "--gains", "-1"],
+        ["disturb", "--controller", "{c}", "--channel", "toe"],
+        ["calibrate", "{d}"],
+    ],
+)
+def test_verbs__bad_input__status_two_and_one_line(folder: Path, capsys, asked: list[str]) -> None:
+    capsys.readouterr()
+    places = {"{r}": folder / "r.h5", "{d}": folder / "display.toml", "{c}": folder / "controller.json"}
+    assert main([str(places.get(word, word)) for word in asked]) == 2
+    both = capsys.readouterr()
+    assert both.out == ""
+    assert len(both.err.strip().splitlines()) == 1

@@ -1,0 +1,93 @@
+"""Felt noise against what the finger port really feels; rejection against S."""
+
+import numpy as np
+import pytest
+from tests.measure.loops import PLANT, RATE_HZ, display, full, loop_response
+
+from tactuator.errors import BadInput
+from tactuator.measure.disturbance import disturbance
+from tactuator.measure.noise import felt_noise, felt_of_command
+from tactuator.measure.proportional import proportional_controller
+from tactuator.rig.simulated import SimulatedRig
+from tactuator.signals.lockin import lock_in
+from tactuator.signals.spectra import power_spectrum
+
+
+@pytest.fixture(scope="module")
+def probed():
+    """Gain to (what was said, what the finger port felt in mm)."""
+    made = {}
+    described = display()
+    for gain in (8.0, 16.0, 32.0, 60.0):
+        rig = SimulatedRig(described, 3)
+        rig.load(proportional_controller(described, gain))
+        felt: list[np.ndarray] = []
+        rig.finger("index").attach(felt.append)
+        made[gain] = (felt_noise(rig, described)[0], np.concatenate(felt)[8000:])
+    return made
+
+
+def test_felt_noise__lines__as_the_finger_feels_them(probed) -> None:
+    curve = display().channels[0].threshold.curve
+    for said, felt in probed.values():
+        truth = 20.0 * np.log10(np.abs(lock_in(felt, [60.0, 120.0, 180.0], RATE_HZ)) / curve.displacement_mm([60.0, 120.0, 180.0]))
+        np.testing.assert_allclose(said.line_db_sl[:3], truth, atol=0.5)
+
+
+def test_felt_noise__rising_gain__resonance_rises_in_level_and_frequency(probed) -> None:
+    frequency = [said.resonance_hz for said, _ in probed.values()]
+    level = [said.resonance_db_sl for said, _ in probed.values()]
+    assert all(one is not None for one in frequency)
+    assert frequency == sorted(frequency)
+    assert level == sorted(level)
+    lines = [said.worst_line_db_sl for said, _ in probed.values()]
+    assert lines == sorted(lines)
+    assert lines[0] < 0.0 < lines[-1]
+
+
+def test_felt_noise__third_octaves__as_the_finger_feels_them(probed) -> None:
+    said, felt = probed[60.0]
+    spectrum = power_spectrum(felt, RATE_HZ, 1.0)
+    curve = display().channels[0].threshold.curve
+    for centre, level in zip(said.band_hz, said.band_db_sl, strict=True):
+        if 40.0 < centre < 110.0:
+            edge = 10.0**0.05
+            peak_mm = np.sqrt(2.0 * spectrum.power(centre / edge, centre * edge, said.line_hz))
+            assert level == pytest.approx(20.0 * np.log10(peak_mm / curve.displacement_mm(centre)), abs=0.6)
+
+
+def test_felt_of_command__known_sinusoid__has_the_level_of_the_hand_calculation() -> None:
+    channel = display().channels[0]
+    command = 0.01 * np.sin(2.0 * np.pi * 120.0 * np.arange(16000) / RATE_HZ)
+    said = felt_of_command(command, RATE_HZ, channel, PLANT)
+    millimetres = 0.01 * 2875.0 / abs((2j * np.pi * 120.0) ** 2 + 94.0 * 2j * np.pi * 120.0 + 290.0) / 0.19898
+    expected = 20.0 * np.log10(millimetres / float(channel.threshold.curve.displacement_mm(120.0)))
+    # the hold between samples takes 0.013 dB at 120 Hz
+    assert said.line_db_sl[1] == pytest.approx(expected, abs=0.02)
+    with pytest.raises(BadInput, match="3 s or more"):
+        felt_noise(SimulatedRig(display(), 0), display(), duration_s=1.0)
+
+
+def test_proportional_controller__gain_of_zero__is_refused() -> None:
+    with pytest.raises(BadInput, match="positive"):
+        proportional_controller(display(), 0.0)
+
+
+def test_disturbance__paper_loop__rejects_as_s_says() -> None:
+    described, made = full()
+    rig = SimulatedRig(described, 5)
+    rig.load(made)
+    frequency = np.array([0.5, 2.0, 10.0, 30.0, 100.0])
+    report = disturbance(rig, rig.finger("index"), made, "index", frequency, np.random.default_rng(0))
+    _, sensitivity = loop_response(made, frequency)
+    np.testing.assert_allclose(report.rejection.expected_db, 20.0 * np.log10(np.abs(sensitivity)), atol=1e-6)
+    np.testing.assert_allclose(report.rejection.measured_db, report.rejection.expected_db, atol=0.4)
+    assert report.tremor.rejection_db == pytest.approx(report.tremor.expected_db, abs=0.3)
+    assert report.tremor.without_loop_mm == pytest.approx(1.0, rel=1e-6)
+    # without the loop a second's press moves a millimetre; with it, hundredths, soon gone
+    assert report.press.without_loop_mm > 0.9
+    assert report.press.peak_mm < 0.05
+    assert report.press.left_mm < 0.1 * report.press.peak_mm
+    assert report.press.recovery_s < 0.8
+    with pytest.raises(BadInput, match="excursion"):
+        disturbance(rig, rig.finger("index"), made, "index", frequency, np.random.default_rng(0), excursion_mm=0.0)

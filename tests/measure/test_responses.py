@@ -1,0 +1,115 @@
+"""Stepped sine and multisine against the loop's own sampled response, at all levels, with everything that disturbs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.measure.loops import RATE_HZ, controller, display, full, loop_response, quiet
+
+from tactuator.errors import BadInput
+from tactuator.measure.multisine_response import multisine_response
+from tactuator.measure.stepped_sine import stepped_sine
+from tactuator.plant.display import Converter
+from tactuator.rig.simulated import SimulatedRig
+
+
+def error_db(response, made):
+    expected, _ = loop_response(made, response.frequency_hz)
+    return 20.0 * np.log10(np.abs(response.amplitude_v / response.reference / expected))
+
+
+def test_stepped_sine__50_db_sl__within_a_tenth_of_a_decibel_and_in_phase() -> None:
+    described, made = full()
+    rig = SimulatedRig(described, 1)
+    rig.load(made)
+    found = stepped_sine(rig, [1.0, 10.0, 50.0, 120.0, 250.0], 50.0)[0]
+    expected, _ = loop_response(made, found.frequency_hz)
+    assert found.frequency_hz.tolist() == [1.0, 10.0, 50.0, 122.0, 250.0]
+    assert np.max(np.abs(error_db(found, made))) < 0.1
+    assert np.max(np.abs(np.angle(found.amplitude_v / expected))) < 0.02
+    np.testing.assert_allclose(
+        found.latency_s, -np.unwrap(np.angle(expected)) / (2.0 * np.pi * found.frequency_hz), atol=3e-4
+    )
+    assert np.all(found.reached)
+    assert not np.any(found.saturated)
+
+
+def test_stepped_sine__0_db_sl_at_298_hz__below_a_converter_step_yet_within_its_confidence() -> None:
+    inside = 0
+    for seed in range(6):
+        described, made = quiet()
+        rig = SimulatedRig(described, seed)
+        rig.load(made)
+        found = stepped_sine(rig, [298.0], 0.0, confidence_db=1.5, longest_s=40.0)[0]
+        assert found.magnitude_v[0] < 20.0 / 65536.0
+        assert found.confidence_db[0] <= 1.5
+        inside += abs(error_db(found, made)[0]) <= found.confidence_db[0]
+    assert inside >= 5
+
+
+def test_stepped_sine__friction__distorts_and_is_reported_apart_from_noise() -> None:
+    described, made = full()
+    rig = SimulatedRig(described, 2)
+    rig.load(made)
+    rubbing = stepped_sine(rig, [5.0], 10.0)[0]
+    smooth = SimulatedRig(quiet()[0], 2)
+    smooth.load(quiet()[1])
+    free = stepped_sine(smooth, [5.0], 10.0)[0]
+    assert rubbing.distortion_v[0] > 4.0 * free.distortion_v[0]
+    assert rubbing.noise_v[0] < 0.05 * rubbing.magnitude_v[0]
+
+
+def test_stepped_sine__beyond_the_range__is_marked_saturated() -> None:
+    paper = quiet()[0]
+    described = replace(paper, channels=(replace(paper.channels[0], converter=Converter(range_v=2.5)),))
+    rig = SimulatedRig(described, 3)
+    rig.load(controller(described))
+    found = stepped_sine(rig, [20.0, 250.0], 50.0)[0]
+    assert found.saturated.tolist() == [False, True]
+
+
+def test_multisine__30_frequencies__quarter_decibel_within_ten_seconds_and_as_the_stepped_sine() -> None:
+    described, made = full()
+    rig = SimulatedRig(described, 4)
+    rig.load(made)
+    asked = np.geomspace(0.4, 300.0, 30)
+    found = multisine_response(rig, asked, 30.0, np.random.default_rng(1))[0]
+    assert found.frequency_hz.size == 30
+    assert found.averaged_s[0] + 1.25 <= 10.0
+    assert np.max(found.confidence_db) <= 0.25
+    assert np.max(np.abs(error_db(found, made))) < 0.25
+    stepped = stepped_sine(rig, found.frequency_hz[::6], 30.0)[0]
+    assert np.max(np.abs(found.magnitude_db[::6] - stepped.magnitude_db)) < 0.25
+    np.testing.assert_allclose(np.angle(found.amplitude_v[::6] / stepped.amplitude_v), 0.0, atol=0.03)
+
+
+def test_multisine__friction__shows_on_silent_lines() -> None:
+    levels = []
+    for described, made in (full(), quiet()):
+        rig = SimulatedRig(described, 5)
+        rig.load(made)
+        found = multisine_response(rig, np.geomspace(0.4, 50.0, 12), 10.0, np.random.default_rng(2))[0]
+        levels.append(np.max(found.distortion_v / found.magnitude_v))
+    assert levels[0] > 5.0 * levels[1]
+
+
+@pytest.mark.parametrize(
+    ("asked", "match"),
+    [
+        ({"frequency_hz": [10.0], "level_db_sl": 56.0}, "comfortable"),
+        ({"frequency_hz": [10.0], "level_db_sl": float("nan")}, "comfortable"),
+        ({"frequency_hz": [], "level_db_sl": 10.0}, "allowed"),
+        ({"frequency_hz": [1900.0], "level_db_sl": 10.0}, "below"),
+        ({"frequency_hz": [10.0], "level_db_sl": 10.0, "channels": ["toe"]}, "toe"),
+        ({"frequency_hz": [10.0], "level_db_sl": 10.0, "confidence_db": 0.0}, "positive"),
+    ],
+)
+def test_response__impossible__is_refused_before_anything_moves(asked, match: str) -> None:
+    described = display()
+    rig = SimulatedRig(described, 0)
+    rig.load(controller(described))
+    with pytest.raises(BadInput, match=match):
+        stepped_sine(rig, **asked)
+    with pytest.raises(BadInput, match=match):
+        multisine_response(rig, rng=np.random.default_rng(0), **asked)
+    assert rig.rate_hz == RATE_HZ

@@ -1,0 +1,84 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactuator.errors import BadInput
+from tactuator.signals import excitation
+from tactuator.signals.systems import ContinuousSystem
+
+RATE_HZ = 4000.0
+PAPER = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])
+
+
+def rng() -> np.random.Generator:
+    return np.random.default_rng(7)
+
+
+@settings(max_examples=20, deadline=None)
+@given(duration_s=st.floats(0.5, 3.0), kind=st.sampled_from(["steps", "prbs", "noise", "chirp"]))
+def test_shapes__any_duration__have_their_count_and_a_unit_peak(duration_s: float, kind: str) -> None:
+    made = {
+        "steps": lambda: excitation.steps(duration_s, RATE_HZ, 0.1, rng()),
+        "prbs": lambda: excitation.prbs(duration_s, RATE_HZ, 500.0, rng()),
+        "noise": lambda: excitation.noise(duration_s, RATE_HZ, (2.0, 300.0), rng()),
+        "chirp": lambda: excitation.log_chirp(duration_s, RATE_HZ, 1.0, 300.0),
+    }[kind]()
+    assert made.size == round(duration_s * RATE_HZ)
+    assert np.max(np.abs(made)) <= 1.0 + 1e-12
+
+
+def test_noise__band__no_power_outside() -> None:
+    made = excitation.noise(4.0, RATE_HZ, (10.0, 100.0), rng())
+    power = np.abs(np.fft.rfft(made)) ** 2
+    frequency = np.fft.rfftfreq(made.size, 1.0 / RATE_HZ)
+    outside = (frequency < 9.0) | (frequency > 101.0)
+    # clipping at four standard deviations spills a little
+    assert power[outside].sum() < 1e-4 * power.sum()
+
+
+def test_prbs__two_levels__flat_below_the_clock() -> None:
+    made = excitation.prbs(8.0, RATE_HZ, 1000.0, rng())
+    assert set(np.unique(made)) == {-1.0, 1.0}
+    power = np.abs(np.fft.rfft(made)) ** 2
+    low, high = power[80:800].mean(), power[800:2400].mean()
+    assert 0.7 < high / low < 1.3
+
+
+def test_chirp__zero_crossings__as_the_integral_of_its_frequency() -> None:
+    made = excitation.log_chirp(10.0, RATE_HZ, 1.0, 100.0)
+    crossings = np.count_nonzero(np.diff(np.signbit(made)))
+    cycles = 10.0 * 99.0 / np.log(100.0)
+    assert crossings == pytest.approx(2.0 * cycles, abs=2)
+
+
+def test_plan_amplitude__paper_plant__reaches_travel_or_range_and_not_more() -> None:
+    shape = excitation.steps(5.0, RATE_HZ, 1.0, rng())
+    factor = excitation.plan_amplitude(shape, RATE_HZ, PAPER, 2.4, 10.0)
+    position = excitation.periodic_response(np.append(factor * shape, np.zeros(shape.size)), RATE_HZ, PAPER)
+    assert np.max(np.abs(position)) == pytest.approx(2.4, rel=1e-6)
+    assert excitation.plan_amplitude(shape, RATE_HZ, PAPER, 1e6, 10.0) == pytest.approx(10.0 / np.max(np.abs(shape)))
+
+
+def test_paper_mix__paper_plant__stays_within_range_and_travel() -> None:
+    made = excitation.paper_mix(20.0, RATE_HZ, 10.0, rng(), plant=PAPER, travel_v=2.4)
+    position = excitation.periodic_response(np.append(made, np.zeros(made.size)), RATE_HZ, PAPER)
+    assert np.max(np.abs(made)) <= 8.0
+    assert 0.5 < np.max(np.abs(position)) <= 0.8 * 2.4 * 1.01
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: excitation.sample_count(0.0, RATE_HZ),
+        lambda: excitation.sample_count(float("nan"), RATE_HZ),
+        lambda: excitation.noise(1.0, RATE_HZ, (3000.0, 4000.0), rng()),
+        lambda: excitation.log_chirp(1.0, RATE_HZ, 0.0, 100.0),
+        lambda: excitation.log_chirp(1.0, RATE_HZ, 1.0, 2500.0),
+        lambda: excitation.plan_amplitude(np.zeros(10), RATE_HZ, PAPER, 1.0, 1.0),
+        lambda: excitation.plan_amplitude(np.ones(10), RATE_HZ, PAPER, -1.0, 1.0),
+    ],
+)
+def test_excitation__impossible__is_refused(call) -> None:
+    with pytest.raises(BadInput, match="allowed"):
+        call()
