@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.measure.loops import controller, display
 
 from tactuator.cli.main import main
 from tactuator.files.controller import write_controller
+from tests.measure.loops import controller, display
 
 DISPLAY = """
 [display]
@@ -30,7 +30,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("verbs")
     (made / "display.toml").write_text(DISPLAY)
     write_controller(made / "controller.json", controller(display()))
-    assert main(["record", str(made / "display.toml"), "--duration-s", "12", "--out", str(made / "r.h5"), "--json"]) == 0
+    assert (
+        main(["record", str(made / "display.toml"), "--duration-s", "12", "--out", str(made / "r.h5"), "--json"]) == 0
+    )
     return made
 
 

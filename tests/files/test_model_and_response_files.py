@@ -100,7 +100,11 @@ def test_pairs__named_and_not__are_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("text", "match"),
-    [("", "no column"), ("displacement_mm,volts\n1,2\n", "'voltage_v'"), ("displacement_mm,voltage_v\n1,x\n", "row 2 has 'x'")],
+    [
+        ("", "no column"),
+        ("displacement_mm,volts\n1,2\n", "'voltage_v'"),
+        ("displacement_mm,voltage_v\n1,x\n", "row 2 has 'x'"),
+    ],
 )
 def test_pairs__amiss__are_refused(tmp_path: Path, text: str, match: str) -> None:
     (tmp_path / "p.csv").write_text(text)

@@ -37,7 +37,9 @@ def test_hdf5__our_own__comes_back_with_units_and_origin(tmp_path: Path) -> None
         assert file["position"].attrs["unit"] == "V"
 
 
-@pytest.mark.parametrize(("header", "delimiter"), [("time_s,command_v,position_v", ","), ("t;u;y", ";"), ("time\tin\tout", "\t")])
+@pytest.mark.parametrize(
+    ("header", "delimiter"), [("time_s,command_v,position_v", ","), ("t;u;y", ";"), ("time\tin\tout", "\t")]
+)
 def test_csv__usual_names__are_found(tmp_path: Path, header: str, delimiter: str) -> None:
     read = read_record(write_csv(tmp_path / "r.csv", header, TIME, U, Y, delimiter=delimiter))
     np.testing.assert_allclose(read.command, U, rtol=1e-8)
@@ -110,7 +112,9 @@ def test_csv__uneven_stamps__are_resampled_and_said(tmp_path: Path) -> None:
     assert np.max(np.abs(read.position - expected)[5:-5]) < 2e-3
 
 
-def test_csv__longer_than_memory_allows__is_read_in_part_and_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_csv__longer_than_memory_allows__is_read_in_part_and_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(columns, "MOST_SAMPLES", 1000)
     monkeypatch.setattr(columns, "_ROWS", 500)
     read = read_record(write_csv(tmp_path / "r.csv", "t,u,y", TIME, U, Y))

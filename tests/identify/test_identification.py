@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy import optimize, signal
-from tests.identify.plants import PAPER, RATE_HZ, closed_loop, open_loop, random_plant
 
 from tactuator.errors import BadInput
 from tactuator.identify.core import dahl_state
@@ -12,6 +11,7 @@ from tactuator.identify.recursive import identify_recursively
 from tactuator.identify.states import companion_states
 from tactuator.signals.excitation import log_chirp, paper_mix, prbs, steps
 from tactuator.signals.record import Record
+from tests.identify.plants import PAPER, RATE_HZ, closed_loop, open_loop, random_plant
 
 BAND_HZ = np.geomspace(0.4, 300.0, 200)
 

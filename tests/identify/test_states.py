@@ -3,11 +3,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
-from tests.identify.plants import PAPER, RATE_HZ
 
 from tactuator.errors import BadInput
 from tactuator.identify.core import dahl_state, recursive_least_squares, run_states
 from tactuator.identify.states import companion_states, shift
+from tests.identify.plants import PAPER, RATE_HZ
 
 
 def test_companion_states__paper_plant__agree_with_scipy_zero_order_hold() -> None:

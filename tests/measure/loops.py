@@ -30,7 +30,9 @@ def display(environment: Environment = Environment()) -> Display:
 
 def controller(described: Display) -> Controller:
     volts = float(described.channels[0].threshold_voltage(0.4))
-    prefilter = ContinuousSystem(PREFILTER.zeros, PREFILTER.poles, PREFILTER.gain * volts / abs(PREFILTER.response(0.0)))
+    prefilter = ContinuousSystem(
+        PREFILTER.zeros, PREFILTER.poles, PREFILTER.gain * volts / abs(PREFILTER.response(0.0))
+    )
     return Controller(
         described,
         (

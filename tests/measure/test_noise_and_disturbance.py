@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from tests.measure.loops import PLANT, RATE_HZ, display, full, loop_response
 
 from tactuator.errors import BadInput
 from tactuator.measure.disturbance import disturbance
@@ -11,6 +10,7 @@ from tactuator.measure.proportional import proportional_controller
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.lockin import lock_in
 from tactuator.signals.spectra import power_spectrum
+from tests.measure.loops import PLANT, RATE_HZ, display, full, loop_response
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,9 @@ def probed():
 def test_felt_noise__lines__as_the_finger_feels_them(probed) -> None:
     curve = display().channels[0].threshold.curve
     for said, felt in probed.values():
-        truth = 20.0 * np.log10(np.abs(lock_in(felt, [60.0, 120.0, 180.0], RATE_HZ)) / curve.displacement_mm([60.0, 120.0, 180.0]))
+        truth = 20.0 * np.log10(
+            np.abs(lock_in(felt, [60.0, 120.0, 180.0], RATE_HZ)) / curve.displacement_mm([60.0, 120.0, 180.0])
+        )
         np.testing.assert_allclose(said.line_db_sl[:3], truth, atol=0.5)
 
 

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.measure.loops import RATE_HZ, controller, display, full, loop_response, quiet
 
 from tactuator.errors import BadInput
 from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.plant.display import Converter
 from tactuator.rig.simulated import SimulatedRig
+from tests.measure.loops import RATE_HZ, controller, display, full, loop_response, quiet
 
 
 def error_db(response, made):
@@ -64,7 +64,7 @@ def test_stepped_sine__beyond_the_range__is_marked_saturated() -> None:
     described = replace(paper, channels=(replace(paper.channels[0], converter=Converter(range_v=2.5)),))
     rig = SimulatedRig(described, 3)
     rig.load(controller(described))
-    found = stepped_sine(rig, [20.0, 250.0], 50.0)[0]
+    found = stepped_sine(rig, [5.0, 250.0], 50.0)[0]
     assert found.saturated.tolist() == [False, True]
 
 

@@ -65,6 +65,10 @@ def test_tone__ramps__begin_and_end_in_silence() -> None:
     assert abs(made[0]) < 1e-3
     assert np.max(np.abs(made)) == pytest.approx(2.0, rel=1e-3)
     np.testing.assert_allclose(ramps(100, RATE_HZ, 0.01), ramps(100, RATE_HZ, 0.01)[::-1])
-    for call in (lambda: tone(0.0, 1.0, 1.0, RATE_HZ), lambda: ramps(10, RATE_HZ, 1.0), lambda: tone(9.0, 1.0, 0.0, RATE_HZ)):
+    for call in (
+        lambda: tone(0.0, 1.0, 1.0, RATE_HZ),
+        lambda: ramps(10, RATE_HZ, 1.0),
+        lambda: tone(9.0, 1.0, 0.0, RATE_HZ),
+    ):
         with pytest.raises(BadInput, match="allowed"):
             call()

@@ -62,7 +62,10 @@ def _corners(samples: Samples) -> list[float]:
     frequency = np.fft.rfftfreq(samples.position.size, 1.0 / samples.rate_hz)
     share = np.cumsum(spectrum * np.minimum(frequency, 0.02 * samples.rate_hz) ** 2)
     edge = float(frequency[np.searchsorted(share, 0.9 * share[-1])])
-    return [min(max(factor * edge, 20.0 / samples.position.size * samples.rate_hz), 0.1 * samples.rate_hz) for factor in (1.0, 3.0)]
+    return [
+        min(max(factor * edge, 20.0 / samples.position.size * samples.rate_hz), 0.1 * samples.rate_hz)
+        for factor in (1.0, 3.0)
+    ]
 
 
 def _regress(samples: Samples, path: Array, poles: int, corner: float) -> tuple[float, Array, float] | None:

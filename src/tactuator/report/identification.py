@@ -12,6 +12,8 @@ from tactuator.report.plate import Plate
 from tactuator.report.style import BLUE, FAINT, ORANGE, RED, figure, frequency_axis, legend
 from tactuator.signals.spectra import power_spectrum
 
+_OWN_NAMES = frozenset(f"{name}.{ending}" for name in ("identification", "residual") for ending in ("svg", "csv"))
+
 
 def identification_plate(found: Identification) -> Plate:
     """Magnitude and phase of the model with its 95 % band, over the record's own response; the band by itself below."""
@@ -56,7 +58,9 @@ def residual_plate(found: Identification, rate_hz: float) -> Plate:
     left = power_spectrum(found.measured - found.simulated, rate_hz, resolution)
     made, axes = figure(1, 1, height_in=3.2)
     shown = slice(1, None)
-    axes.plot(measured.frequency_hz[shown], 10.0 * np.log10(measured.density[shown] + 1e-300), color=BLUE, label="position")
+    axes.plot(
+        measured.frequency_hz[shown], 10.0 * np.log10(measured.density[shown] + 1e-300), color=BLUE, label="position"
+    )
     axes.plot(left.frequency_hz[shown], 10.0 * np.log10(left.density[shown] + 1e-300), color=ORANGE, label="residual")
     unit = found.model.position_unit or "unit"
     axes.set_ylabel(f"density (dB re 1 {unit}²/Hz)", fontsize=9)
@@ -75,7 +79,7 @@ def residual_plate(found: Identification, rate_hz: float) -> Plate:
 def save_identification(found: Identification, folder: Path) -> None:
     """Write both plates (SVG and CSV) into `folder`, whole or not at all."""
     rate = float(found.model.record.get("rate_hz", 0.0) or 0.0)
-    with atomic_folder(folder) as beside:
+    with atomic_folder(folder, _OWN_NAMES) as beside:
         identification_plate(found).save(beside)
         if rate > 0.0:
             residual_plate(found, rate).save(beside)
