@@ -61,12 +61,13 @@ def _slowest(zeros: Roots, count: int) -> tuple[Roots, Roots]:
 
 
 def _integrator_section(zeros: Roots, partner: float | None) -> NDArray[np.float64]:
+    order = 1 if partner is None else 2
     numerator = np.real(np.poly(zeros)) if zeros.size else np.ones(1)
+    numerator = np.concatenate([np.zeros(order + 1 - numerator.size), numerator])  # missing zeros are delays
     if partner is None:
-        return np.array([*np.pad(numerator, (0, 2 - numerator.size)), 0.0, 1.0, -1.0, 0.0])
+        return np.array([*numerator, 0.0, 1.0, -1.0, 0.0])
     pole = float(np.round(partner / _GRAIN) * _GRAIN)  # so that 1 - (1 + p) + p is zero in doubles
-    lead = np.zeros(3 - numerator.size) if zeros.size < 2 else np.empty(0)
-    return np.array([*np.append(numerator, lead)[:3], 1.0, -(1.0 + pole), pole])
+    return np.array([*numerator, 1.0, -(1.0 + pole), pole])
 
 
 def anti_windup(sections: Sections, crossover_hz: float, rate_hz: float) -> AntiWindup:

@@ -5,8 +5,10 @@ positive there is the squared magnitude of one stable, minimum-phase filter. "Th
 the coefficients of N and D, so that a bisection over linear programs finds the least e, globally. (Rabiner, Graham &
 Helms 1974, "Linear programming design of IIR digital filters with arbitrary magnitude function", IEEE Trans. ASSP 22.)
 
-Powers of x over six decades would be hopeless to compute with. N and D are written over a common denominator instead,
-as partial fractions 1 and a_k/(x + a_k) with a_k even in log frequency: the same functions, and well conditioned.
+Powers of x over six decades would be hopeless to compute with. N and D are written as partial fractions instead, 1 and
+a_k/(x + a_k) with a_k even in log frequency: the same functions, and well conditioned. For goals of more than 60 dB
+from end to end N gets fractions of its own, 1 and b_k/(x + b_k), such that prod(x + b_k)/prod(x + a_k) already has the
+goal's rough shape; the better of both is taken.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ Coefficients = tuple[Array, Array]
 
 _WIDEST_DB = 30.0
 _PRECISION = 0.01
-_MOST_NARROWED_DB = 0.18
+_STEEP_DB = 60.0
+_MOST_NARROWED_DB, _FINE_DB, _COARSE_DB = 0.19, 0.235, 0.5
 _LEAST_DAMPING = 0.005
 
 
@@ -36,7 +39,8 @@ class MagnitudeGoal:
     frequency_hz, level_db: shape (n,), ascending, zero allowed: the level wanted. allowance_db: shape (n,), how far
     beyond the common error each point may be off (0 in the band proper). ceiling_db: the greatest level of the band;
     at above_hz, shape (m,), and at every frequency beyond, no more than what the filter reaches there. floor_db: shape
-    (n,), no error is to be lower than this, where that narrows the tolerance by 0.18 dB at most; None: no floor.
+    (n,), no error is to be lower than this, where that narrows the tolerance by little (0.19 dB of an error of 0.2 dB,
+    nothing of one of 0.5 dB or more); None: no floor.
     """
 
     frequency_hz: Array
@@ -53,39 +57,68 @@ def fit_magnitude(goal: MagnitudeGoal, rate_hz: float, order: int) -> SampledSys
     The common error is within 3 % of the least possible: a little is given up for poles and zeros that keep away from
     the unit circle. Raises BadInput if no filter of that order is within 30 dB.
     """
-    program = _Program(goal, rate_hz, order)
-    coefficients = program.best()
-    for _ in range(6):
-        missed = program.violations(coefficients)
-        if missed.size == 0:
-            break
-        program.add(missed)
-        coefficients = program.best()
-    return program.filter_of(coefficients)
+    steep = float(np.ptp(goal.level_db)) > _STEEP_DB
+    failed: BadInput | None = None
+    found: list[tuple[float, SampledSystem]] = []
+    for shaped in (False, True) if steep else (False,):
+        try:
+            program = _Program(goal, rate_hz, order, shaped)
+            found.append((program.error_db, program.filter()))
+        except BadInput as error:
+            failed = error
+    if not found:
+        assert failed is not None
+        raise failed
+    return min(found, key=lambda one: one[0])[1]
 
 
 class _Program:
     """The linear program of one goal and order; constraints may be added where the grid overlooked something."""
 
-    def __init__(self, goal: MagnitudeGoal, rate_hz: float, order: int) -> None:
+    def __init__(self, goal: MagnitudeGoal, rate_hz: float, order: int, shaped: bool) -> None:
         self._goal, self._rate_hz, self._order = goal, rate_hz, order
         inside = goal.frequency_hz[goal.allowance_db == 0.0]
         low, high = np.tan(np.pi * inside[[0, -1]] / rate_hz) ** 2
         self._unit = float(np.sqrt(low * high))
-        self._corners = np.geomspace(low, 4.0 * high, order) / self._unit if order > 1 else np.ones(1)
         self._middle_db = 0.5 * float(np.max(goal.level_db) + np.min(goal.level_db))
         ratio = 10.0 ** ((goal.level_db - self._middle_db) / 10.0)
-        self._basis = self._fractions(goal.frequency_hz)
-        self._target = self._basis / ratio[:, None]
+        self._corners = np.geomspace(low, 4.0 * high, order) / self._unit
+        squares = self._squares(goal.frequency_hz)
+        self._zero_corners = _shaping_corners(self._corners, squares, ratio) if shaped else self._corners
+        self._basis = _fractions(squares, self._corners)
+        self._target = self._numerators(goal.frequency_hz) / ratio[:, None]
         self._scale = np.max(np.abs(self._target), axis=0)
         self._above = np.append(goal.above_hz, 0.5 * rate_hz)
         self._lower_bound_db = 0.0
+        self._coefficients = self.best()
+        for _ in range(6):
+            missed = self.violations(self._coefficients)
+            if missed.size == 0:
+                break
+            self.add(missed)
+            self._coefficients = self.best()
 
-    def _fractions(self, frequency_hz: Array) -> Array:
-        """1 and a_k/(x + a_k), shape (n, order + 1); at the Nyquist frequency x is infinite."""
-        square = np.tan(np.pi * frequency_hz / self._rate_hz) ** 2 / self._unit
-        square = np.where(frequency_hz >= 0.5 * self._rate_hz, 1e15, square)
-        return np.hstack([np.ones((square.size, 1)), self._corners / (square[:, None] + self._corners)])
+    @property
+    def error_db(self) -> float:
+        """The least error that was found possible."""
+        return self._lower_bound_db
+
+    def filter(self) -> SampledSystem:
+        """The filter of the solution."""
+        return self.filter_of(self._coefficients)
+
+    def _squares(self, frequency_hz: Array) -> Array:
+        """x, in units that put the band's middle at one; at the Nyquist frequency it is infinite."""
+        nyquist = frequency_hz >= 0.5 * self._rate_hz
+        return np.where(
+            nyquist, 1e15, np.tan(np.pi * np.where(nyquist, 0.0, frequency_hz) / self._rate_hz) ** 2 / self._unit
+        )
+
+    def _numerators(self, frequency_hz: Array) -> Array:
+        """N's fractions times the rough shape, shape (n, order + 1)."""
+        square = self._squares(frequency_hz)
+        logs = np.log(square[:, None] + self._zero_corners) - np.log(square[:, None] + self._corners)
+        return np.asarray(_fractions(square, self._zero_corners) * np.exp(np.sum(logs, axis=1))[:, None])
 
     def best(self) -> Coefficients:
         """Coefficients for an error slightly above the least possible (found by bisection)."""
@@ -111,12 +144,14 @@ class _Program:
     def _solve(self, error_db: float) -> Coefficients | None:
         """Coefficients (of N, of D) that keep the error, as far inside the constraints as can be; None if none do."""
         floor = -np.inf if self._goal.floor_db is None else self._goal.floor_db
-        narrowed = np.minimum(np.maximum(-error_db, floor), min(0.0, _MOST_NARROWED_DB - error_db))
+        spare = max(0.0, 1.0 - max(0.0, error_db - _FINE_DB) / (_COARSE_DB - _FINE_DB))
+        most = min(0.0, _MOST_NARROWED_DB * spare - error_db)
+        narrowed = np.minimum(np.maximum(-error_db, floor), most)
         lowest = narrowed - self._goal.allowance_db
         root = 10.0 ** ((error_db + self._goal.allowance_db[:, None]) / 20.0)
         least = 10.0 ** (lowest[:, None] / 20.0)
         ceiling = 10.0 ** ((self._goal.ceiling_db - error_db - self._middle_db) / 10.0)
-        above = self._fractions(self._above)
+        above, over = _fractions(self._squares(self._above), self._corners), self._numerators(self._above)
         none = np.zeros_like(above)
         n, m = self._basis.shape[0], above.shape[0]
         top, bottom = self._target / self._scale, self._basis
@@ -124,9 +159,9 @@ class _Program:
             [
                 np.hstack([top / root, -root * bottom, np.ones((n, 1))]),
                 np.hstack([-top / least, least * bottom, np.ones((n, 1))]),
-                np.hstack([above / self._scale / ceiling, -above, np.full((m, 1), 1e-3)]),
+                np.hstack([over / self._scale / ceiling, -above, np.full((m, 1), 1e-3)]),
                 np.hstack([none, -above, np.full((m, 1), 1e-2)]),
-                np.hstack([-above / self._scale / ceiling, none, np.full((m, 1), 1e-7)]),
+                np.hstack([-over / self._scale / ceiling, none, np.full((m, 1), 1e-7)]),
             ]
         )
         size = self._order + 1
@@ -141,8 +176,8 @@ class _Program:
         """Frequencies above the band where N or D is not positive, or the ceiling is passed, between the grid's."""
         top = self._goal.frequency_hz[-1]
         dense = np.geomspace(top, 0.4999 * self._rate_hz, 4000)
-        fractions = self._fractions(dense)
-        numerator, denominator = fractions @ coefficients[0], fractions @ coefficients[1]
+        numerator = self._numerators(dense) @ coefficients[0]
+        denominator = _fractions(self._squares(dense), self._corners) @ coefficients[1]
         ceiling = 10.0 ** ((self._goal.ceiling_db - self._lower_bound_db - self._middle_db) / 10.0)
         reach = self._goal.above_hz[0]
         room = np.minimum(denominator / np.max(np.abs(denominator)), numerator / np.max(np.abs(numerator)))
@@ -156,7 +191,8 @@ class _Program:
 
     def filter_of(self, coefficients: Coefficients) -> SampledSystem:
         """Spectral factorisation: the roots of N and D in the stable half, with the mean error taken out."""
-        zeros, poles = (self._roots(part) for part in coefficients)
+        zeros = self._roots(coefficients[0], self._zero_corners)
+        poles = self._roots(coefficients[1], self._corners)
         shape = SampledSystem(zeros, poles, 1.0, self._rate_hz)
         inside = self._goal.allowance_db == 0.0
         frequency = self._goal.frequency_hz[inside]
@@ -164,14 +200,37 @@ class _Program:
         gain = 10.0 ** (-0.5 * float(np.max(miss) + np.min(miss)) / 20.0)
         return SampledSystem(zeros, poles, gain, self._rate_hz)
 
-    def _roots(self, coefficients: Array) -> NDArray[np.complex128]:
+    def _roots(self, coefficients: Array, corners: Array) -> NDArray[np.complex128]:
         """z-plane roots, |z| < 1, of c_0 + sum c_k a_k/(x + a_k): eigenvalues of a diagonal plus a rank-one matrix."""
         lead = coefficients[0]
         floor = 1e-12 * float(np.max(np.abs(coefficients)))
         lead = lead if abs(lead) > floor else floor
-        matrix = np.diag(-self._corners) - np.outer(np.ones(self._order), coefficients[1:] * self._corners / lead)
+        matrix = np.diag(-corners) - np.outer(np.ones(self._order), coefficients[1:] * corners / lead)
         s = -np.sqrt(-_off_the_axis(np.linalg.eigvals(matrix).astype(np.complex128)) * self._unit)
         return np.asarray((1.0 + s) / (1.0 - s), dtype=np.complex128)
+
+
+def _fractions(square: Array, corners: Array) -> Array:
+    """1 and a_k/(x + a_k), shape (n, order + 1)."""
+    return np.hstack([np.ones((square.size, 1)), corners / (square[:, None] + corners)])
+
+
+def _shaping_corners(corners: Array, square: Array, ratio: Array) -> Array:
+    """b_k such that prod (x + b_k)/(x + a_k) rises and falls about as `ratio` does from one a_k to the next.
+
+    A factor changes by a/b as x passes: b_k = a_k / (the change of the ratio around a_k), all different.
+    """
+    inside = square > 0.0
+    x, level = np.log(square[inside]), np.log(ratio[inside])
+    middles = np.log(corners)
+    half = 0.5 * (middles[1] - middles[0]) if corners.size > 1 else 1.0
+    edges = np.append(middles - half, middles[-1] + half)
+    change = np.diff(np.interp(edges, x, level))
+    found = np.sort(np.log(corners) - np.clip(change, -9.0, 9.0))
+    least = 0.05 * (middles[-1] - middles[0]) / corners.size if corners.size > 1 else 0.0
+    for index in range(1, found.size):
+        found[index] = max(found[index], found[index - 1] + least)
+    return np.asarray(np.exp(found))
 
 
 def _off_the_axis(roots: NDArray[np.complex128]) -> NDArray[np.complex128]:

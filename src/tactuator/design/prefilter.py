@@ -62,12 +62,19 @@ def fit_prefilter(
     goal = prefilter_goal(channel, feedback, plant, rate_hz)
     if poles is not None:
         return _fit(channel, feedback, plant, goal, poles)
+    best = float("inf")
     for count in range(2, MOST_POLES + 1, 2):
-        fit = _fit(channel, feedback, plant, goal, count)
+        try:
+            fit = _fit(channel, feedback, plant, goal, count)
+        except BadInput:
+            if count < MOST_POLES:
+                continue
+            raise
         if fit.max_error_db <= tolerance_db:
             return fit
+        best = min(best, fit.max_error_db)
     raise BadInput(
-        f"channel {channel.name!r}: {MOST_POLES} poles leave a prefilter error of {fit.max_error_db:.2f} dB; "
+        f"channel {channel.name!r}: {MOST_POLES} poles leave a prefilter error of {best:.2f} dB; "
         f"allowed: a tolerance of at least that (asked: {tolerance_db:g} dB)"
     )
 

@@ -1,0 +1,151 @@
+"""Margins against the paper's own loop (facts, section 1), closed forms and python-control."""
+
+import control
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactuator.design import paper
+from tactuator.digital.discretise import bilinear, zero_order_hold
+from tactuator.errors import BadInput
+from tactuator.loop.feedback import FeedbackLoop
+from tactuator.loop.margins import Margins, analysis_grid_hz, margins
+from tactuator.loop.stability import UnstableLoop
+from tactuator.signals.systems import ContinuousSystem, SampledSystem
+
+UNITY = ContinuousSystem(np.empty(0), np.empty(0), 1.0)
+
+
+def sampled_paper_loop(rate_hz: float, delay_samples: int = 1) -> FeedbackLoop:
+    delay = SampledSystem(np.empty(0), np.empty(0), 1.0, rate_hz, delay_samples)
+    return FeedbackLoop(bilinear(paper.FEEDBACK, rate_hz), zero_order_hold(paper.PLANT, rate_hz) * delay)
+
+
+def test_margins__paper_continuous__facts_section_1() -> None:
+    found = margins(FeedbackLoop(paper.FEEDBACK, paper.PLANT))
+    assert found.crossover_hz == pytest.approx(20.48, abs=0.005)
+    assert found.phase_margin_deg == pytest.approx(58.59, abs=0.005)
+    assert found.gain_margin_db == np.inf
+    assert found.sensitivity_peak == pytest.approx(1.334, abs=0.0005)
+    assert found.complementary_peak == pytest.approx(1.067, abs=0.0005)
+    assert found.disk.alpha == pytest.approx(1.043, abs=0.0005)
+    assert found.disk.gain_db == pytest.approx(10.0, abs=0.05)
+    assert found.disk.phase_deg == pytest.approx(55.1, abs=0.05)
+    assert found.bandwidth_hz == pytest.approx(32.7, abs=0.05)
+    assert found.delay_margin_samples is None
+
+
+@pytest.mark.parametrize(("rate_hz", "phase_margin_deg"), [(2000, 53.06), (4000, 55.83), (8000, 57.21)])
+def test_margins__paper_sampled__facts_section_1(rate_hz: float, phase_margin_deg: float) -> None:
+    found = margins(sampled_paper_loop(rate_hz))
+    assert found.phase_margin_deg == pytest.approx(phase_margin_deg, abs=0.005)
+    assert found.crossover_hz == pytest.approx(20.48, abs=0.01)
+
+
+def test_margins__paper_at_4_khz__gain_margin_and_peaks() -> None:
+    found = margins(sampled_paper_loop(4000.0))
+    assert found.gain_margin_db == pytest.approx(25.4, abs=0.05)
+    assert found.sensitivity_peak == pytest.approx(1.4048, abs=0.00005)
+    assert found.complementary_peak == pytest.approx(1.10, abs=0.006)
+
+
+def test_loop__paper_at_4_khz__rejection_and_mains_of_the_facts() -> None:
+    loop = sampled_paper_loop(4000.0)
+    mains = 20.0 * np.log10(np.abs(loop.complementary([60.0, 120.0, 180.0])))
+    assert mains == pytest.approx([-11.95, -24.10, -31.20], abs=0.006)
+    rejection = 20.0 * np.log10(np.abs(loop.sensitivity([1.0, 5.0, 10.0])))
+    assert rejection == pytest.approx([-29.08, -13.69, -6.86], abs=0.006)
+
+
+def test_margins__64_khz__near_the_continuous_loop() -> None:
+    found = margins(sampled_paper_loop(64_000.0))
+    assert found.phase_margin_deg == pytest.approx(58.59 - 1.5 * 20.48 * 360.0 / 64_000.0, abs=0.01)
+    assert found.delay_margin_samples == pytest.approx(found.phase_margin_deg / 360.0 / found.crossover_hz * 64_000.0)
+
+
+def test_delay_margin__that_many_samples_more__on_the_edge_of_stability() -> None:
+    spare = margins(sampled_paper_loop(4000.0)).delay_margin_samples
+    assert spare is not None
+    assert sampled_paper_loop(4000.0, 1 + int(np.floor(spare))).is_stable
+    assert not sampled_paper_loop(4000.0, 1 + int(np.ceil(spare))).is_stable
+
+
+def test_gain_margin__that_much_more_gain__on_the_edge_of_stability() -> None:
+    loop = sampled_paper_loop(4000.0)
+    factor = 10.0 ** (margins(loop).gain_margin_db / 20.0)
+    c = loop.controller
+    assert isinstance(c, SampledSystem)
+    for share, stable in ((0.999, True), (1.001, False)):
+        stronger = SampledSystem(c.zeros, c.poles, c.gain * factor * share, c.rate_hz)
+        assert FeedbackLoop(stronger, loop.plant).is_stable is stable
+
+
+def test_margins__unstable_loop_that_python_control_gives_margins__refused() -> None:
+    """10/(s^3 + s^2 + s): python-control's disk_margins does not look (facts, section 2)."""
+    loop = FeedbackLoop(ContinuousSystem.from_polynomials([10.0], [1.0, 1.0, 1.0, 0.0]), UNITY)
+    with pytest.raises(UnstableLoop, match="unstable"):
+        margins(loop)
+
+
+def test_margins__conditionally_stable_loop__gain_may_fall_only_so_far() -> None:
+    """L = K (s + 1)^2/s^3 is stable for K > 1/2 (Routh): at K = 2 the gain may fall by 12.04 dB, and rise for ever."""
+    found = margins(FeedbackLoop(ContinuousSystem([-1.0, -1.0], [0.0, 0.0, 0.0], 2.0), UNITY))
+    assert found.gain_reduction_db == pytest.approx(-12.0412, abs=1e-3)
+    assert found.gain_margin_db == np.inf
+
+
+def test_margins__dead_time__delay_margin_of_an_integrator() -> None:
+    """L = w/s e^(-sT): crossover at w, phase margin 90 degrees less w T, stable for w T < pi/2."""
+    omega, dead = 10.0, 0.05
+    found = margins(FeedbackLoop(ContinuousSystem([], [0.0], omega, dead), UNITY))
+    assert found.phase_margin_deg == pytest.approx(90.0 - np.degrees(omega * dead), abs=1e-6)
+    assert found.delay_margin_s == pytest.approx(np.pi / 2.0 / omega - dead, rel=1e-6)
+    assert not FeedbackLoop(ContinuousSystem([], [0.0], omega, 0.16), UNITY).is_stable
+    assert FeedbackLoop(ContinuousSystem([], [0.0], omega, 0.156), UNITY).is_stable
+
+
+def test_margins__no_crossover__no_phase_margin() -> None:
+    found = margins(FeedbackLoop(ContinuousSystem([], [-1.0], 0.5), UNITY))
+    assert np.isnan(found.crossover_hz)
+    assert found.phase_margin_deg == np.inf
+
+
+def test_loop__continuous_with_sampled__refused() -> None:
+    with pytest.raises(BadInput, match="cannot be combined"):
+        FeedbackLoop(paper.FEEDBACK, zero_order_hold(paper.PLANT, 4000.0))
+
+
+@given(
+    damping=st.floats(0.02, 1.5),
+    corner=st.floats(2.0, 400.0),
+    gain=st.floats(0.1, 5.0),
+)
+def test_margins__random_second_order_loop__python_control_agrees(damping: float, corner: float, gain: float) -> None:
+    num, den = [gain * corner**2], [1.0, 2.0 * damping * corner, corner**2]
+    loop = FeedbackLoop(ContinuousSystem.from_polynomials(num, [*den, 0.0]), UNITY)
+    if not loop.is_stable:
+        assert np.max(np.roots(np.polyadd([*den, 0.0], num)).real) > -1e-9 * corner
+        return
+    found = margins(loop)
+    gain_margin, phase_margin, *_ = control.margin(control.tf(num, [*den, 0.0]))
+    assert 10.0 ** (found.gain_margin_db / 20.0) == pytest.approx(gain_margin, rel=1e-6)
+    assert found.phase_margin_deg <= phase_margin + 1e-6
+    _identities(loop, found)
+
+
+def _identities(loop: FeedbackLoop, found: Margins) -> None:
+    """S + T = 1; classical margins are at least what max|S| and the disk promise (Seiler et al. 2020)."""
+    grid = analysis_grid_hz(loop)
+    assert np.abs(loop.sensitivity(grid) + loop.complementary(grid) - 1.0).max() < 1e-9
+    assert np.abs(loop.sensitivity(grid)).max() <= found.sensitivity_peak * (1.0 + 1e-9)
+    promised = np.degrees(2.0 * np.arcsin(0.5 / found.sensitivity_peak))
+    assert found.phase_margin_deg >= promised - 1e-6
+    assert found.phase_margin_deg >= found.disk.phase_deg - 1e-6
+    assert found.gain_margin_db >= found.disk.gain_db - 1e-6
+
+
+def test_str__margins__reads_as_a_line() -> None:
+    text = str(margins(sampled_paper_loop(4000.0)))
+    assert "phase margin 55.83 deg" in text
+    assert "\n" not in text
