@@ -193,3 +193,37 @@ def test_trace__unequal_shapes__are_refused() -> None:
 def test_trace__unknown_channel__is_refused() -> None:
     with pytest.raises(BadInput, match="channel 'ring' is not there"):
         loaded_rig().play(np.zeros((4, 3))).channel("ring")
+
+
+def test_play__nothing_at_all__is_an_empty_trace() -> None:
+    rig, felt = loaded_rig(), []
+    rig.finger("index").attach(felt.append)
+    assert len(rig.play(np.zeros((0, 3)))) == 0
+    assert len(rig.drive(np.zeros((0, 3)))) == 0
+    assert [block.size for block in felt] == [0, 0]
+
+
+def test_play__lists_integers_and_strided_views__are_taken_alike() -> None:
+    reference = np.arange(24.0).reshape(8, 3)
+    strided = np.zeros((16, 6))
+    strided[::2, ::2] = reference
+    traces = [
+        loaded_rig().play(given)
+        for given in (
+            reference,
+            reference.tolist(),
+            reference.astype(int),
+            strided[::2, ::2],
+            np.asfortranarray(reference),
+        )
+    ]
+    for trace in traces:
+        assert np.array_equal(trace.reference, reference)
+        assert np.array_equal(trace.position_v, traces[0].position_v)
+
+
+def test_trace__reference__is_a_copy() -> None:
+    reference = np.ones((8, 3))
+    trace = loaded_rig().play(reference)
+    reference[:] = 7.0
+    assert np.array_equal(trace.reference, np.ones((8, 3)))
