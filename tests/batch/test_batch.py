@@ -149,8 +149,8 @@ def test_local_processes__a_worker_killed__its_task_is_done_by_another(job, corp
     killed = []
 
     def kill_once(done, total):
-        children = psutil.Process().children(recursive=True)
-        busy = [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+        servers = [child for child in psutil.Process().children() if "forkserver" in " ".join(child.cmdline())]
+        busy = [worker for server in servers for worker in server.children()]
         if done >= 2 and not killed and busy:
             os.kill(busy[-1].pid, signal.SIGKILL)
             killed.append(busy[-1].pid)

@@ -151,3 +151,20 @@ def test_blocks__nan_in_the_file__refused(tmp_path):
     soundfile.write(path, samples, 4000, subtype="FLOAT")
     with pytest.raises(BadInput, match="finite"):
         list(open_reference(path).blocks())
+
+
+def test_write_reference__length_known_and_room_for_it__written_as_ever(tmp_path):
+    for name in ("r.wav", "r.h5"):
+        with write_reference(tmp_path / name, HEAD, 5000) as writer:
+            writer.write(signal())
+        assert open_reference(tmp_path / name).frames == 5000
+    assert (tmp_path / "r.wav").stat().st_size < 42_000
+
+
+def test_write_reference__more_than_any_disk__refused_before_anything_is_written(tmp_path):
+    with (
+        pytest.raises(BadInput, match="cannot be written"),
+        write_reference(tmp_path / "r.h5", HEAD, 1 << 57) as writer,
+    ):
+        writer.write(signal())
+    assert list(tmp_path.iterdir()) == []

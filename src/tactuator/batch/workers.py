@@ -8,7 +8,8 @@ import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
+from multiprocessing import get_all_start_methods, get_context
+from multiprocessing.context import BaseContext
 from typing import Protocol
 
 from tactuator.batch.task import Outcome, Task, do_task
@@ -67,11 +68,12 @@ class LocalProcesses:
     def _pool(self, tasks: Sequence[Task], begun: list[Task]) -> Iterator[Outcome]:
         """`begun` ends up holding what was handed out and not done."""
         queue = iter(tasks)
-        pool = ProcessPoolExecutor(self.count, get_context("spawn"), initializer=_leave_interrupts_to_the_parent)
+        pool = ProcessPoolExecutor(self.count, _context(), initializer=_leave_interrupts_to_the_parent)
         running: dict[Future[Outcome], Task] = {}
         try:
             while True:
                 while len(running) < self.count and (task := next(queue, None)) is not None:
+                    begun[:] = [*running.values(), task]
                     running[pool.submit(do_task, task)] = task
                 if not running:
                     return
@@ -81,6 +83,15 @@ class LocalProcesses:
                     running.pop(future)
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _context() -> BaseContext:
+    """New processes come from one that has loaded what they need, where the system can do that."""
+    if "forkserver" not in get_all_start_methods():
+        return get_context("spawn")
+    context = get_context("forkserver")
+    context.set_forkserver_preload(["tactuator.batch.task"])
+    return context
 
 
 def _leave_interrupts_to_the_parent() -> None:
@@ -93,7 +104,7 @@ class DaskCluster:
     Raises BadInput where dask.distributed is not installed (extra `batch`) or no scheduler answers within timeout_s.
     """
 
-    def __init__(self, address: str, timeout_s: float = 10.0) -> None:
+    def __init__(self, address: str, timeout_s: float = 5.0) -> None:
         try:
             import distributed  # noqa: PLC0415  (an extra)
         except ImportError:

@@ -7,8 +7,10 @@ dataset `reference` (n, channels), and everything else as attributes.
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
+import os
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -101,16 +103,18 @@ class ReferenceWriter:
 
 
 @contextmanager
-def write_reference(path: str | Path, head: ReferenceHead) -> Iterator[ReferenceWriter]:
+def write_reference(path: str | Path, head: ReferenceHead, frames: int = 0) -> Iterator[ReferenceWriter]:
     """Yield a writer of `path` (.wav, .h5, .hdf5); the file and its NAME.json appear whole at the end, or not at all.
 
-    Raises BadInput for another ending, a rate that is not a whole number of hertz (WAV), or a full disk.
+    frames: how many are to come, where that is known: room for them is asked for before anything is written. Raises BadInput for another ending, a rate that is not a whole number of hertz (WAV), or a full disk.
     """
     path = Path(path)
     check_suffix(path)
     if path.suffix == ".wav" and head.rate_hz != int(head.rate_hz):
         raise BadInput(f"{path}: rate {head.rate_hz:g} Hz; allowed in a WAV: a whole number of hertz")
     with atomic_path(path) as beside:
+        with _told(path):
+            _require_room(beside, frames, len(head.channels))
         if path.suffix == ".wav":
             with _told(path), _wav(beside, head) as file:
                 yield ReferenceWriter(file, head, path)
@@ -199,6 +203,20 @@ def _dataset(file: h5py.File, head: ReferenceHead) -> Any:
     return data
 
 
+def _require_room(beside: Path, frames: int, channels: int) -> None:
+    """OSError where so many frames do not fit on the disk: HDF5 in particular does not survive to find out."""
+    wanted = -(-frames // BLOCK_FRAMES) * BLOCK_FRAMES * channels * 4 + (1 << 16) if frames else 0
+    if wanted and hasattr(os, "posix_fallocate"):
+        with beside.open("r+b") as file:
+            try:
+                os.posix_fallocate(file.fileno(), 0, wanted)
+            except OSError as error:
+                if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL):
+                    raise
+            finally:
+                file.truncate(0)
+
+
 @contextmanager
 def _told(path: Path) -> Iterator[None]:
     """A disk that is full, or a place that cannot be written, as one line."""
@@ -206,7 +224,7 @@ def _told(path: Path) -> Iterator[None]:
         yield
     except BadInput:
         raise
-    except (soundfile.LibsndfileError, OSError) as error:
+    except (soundfile.LibsndfileError, OSError, RuntimeError) as error:  # HDF5 may notice only on closing
         reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
         raise BadInput(f"{path}: cannot be written ({reason}); allowed: a place with room to write") from None
     except AssertionError:  # soundfile's own, where fewer frames were written than given

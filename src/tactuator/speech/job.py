@@ -105,13 +105,13 @@ def render_file(
     with ExitStack() as stack:
         making = stack.enter_context(rendering(speech, controller, job.coding, job.level_db_sl, out.parent))
         head = _head(making, job)
-        writer = stack.enter_context(write_reference(out, head))
+        writer = stack.enter_context(write_reference(out, head, making.frames))
         counting = _Counting(making, writer, head, progress)
         felt = None
         if felt_out is not None or job.simulate:
             sink = None
             if felt_out is not None:
-                sink = stack.enter_context(write_reference(felt_out, _felt_head(head))).write
+                sink = stack.enter_context(write_reference(felt_out, _felt_head(head), making.frames)).write
             felt = _feel(counting.blocks(), job, sink)
         else:
             for _ in counting.blocks():

@@ -1,0 +1,257 @@
+"""render, play, corpus, waveforms and experiment identify/information from the command line."""
+
+from __future__ import annotations
+
+import json
+import resource
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import soundfile
+
+from tactuator.cli import main
+from tactuator.design.controller import design_controller
+from tactuator.files.controller import write_controller
+from tactuator.files.display import parse_display
+from tactuator.files.reference import open_reference
+from tactuator.speech.synthesis import sample_path
+
+PROGRAM = [sys.executable, "-c", "import sys; from tactuator.cli import main; sys.exit(main())"]
+DISPLAY = """
+[display]
+name = "one finger"
+rate_hz = 4000
+delay_samples = 1
+[threshold]
+curve = "bolanowski-1988"
+[feedback]
+structure = "paper"
+[[channel]]
+name = "index"
+finger = "index"
+sensor_gain_v_per_mm = 0.19898
+travel_mm = 12.5
+plant = { num = [2875.0], den = [1.0, 94.0, 290.0] }
+"""
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A folder with display.toml and controller.json."""
+    import tomllib
+
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "display.toml").write_text(DISPLAY)
+    write_controller(folder / "controller.json", design_controller(parse_display(tomllib.loads(DISPLAY))))
+    return folder
+
+
+@pytest.fixture
+def run(made, capfd):
+    """Runs the program in this process: (status, JSON or None, standard error)."""
+
+    def go(*arguments, controller=True, as_json=True):
+        words = [str(argument) for argument in arguments]
+        words += ["--controller", str(made / "controller.json")] if controller else []
+        capfd.readouterr()
+        status = main([*words, *(["--json"] if as_json else [])])
+        out, err = capfd.readouterr()
+        return status, json.loads(out) if out.strip() and as_json else None, err
+
+    return go
+
+
+def test_render__sample__reference_felt_picture_and_figures(run, tmp_path):
+    status, figures, _ = run(
+        "render", sample_path(), "--out", tmp_path / "r.wav", "--felt", tmp_path / "f.wav",
+        "--picture", tmp_path / "p.svg", "--save-coding", tmp_path / "c.toml",
+    )  # fmt: skip
+    assert status == 0
+    assert figures["felt"]["index"]["rms_db"] < 1.0
+    assert figures["limiter"]["index"]["max_reduction_db"] == 0.0
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "c.toml", "f.json", "f.wav", "p.svg", "r.json", "r.wav"
+    ]  # fmt: skip
+    assert (tmp_path / "p.svg").read_text().startswith("<?xml")
+    status, again, _ = run("render", sample_path(), "--out", tmp_path / "r2.wav", "--coding", tmp_path / "c.toml")
+    assert (status, again["sha256"]) == (0, figures["sha256"])
+
+
+def test_render__display_file__designs_for_it(run, made, tmp_path):
+    status, figures, _ = run(
+        "render", sample_path(), "--out", tmp_path / "r.h5", "--display", made / "display.toml", controller=False
+    )
+    assert status == 0
+    assert open_reference(tmp_path / "r.h5").frames == figures["frames"]
+
+
+def test_render__stereo__mixed_and_said(run, tmp_path):
+    samples, rate = soundfile.read(sample_path())
+    soundfile.write(tmp_path / "two.wav", np.stack([samples, samples], axis=1), rate)
+    status, figures, _ = run("render", tmp_path / "two.wav", "--out", tmp_path / "r.wav")
+    assert status == 0
+    assert figures["notes"] == ["2 channels mixed down to one (their mean)"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--level", "60"), "allowed: 55 at most"),
+        (("--coding", "morse"), "coding 'morse' is not known"),
+        (("--picture", "p.svg"), "--picture without --felt"),
+        (("--felt", "f.wav", "--picture", "p.png"), "ending in .svg"),
+        (("--display", "none.toml"), "none.toml"),
+    ],
+)
+def test_render__amiss__one_line_status_2_and_nothing_left(run, tmp_path, options, words):
+    status, figures, err = run("render", sample_path(), "--out", tmp_path / "r.wav", *options)
+    assert (status, figures) == (2, None)
+    assert words in err
+    assert err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_render__neither_display_nor_controller__told(run, tmp_path):
+    status, _, err = run("render", sample_path(), "--out", tmp_path / "r.wav", controller=False)
+    assert status == 2
+    assert "neither --display nor --controller" in err
+
+
+def limited(*arguments, file_bytes):
+    """The program in a process that may write files of no more than so many bytes: what a full disk does."""
+
+    def limit():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes, file_bytes))
+
+    command = [*PROGRAM, *(str(argument) for argument in arguments)]
+    return subprocess.run(command, capture_output=True, text=True, preexec_fn=limit, check=False, timeout=120)
+
+
+@pytest.mark.parametrize(("name", "file_bytes"), [("r.wav", 30_000), ("r.h5", 42_000), ("r.wav", 60_000)])
+def test_render__disk_full__one_line_and_nothing_left(made, tmp_path, name, file_bytes):
+    done = limited(
+        "render", sample_path(), "--out", tmp_path / name, "--controller", made / "controller.json",
+        file_bytes=file_bytes,
+    )  # fmt: skip
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.count("\n") == 1
+    assert "room" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_play__rendered_sample__to_its_end(run, tmp_path):
+    run("render", sample_path(), "--out", tmp_path / "r.wav")
+    status, figures, _ = run("play", tmp_path / "r.wav")
+    assert status == 0
+    assert figures["played_s"] == pytest.approx(figures["duration_s"])
+    assert not figures["stopped"]
+
+
+def test_play__interrupted__ramps_rests_and_says_so(made, run, tmp_path):
+    samples, rate = soundfile.read(sample_path())
+    soundfile.write(tmp_path / "long.wav", np.tile(samples, 20), rate)
+    run("render", tmp_path / "long.wav", "--out", tmp_path / "r.wav")
+    command = [*PROGRAM, "play", str(tmp_path / "r.wav"), "--realtime", "--json"]
+    command += ["--controller", str(made / "controller.json")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        time.sleep(6.0)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert err.strip().endswith("interrupted")
+    if out:  # it had begun to play when the signal came
+        figures = json.loads(out)
+        assert figures["stopped"]
+        assert figures["played_s"] < figures["duration_s"]
+
+
+def test_play__unknown_rig_or_file__told(run, tmp_path):
+    status, _, err = run("play", tmp_path / "none.wav")
+    assert status == 2
+    assert "no such file" in err
+    run("render", sample_path(), "--out", tmp_path / "r.wav")
+    status, _, err = run("play", tmp_path / "r.wav", "--rig", "abacus")
+    assert status == 2
+    assert "rig 'abacus'" in err
+
+
+def test_corpus__one_bad_file__the_rest_done_and_status_1(run, tmp_path):
+    speech = tmp_path / "speech"
+    speech.mkdir()
+    (speech / "good.wav").write_bytes(sample_path().read_bytes())
+    (speech / "bad.wav").write_text("words")
+    status, figures, _ = run("corpus", speech, "--out", tmp_path / "out", "--workers", "1")
+    assert status == 1
+    assert figures["rendered"] == 1
+    assert [failure["source"] for failure in figures["failures"]] == ["bad.wav"]
+    (speech / "bad.wav").unlink()
+    status, figures, _ = run("corpus", speech, "--out", tmp_path / "out", "--workers", "1")
+    assert (status, figures["rendered"], figures["kept"]) == (0, 0, 1)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--scheduler", "tcp://127.0.0.1:1"), "no Dask scheduler"),
+        (("--scheduler", "tcp://127.0.0.1:1", "--workers", "2"), "allowed: one of them"),
+    ],
+)
+def test_corpus__scheduler_not_there__told(run, tmp_path, options, words):
+    (tmp_path / "speech").mkdir()
+    (tmp_path / "speech" / "a.wav").write_bytes(sample_path().read_bytes())
+    status, _, err = run("corpus", tmp_path / "speech", "--out", tmp_path / "out", *options)
+    assert status == 2
+    assert words in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_waveforms_identify_information__from_nothing_to_bits(run, tmp_path, made):
+    status, figures, _ = run(
+        "waveforms", "--out", tmp_path / "set", "--fingers", "index", "--duration", "0.125", "--repetitions", "4"
+    )
+    assert status == 0
+    assert len(figures["items"]) == 7
+    status, figures, _ = run(
+        "experiment", "identify", figures["protocol"], "--store", tmp_path / "lab.db", "--scripted-error", "0.1"
+    )
+    assert (status, figures["trials"]) == (0, 7 * (2 + 4))
+    status, figures, _ = run("experiment", "information", "--store", tmp_path / "lab.db", controller=False)
+    assert status == 0
+    (result,) = figures["results"]
+    assert result["trials"] == 28
+    assert result["estimates"]["plug_in"]["bits"] > 1.5
+    assert result["bits_per_second"]["plug_in"] == pytest.approx(result["estimates"]["plug_in"]["bits"] / 0.125)
+    assert "5 a cell" in result["warning"]
+
+
+def test_information__any_matrix__by_hand(run, tmp_path):
+    (tmp_path / "m.csv").write_text("10,0\n0,10\n")
+    status, figures, _ = run(
+        "experiment", "information", "--matrix", tmp_path / "m.csv", "--seconds", "0.5", controller=False
+    )
+    assert status == 0
+    assert figures["estimates"]["plug_in"]["bits"] == pytest.approx(1.0)
+    assert figures["bits_per_second"]["plug_in"] == pytest.approx(2.0)
+    assert figures["warning"] is None
+    status, _, _ = run("experiment", "information", "--matrix", tmp_path / "m.csv", controller=False, as_json=False)
+    assert status == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), "one of the two"),
+        (("--store", "none.db"), "none.db"),
+        (("--matrix", "none.csv"), "No such file"),
+        (("--store", "none.db", "--seconds", "1"), "--seconds with --store"),
+    ],
+)
+def test_information__amiss__told(run, arguments, words):
+    status, _, err = run("experiment", "information", *arguments, controller=False)
+    assert status == 2
+    assert words in err
