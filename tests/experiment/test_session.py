@@ -29,12 +29,20 @@ def everything(conduct, clock) -> None:
 
 def stored(store):
     query = (
-        select(schema.run.c.position, schema.run.c.attempt, schema.trial.c.number, schema.trial.c.level_db_sl, schema.response)
+        select(
+            schema.run.c.position,
+            schema.run.c.attempt,
+            schema.trial.c.number,
+            schema.trial.c.level_db_sl,
+            schema.response,
+        )
         .select_from(schema.run.join(schema.trial).join(schema.response))
         .order_by(schema.trial.c.id)
     )
     with store.read() as connection:
-        return [(row.position, row.attempt, row.number, row.level_db_sl, row.response) for row in connection.execute(query)]
+        return [
+            (row.position, row.attempt, row.number, row.level_db_sl, row.response) for row in connection.execute(query)
+        ]
 
 
 def test_session__interrupted_over_and_over__is_the_undisturbed_one(tmp_path) -> None:
@@ -93,7 +101,9 @@ def test_resume__gap_longer_than_allowed__restarts_the_run_and_keeps_the_old(tmp
     clock.jump(gap_s)  # the machine was off: the monotonic clock knows nothing of it
     answer_one(begin(store, clock), clock)
     with store.read() as connection:
-        runs = connection.execute(select(schema.run).where(schema.run.c.position == 1).order_by(schema.run.c.attempt)).all()
+        runs = connection.execute(
+            select(schema.run).where(schema.run.c.position == 1).order_by(schema.run.c.attempt)
+        ).all()
     assert [run.attempt for run in runs] == attempts
     assert [run.state for run in runs] == (["running"] if len(attempts) == 1 else ["restarted", "running"])
     store.close()
@@ -216,7 +226,11 @@ def test_give_up_run__goes_on_with_the_next_and_marks_it(store) -> None:
     conduct.give_up_run()
     assert answer_one(conduct, clock) == (2, 0)
     with store.read() as connection:
-        assert [run.state for run in records.latest_runs(connection, conduct.session.id)] == ["done", "stopped", "running"]
+        assert [run.state for run in records.latest_runs(connection, conduct.session.id)] == [
+            "done",
+            "stopped",
+            "running",
+        ]
     with pytest.raises(BadInput, match="no trial waits"):
         conduct.answer(records.Answer("1", clock.utc()))
 

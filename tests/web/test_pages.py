@@ -9,8 +9,8 @@ from tactuator.experiment.protocol_file import parse_protocol
 from tactuator.experiment.store import Store, StoreFault
 from tactuator.web.app import FORBIDDEN, UNKNOWN, build_app
 from tactuator.web.lab import Lab
-from tests.web.server import served
 from tests.experiment.stations import PROTOCOL, ObedientClock, station, tokens
+from tests.web.server import served
 
 TOKEN = "the operator's own"
 
@@ -116,7 +116,9 @@ def test_subject__answer_that_is_not_allowed__is_refused(client, lab, response) 
         assert count(lab) == 0
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[]", '{"type": "answer"}', '{"type": "start"}', '{"type": "answer", "run": 1e99}'])
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[]", '{"type": "answer"}', '{"type": "start"}', '{"type": "answer", "run": 1e99}']
+)
 def test_subject__message_that_is_none__is_refused_and_the_session_goes_on(client, text) -> None:
     with client.websocket_connect("/ws/subject/token-S1") as socket:
         until(socket, "stage")
@@ -185,7 +187,10 @@ def test_subject__store_fails__is_told_and_the_answer_may_come_again(client, lab
 
 
 def test_subject__other_subject_at_the_rig__waits(client, lab) -> None:
-    with client.websocket_connect("/ws/subject/token-S1") as first, client.websocket_connect("/ws/subject/token-S2") as other:
+    with (
+        client.websocket_connect("/ws/subject/token-S1") as first,
+        client.websocket_connect("/ws/subject/token-S2") as other,
+    ):
         begun(first)
         until(other, "stage")
         other.send_json({"type": "consent"})
