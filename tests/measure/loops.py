@@ -20,7 +20,10 @@ PREFILTER = ContinuousSystem.from_polynomials(
 QUIET = Environment(hum_hz=(), hum_v_peak=(), noise_v_rms=0.2e-3, friction_v=0.0)
 
 
-def display(environment: Environment = Environment()) -> Display:
+STANDARD = Environment()
+
+
+def display(environment: Environment = STANDARD) -> Display:
     channel = Channel(
         "index", "index", 0.19898, 12.5, PLANT, Threshold(curve("bolanowski-1988")),
         loads=(Load("finger", 0.12, 31.0, 360.0),), environment=environment,

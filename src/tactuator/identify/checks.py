@@ -65,8 +65,8 @@ def check_direction(response: EmpiricalResponse) -> tuple[str, ...]:
     lead = float(phase[-1] - phase[0])
     if slope > 1.0 and lead > 1.5:
         return (
-            "the position leads the command and rises with frequency, as no mechanism can (not causal): input and output "
-            "look swapped",
+            "the position leads the command and rises with frequency, as no mechanism can (not causal): input and "
+            "output look swapped",
         )
     return ()
 
