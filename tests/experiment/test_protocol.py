@@ -1,5 +1,7 @@
 """Protocol files: what they say, and what is refused, in one line that names the key."""
 
+from itertools import pairwise
+
 import pytest
 
 from tactuator.errors import BadInput
@@ -54,7 +56,7 @@ def test_latin_square__any_size__balances_places_and_successions(count: int) -> 
     for place in range(count):
         seen = [row[place] for row in rows]
         assert {seen.count(one) for one in range(count)} == {len(rows) // count}
-    successions = [pair for row in rows for pair in zip(row, row[1:], strict=False)]
+    successions = [pair for row in rows for pair in pairwise(row)]
     assert {successions.count(pair) for pair in successions} == {len(rows) // count}
     assert len(set(successions)) == count * (count - 1)
 

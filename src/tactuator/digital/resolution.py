@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from math import comb
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,7 +110,8 @@ def loop_bits(controller: SampledSystem, plant: SampledSystem, form: Form) -> Bi
 
 def _closes(blocks: list[tuple[Array, Array]], plant: SampledSystem) -> bool:
     """Whether 1 + C P has all its zeros inside the unit circle: the polynomial in d, the plant's delay included."""
-    num, den = np.array([plant.gain]), np.ones(1)
+    num: NDArray[np.floating[Any]] = np.array([plant.gain])
+    den: NDArray[np.floating[Any]] = np.ones(1)
     for zero in plant.zeros:
         num = np.polymul(num, [1.0, 1.0 - zero])
     for pole in plant.poles:
