@@ -8,7 +8,7 @@ BIN = .venv/bin
 # One core for each test worker; results that do not depend on how many threads a machine has.
 TEST_ENV = OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: help python install reproduce test check lint types contract core-warnings soak bench docs lock \
+.PHONY: help python install reproduce test check lint types contract core-warnings soak bench docs readme lock \
 	install-test install-boards fix clean
 .NOTPARALLEL:
 .SILENT:
@@ -58,6 +58,9 @@ bench: install-test ## ratios against peers, into out/bench.json (ARGS=name for 
 
 docs: install-test ## write docs/cli.md anew from the commands themselves
 	$(BIN)/python tools/cli_reference.py
+
+readme: install ## write README's picture and table anew from a run
+	$(BIN)/python tools/readme_table.py
 
 lock: install-test ## resolve requirements/*.in into the hashed locks (ARGS=--upgrade for the newest)
 	$(PYTHON) tools/lock.py $(ARGS)
