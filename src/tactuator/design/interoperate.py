@@ -99,7 +99,7 @@ def _with_zeros(
 
 def _factor_matrices(zeros: Any, poles: Any) -> tuple[Any, Any, Any, Any]:
     """Controllable form of prod(x - zeros) / prod(x - poles) of order one or two."""
-    den, num = np.real(np.poly(poles)), np.real(np.poly(zeros))
+    den, num = np.real(np.poly(poles)), np.atleast_1d(np.real(np.poly(zeros)))
     order = poles.size
     num = np.concatenate([np.zeros(order + 1 - num.size), num])
     direct = num[0]

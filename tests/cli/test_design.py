@@ -1,0 +1,132 @@
+"""`tactuator design` and `tactuator check`, as a user runs them."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tactuator.cli import main
+from tactuator.files.controller import read_controller
+
+PAPER = """
+[display]
+rate_hz = 4000
+[threshold]
+curve = "bolanowski-1988"
+[feedback]
+structure = "{structure}"
+[prefilter]
+poles = {poles}
+[objectives]
+flatness_db = {flatness}
+[[channel]]
+name = "index"
+sensor_gain_v_per_mm = 0.19898
+travel_mm = 12.5
+plant = {{ num = [{num}], den = [1.0, 94.0, 290.0] }}
+"""
+
+
+def display(folder: Path, structure: str = "paper", poles: int = 4, flatness: float = 1.0, num: float = 2875.0) -> str:
+    path = folder / "display.toml"
+    path.write_text(PAPER.format(structure=structure, poles=poles, flatness=flatness, num=num))
+    return str(path)
+
+
+def test_design__json__one_object_with_the_report_of_each_channel(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "controller.json"
+    assert main(["design", display(tmp_path), "--out", str(out), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert set(report) == {"index"}
+    assert report["index"]["margins"]["crossover_hz"] == pytest.approx(20.48, abs=0.01)
+    assert report["index"]["margins"]["phase_margin_deg"] == pytest.approx(55.83, abs=0.01)
+    assert report["index"]["mains_db"]["60"] == pytest.approx(-11.95, abs=0.01)
+    assert report["index"]["rejection_db"]["mean"] == pytest.approx(-22.51, abs=0.01)
+    assert report["index"]["prefilter"]["poles"] == 4
+    assert read_controller(out).channel("index").report == report["index"]
+
+
+def test_design__table__figures_and_continuous_coefficients(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "controller.json"
+    assert main(["design", display(tmp_path), "--out", str(out)]) == 0
+    shown = capsys.readouterr().out
+    assert "phase margin (deg)" in shown
+    assert "C(s) = [12.264 1361.3 6499.92] / [1 260 0]" in " ".join(shown.split())
+
+
+def test_design__another_curve_and_poles__taken(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    curve = tmp_path / "mine.csv"
+    curve.write_text("frequency_hz,level_db_re_1um\n0.4,20\n5,15\n50,0\n300,-15\n")
+    out = tmp_path / "controller.json"
+    arguments = ["design", display(tmp_path), "--out", str(out), "--curve", str(curve), "--poles", "6", "--json"]
+    assert main(arguments) == 0
+    assert json.loads(capsys.readouterr().out)["index"]["prefilter"]["poles"] == 6
+    assert read_controller(out).display.channels[0].threshold.curve.name == "mine"
+
+
+def test_check__met__status_0(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "controller.json"
+    assert main(["design", display(tmp_path), "--out", str(out), "--json"]) == 0
+    capsys.readouterr()
+    assert main(["check", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["met"] is True
+
+
+def test_check__not_met__status_1_and_the_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "controller.json"
+    assert main(["design", display(tmp_path, flatness=0.3), "--out", str(out), "--json"]) == 0
+    capsys.readouterr()
+    assert main(["check", str(out), "--json"]) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert found["met"] is False
+    assert found["objectives"]["i"]["met"] is False
+    assert found["objectives"]["i"]["channels"]["index"]["none"]["max_error_db"] > 0.3
+    assert main(["check", str(out)]) == 1
+    assert "not met" in capsys.readouterr().out
+
+
+def test_check__display_that_the_loop_cannot_hold__says_unstable(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "controller.json"
+    assert main(["design", display(tmp_path), "--out", str(out), "--json"]) == 0
+    capsys.readouterr()
+    assert main(["check", str(out), "--display", display(tmp_path, num=90_000.0)]) == 1
+    assert "unstable" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("curve", "words"),
+    [
+        ("frequency_hz,level_db_re_1um\n1,0\n300,0\n", "2 points"),
+        ("frequency_hz,level_db_re_1um\n0.4,0\n50,0\n10,1\n300,0\n", "out of order"),
+        ("frequency_hz,level_db_re_1um\n0.4,0\n50,0\n50,1\n300,0\n", "stands twice"),
+        ("frequency_hz,level_db_re_1um\n-1,0\n50,0\n300,0\n", "-1 Hz"),
+        ("frequency_hz,level_db_re_1um\n5,0\n50,0\n100,0\n", "covers the band"),
+    ],
+    ids=["two points", "unsorted", "duplicate", "negative", "not covering"],
+)
+def test_design__curve_that_cannot_be_used__one_line_and_nothing_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], curve: str, words: str
+) -> None:
+    path, out = tmp_path / "bad.csv", tmp_path / "controller.json"
+    path.write_text(curve)
+    assert main(["design", display(tmp_path), "--out", str(out), "--curve", str(path)]) == 2
+    told = capsys.readouterr().err
+    assert words in told
+    assert told.count("\n") == 1
+    assert not out.exists()
+
+
+def test_design__rate_too_low_for_the_band__refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = Path(display(tmp_path))
+    path.write_text(path.read_text().replace("rate_hz = 4000", "rate_hz = 700"))
+    assert main(["design", str(path), "--out", str(tmp_path / "controller.json")]) == 2
+    assert "rate_hz is 700 for a band up to 300 Hz" in capsys.readouterr().err
+
+
+def test_design__unstable_given_controller__refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["design", display(tmp_path, num=90_000.0), "--out", str(tmp_path / "controller.json")]) == 2
+    assert "unstable" in capsys.readouterr().err

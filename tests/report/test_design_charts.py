@@ -1,0 +1,98 @@
+"""Charts of a design: everything is in them, inside the frame, and no label covers another."""
+
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from tactuator.design import paper
+from tactuator.design.family import plant_family
+from tactuator.digital.discretise import bilinear
+from tactuator.errors import BadInput
+from tactuator.loop.feedback import FeedbackLoop
+from tactuator.report.design import design_plates, save_design_plates
+from tactuator.report.nichols import NicholsInput, nichols_plate
+from tactuator.report.plate import Plate
+from tests.design.displays import channel, paper_controller, three_finger_controller
+
+
+def paper_chart() -> Plate:
+    family = plant_family(channel(), 4000.0, 1)
+    c = bilinear(paper.FEEDBACK, 4000.0)
+    loops = [FeedbackLoop(c, one.sampled) for one in family]
+    shown = NicholsInput(loops[0], paper.PLANT, FeedbackLoop(paper.FEEDBACK, paper.PLANT), loops[1:])
+    return nichols_plate(shown, "fig07")
+
+
+def boxes(plate: Plate) -> dict[str, tuple[float, float, float, float]]:
+    """Pixel boxes of every text inside the axes."""
+    FigureCanvasAgg(plate.figure)
+    plate.figure.draw_without_rendering()
+    axes = plate.figure.axes[0]
+    return {text.get_text(): text.get_window_extent().extents for text in axes.texts if text.get_text()}
+
+
+@pytest.mark.parametrize("plate", [paper_chart, lambda: design_plates(three_finger_controller(), "index")[0]])
+def test_nichols__labels__neither_collide_nor_leave_the_frame(plate: object) -> None:
+    made = plate() if callable(plate) else None
+    assert isinstance(made, Plate)
+    found = boxes(made)
+    left, bottom, right, top = made.figure.axes[0].get_window_extent().extents
+    for x0, y0, x1, y1 in found.values():
+        assert left <= x0
+        assert x1 <= right
+        assert bottom <= y0
+        assert y1 <= top
+    for (one, a), (other, b) in combinations(found.items(), 2):
+        apart = a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
+        assert apart, f"{one} over {other}"
+
+
+def test_nichols__marks__frequencies_margins_and_grid_are_there() -> None:
+    texts = set(boxes(paper_chart()))
+    assert {"1 Hz", "10 Hz", "20 Hz", "50 Hz", "100 Hz"} <= texts
+    assert {"55.8°", "25.4 dB"} <= texts
+    assert {"0 dB", "−3 dB", "−20 dB", "−90°"} <= texts
+
+
+def test_nichols__phase_axis__covers_the_data() -> None:
+    plate = paper_chart()
+    left, right = plate.figure.axes[0].get_xlim()
+    seen = np.array(plate.table["gain_db"]) > -50.0
+    phase = np.array(plate.table["phase_deg"])[seen]
+    assert left <= phase.min()
+    assert phase.max() <= right
+
+
+def test_nichols__caption__says_which_contours_are_touched() -> None:
+    caption = paper_chart().caption
+    assert "|T| = 0.79 dB" in caption
+    assert "|S| = 2.95 dB" in caption
+
+
+def test_equality__felt_level__flat() -> None:
+    plate = next(one for one in design_plates(three_finger_controller(), "thumb") if one.name == "equality-thumb")
+    felt = np.array(plate.table["felt_db_sl"])
+    total = np.array(plate.table["displacement_db_re_1um"]) + np.array(plate.table["sensitivity_db"])
+    assert felt == pytest.approx(total)
+    assert np.abs(felt - 30.0).max() <= 0.25
+    assert "inferred" in plate.caption
+
+
+def test_plates__without_a_loop__no_nichols_and_no_sensitivity() -> None:
+    names = {one.name for one in design_plates(paper_controller(), "index")}
+    assert names == {"nichols-index", "bode-index", "sensitivity-index", "headroom-index", "equality-index"}
+
+
+def test_save__folder_with_other_things__refused(tmp_path: Path) -> None:
+    (tmp_path / "precious.txt").write_text("keep me")
+    with pytest.raises(BadInput, match="precious"):
+        save_design_plates(paper_controller(), tmp_path)
+
+
+def test_save__every_plate__svg_and_csv(tmp_path: Path) -> None:
+    folder = tmp_path / "charts"
+    save_design_plates(paper_controller(), folder)
+    assert len(list(folder.glob("*.svg"))) == len(list(folder.glob("*.csv"))) == 5
