@@ -15,10 +15,10 @@
  * display is simulated. Drive puts the stream straight to the motors, through the guard but no controller.
  * The caller owns rings: stream_capacity rows of channels_max floats, trace_capacity rows of channels_max codes, twice.
  *
- * Example use, in the interrupt:
+ * Example use, in the interrupt (period.h):
  *   int32_t code[3];
- *   tact_board_latch(&board, code);                     put them out, read the A/D into code
- *   tact_board_step(&board, code, lateness_in_256ths_of_a_period);
+ *   tact_period_latch(&board, code);                    put them out, read the A/D into code
+ *   tact_period_step(&board, code, lateness_in_256ths_of_a_period);
  */
 #ifndef TACT_BOARD_H
 #define TACT_BOARD_H
@@ -35,12 +35,26 @@ enum { TACT_BOARD_DELAY_MAX = 8 };
 typedef enum { TACT_OFF = 0, TACT_ARMED, TACT_RUNNING, TACT_FAULT } tact_board_mode;
 typedef enum { TACT_SILENT = 0, TACT_STREAM, TACT_STIMULUS } tact_board_source;
 typedef enum { TACT_STAYS = 0, TACT_FADES, TACT_RAMPS, TACT_RAMPS_QUICKLY, TACT_CUT } tact_board_leaving;
-enum { TACT_TRACE_POSITION_AT_RAIL = 1, TACT_TRACE_COMMAND_LIMITED = 2 };
+enum { TACT_TRACE_COMMAND_LIMITED = 1 };
 
 typedef union {
     tact_controller_state single;
     tact_controller_q31_state q31;
 } tact_board_controller_state;
+
+/* What one channel's period works on, side by side. */
+typedef struct {
+    const tact_safety_channel *safety; /* in the board's table */
+    const tact_controller *single;     /* in the board's image */
+    const tact_controller_q31 *q31;
+    float out_v;       /* at the motor now, but for the D/A's last bit */
+    int32_t out;       /* what is put out now: code in 24 bits, TACT_TRACE_... << 24 */
+    int32_t rest_code;
+    tact_guard_state guard;
+    tact_board_controller_state controller;
+    int32_t delayed[TACT_BOARD_DELAY_MAX]; /* what will be put out, as `out` */
+    float delayed_v[TACT_BOARD_DELAY_MAX]; /* and as `out_v` */
+} tact_board_channel;
 
 typedef struct {
     int32_t mode, fault, fault_channel, leaving;
@@ -51,19 +65,15 @@ typedef struct {
     uint32_t ticks;       /* since the board began */
     uint32_t silence;     /* ticks since the link was heard */
     uint32_t late;        /* interrupts that came too late */
-    uint32_t compared;    /* the channel whose motion is compared next */
+    int32_t turn;         /* which channels are compared next: those at turn, turn + turns, ... */
     float fade, authority; /* of the reference, of the command */
     float fade_step, authority_step;
+    int32_t fading; /* one of the two steps is not zero */
     tact_safety safety;
     tact_image image;
+    int32_t is_2_3; /* every channel of the image has two sections of F and three of C */
     tact_stimulus stimulus[TACT_CHANNELS_MAX];
-    tact_guard_state guard[TACT_CHANNELS_MAX];
-    tact_board_controller_state controller[TACT_CHANNELS_MAX];
-    int32_t rest_code[TACT_CHANNELS_MAX];
-    int32_t out_code[TACT_CHANNELS_MAX];
-    float out_v[TACT_CHANNELS_MAX];
-    int32_t delayed_code[TACT_BOARD_DELAY_MAX][TACT_CHANNELS_MAX];
-    int32_t delayed_flags[TACT_BOARD_DELAY_MAX][TACT_CHANNELS_MAX];
+    tact_board_channel channel[TACT_CHANNELS_MAX];
     int32_t delay_at;
     int32_t channels, channels_max; /* in use (the table says), and of the board */
     float *stream;
@@ -75,12 +85,6 @@ typedef struct {
 /* OFF, with neither table nor image. Capacities are powers of two. */
 void tact_board_reset(tact_board *board, int32_t channels_max, float *stream, uint32_t stream_capacity, int32_t *trace,
                       uint32_t trace_capacity);
-
-/* Codes for the D/A from now on. */
-void tact_board_latch(tact_board *board, int32_t *codes);
-
-/* One period: readings in. lateness: of this interrupt, 1/256 of a period. */
-void tact_board_step(tact_board *board, const int32_t *codes, uint32_t lateness);
 
 /* Transitions. 1: done, or done before; 0: not from this mode. */
 int tact_board_arm(tact_board *board);
@@ -95,8 +99,11 @@ int tact_board_is_at_rest(const tact_board *board);
 /* Whether a step would wait for the stream. */
 int tact_board_waits(const tact_board *board);
 
-/* A fault seen by someone else. */
-void tact_board_fail(tact_board *board, int32_t fault, int32_t channel);
+/* Faults found in a channel (-1: in none), 1 << fault for each: the run ends in the way that the gravest asks. */
+void tact_board_fail(tact_board *board, uint32_t faults, int32_t channel);
+
+/* Fades move on by one tick; what has come to its end leads to what follows. */
+void tact_board_fade(tact_board *board);
 
 /* count samples (rows) for the ticks from `first` on; gives the tick up to which samples are there now. What was there
  * stays; what does not follow on is left out. */

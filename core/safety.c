@@ -38,7 +38,7 @@ static void read_channel(tact_reader *reader, tact_safety_channel *channel, int 
 {
     read_converter(reader, channel, bad);
     channel->position_code_max = integer(reader, bad, 1, 1 << 24);
-    channel->frozen_ticks = integer(reader, bad, 0, TICKS_MAX);
+    channel->frozen_ticks = integer(reader, bad, 1, TICKS_MAX);
     channel->stop_max_v = number(reader, bad, 0.0f, 1e6f);
     channel->stop_lead = number(reader, bad, 0.0f, 1e6f);
     channel->stop_push = number(reader, bad, -1e6f, 1e6f);
@@ -52,8 +52,7 @@ static void read_channel(tact_reader *reader, tact_safety_channel *channel, int 
     channel->spring = number(reader, bad, 0.0f, 1.0f);
     channel->correct_x = number(reader, bad, -2.0f, 2.0f);
     channel->correct_w = number(reader, bad, -2.0f, 2.0f);
-    channel->weighting_count = integer(reader, bad, 1, TACT_WEIGHTING_MAX);
-    for (int32_t i = 0; i < channel->weighting_count; i++) {
+    for (int32_t i = 0; i < TACT_WEIGHTING_COUNT; i++) {
         tact_section *section = &channel->weighting[i];
         section->b0 = number(reader, bad, -1e8f, 1e8f);
         section->b1 = number(reader, bad, -1e8f, 1e8f);
@@ -103,6 +102,7 @@ int32_t tact_safety_parse(tact_safety *table, const uint8_t *bytes, size_t size,
     table->fade_ticks = integer(&reader, &bad, 1, TICKS_MAX);
     table->ramp_ticks = integer(&reader, &bad, 1, TICKS_MAX);
     table->quick_ticks = integer(&reader, &bad, 1, TICKS_MAX);
+    table->turns = integer(&reader, &bad, 1, 64);
     for (int32_t c = 0; c < table->channels; c++)
         read_channel(&reader, &table->channel[c], &bad);
     if (reader.overrun || reader.at != size - 4)

@@ -1,7 +1,7 @@
 /* Safety table: what the guard holds every image to. The board's own, checksummed, written only in OFF.
  *
  *     magic "TACS" | version 1 | channels, delay | length | rate_hz | lateness_max | silence, soft start, fade, ramp,
- *     quick ramp (ticks) | then for each channel the fields of tact_safety_channel in order | CRC-32 of all before
+ *     quick ramp (ticks) | turns | then for each channel the fields of tact_safety_channel in order | CRC-32 of all before
  *
  * Little-endian; integers 32 bits, numbers float32, sections b0 b1 b2 a1 a2 in delta form. Nothing in an image and no
  * frame of the link changes a table while anything moves: a subject's prefilter is a download that leaves it alone.
@@ -23,7 +23,7 @@
 #include "image.h"
 #include "section.h"
 
-enum { TACT_SAFETY_VERSION = 1, TACT_SAFETY_MAGIC = 0x53434154, TACT_SAFETY_MAX = 1024, TACT_WEIGHTING_MAX = 3 };
+enum { TACT_SAFETY_VERSION = 1, TACT_SAFETY_MAGIC = 0x53434154, TACT_SAFETY_MAX = 1024, TACT_WEIGHTING_COUNT = 2 };
 
 typedef enum {
     TACT_SAFETY_GOOD = 0,
@@ -38,7 +38,7 @@ typedef enum {
 typedef struct {
     tact_converter converter; /* in the file: bits, polarity (integers), range_v, offset_v */
     int32_t position_code_max; /* a reading beyond it: the sensor is open */
-    int32_t frozen_ticks;      /* the same reading for as long: the sensor is frozen; 0: never */
+    int32_t frozen_ticks;      /* the same reading for as long: the sensor is frozen; 2^20: never */
     float stop_max_v;          /* predicted place of rest, volts of y */
     float stop_lead;           /* coasting: volts of y per volt a tick */
     float stop_push;           /* what the command that is out still adds: volts of y per volt */
@@ -46,10 +46,9 @@ typedef struct {
     float reference_max;       /* threshold units */
     float comfort_max;         /* threshold units, felt */
     float disagreement_v;      /* |nu| beyond it: the sensor disagrees with the plant */
-    float reversal_power;      /* mean square of w, above which motion is compared with the plant's; 0: never */
+    float reversal_power;      /* mean square of w, above which motion is compared with the plant's */
     float drive, damp, spring, correct_x, correct_w;
-    int32_t weighting_count;
-    tact_section weighting[TACT_WEIGHTING_MAX]; /* y to felt reference: the designed H, inverted up to the band's end */
+    tact_section weighting[TACT_WEIGHTING_COUNT]; /* y to felt reference: the designed H, inverted up to the band's end */
 } tact_safety_channel;
 
 typedef struct {
@@ -58,6 +57,7 @@ typedef struct {
     float rate_hz;
     int32_t lateness_max; /* 1/256 of a period */
     int32_t silence_ticks, soft_start_ticks, fade_ticks, ramp_ticks, quick_ticks;
+    int32_t turns; /* each channel is compared every so many ticks, and its weighting runs at that rate */
     uint32_t crc;
     tact_safety_channel channel[TACT_CHANNELS_MAX];
 } tact_safety;

@@ -2,6 +2,7 @@
 
 #include "bytes.h"
 #include "crc32.h"
+#include "period.h"
 
 #define NUMBER_MAX 1e15
 
@@ -162,12 +163,12 @@ int tact_wired_period(tact_wired *wired, tact_board *board, uint32_t lateness)
     int32_t codes[TACT_CHANNELS_MAX];
     if (wired->channels != board->channels || tact_board_waits(board))
         return 0;
-    tact_board_latch(board, codes);
+    tact_period_latch(board, codes);
     tact_wired_press(wired, board);
     tact_wired_latch(wired, codes);
     tact_wired_read(wired, codes);
     tact_wired_feel(wired, board);
-    tact_board_step(board, codes, lateness);
+    tact_period_step(board, codes, lateness);
     tact_wired_advance(wired);
     return 1;
 }

@@ -2,6 +2,8 @@
 
 #include "port.h"
 
+#include "period.h"
+
 enum { CHANNELS = 3, STREAM_ROWS = 4096, TRACE_ROWS = 4096, CHUNK = 512 };
 
 static tact_board board;
@@ -14,10 +16,10 @@ void tact_port_tick(void)
     int32_t codes[TACT_CHANNELS_MAX];
     if (tact_port_holds())
         return;
-    tact_board_latch(&board, codes);
+    tact_period_latch(&board, codes);
     tact_port_put_out(codes);
     tact_port_read_in(codes);
-    tact_board_step(&board, codes, tact_port_lateness());
+    tact_period_step(&board, codes, tact_port_lateness());
     tact_port_finish();
 }
 

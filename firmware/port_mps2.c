@@ -5,6 +5,7 @@
  * come to its end or is dry, or for BREATH ticks if it never waits for its stream. Between runs the display's time
  * stands still, so that what a board plays does not depend on how long the host takes. */
 
+#include "period.h"
 #include "port.h"
 #include "semihosting.h"
 
@@ -100,7 +101,7 @@ static void let_run(void)
 {
     const volatile tact_board *board = the_board;
     const uint32_t begun = board->ticks;
-    while (!tact_port_holds() && (board->holds || board->ticks - begun < BREATH))
+    while (SYSTICK_CONTROL & 1u && !tact_port_holds() && (board->holds || board->ticks - begun < BREATH))
         sleep();
 }
 
@@ -114,7 +115,7 @@ size_t tact_port_receive(uint8_t *bytes, size_t most)
         while (size < most && UART_STATE & UART_HAS)
             bytes[size++] = (uint8_t)UART_DATA;
     }
-    if (size == 0 && SYSTICK_CONTROL != 0)
+    if (size == 0 && SYSTICK_CONTROL & 1u)
         sleep();
     return size;
 }
@@ -157,15 +158,17 @@ static void count_instructions(uint32_t samples, uint32_t *counts)
     SYSTICK_VALUE = 0;
     SYSTICK_CONTROL = SYSTICK_COUNTS;
     counts[0] = RELOAD_MAX;
+    const uint32_t begun = SYSTICK_VALUE;
+    const uint32_t reading = since(begun); /* what it takes to look at the timer */
     for (uint32_t k = 0; k < samples; k++) {
         uint32_t before = SYSTICK_VALUE;
-        tact_board_latch(the_board, codes);
-        uint32_t count = since(before);
+        tact_period_latch(the_board, codes);
+        uint32_t count = since(before) - reading;
         tact_port_put_out(codes);
         tact_port_read_in(codes);
         before = SYSTICK_VALUE;
-        tact_board_step(the_board, codes, 0);
-        count += since(before);
+        tact_period_step(the_board, codes, 0);
+        count += since(before) - reading;
         tact_port_finish();
         counts[0] = count < counts[0] ? count : counts[0];
         counts[1] = count > counts[1] ? count : counts[1];

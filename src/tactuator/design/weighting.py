@@ -28,8 +28,8 @@ def nominal_loop(display: Display, channel: Channel, controller: ChannelControll
     return TwoDegreeLoop(controller.prefilter(display.rate_hz), feedback, plant)
 
 
-def weighting_sections(display: Display, channel: Channel, controller: ChannelController) -> Sections:
-    """W as second-order sections, shape (2, 6): volts of y to felt threshold units.
+def weighting_sections(display: Display, channel: Channel, controller: ChannelController, rate_hz: float) -> Sections:
+    """W as second-order sections, shape (2, 6), at rate_hz: volts of y to felt threshold units.
 
     Raises BadInput if no stable filter of that order comes near 1/|H|.
     """
@@ -37,8 +37,8 @@ def weighting_sections(display: Display, channel: Channel, controller: ChannelCo
     low, high = channel.threshold.band_hz
     frequency = np.geomspace(low, high, 160)
     level: NDArray[np.float64] = -db(np.abs(loop.position_response(frequency)))
-    above = np.geomspace(1.02 * high, 0.4998 * display.rate_hz, 50)
+    above = np.geomspace(1.02 * high, 0.4998 * rate_hz, 50)
     ceiling = float(np.max(level)) + _RISE_ABOVE_BAND_DB
     none = np.zeros_like(frequency)
     goal = MagnitudeGoal(frequency_hz=frequency, level_db=level, allowance_db=none, above_hz=above, ceiling_db=ceiling)
-    return cascade(fit_magnitude(goal, display.rate_hz, POLES))
+    return cascade(fit_magnitude(goal, rate_hz, POLES))

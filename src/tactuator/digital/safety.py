@@ -17,6 +17,8 @@ from tactuator.plant.display import Converter
 
 NEVER = 1.0e6
 """A limit in volts that no sensor reaches."""
+NEVER_TICKS = 1 << 20
+"""A time that does not come."""
 
 
 class Fault(IntEnum):
@@ -69,7 +71,7 @@ class Observer:
 
 @dataclass(frozen=True, eq=False)
 class ChannelSafety:
-    """Limits, weighting and plant of one channel; units as in core/safety.h. weighting_sos: (n, 6), n up to 3."""
+    """Limits, weighting and plant of one channel; units as in core/safety.h. weighting_sos: (2, 6)."""
 
     converter: Converter
     position_code_max: int
@@ -88,7 +90,8 @@ class ChannelSafety:
 
 @dataclass(frozen=True, eq=False)
 class SafetyTable:
-    """Of a whole board. lateness_max: share of a period, up to 1; the ramps in ticks."""
+    """Of a whole board. lateness_max: share of a period, up to 1; the ramps in ticks; each channel is compared
+    (and weighed) every `turns` ticks."""
 
     rate_hz: float
     delay_samples: int
@@ -98,13 +101,14 @@ class SafetyTable:
     fade_ticks: int
     ramp_ticks: int
     quick_ticks: int
+    turns: int
     channels: tuple[ChannelSafety, ...]
 
 
 def safety_bytes(table: SafetyTable) -> bytes:
     """The table as a board takes it. Raises BadInput if the core would refuse it."""
     body = struct.pack(
-        "<fiiiiii",
+        "<fiiiiiii",
         table.rate_hz,
         max(1, min(255, round(256.0 * table.lateness_max))),
         table.silence_ticks,
@@ -112,6 +116,7 @@ def safety_bytes(table: SafetyTable) -> bytes:
         table.fade_ticks,
         table.ramp_ticks,
         table.quick_ticks,
+        table.turns,
     ) + b"".join(_channel_bytes(channel) for channel in table.channels)
     head = struct.pack("<4sHBBI", b"TACS", 1, len(table.channels), table.delay_samples, 12 + len(body) + 4)
     content = sealed(head + body)
@@ -129,7 +134,9 @@ def check_safety(content: bytes, channels_max: int) -> SafetyRefusal:
 
 def _channel_bytes(channel: ChannelSafety) -> bytes:
     converter, observer = channel.converter, channel.observer
-    sections = delta_coefficients_single(channel.weighting_sos, lib.TACT_WEIGHTING_MAX, "weighting")
+    if np.shape(channel.weighting_sos)[0] != lib.TACT_WEIGHTING_COUNT:
+        raise BadInput(f"weighting has {len(channel.weighting_sos)} sections; allowed: {lib.TACT_WEIGHTING_COUNT}")
+    sections = delta_coefficients_single(channel.weighting_sos, lib.TACT_WEIGHTING_COUNT, "weighting")
     return (
         struct.pack("<iiff", converter.bits, converter.polarity, converter.range_v, converter.offset_v)
         + struct.pack("<ii", channel.position_code_max, channel.frozen_ticks)
@@ -149,6 +156,5 @@ def _channel_bytes(channel: ChannelSafety) -> bytes:
             observer.correct_x,
             observer.correct_w,
         )
-        + struct.pack("<i", sections.shape[0])
         + sections.astype("<f4").tobytes()
     )

@@ -13,7 +13,7 @@ import numpy as np
 from tactuator.design.weighting import weighting_sections
 from tactuator.digital.controller import ChannelController, Controller
 from tactuator.digital.discretise import zero_order_hold
-from tactuator.digital.safety import NEVER, ChannelSafety, Observer, SafetyTable
+from tactuator.digital.safety import NEVER, NEVER_TICKS, ChannelSafety, Observer, SafetyTable
 from tactuator.plant.display import Channel, Display
 from tactuator.signals.decibels import from_db
 
@@ -23,7 +23,7 @@ COMFORT_TOLERANCE_DB = 1.0
 OBSERVER_RAD_S = 125.0
 FROZEN_S, FROZEN_MOST_S, FROZEN_CHANCE = 0.0125, 0.05, 1e-12
 STOP_SHARE, OPEN_SHARE, DISAGREEMENT_SHARE = 0.85, 1.15, 0.14
-REVERSAL_SHARE, REVERSAL_HZ = 0.002, 5.0
+REVERSAL_NOISES = 8.0
 _NOWHERE = Observer(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -40,7 +40,16 @@ def safety_table(controller: Controller) -> SafetyTable:
     )
     ticks = (round(duration * rate) for duration in (SILENCE_S, SOFT_START_S, FADE_S, RAMP_S, QUICK_S))
     silence, soft_start, fade, ramp, quick = ticks
-    return SafetyTable(rate, display.delay_samples, LATENESS_MAX, silence, soft_start, fade, ramp, quick, channels)
+    return SafetyTable(
+        rate, display.delay_samples, LATENESS_MAX, silence, soft_start, fade, ramp, quick, turns(display), channels
+    )
+
+
+def turns(display: Display) -> int:
+    """Ticks from one look at a channel's comfort to the next: one channel a tick where the rate leaves that four times
+    the band's end."""
+    highest_hz = max(channel.threshold.band_hz[1] for channel in display.channels)
+    return max(1, min(len(display.channels), int(display.rate_hz / (4.0 * highest_hz))))
 
 
 def is_watched(channel: Channel) -> bool:
@@ -68,14 +77,26 @@ def observer(channel: Channel, rate_hz: float) -> tuple[Observer, float]:
 
 
 def frozen_ticks(channel: Channel, rate_hz: float) -> int:
-    """How long the same reading may last: chance 1e-12 that the sensor's own noise stays within one step. 0 (never)
+    """How long the same reading may last: chance 1e-12 that the sensor's own noise stays within one step. NEVER_TICKS
     for a sensor that is so quiet that it rests on one code."""
     noise_steps = channel.environment.noise_v_rms / channel.converter.step_v
     stays = math.erf(0.5 / (math.sqrt(2.0) * noise_steps)) if noise_steps > 0.05 else 1.0
     if stays >= 1.0:
-        return 0
+        return NEVER_TICKS
     needed = max(FROZEN_S * rate_hz, math.log(FROZEN_CHANCE) / math.log(stays))
-    return math.ceil(needed) if needed <= FROZEN_MOST_S * rate_hz else 0
+    return math.ceil(needed) if needed <= FROZEN_MOST_S * rate_hz else NEVER_TICKS
+
+
+def reversal_power(channel: Channel, rate_hz: float) -> float:
+    """Mean square motion, in V^2 between two looks at a rate of rate_hz, from which its sign can be told:
+    REVERSAL_NOISES times what the noise of two readings' difference leaves in the guard's mean over some 40 of them."""
+    environment, step_v = channel.environment, channel.converter.step_v
+    hum = sum(
+        0.5 * (level_v * 2.0 * math.pi * frequency_hz / rate_hz) ** 2
+        for frequency_hz, level_v in zip(environment.hum_hz, environment.hum_v_peak, strict=True)
+    )
+    difference = 2.0 * environment.noise_v_rms**2 + step_v**2 / 6.0 + hum
+    return REVERSAL_NOISES**2 * difference * 0.0125
 
 
 def _channel(display: Display, channel: Channel, controller: ChannelController) -> ChannelSafety:
@@ -85,21 +106,20 @@ def _channel(display: Display, channel: Channel, controller: ChannelController) 
     comfort = float(from_db(controller.limits.comfort_db_sl))
     watched = is_watched(channel)
     model, lost = observer(channel, rate) if watched else (_NOWHERE, 1.0)
-    power = (REVERSAL_SHARE * travel_v * 2.0 * math.pi * REVERSAL_HZ / rate) ** 2 / 2.0
     return ChannelSafety(
         converter=converter,
         position_code_max=min(code_max - 1, round(OPEN_SHARE * travel_v / converter.step_v))
         if watched
         else code_max - 1,
         frozen_ticks=frozen_ticks(channel, rate),
-        stop_max_v=STOP_SHARE * travel_v if watched else NEVER,
+        stop_max_v=STOP_SHARE * travel_v if watched else code_max * converter.step_v,
         stop_lead=1.0 / lost if watched else 0.0,
         stop_push=4.0 * model.drive / lost,
         command_max_v=min(controller.limits.command_v, converter.range_v),
         reference_max=comfort,
         comfort_max=comfort * float(from_db(COMFORT_TOLERANCE_DB)),
         disagreement_v=DISAGREEMENT_SHARE * travel_v if watched else NEVER,
-        reversal_power=power if watched else 0.0,
+        reversal_power=reversal_power(channel, rate / turns(display)) if watched else NEVER,
         observer=model,
-        weighting_sos=weighting_sections(display, channel, controller),
+        weighting_sos=weighting_sections(display, channel, controller, rate / turns(display)),
     )

@@ -18,6 +18,8 @@ FLAGS = (
     "-std=c99", "-O2", "-ffp-contract=off", "-ffreestanding", "-Wall", "-Wextra", "-Werror", "-mthumb",
     "-mfloat-abi=hard", "-nostartfiles", "-nostdlib",
 )  # fmt: skip
+_HOST_ALONE = ("lanes", "closed_loop", "rls", "states")
+"""Files of core/ for many loops at once and for identification: no board has a use for them."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,8 @@ def sources() -> list[Path]:
     folders = (ROOT / "core", ROOT / "firmware")
     if not all(folder.is_dir() for folder in folders):
         raise BadInput("the firmware's sources are not beside this installation; allowed: a checkout of the repository")
-    return sorted(path for folder in folders for path in folder.iterdir() if path.suffix in {".c", ".h", ".ld"})
+    every = (path for folder in folders for path in folder.iterdir() if path.suffix in {".c", ".h", ".ld"})
+    return sorted(path for path in every if not path.name.startswith(_HOST_ALONE))
 
 
 def build_firmware(name: str) -> Path:
