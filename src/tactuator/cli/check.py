@@ -38,8 +38,13 @@ def _table(verdict: Verdict) -> Table:
     for objective in verdict.objectives:
         for channel, by_load in objective.figures.items():
             for load, figures in by_load.items():
-                table.add_row(objective.number, channel, load, _figures(figures), _word(figures["met"]))
+                table.add_row(objective.number, channel, load, _figures(figures), _outcome(figures))
     return table
+
+
+def _outcome(figures: dict[str, Any]) -> str:
+    """An objective may report a load without judging it: what a finger changes is objective iv's to judge."""
+    return _word(figures["met"]) if figures.get("judged", True) else "reported"
 
 
 def _figures(figures: dict[str, Any]) -> str:
