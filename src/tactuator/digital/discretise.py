@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from tactuator.digital.exponential import matrix_exponential
 from tactuator.errors import BadInput
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
@@ -94,7 +95,7 @@ def _integrated(a: Matrix, b: Matrix, duration: float) -> tuple[Matrix, Matrix]:
     block = np.zeros((order + 1, order + 1))
     block[:order, :order] = a
     block[:order, order] = b
-    exponential = linalg.expm(block * duration)
+    exponential = matrix_exponential(block * duration)
     return exponential[:order, :order], exponential[:order, order]
 
 

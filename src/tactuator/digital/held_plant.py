@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 
+from tactuator.digital.exponential import matrix_exponential
 from tactuator.errors import BadInput
 from tactuator.plant.display import Channel
 from tactuator.plant.load import DERIVATIVES
@@ -116,8 +116,10 @@ def _hold(
     b = np.zeros(own)
     b[-1] = gain * scale ** (1.0 - own)
     ad, bd = _exponential(a, b, 1.0 / rate_hz)
-    after, _ = _exponential(a, b, (1.0 - fraction) / rate_hz)
-    late = after @ _exponential(a, b, fraction / rate_hz)[1] if fraction else np.zeros(own)
+    late = np.zeros(own)
+    if fraction > 0.0:
+        after, _ = _exponential(a, b, (1.0 - fraction) / rate_hz)
+        late = after @ _exponential(a, b, fraction / rate_hz)[1]
     sensor, sensor_direct = _row(reference_gain * form.sensor, form, gain, scale)
     displacement, displacement_direct = _row(reference_gain * form.displacement, form, gain, scale)
     held = HeldPlant(ad, bd, late, sensor, displacement, sensor_direct, displacement_direct)
@@ -140,7 +142,7 @@ def _exponential(a: NDArray[np.float64], b: Vector, duration_s: float) -> tuple[
     # scaled so that the input's column weighs as much as the rest: the exponential's error is relative to the norm
     weight = np.linalg.norm(b * duration_s) or 1.0
     block[:own, own] /= weight
-    exponential = np.asarray(linalg.expm(block))
+    exponential = matrix_exponential(block)
     return exponential[:own, :own], exponential[:own, own] * weight
 
 
