@@ -1,5 +1,6 @@
 """Assembled controllers: sections, anti-windup, headroom, and what a finger feels of them on the simulated display."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -97,25 +98,30 @@ def test_anti_windup__rule__poles_of_the_saturated_section() -> None:
     assert np.sort(np.roots([1.0, own + g1, g2])) == pytest.approx(wanted, rel=1e-9)
 
 
-def test_anti_windup__great_step__settles_sooner_and_overshoots_less() -> None:
-    """A step that holds the command at its limit for long, on the simulated display without friction or noise."""
-    with_gains = paper_controller()
-    own = replace(with_gains.channels[0], anti_windup=AntiWindup((0.0, 0.0)))
-    without = replace(with_gains, channels=(own,))
-    asked = 2.0 / with_gains.channels[0].threshold_voltage_dc
-    overshoot = {name: _overshoot(controller, asked) for name, controller in (("with", with_gains), ("none", without))}
-    assert overshoot["with"] < 0.25
-    assert overshoot["with"] < 0.6 * overshoot["none"]
+@pytest.mark.parametrize(
+    ("controller", "most_swing_v"), [(paper_controller, 0.1), (three_finger_controller, 5.0)], ids=["paper", "ours"]
+)
+def test_anti_windup__force_beyond_the_command__lets_go_without_swinging_to_the_stop(
+    controller: Callable[[], Controller], most_swing_v: float
+) -> None:
+    """A finger presses harder than the motor can for one second, then lets go: without the correction the position
+    swings to the other end of its range; with it, it comes back within a second and a half."""
+    designed = controller()
+    without = [replace(own, anti_windup=AntiWindup((0.0, 0.0))) for own in designed.channels]
+    position = _after_a_press(designed)
+    assert position.min() > -most_swing_v
+    assert np.abs(position[6000:]).max() < 0.02
+    assert _after_a_press(replace(designed, channels=tuple(without))).min() < -9.9
 
 
-def _overshoot(controller: Controller, reference: float) -> float:
+def _after_a_press(controller: Controller) -> np.ndarray:
+    """The index finger's position (V) in the two seconds after a second of +15 V of force."""
     rig = SimulatedRig(controller.display, 1)
     rig.load(controller)
-    trace = rig.play(np.full((8000, 1), reference))
-    assert trace.saturated.any()
-    position = trace.position_v[:, 0]
-    final = float(np.mean(position[-1000:]))
-    return float(np.max(position) / final - 1.0)
+    rig.finger("index").press(np.full(4000, 15.0))
+    trace = rig.play(np.zeros((12_000, len(controller.channels))))
+    assert trace.saturated[:4000].any()
+    return trace.position_v[4000:, 0]
 
 
 def test_headroom__paper_loop__saturates_just_above_300_hz_at_50_db_sl() -> None:
