@@ -20,12 +20,27 @@ ONE = PROTOCOL[: PROTOCOL.rindex("[[subject]]")]
 
 @pytest.fixture
 def server(tmp_path):
-    (tmp_path / "protocol.toml").write_text(ONE)
-    write_controller(tmp_path / "controller.json", controller())
-    made = Server(tmp_path / "protocol.toml", tmp_path / "lab.db", tmp_path / "controller.json")
+    """A server for one subject, to be killed."""
+    with_one = started(tmp_path, ONE)
+    yield with_one
+    with_one.kill()
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory):
+    """A server that lives, with a subject for each test."""
+    subjects = "".join(f'[[subject]]\ncode = "S{number}"\n' for number in (1, 2, 3))
+    with_three = started(tmp_path_factory.mktemp("shared"), ONE[: ONE.index("[[subject]]")] + subjects)
+    yield with_three
+    with_three.kill()
+
+
+def started(folder, text: str) -> Server:
+    (folder / "protocol.toml").write_text(text)
+    write_controller(folder / "controller.json", controller())
+    made = Server(folder / "protocol.toml", folder / "lab.db", folder / "controller.json")
     made.start()
-    yield made
-    made.kill()
+    return made
 
 
 def outcome(path):
@@ -38,7 +53,9 @@ def outcome(path):
     )
     with store.read() as connection:
         rows = [tuple(row) for row in connection.execute(query)]
-    found = [(one.frequency_hz, one.own_db_sl, one.refit_db_sl, one.refit_sd_db) for one in thresholds(detection_runs(store))]
+    found = [
+        (one.frequency_hz, one.own_db_sl, one.refit_db_sl, one.refit_sd_db) for one in thresholds(detection_runs(store))
+    ]
     store.close()
     return rows, found
 
@@ -54,27 +71,36 @@ def undisturbed(path):
     return outcome(path)
 
 
-def kills_and_finish(server, subject, kills: int, seed: int) -> None:
-    """Kill the server at random moments of the session and start it again, until `kills` are done; then finish."""
+def kills_and_finish(server, subject, kills: int, seed: int) -> int:
+    """Kill the server at random moments of the session and start it again, `kills` times; then finish.
+
+    A moment: none to three acknowledged answers on, and up to 60 ms later, whatever is being done then. How many kills
+    there were: fewer if the session was over before.
+    """
     rng = random.Random(seed)
-    for _ in range(kills):
-        for _ in range(rng.randrange(1, 12)):
+    for done in range(kills):
+        stands = len(subject.acknowledged) + rng.randrange(4)
+        while len(subject.acknowledged) < stands:
             if not subject.act():
-                return
+                return done
+        subject.act()
         subject.page.wait_for_timeout(rng.uniform(0.0, 60.0))
         server.kill()
         server.start()
-    finish(subject, 120.0)
+    finish(subject, 600.0)
+    return kills
 
 
-def test_session__answered_by_keyboard_with_the_server_killed__is_the_undisturbed_one(server, browser, tmp_path) -> None:  # noqa: F811
+def test_session__answered_by_keyboard_with_the_server_killed__is_the_undisturbed_one(
+    server, browser, tmp_path
+) -> None:
     page = browser.new_page()
     errors = watch_errors(page)
     page.goto(server.addresses["subject S1"])
     subject = Subject(page, server.protocol)
     page.reload()
     visible(page, "Before we begin")
-    kills_and_finish(server, subject, 3, seed=1)
+    assert kills_and_finish(server, subject, 2, seed=1) == 2
     assert errors == []
     rows, found = outcome(server.store)
     assert (rows, found) == undisturbed(tmp_path / "whole.db")
@@ -84,16 +110,13 @@ def test_session__answered_by_keyboard_with_the_server_killed__is_the_undisturbe
 
 
 @pytest.mark.soak
-def test_session__server_killed_fifty_times__is_the_undisturbed_one(tmp_path, browser) -> None:  # noqa: F811
+def test_session__server_killed_fifty_times__is_the_undisturbed_one(tmp_path, browser) -> None:
     text = ONE.replace("reversals = 6", "reversals = 24").replace("averaged = 4", "averaged = 20")
-    (tmp_path / "protocol.toml").write_text(text)
-    write_controller(tmp_path / "controller.json", controller())
-    server = Server(tmp_path / "protocol.toml", tmp_path / "lab.db", tmp_path / "controller.json")
-    server.start()
+    server = started(tmp_path, text)
     page = browser.new_page()
     page.goto(server.addresses["subject S1"])
     subject = Subject(page, server.protocol)
-    kills_and_finish(server, subject, 50, seed=2)
+    assert kills_and_finish(server, subject, 50, seed=2) == 50
     server.kill()
     rows, found = outcome(server.store)
     clock, store = ObedientClock(), Store(tmp_path / "whole.db")
@@ -108,11 +131,37 @@ def test_session__server_killed_fifty_times__is_the_undisturbed_one(tmp_path, br
     assert {(run - 1, number) for run, number in subject.acknowledged} <= {row[:2] for row in rows}
 
 
-def test_page__phone__fits_its_width_and_is_answered_by_touch(server, browser) -> None:  # noqa: F811
+def test_operator__page__shows_the_track_and_pauses(shared, browser) -> None:
+    operator, page = browser.new_page(), browser.new_page()
+    errors = watch_errors(operator)
+    operator.goto(shared.addresses["operator"])
+    page.goto(shared.addresses["subject S1"])
+    subject = Subject(page, shared.protocol)
+    while len(subject.acknowledged) < 8:
+        subject.act()
+    operator.locator("#track circle").nth(3).wait_for()
+    assert "50 Hz" in operator.locator("#run").inner_text()
+    operator.locator("[data-command=pause]").click()
+    operator.locator("#state", has_text="paused").wait_for()
+    stands = len(subject.acknowledged)
+    for _ in range(20):
+        subject.act()
+    assert len(subject.acknowledged) <= stands + 1  # the trial that played was finished
+    visible(page, "wait for the experimenter")
+    operator.locator("[data-command=resume]").click()
+    visible(page, "Which one")
+    page.close()
+    operator.locator("[data-command=stop]").click()
+    operator.locator("#state", has_text="nobody").wait_for()
+    assert errors == []
+    operator.close()
+
+
+def test_page__phone__fits_its_width_and_is_answered_by_touch(shared, browser) -> None:
     context = browser.new_context(viewport={"width": 360, "height": 640}, has_touch=True)
     page = context.new_page()
     errors = watch_errors(page)
-    page.goto(server.addresses["subject S1"])
+    page.goto(shared.addresses["subject S2"])
     visible(page, "Before we begin")
     page.locator("#go").tap()
     visible(page, "Which interval has the vibration")
@@ -129,38 +178,14 @@ def test_page__phone__fits_its_width_and_is_answered_by_touch(server, browser) -
     context.close()
 
 
-def test_page__second_tab__takes_over_and_gives_back(server, browser) -> None:  # noqa: F811
+def test_page__second_tab__takes_over_and_gives_back(shared, browser) -> None:
     first, second = browser.new_page(), browser.new_page()
-    first.goto(server.addresses["subject S1"])
+    first.goto(shared.addresses["subject S3"])
     visible(first, "Before we begin")
-    second.goto(server.addresses["subject S1"])
+    second.goto(shared.addresses["subject S3"])
     visible(first, "opened in another tab")
     first.keyboard.press("Enter")
     visible(second, "opened in another tab")
     visible(first, "Before we begin")
     first.close()
     second.close()
-
-
-def test_operator__page__shows_the_track_and_pauses(server, browser) -> None:  # noqa: F811
-    operator, page = browser.new_page(), browser.new_page()
-    errors = watch_errors(operator)
-    operator.goto(server.addresses["operator"])
-    page.goto(server.addresses["subject S1"])
-    subject = Subject(page, server.protocol)
-    while len(subject.acknowledged) < 8:
-        subject.act()
-    operator.locator("#track circle").nth(3).wait_for()
-    assert "50 Hz" in operator.locator("#run").inner_text()
-    operator.locator("[data-command=pause]").click()
-    operator.locator("#state", has_text="paused").wait_for()
-    stands = len(subject.acknowledged)
-    for _ in range(20):
-        subject.act()
-    assert len(subject.acknowledged) <= stands + 1  # the trial that played was finished
-    visible(page, "wait for the experimenter")
-    operator.locator("[data-command=resume]").click()
-    visible(page, "Which one")
-    assert errors == []
-    operator.close()
-    page.close()

@@ -106,7 +106,8 @@ class ReferenceWriter:
 def write_reference(path: str | Path, head: ReferenceHead, frames: int = 0) -> Iterator[ReferenceWriter]:
     """Yield a writer of `path` (.wav, .h5, .hdf5); the file and its NAME.json appear whole at the end, or not at all.
 
-    frames: how many are to come, where that is known: room for them is asked for before anything is written. Raises BadInput for another ending, a rate that is not a whole number of hertz (WAV), or a full disk.
+    frames: how many are to come, where that is known: room for them is asked for before anything is written. Raises
+    BadInput for another ending, a rate that is not a whole number of hertz (WAV), or a full disk.
     """
     path = Path(path)
     check_suffix(path)
