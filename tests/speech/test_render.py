@@ -102,7 +102,7 @@ def test_render_file__wav_hdf5_and_felt__agree(controller, tmp_path):
 
 def test_render_file__same_seed__same_felt(controller, tmp_path):
     job = RenderJob(controller, DirectCoding(), simulate=True, seed=3)
-    first, second = (render_file(sample_path(), tmp_path / "a.wav", job).document() for _ in range(2))
+    first, second = (json.dumps(render_file(sample_path(), tmp_path / "a.wav", job).document()) for _ in range(2))
     assert first == second
 
 

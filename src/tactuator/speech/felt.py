@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +19,7 @@ from tactuator.errors import BadInput
 from tactuator.speech.bandlevels import LONG_FRAME_S, SHORT_FRAME_S, BandAnalysis, BandFrames, Chunker
 from tactuator.speech.prediction import ChannelPrediction
 
-Levels = NDArray[np.float64]
+Levels = NDArray[np.floating[Any]]
 Sink = Callable[[NDArray[np.float64]], None]
 
 HEARD_DB_SL = 10.0
@@ -90,16 +91,17 @@ class FeltComparison:
         self._asked: list[list[BandFrames]] = [[] for _ in self._names]
         self._felt: list[list[BandFrames]] = [[] for _ in self._names]
         edge = self.analysis.margin // 2
-        self._taper = np.ones(self.analysis.chunk)
+        self._taper = np.ones(self.analysis.chunk, dtype=np.float32)
         self._taper[:edge] = 0.5 - 0.5 * np.cos(np.pi * (np.arange(edge) + 0.5) / edge)
         self._taper[-edge:] = self._taper[:edge][::-1]
         self._peak = 0.0
 
-    def _weight(self, prediction: ChannelPrediction) -> NDArray[np.complex128]:
+    def _weight(self, prediction: ChannelPrediction) -> NDArray[np.complex64]:
         frequency = self.analysis.frequency_hz()
         response = prediction.felt(frequency)
         phase = response / np.maximum(np.abs(response), 1e-300)
-        return np.asarray(np.conj(phase) / prediction.channel.threshold.curve.displacement_mm(frequency))
+        weight = np.conj(phase) / prediction.channel.threshold.curve.displacement_mm(frequency)
+        return np.asarray(weight, dtype=np.complex64)
 
     def push(self, asked: ArrayLike, displacement_mm: ArrayLike) -> None:
         """Count in blocks (n, channels) of the reference (threshold units) and of the displacement at the fingers."""
@@ -114,7 +116,7 @@ class FeltComparison:
         for chunk in self._chunker.push(np.concatenate((reference, displacement), axis=1)):
             self._count(chunk, None)
 
-    def _count(self, chunk: NDArray[np.float64], seconds: float | None) -> None:
+    def _count(self, chunk: NDArray[np.float32], seconds: float | None) -> None:
         limit = {} if seconds is None else {"seconds": seconds}
         spectra = fft.rfft(chunk * self._taper)
         half = len(self._names)
@@ -122,7 +124,7 @@ class FeltComparison:
             start = self.analysis.margin
             stop = start + (self.analysis.hop if seconds is None else round(seconds * self.analysis.rate_hz))
             felt = fft.irfft(spectra[half:] * self._weights, self.analysis.chunk)
-            self._sink(np.ascontiguousarray(felt[:, start:stop].T))
+            self._sink(felt[:, start:stop].T.astype(np.float64))
         for index in range(half):
             self._asked[index].append(self.analysis.frames(spectra[index], **limit))
             self._felt[index].append(self.analysis.frames(spectra[half + index] * self._weights[index], **limit))
@@ -157,14 +159,16 @@ def frame_differences_db(asked_db: Levels, felt_db: Levels) -> Levels:
 
 
 def _joined(parts: list[BandFrames]) -> tuple[Levels, Levels]:
-    return np.concatenate([part.long_db for part in parts]), np.concatenate([part.short_db for part in parts])
+    joined = np.concatenate([part.long_db for part in parts]), np.concatenate([part.short_db for part in parts])
+    parts.clear()
+    return joined
 
 
 def _mean_level(levels_db: Levels) -> Levels:
     if not len(levels_db):
         return np.full(levels_db.shape[1], -np.inf)
     with np.errstate(divide="ignore"):
-        return np.asarray(10.0 * np.log10((10.0 ** (levels_db / 10.0)).mean(axis=0)))
+        return np.asarray(10.0 * np.log10((10.0 ** (levels_db / 10.0)).mean(axis=0, dtype=np.float64)))
 
 
 def _rms(values: Levels) -> float:

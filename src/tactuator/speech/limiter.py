@@ -65,7 +65,7 @@ class Limiter:
         ]
         self._between = between_samples(self._rate)
         self._quiet_bin = int(QUIET_ABOVE_HZ * self._size / self._rate) + 1
-        self._last: tuple[Samples, NDArray[np.complex128], float] | None = None
+        self._last: tuple[Samples, NDArray[np.complex64], float] | None = None
 
     @property
     def report(self) -> tuple[FingerLimiting, ...]:
@@ -110,16 +110,16 @@ class Limiter:
             return False
         spectrum, rest = self._spectrum(signal)
         for constraint in finger.limits.constraints:
-            coarse = fft.irfft(spectrum * constraint.coarse, self._size // COARSE)
+            coarse = fft.irfft(spectrum * constraint.coarse, self._size // COARSE)  # float32 is plenty here
             greatest = max(float(coarse.max()), -float(coarse.min())) / COARSE
             if self._between * greatest + rest * constraint.beyond > constraint.limit:
                 return False
         return True
 
-    def _spectrum(self, signal: Samples) -> tuple[NDArray[np.complex128], float]:
+    def _spectrum(self, signal: Samples) -> tuple[NDArray[np.complex64], float]:
         """The spectrum's coarse bins, and the sum of the amplitudes above 320 Hz; fingers often have one signal."""
         if self._last is None or not np.array_equal(signal, self._last[0]):
-            spectrum = fft.rfft(signal, self._size)
+            spectrum = fft.rfft(signal.astype(np.float32), self._size)
             rest = float(np.abs(spectrum[self._quiet_bin :]).sum()) * 2.0 / self._size
             self._last = signal, spectrum[: self._size // COARSE // 2 + 1], rest
         return self._last[1:]

@@ -26,6 +26,9 @@ SAFETY_DB = 0.25
 QUIET_ABOVE_HZ = 320.0
 """Every coding is silent above; see the codings."""
 
+NEVER = 0.8
+"""A limit that the greatest allowed reference reaches to no more than this share is not looked at again."""
+
 COARSE = 3
 """Predictions of quiet stretches are looked at on every third sample only."""
 
@@ -44,7 +47,7 @@ class Constraint:
     response: NDArray[np.complex128]
     limit: float
     norm: float
-    coarse: NDArray[np.complex128]
+    coarse: NDArray[np.complex64]
     beyond: float
 
     @property
@@ -64,7 +67,7 @@ class ChannelLimits:
     @property
     def harmless(self) -> float:
         """A reference whose samples stay within this cannot reach any limit."""
-        return min(self.peak, *(constraint.ceiling for constraint in self.constraints))
+        return min([self.peak, *(constraint.ceiling for constraint in self.constraints)])
 
 
 def between_samples(rate_hz: float) -> float:
@@ -95,9 +98,11 @@ def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimit
             ("command", prediction.command(frequency), command_v),
         ):
             norm = _norm(response, frequency, size)
-            coarse = (np.where(heard, response, 0.0))[: size // COARSE // 2 + 1]
+            coarse = np.where(heard, response, 0.0)[: size // COARSE // 2 + 1].astype(np.complex64)
             constraints.append(Constraint(kind, response, limit, norm, coarse, float(np.abs(response[~heard]).max())))
-    return ChannelLimits(name, 0.25 * np.pi * comfort / gain, tuple(constraints))
+    peak = 0.25 * np.pi * comfort / gain
+    binding = [one for one in constraints if NEVER * one.ceiling < peak]
+    return ChannelLimits(name, peak, tuple(binding))
 
 
 def _norm(response: NDArray[np.complex128], frequency: NDArray[np.float64], size: int) -> float:
