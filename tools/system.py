@@ -10,9 +10,10 @@ from pathlib import Path
 #: command -> Debian package, by purpose. The one list of what comes from the system.
 SYSTEM_PACKAGES = {
     "boards": {"arm-none-eabi-gcc": "gcc-arm-none-eabi", "qemu-system-arm": "qemu-system-arm"},
+    "fuzzing": {"clang": "clang"},
     "browser": {"chromium": "chromium"},
 }
-PURPOSES = {"boards": ("boards",), "test": ("boards", "browser")}
+PURPOSES = {"boards": ("boards",), "test": ("boards", "fuzzing", "browser")}
 
 
 def missing(purpose):

@@ -9,18 +9,19 @@ from typing import Annotated
 import typer
 
 from tactuator.digital.controller import Controller
-from tactuator.errors import BadInput
+from tactuator.rig.open import open_rig, rig_names
 from tactuator.rig.protocol import Rig
-from tactuator.rig.simulated import SimulatedRig
 
-RIGS = ("simulated",)
-
-RigOption = Annotated[str, typer.Option("--rig", help=f"Rig to use: {', '.join(RIGS)}.")]
+RigOption = Annotated[str, typer.Option("--rig", help=f"Rig to use: {rig_names()}.")]
 
 
 @contextmanager
 def opened_rig(name: str, controller: Controller, seed: int) -> Iterator[Rig]:
     """The rig of that name for the controller's display, open for the length of the context; BadInput if unknown."""
-    if name not in RIGS:
-        raise BadInput(f"rig {name!r}; allowed: {', '.join(RIGS)}")
-    yield SimulatedRig(controller.display, seed)
+    rig = open_rig(name, controller.display, seed)
+    try:
+        yield rig
+    finally:
+        close = getattr(rig, "close", None)
+        if close is not None:
+            close()

@@ -4,6 +4,9 @@ VERBS: tuple[str, ...] = (
     # one line each, a dash in a verb being an underscore in its module
     "design",
     "check",
+    "wordlength",
+    "build",
+    "firmware",
     "reproduce",
     "experiment",
     "identify",

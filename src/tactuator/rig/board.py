@@ -19,7 +19,7 @@ from tactuator.plant.display import Display
 from tactuator.rig.board_finger import BoardFinger
 from tactuator.rig.commissioning import SOFT_START_S, safety_table
 from tactuator.rig.frames import Request
-from tactuator.rig.link import IMAGE, SAFETY, STREAM, LinkClient, Mode, RigFault, Status, TraceRows
+from tactuator.rig.link import IMAGE, SAFETY, STREAM, WIRED, LinkClient, Mode, RigFault, Status, TraceRows
 from tactuator.rig.trace import Trace
 
 REFERENCE_MAX = 1000.0
@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 class BoardRig:
     """`display` on a board that runs the firmware.
 
-    The first controller that is loaded commissions a board without a safety table; later ones leave the table alone.
+    A board without a safety table gets this display's; one that has a table keeps it, whatever is loaded.
     On a board whose display is simulated time stands still between blocks, so that two blocks are one block cut in
     two, and its finger ports can be touched. On a real one the loop holds r = 0 between them.
     """
@@ -54,6 +54,9 @@ class BoardRig:
         self._holds = status.allows_hold
         self._run, self._at, self._drives, self._loaded = status.run, 0, False, False
         self._fingers: tuple[BoardFinger, ...] = ()
+        if status.safety_crc == 0:
+            self.off()
+            self.commission()
 
     # -- what a rig is ------------------------------------------------------------------------------------------------
 
@@ -77,15 +80,11 @@ class BoardRig:
         if tuple(channel.name for channel in controller.channels) != self.channels:
             got = ", ".join(channel.name for channel in controller.channels)
             raise BadInput(f"controller is for channels {got}; allowed: {', '.join(self.channels)}")
-        self.load_image(build_image(controller, self._format, controller_hash(controller)), controller)
+        self.load_image(build_image(controller, self._format, controller_hash(controller)))
 
-    def load_image(self, image: bytes, controller: Controller | None = None) -> None:
-        """Load an image as it is; `controller` commissions a board that has no safety table yet."""
+    def load_image(self, image: bytes) -> None:
+        """Load an image as it is; the board itself refuses what is amiss (BadInput, with the reason)."""
         self.off()
-        if self._client.status().safety_crc == 0:
-            if controller is None:
-                raise BadInput("the board has no safety table; allowed: load a controller for its display first")
-            self.commission(controller)
         self._client.upload(IMAGE, image)
         self._loaded = True
 
@@ -112,8 +111,6 @@ class BoardRig:
         if not np.all(np.isfinite(rows)):
             self.rest()
             raise BadInput("the command is not finite; allowed: volts")
-        if self._client.status().safety_crc == 0:
-            raise BadInput("the board has no safety table; allowed: load a controller for its display first")
         command, position, flags = self._block(rows, drives=True)
         return Trace(self.rate_hz, self.channels, np.zeros(command.shape), command, position, flags)
 
@@ -142,13 +139,13 @@ class BoardRig:
         """What the board says of itself."""
         return self._client.status()
 
-    def commission(self, controller: Controller) -> None:
-        """Write the safety table of the controller's display; the board must be in OFF."""
-        self._client.upload(SAFETY, safety_bytes(safety_table(controller)))
+    def commission(self) -> None:
+        """Write the safety table of the display, whatever table was there; the board must be in OFF."""
+        self._client.upload(SAFETY, safety_bytes(safety_table(self._display)))
 
-    def wire(self, content: bytes, kind: int, loads: tuple[tuple[str | None, ...], ...]) -> None:
-        """Put a simulated display in the place of the converters (a board of an emulator)."""
-        self._client.upload(kind, content)
+    def wire(self, content: bytes, loads: tuple[tuple[str | None, ...], ...]) -> None:
+        """Put a simulated display in the place of the converters (boards that have none)."""
+        self._client.upload(WIRED, content)
         self._fingers = tuple(BoardFinger(self._client, index, names) for index, names in enumerate(loads))
 
     def off(self) -> None:
@@ -199,7 +196,7 @@ class BoardRig:
         self._client.start(self._run, STREAM, drives, self._holds)
         soft = round(SOFT_START_S * self.rate_hz) + 2
         if self._holds:
-            self._pump(np.zeros((soft, len(self.channels)), dtype=np.float32), 0)
+            self._pump(np.zeros((soft, len(self.channels)), dtype=np.float32), 0, felt=False)
             self._at = soft
         else:
             self._wait(lambda now: now.tick > soft)
@@ -221,10 +218,10 @@ class BoardRig:
         polarity = np.array([float(converter.polarity) for converter in converters])
         return steps, polarity, np.array([converter.offset_v for converter in converters])
 
-    def _pump(self, rows: NDArray[np.float32], first: int) -> list[TraceRows]:
+    def _pump(self, rows: NDArray[np.float32], first: int, felt: bool = True) -> list[TraceRows]:
         """Rows to the board and the trace of them back, a ring's worth at a time."""
         count, channels = rows.shape
-        forces = self._forces(count)
+        forces = self._forces(count) if felt else None
         sent = got = 0
         parts: list[TraceRows] = []
         while got < count:
@@ -232,7 +229,7 @@ class BoardRig:
                 force = None if forces is None else forces[sent:]
                 end, _ = self._client.stream(self._run, first + sent, rows[sent:], force)
                 sent = min(count, max(sent, end - first))
-            part = self._client.trace(self._run, first + got, count - got, channels, bool(self._fingers))
+            part = self._client.trace(self._run, first + got, count - got, channels, felt and bool(self._fingers))
             if part.command_code.shape[0]:
                 parts.append(part)
                 got += part.command_code.shape[0]

@@ -1,7 +1,7 @@
 """The safety table of a display: limits, plant and weighting that a board's guard is commissioned with.
 
-It is made once, from the display and the controller designed for it; images loaded later leave it alone. What the
-figures are for, and why they are what they are: docs/safety.md.
+It is made once, from the display alone: no controller and no image has a say in it. What the figures are for, and why
+they are what they are: docs/safety.md.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import math
 import numpy as np
 
 from tactuator.design.weighting import weighting_sections
-from tactuator.digital.controller import ChannelController, Controller
 from tactuator.digital.discretise import zero_order_hold
 from tactuator.digital.safety import NEVER, NEVER_TICKS, ChannelSafety, Observer, SafetyTable
 from tactuator.plant.display import Channel, Display
@@ -27,17 +26,14 @@ REVERSAL_NOISES = 8.0
 _NOWHERE = Observer(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def safety_table(controller: Controller) -> SafetyTable:
-    """The table for the display that `controller` was designed for.
+def safety_table(display: Display) -> SafetyTable:
+    """The table of `display`.
 
     A plant that is no second-order motor measured by its displacement has neither stopping distance nor observer:
     comfort, command, range, frozen sensor, lateness and silence are watched all the same.
     """
-    display = controller.display
     rate = display.rate_hz
-    channels = tuple(
-        _channel(display, channel, own) for channel, own in zip(display.channels, controller.channels, strict=True)
-    )
+    channels = tuple(_channel(display, channel) for channel in display.channels)
     ticks = (round(duration * rate) for duration in (SILENCE_S, SOFT_START_S, FADE_S, RAMP_S, QUICK_S))
     silence, soft_start, fade, ramp, quick = ticks
     return SafetyTable(
@@ -99,11 +95,11 @@ def reversal_power(channel: Channel, rate_hz: float) -> float:
     return REVERSAL_NOISES**2 * difference * 0.0125
 
 
-def _channel(display: Display, channel: Channel, controller: ChannelController) -> ChannelSafety:
+def _channel(display: Display, channel: Channel) -> ChannelSafety:
     rate = display.rate_hz
-    converter, travel_v = channel.converter, controller.limits.travel_v
+    converter, travel_v = channel.converter, channel.travel_mm * channel.sensor_gain_v_per_mm
     code_max = 2 ** (converter.bits - 1) - 1
-    comfort = float(from_db(controller.limits.comfort_db_sl))
+    comfort = float(from_db(display.objectives.comfort_db_sl))
     watched = is_watched(channel)
     model, lost = observer(channel, rate) if watched else (_NOWHERE, 1.0)
     return ChannelSafety(
@@ -115,11 +111,11 @@ def _channel(display: Display, channel: Channel, controller: ChannelController) 
         stop_max_v=STOP_SHARE * travel_v if watched else code_max * converter.step_v,
         stop_lead=1.0 / lost if watched else 0.0,
         stop_push=4.0 * model.drive / lost,
-        command_max_v=min(controller.limits.command_v, converter.range_v),
+        command_max_v=converter.range_v,
         reference_max=comfort,
         comfort_max=comfort * float(from_db(COMFORT_TOLERANCE_DB)),
         disagreement_v=DISAGREEMENT_SHARE * travel_v if watched else NEVER,
         reversal_power=reversal_power(channel, rate / turns(display)) if watched else NEVER,
         observer=model,
-        weighting_sos=weighting_sections(display, channel, controller, rate / turns(display)),
+        weighting_sos=weighting_sections(channel, rate / turns(display)),
     )

@@ -1,0 +1,49 @@
+"""`tactuator build`: a controller as an image for a board."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from tactuator.cli.answer import answer
+from tactuator.cli.options import AsJson
+from tactuator.digital.image import build_image, read_image_header
+from tactuator.digital.wordlength import require_safe
+from tactuator.files.atomic import atomic_path
+from tactuator.files.controller import controller_hash, read_controller
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+
+    @app.command()
+    def build(
+        controller: Annotated[Path, typer.Argument(help="Controller file that `design` wrote.")],
+        out: Annotated[Path, typer.Option("--out", help="Image file to write.")],
+        number_format: Annotated[str, typer.Option("--format", help="Number format: float32 or q31.")] = "float32",
+        as_json: AsJson = False,
+    ) -> None:
+        """Write a controller as the image that a board loads; a format that is not safe for it is refused."""
+        made = read_controller(controller)
+        report = require_safe(made, number_format)
+        image = build_image(made, number_format, controller_hash(made))
+        header = read_image_header(image)
+        with atomic_path(out) as beside:
+            beside.write_bytes(image)
+        result = {
+            "image": str(out),
+            "bytes": len(image),
+            "format": header.format,
+            "rate_hz": header.rate_hz,
+            "channels": header.channels,
+            "controller": header.controller_hash,
+            "crc32": f"{header.crc:08x}",
+            "response_error_db": report.response_error_db,
+        }
+        table = Table("what", "is", title="Image")
+        for key, value in result.items():
+            table.add_row(key, str(value))
+        answer(result, as_json, table)

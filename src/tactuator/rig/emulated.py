@@ -1,0 +1,39 @@
+"""Boards in the emulator, and one in this process, as rigs: the display's simulation is wired to their converters."""
+
+from __future__ import annotations
+
+from tactuator.digital.wired_display import wired_display_bytes
+from tactuator.plant.display import Display
+from tactuator.rig.board import BoardRig
+from tactuator.rig.emulator import Emulator
+from tactuator.rig.link import LinkClient
+from tactuator.rig.transport import InProcess, Transport
+
+_ANSWER_S = 10.0
+
+
+def emulated_rig(
+    board: str, display: Display, seed: int = 0, number_format: str = "float32", counting: str | None = "shift=3,sleep=off"
+) -> BoardRig:
+    """`display`, simulated, on a board of the emulator ("mps2-an500"). Raises BadInput if QEMU or the cross-compiler
+    is missing."""
+    return wired_rig(Emulator(board, counting), display, seed, number_format)
+
+
+def in_process_rig(display: Display, seed: int = 0, number_format: str = "float32") -> BoardRig:
+    """The same board and link in this very process: what the emulated ones are compared with."""
+    return wired_rig(InProcess(), display, seed, number_format)
+
+
+def wired_rig(transport: Transport, display: Display, seed: int, number_format: str) -> BoardRig:
+    """A board with a simulated display behind any transport; closed again if it cannot be set up."""
+    client = LinkClient(transport, _ANSWER_S)
+    try:
+        rig = BoardRig(client, display, number_format)
+        content, loads = wired_display_bytes(display, seed)
+        rig.wire(content, loads)
+    except BaseException:
+        client.close()
+        raise
+    return rig
+

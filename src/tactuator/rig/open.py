@@ -1,0 +1,34 @@
+"""Rigs by name: "simulated", "emulated:mps2-an500", "board:URL"."""
+
+from __future__ import annotations
+
+from tactuator.errors import BadInput
+from tactuator.plant.display import Display
+from tactuator.rig.emulated import emulated_rig, in_process_rig
+from tactuator.rig.firmware import BOARDS
+from tactuator.rig.protocol import Rig
+from tactuator.rig.serial_board import serial_rig
+from tactuator.rig.simulated import SimulatedRig
+
+
+def rig_names() -> str:
+    """What may be asked for, for a message or a help text."""
+    return ", ".join(["simulated", "in-process", *(f"emulated:{name}" for name in BOARDS), "board:URL"])
+
+
+def open_rig(spec: str, display: Display, seed: int = 0) -> Rig:
+    """The rig of that name with `display` on it.
+
+    URL: a serial port (COM3, /dev/ttyACM0) or `socket://host:port`. Raises BadInput for another name, or for what is
+    missing (the emulator, the cross-compiler, pyserial, the port).
+    """
+    kind, _, rest = spec.partition(":")
+    if spec == "simulated":
+        return SimulatedRig(display, seed)
+    if spec == "in-process":
+        return in_process_rig(display, seed)
+    if kind == "emulated" and rest:
+        return emulated_rig(rest, display, seed)
+    if kind == "board" and rest:
+        return serial_rig(rest, display, seed)
+    raise BadInput(f"rig {spec!r} is not known; allowed: {rig_names()}")
