@@ -29,7 +29,9 @@ class SerialPort:
         try:
             self._port: Any = serial.serial_for_url(url, baudrate=BAUD, timeout=0.0, write_timeout=2.0)
         except (serial.SerialException, ValueError, OSError) as error:
-            raise BadInput(f"port {url!r} cannot be opened ({error}); allowed: a serial port or socket://host:port") from None
+            raise BadInput(
+                f"port {url!r} cannot be opened ({error}); allowed: a serial port or socket://host:port"
+            ) from None
 
     def send(self, content: bytes) -> None:
         """All of the content; raises LinkDown if the port has vanished."""
