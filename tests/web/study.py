@@ -55,7 +55,8 @@ class Server:
         arguments += ["--controller", str(self.controller), "--operator-token", "op", "--speed", "0", "--auto-start"]
         self.process = subprocess.Popen([sys.executable, "-c", COMMAND, *arguments], stderr=subprocess.PIPE, text=True)
         assert self.process.stderr is not None
-        while "subject S1" not in self.addresses or self.port == 0:
+        self.addresses.clear()  # they are printed once the server listens
+        while len(self.addresses) < 1 + self.protocol.read_text().count("[[subject]]"):
             line = self.process.stderr.readline()
             assert line, "the server ended"
             name, _, address = line.strip().partition(": ")

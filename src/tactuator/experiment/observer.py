@@ -17,8 +17,8 @@ class Observer:
     """A subject with a threshold curve of its own.
 
     curve: level (dB re 1 um peak) at which psi reaches its target. A Weibull or logistic observer notices each interval
-    independently with probability F (a high threshold), picks one it noticed, and guesses where it noticed none; with
-    the signal in one interval that is psi exactly. A MaxOfM observer takes the largest of m noisy impressions.
+    independently with probability F (a high threshold), picks the strongest it noticed, guesses where it noticed none;
+    with the signal in one interval that is psi exactly. A MaxOfM observer takes the largest of m noisy impressions.
     interval_bias: weights of the intervals in guesses and lapses (none: even); drift_db_per_trial: the threshold rises.
     """
 
@@ -65,10 +65,8 @@ def respond(
         picked = int(np.argmax(impression))
     else:
         noticed = rng.random(intervals) < psychometric.rise(level_db)
-        odds = weights * noticed if noticed.any() and (weights * noticed).sum() > 0.0 else weights
-        picked = int(rng.choice(intervals, p=odds / odds.sum()))
-        if noticed.any() and noticed.sum() == 1:
-            picked = int(np.argmax(noticed))
+        strongest = int(np.argmax(np.where(noticed, level_db, -np.inf)))
+        picked = strongest if noticed.any() else int(rng.choice(intervals, p=weights))
     return int(rng.choice(intervals, p=weights)) if inattentive else picked
 
 

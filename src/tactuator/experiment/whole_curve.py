@@ -29,7 +29,9 @@ class WholeCurveRule:
         if self.trials < 1:
             raise BadInput(f"whole curve: {self.trials} trials; allowed: 1 or more")
         if not self.floor_db_sl < self.ceiling_db_sl:
-            raise BadInput(f"whole curve: floor {self.floor_db_sl:g} is not below the ceiling {self.ceiling_db_sl:g}")
+            raise BadInput(
+                f"whole curve: floor {self.floor_db_sl:g}, ceiling {self.ceiling_db_sl:g} dB SL; allowed: floor below"
+            )
 
 
 class WholeCurve:
