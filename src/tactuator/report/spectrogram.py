@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -18,7 +20,7 @@ LOWEST_DB_SL, HIGHEST_DB_SL = -10.0, 55.0
 DIFFERENCE_DB = 3.0
 _TICKS_HZ = (2, 5, 10, 20, 50, 100, 200)
 
-Levels = NDArray[np.float64]
+Levels = NDArray[np.floating[Any]]
 
 
 def spectrogram_plate(report: FeltReport, what: str, name: str = "render") -> Plate:
