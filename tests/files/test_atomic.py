@@ -64,3 +64,48 @@ def test_atomic_folder__place_that_cannot_be_written__is_refused_and_left_as_it_
     # a folder that even root cannot write to
     with pytest.raises(BadInput, match=r"cannot be (made|written)"), atomic_folder("/proc/none/report", OWN):
         pass
+
+
+def test_atomic_folder__a_file_of_others_comes_in_between__is_kept_and_refused(tmp_path: Path) -> None:
+    target = tmp_path / "report"
+    target.mkdir()
+
+    def work() -> None:
+        with atomic_folder(target, OWN) as beside:
+            (beside / "a.txt").write_text("new")
+            (target / "thesis.tex").write_text("years of work")
+
+    with pytest.raises(BadInput, match="holds other files"):
+        work()
+    assert (target / "thesis.tex").read_text() == "years of work"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_atomic_folder__interrupted_between_the_renames__puts_the_old_one_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "report"
+    target.mkdir()
+    (target / "a.txt").write_text("old")
+    rename, calls = Path.rename, []
+
+    def interrupted_second(self: Path, to: Path) -> Path:
+        calls.append(to)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return rename(self, to)
+
+    monkeypatch.setattr(Path, "rename", interrupted_second)
+    with pytest.raises(KeyboardInterrupt), atomic_folder(target, OWN) as beside:
+        (beside / "a.txt").write_text("new")
+    assert (target / "a.txt").read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_atomic_folder__symlink__fills_what_it_points_to(tmp_path: Path) -> None:
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to("real")
+    with atomic_folder(tmp_path / "link", OWN) as beside:
+        (beside / "a.txt").write_text("new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real" / "a.txt").read_text() == "new"

@@ -81,6 +81,10 @@ def test_with_curve__another__is_every_channels(tmp_path: Path) -> None:
     [
         ("rate_hz = 4000", "rate = 4000", r"\[display\] has no key 'rate'; allowed: name, rate_hz"),
         ("rate_hz = 4000", 'rate_hz = "fast"', r"\[display\] rate_hz is 'fast'; allowed: a valid number"),
+        ("rate_hz = 4000", 'rate_hz = "4000"', r"\[display\] rate_hz is '4000'; allowed: a valid number"),
+        ("rate_hz = 4000", "rate_hz = 1e9", "rate_hz is 1e[+]09; allowed: up to 1e[+]06 Hz"),
+        ("travel_mm = 12.5", "travel_mm = true", "travel_mm is True; allowed: a valid number"),
+        ("travel_mm = 12.5", "travel_mm = 12.5\nbits = 16.5", "bits is 16.5; allowed: a valid integer"),
         ("rate_hz = 4000", "", r"\[display\] lacks the key 'rate_hz'"),
         ("rate_hz = 4000", "rate_hz = -4000", "rate_hz is -4000"),
         ("0.19898", "-0.19898", "sensor_gain_v_per_mm is -0.19898; allowed: a positive number"),

@@ -98,14 +98,6 @@ def test_speech_file__stereo_8_bit_and_24_bit__are_read(tmp_path: Path) -> None:
     assert check_speech(Plan(paper_display(), speech=tmp_path / "coarse.wav")).peak > 0.1
 
 
-def test_reproduce__display_with_a_wrong_key__is_refused_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "d.toml").write_text("[display]\nrate = 4000\n")
-    assert main(["reproduce", "--display", str(tmp_path / "d.toml"), "--out", str(tmp_path / "paper")]) == 2
-    assert "has no key 'rate'" in capsys.readouterr().err
-
-
 def test_seed_of__same_plan__is_the_same_and_differs_by_step() -> None:
     first, again = Plan(paper_display(), 7), Plan(paper_display(), 7)
     assert first.seed_of("a") == again.seed_of("a")

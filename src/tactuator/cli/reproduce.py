@@ -12,7 +12,6 @@ from rich.table import Table
 from tactuator.cli.answer import answer, progress
 from tactuator.cli.options import AsJson, Seed
 from tactuator.files.atomic import atomic_folder
-from tactuator.files.display import read_display
 from tactuator.speech.reading import SpeechFile
 from tactuator.study.comparison import comparison
 from tactuator.study.plan import Plan, Progress, paper_display
@@ -31,12 +30,11 @@ def register(app: typer.Typer) -> None:
             "out/paper"
         ),
         speech: Annotated[Path | None, typer.Option("--speech", help="WAV or FLAC to present.")] = None,
-        display: Annotated[Path | None, typer.Option("--display", help="Display file (default: the paper's).")] = None,
         seed: Seed = 1,
         as_json: AsJson = False,
     ) -> None:
         """Run the paper's study on the simulated display: report.html, figures and summary.json in the folder."""
-        plan = Plan(paper_display() if display is None else read_display(display), seed, speech)
+        plan = Plan(paper_display(), seed, speech)
         file = check_speech(plan)
         with atomic_folder(out, OWN_NAMES) as folder:
             study = _watched(plan, file)

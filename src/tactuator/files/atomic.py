@@ -40,7 +40,7 @@ def atomic_folder(path: str | os.PathLike[str], own_names: frozenset[str]) -> It
     Raises BadInput where it cannot be made, or where `path` holds anything but `own_names`: what is not ours is never
     replaced. Enter it before long work begins, so that a refusal comes first.
     """
-    target = Path(path)
+    target = Path(path).resolve()
     _check_own(target, own_names)
     made = _made_parents(target)
     try:
@@ -48,6 +48,7 @@ def atomic_folder(path: str | os.PathLike[str], own_names: frozenset[str]) -> It
         try:
             yield beside
             beside.chmod(0o755)
+            _check_own(target, own_names)
             _take_the_place_of(target, beside)
         finally:
             shutil.rmtree(beside, ignore_errors=True)
@@ -70,7 +71,7 @@ def _check_own(target: Path, own_names: frozenset[str]) -> None:
 
 def _made_parents(target: Path) -> list[Path]:
     """Make the folders above `target`; those that were not there, the lowest first."""
-    missing = [folder for folder in target.absolute().parents if not folder.exists()]
+    missing = [folder for folder in target.parents if not folder.exists()]
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -80,10 +81,16 @@ def _made_parents(target: Path) -> list[Path]:
 
 
 def _take_the_place_of(target: Path, beside: Path) -> None:
+    """Rename, and put the old folder back if anything comes between the two renames."""
     old = beside.with_name(beside.name + "-old")
-    if target.exists():
-        target.rename(old)
-    beside.rename(target)
+    try:
+        if target.exists():
+            target.rename(old)
+        beside.rename(target)
+    except BaseException:
+        if old.exists() and not target.exists():
+            old.rename(target)
+        raise
     shutil.rmtree(old, ignore_errors=True)
 
 

@@ -44,7 +44,7 @@ def read_display(path: str | Path) -> Display:
     """
     path = Path(path)
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        document = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error).splitlines()[0]
         raise BadInput(f"display file {path}: {reason}; allowed: a TOML file that can be read") from None

@@ -6,13 +6,14 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Whole = Annotated[int, Field(strict=True)]
+Positive = Annotated[float, Field(strict=True, gt=0.0, allow_inf_nan=False)]
 Pair = tuple[Number, Number]
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=False)
+    model_config = ConfigDict(extra="forbid")
 
 
 class PlantTable(_Table):
@@ -23,7 +24,7 @@ class PlantTable(_Table):
     zeros: list[Number | Pair] | None = None
     poles: list[Number | Pair] | None = None
     gain: Number | None = None
-    delay_s: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.0
+    delay_s: Annotated[float, Field(strict=True, ge=0.0, allow_inf_nan=False)] = 0.0
 
 
 class CurveTable(_Table):
@@ -49,9 +50,9 @@ class LoadTable(_Table):
 class ConverterKeys(_Table):
     """Keys of [converter]."""
 
-    bits: int = 16
+    bits: Whole = 16
     range_v: Number = 10.0
-    polarity: int = 1
+    polarity: Whole = 1
     offset_v: Number = 0.0
 
 
@@ -80,7 +81,7 @@ class FeedbackKeys(_Table):
 class PrefilterKeys(_Table):
     """Keys of [prefilter]."""
 
-    poles: int = 4
+    poles: Whole = 4
     falls_above_hz: Positive = 400.0
 
 
@@ -111,7 +112,7 @@ class DisplayKeys(_Table):
 
     name: str = "display"
     rate_hz: Number
-    delay_samples: int = 1
+    delay_samples: Whole = 1
 
 
 class ChannelOwnKeys(_Table):

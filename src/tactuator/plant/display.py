@@ -13,6 +13,9 @@ from tactuator.plant.load import DERIVATIVES, Load, Quantity
 from tactuator.plant.requirements import FeedbackRequirements, Objectives, PrefilterRequirements
 from tactuator.signals.systems import ContinuousSystem
 
+HIGHEST_RATE_HZ = 1e6
+"""Beyond it double precision has too few digits for what is slow."""
+
 
 @dataclass(frozen=True)
 class Converter:
@@ -146,8 +149,8 @@ class Display:
     objectives: Objectives = field(default_factory=Objectives)
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.rate_hz) and self.rate_hz > 0.0):
-            raise BadInput(f"display: rate_hz is {self.rate_hz:g}; allowed: a positive number of hertz")
+        if not 0.0 < self.rate_hz <= HIGHEST_RATE_HZ:
+            raise BadInput(f"display: rate_hz is {self.rate_hz:g}; allowed: up to {HIGHEST_RATE_HZ:g} Hz")
         if self.delay_samples not in range(9):
             raise BadInput(f"display: delay_samples is {self.delay_samples}; allowed: 0 to 8")
         if not self.channels:

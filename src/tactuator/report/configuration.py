@@ -8,7 +8,7 @@ from tactuator.digital.controller import Controller
 from tactuator.plant.display import Channel
 from tactuator.report.diagram import Box, canvas, draw_box, draw_path, draw_sum
 from tactuator.report.plate import Plate
-from tactuator.signals.systems import ContinuousSystem
+from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
 
 def printed_polynomial(coefficients: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
@@ -34,6 +34,16 @@ def printed_system(system: ContinuousSystem) -> tuple[str, str]:
     """Numerator and denominator of a continuous system as printed."""
     num, den = system.polynomials()
     return printed_polynomial(num), printed_polynomial(den)
+
+
+def _as_corners(f: SampledSystem) -> ContinuousSystem:
+    """The continuous system of the same corner frequencies and the same gain at rest; roots at Nyquist or at the
+    origin of z have none."""
+    zeros, poles = (
+        np.log(roots[(np.abs(roots) > 1e-6) & (np.abs(roots + 1.0) > 1e-6)]) * f.rate_hz for roots in (f.zeros, f.poles)
+    )
+    unscaled = ContinuousSystem(zeros, poles, 1.0)
+    return ContinuousSystem(zeros, poles, float(np.real(f.response(0.0) / unscaled.response(0.0))))
 
 
 def _formula(system: ContinuousSystem) -> tuple[str, ...]:
@@ -77,18 +87,23 @@ def mechanism_plate(channel: Channel, name: str = "fig03") -> Plate:
     return Plate(name, "Motor assembly", caption, made, table)
 
 
-def loop_plate(channel: Channel, c: ContinuousSystem, f: ContinuousSystem, name: str = "fig06") -> Plate:
-    """The two-degree-of-freedom loop with the transfer functions in their boxes."""
+def loop_plate(channel: Channel, c: ContinuousSystem, f: SampledSystem, name: str = "fig06") -> Plate:
+    """The two-degree-of-freedom loop of `channel`'s plant, with what stands in its boxes: F as it runs, sampled, is
+    shown by the corner frequencies of its roots (log z times the rate)."""
     made, axes = canvas(10.0, 3.6)
     boxes = {}
-    for x, width, letter, system in ((1.9, 2.3, "F(s)", f), (5.1, 2.1, "C(s)", c), (7.7, 1.7, "P(s)", channel.plant)):
+    for x, width, letter, system in (
+        (1.9, 2.3, "F(z)", _as_corners(f)),
+        (5.1, 2.1, "C(s)", c),
+        (7.7, 1.7, "P(s)", channel.plant),
+    ):
         boxes[letter] = Box((x, 2.3), letter, _formula(system), width, 1.15)
         draw_box(axes, boxes[letter])
     before, after, noise = (3.6, 2.3), (9.1, 2.3), (6.5, 0.7)
     for centre, signs in ((before, "−"), (after, "+"), (noise, "+")):
         draw_sum(axes, centre, signs)
-    draw_path(axes, [(0.2, 2.3), boxes["F(s)"].left], "r")
-    draw_path(axes, [boxes["F(s)"].right, (before[0] - 0.13, 2.3)])
+    draw_path(axes, [(0.2, 2.3), boxes["F(z)"].left], "r")
+    draw_path(axes, [boxes["F(z)"].right, (before[0] - 0.13, 2.3)])
     draw_path(axes, [(before[0] + 0.13, 2.3), boxes["C(s)"].left], "e")
     draw_path(axes, [boxes["C(s)"].right, boxes["P(s)"].left], "u")
     draw_path(axes, [boxes["P(s)"].right, (after[0] - 0.13, 2.3)])
@@ -99,9 +114,12 @@ def loop_plate(channel: Channel, c: ContinuousSystem, f: ContinuousSystem, name:
     draw_path(axes, [(6.5, 0.15), (6.5, 0.57)])
     axes.text(6.6, 0.2, "n (hum, noise)", fontsize=8, style="italic", ha="left", va="center")
     draw_path(axes, [(noise[0] - 0.13, 0.7), (3.6, 0.7), (3.6, 2.17)])
-    caption = "The two-degree-of-freedom controller around the identified motor; H = FT, T = CP/(1 + CP)."
+    caption = (
+        f"The two-degree-of-freedom controller of the {channel.name} channel: the paper's C, the plant of the display "
+        "file, and the prefilter fitted to H/T, shown by its corner frequencies; H = FT, T = CP/(1 + CP)."
+    )
     table: dict[str, list[object]] = {"block": [], "part": [], "power": [], "coefficient": []}
-    for letter, system in (("F", f), ("C", c), ("P", channel.plant)):
+    for letter, system in (("F", _as_corners(f)), ("C", c), ("P", channel.plant)):
         for part, values in zip(("num", "den"), system.polynomials(), strict=True):
             for index, value in enumerate(values):
                 row = (letter, part, len(values) - 1 - index, float(value))

@@ -17,7 +17,7 @@ body { font: 16px/1.55 system-ui, sans-serif; color: var(--ink); background: #ff
 h1 { font-size: 1.7rem; line-height: 1.2; } h2 { margin-top: 3rem; border-top: 1px solid var(--line);
      padding-top: 1rem; font-size: 1.25rem; }
 nav ol { columns: 2; font-size: .92rem; } nav a, p a { color: var(--blue); }
-figure { margin: 1.2rem 0; } figure img { width: 100%; height: auto; }
+figure { margin: 1.2rem 0; overflow-x: auto; } figure img { width: 100%; min-width: 34rem; height: auto; }
 figcaption { color: var(--faint); font-size: .9rem; }
 .table { overflow-x: auto; } table { border-collapse: collapse; font-size: .9rem; margin: .8rem 0; }
 th, td { padding: .25rem .7rem; border-bottom: 1px solid var(--line); text-align: left; vertical-align: top;

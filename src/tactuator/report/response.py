@@ -52,10 +52,11 @@ def response_plate(runs: Sequence[LevelResponse], condition: str, name: str) -> 
     grid[1, 0].set_ylabel("error (dB)", fontsize=9)
     _key(grid[0, -1])
     clean = max(float(np.max(np.abs(run.error_db[~run.saturated]), initial=0.0)) for run in runs if run.level_db_sl > 0)
+    quiet = ", 0 dB SL in orange, higher levels in deeper blue" if any(run.level_db_sl == 0.0 for run in runs) else ""
     caption = (
         f"Sensor output at {', '.join(f'{level:g}' for level in sorted({run.level_db_sl for run in runs}))} dB SL, "
         f"{condition}: measured (circles) and expected from the shipped sections and the nominal plant without load "
-        "(lines). Below, the difference with its confidence, 0 dB SL in orange. Largest difference above 0 dB SL, "
+        f"(lines). Below, the difference with its confidence{quiet}. Largest difference above 0 dB SL, "
         f"saturated points left out: {clean:.2f} dB."
     )
     return Plate(name, f"Measured and expected output, {condition}", caption, made, _table(runs))

@@ -9,6 +9,8 @@ from tactuator.perception.levels import COMFORT_DB_SL
 from tactuator.report.page import Section, Table, page
 from tactuator.report.plate import Plate
 from tactuator.study.comparison import comparison
+from tactuator.study.objectives import Figures
+from tactuator.study.response import LOADED, UNLOADED, worst_error_db
 from tactuator.study.run import Study
 from tactuator.study.speech import LEVEL_DB_SL
 from tactuator.study.thresholds import bias_and_spread_db
@@ -35,15 +37,12 @@ def report_page(study: Study, plates: Sequence[Plate]) -> str:
 
 
 def _objectives(study: Study) -> Section:
-    rows = [
-        (one.number, one.asks, "; ".join(f"{k} {_short(v)}" for k, v in one.figures.items()), _met(one.met))
-        for one in study.objectives
-    ]
+    rows = [(one.number, _met(one.met), one.asks, _worded(one.figures)) for one in study.objectives]
     compared = [(row.what, row.paper, row.here) for row in comparison(study)]
     return Section(
         "The four objectives, and paper against here",
         ("The paper asks four things of its display (section 2). Here is how this one answers, as measured.",),
-        (Table(("objective", "asks", "figures", ""), rows), Table(("", "paper (2004)", "here"), compared)),
+        (Table(("objective", "", "asks", "figures"), rows), Table(("", "paper (2004)", "here"), compared)),
     )
 
 
@@ -65,7 +64,9 @@ def _design_sections(study: Study, plates: dict[str, Plate]) -> tuple[Section, .
                 "Each motor was driven for one minute with steps, noise and sinusoids; recursive least squares gave a "
                 "second-order model. The sensor was calibrated against a dial gauge with an error of 0.01 mm.",
                 "Against the simulated truth the identified responses err by at most "
-                f"{max(motor.frf_error_db_max for motor in study.motors.values()):.2f} dB over 0.4-300 Hz.",
+                f"{max(motor.frf_error_db_max for motor in study.motors.values()):.2f} dB over 0.4-300 Hz. The "
+                "controllers below are designed for the plants and gains of the display file, so that what "
+                "identification missed is seen here and nowhere else.",
             ),
             plates=_some(plates, "fig03", "fig04", "fig05"),
         ),
@@ -91,6 +92,7 @@ def _design_sections(study: Study, plates: dict[str, Plate]) -> tuple[Section, .
 
 
 def _measured_sections(study: Study, plates: dict[str, Plate]) -> tuple[Section, ...]:
+    rubbed = min(one.error_db for one in study.responses if one.load == UNLOADED and one.frequency_hz <= 20.0)
     return (
         Section(
             "What a resting finger would feel",
@@ -105,9 +107,10 @@ def _measured_sections(study: Study, plates: dict[str, Plate]) -> tuple[Section,
             "The response at 0 to 50 dB SL",
             (
                 "Stepped sine with lock-in at 23 frequencies, on three channels, without and with a finger.",
-                "At 0 dB SL and low frequencies friction takes a part of the motion: the same display without friction "
-                "shows no such loss (summary.json, friction). Above about 20 Hz the finger's load takes 1 to 2 dB, "
-                "where no feedback reaches.",
+                f"At 0 and 10 dB SL friction takes up to {-rubbed:.2f} dB of the slow motion; the same display without "
+                "friction shows no such loss (summary.json, friction). Under the finger's load the response falls by "
+                f"up to {worst_error_db(study.responses, LOADED, 30.0):.1f} dB, most of it above 20 Hz, where no "
+                "feedback reaches.",
             ),
             plates=_some(plates, "fig09", "fig10"),
         ),
@@ -147,8 +150,24 @@ def _some(plates: dict[str, Plate], *names: str) -> tuple[Plate, ...]:
     return tuple(plates[name] for name in names)
 
 
-def _short(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:.3g}"
+_WORDS = {
+    "max_error_db": "largest error {} dB",
+    "at_hz": "at {} Hz",
+    "channel": "{}",
+    "worst_line_db_sl": "strongest line {} dB SL",
+    "line_hz": "at {} Hz",
+    "worst_band_db_sl": "strongest third octave {} dB SL",
+    "band_hz": "at {} Hz",
+    "complementary_peak": "max|T| {}",
+    "max_difference_db": "largest difference {} dB",
+    "worst_difference_db": "over the whole band {} dB",
+    "worst_hz": "at {} Hz",
+}
+
+
+def _worded(figures: Figures) -> str:
+    """The figures of an objective as a person reads them."""
+    return ", ".join(_WORDS[key].format(v if isinstance(v, str) else f"{v:.3g}") for key, v in figures.items())
 
 
 def _met(met: bool) -> str:

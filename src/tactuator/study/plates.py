@@ -46,7 +46,7 @@ def plates(study: Study) -> tuple[Plate, ...]:
             first.name,
         ),
         calibration_plate(study.calibration),
-        loop_plate(identified, paper.FEEDBACK, paper.PREFILTER),
+        loop_plate(first, paper.FEEDBACK, study.controller.channels[0].prefilter(display.rate_hz)),
         _nichols(study),
         processor_plate(study.controller),
         response_plate(_runs(study.responses, UNLOADED), "unloaded", "fig09"),

@@ -24,6 +24,7 @@ from tactuator.study.plan import THRESHOLD_HZ, Plan, Progress, observers
 
 _START_ABOVE_DB = 20.0
 _NEAR_DB = 4.0
+_HIGHEST_HZ = 300.0
 _WORKERS = 2
 
 
@@ -136,22 +137,21 @@ def delivered_offset_db(run: RunRecord, level_db_sl: float) -> float:
 
 
 def new_curve(library: ThresholdCurve, thresholds: tuple[Threshold, ...]) -> ThresholdCurve:
-    """The library curve moved to the observers: the mean difference at each measured frequency, smoothed by a parabola
-    in log frequency (weighted least squares), at the library's own frequencies within what was measured.
+    """The library curve moved to the observers, at its own frequencies from the lowest measured up to 300 Hz.
 
-    standard_error_db: of the parabola, from the scatter between observers.
+    Each observer's differences from the library are smoothed by a parabola in log frequency (least squares; the last
+    4 Hz are extrapolated); the curve moves by the mean of the parabolas. standard_error_db: of that mean, from how the
+    parabolas differ.
     """
     frequency = np.array(sorted({one.frequency_hz for one in thresholds}))
     people = sorted({one.observer for one in thresholds})
-    differences = np.array([[_difference(library, thresholds, who, hertz) for hertz in frequency] for who in people])
-    mean = differences.mean(axis=0)
-    coefficients, covariance = np.polyfit(np.log10(frequency), mean, 2, cov=True)
-    low, high = frequency[0], max(300.0, frequency[-1])
-    own = library.frequency_hz[(library.frequency_hz >= low) & (library.frequency_hz <= high)]
-    basis = np.vander(np.log10(own), 3)
-    between = differences.std(axis=0, ddof=1).mean() / np.sqrt(len(people))
-    error = np.sqrt(np.einsum("ij,jk,ik->i", basis, covariance, basis) + between**2)
-    level = library.level_db_re_1um_at(own) + basis @ coefficients
+    own = library.frequency_hz[(library.frequency_hz >= frequency[0]) & (library.frequency_hz <= _HIGHEST_HZ)]
+    moves = []
+    for who in people:
+        differences = [_difference(library, thresholds, who, hertz) for hertz in frequency]
+        moves.append(np.polyval(np.polyfit(np.log10(frequency), differences, 2), np.log10(own)))
+    level = library.level_db_re_1um_at(own) + np.mean(moves, axis=0)
+    error = np.std(moves, axis=0, ddof=1) / np.sqrt(len(people))
     source = f"{len(people)} simulated observers on the display, {library.name} moved by a parabola in log frequency"
     return ThresholdCurve("measured here", own, level, "measured", source, error)
 
