@@ -11,6 +11,8 @@ import uvicorn
 from fastapi import FastAPI
 from websockets.sync.client import ClientConnection, connect
 
+from tactuator.web.listener import listener
+
 
 @dataclass
 class Answer:
@@ -56,14 +58,13 @@ class Client:
 
 @contextmanager
 def served(app: FastAPI) -> Iterator[Client]:
-    config = uvicorn.Config(app, host="127.0.0.1", port=0, log_level="error", timeout_graceful_shutdown=2)
-    server, listener = uvicorn.Server(config), config.bind_socket()
-    listener.listen()  # whoever connects before the server has come up waits
-    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
+    config = uvicorn.Config(app, log_level="error", timeout_graceful_shutdown=2)
+    server, sock = uvicorn.Server(config), listener("127.0.0.1", 0)
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)
     thread.start()
     try:
-        yield Client(listener.getsockname()[1])
+        yield Client(sock.getsockname()[1])
     finally:
         server.should_exit = True
         thread.join(timeout=10.0)
-        listener.close()
+        sock.close()

@@ -116,6 +116,7 @@ def test_session__server_killed_fifty_times__is_the_undisturbed_one(tmp_path, br
     page = browser.new_page()
     page.goto(server.addresses["subject S1"])
     subject = Subject(page, server.protocol)
+    visible(page, "Before we begin")
     assert kills_and_finish(server, subject, 50, seed=2) == 50
     server.kill()
     rows, found = outcome(server.store)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import uvicorn
 
-from tactuator.errors import BadInput
 from tactuator.experiment import records
 from tactuator.experiment.clock import SystemClock
 from tactuator.experiment.conduct import Station
@@ -16,6 +15,7 @@ from tactuator.experiment.protocol_file import read_protocol
 from tactuator.experiment.store import Store
 from tactuator.web.app import build_app
 from tactuator.web.lab import Lab
+from tactuator.web.listener import listener
 
 
 def serve(
@@ -24,8 +24,7 @@ def serve(
     """Serve until interrupted. Addresses go to standard error, a line each: the operator's, then each subject's."""
     protocol, text = read_protocol(protocol_path)
     station.check(protocol)
-    if not 0 <= port <= 65535:
-        raise BadInput(f"port {port}; allowed: 0 to 65535")
+    sock = listener(host, port)
     store, clock = Store(store_path), SystemClock()
     links = [secrets.token_urlsafe(12) for _ in protocol.subject]
     with store.begin() as connection:
@@ -36,9 +35,7 @@ def serve(
         build_app(lab, operator_token), host=host, port=port, log_level="warning", ws_max_size=65536
     )
     server = uvicorn.Server(config)
-    listener = config.bind_socket()
-    listener.listen()  # who follows an address before the server has come up waits
-    base = f"http://{host}:{listener.getsockname()[1]}"
+    base = f"http://{host}:{sock.getsockname()[1]}"
     lines = [f"operator: {base}/operator#{operator_token}"]
     lines += [f"subject {row.subject_code}: {base}/s/{row.link_token}" for row in lab.sessions]
     if host not in ("127.0.0.1", "localhost", "::1"):
@@ -46,7 +43,7 @@ def serve(
     sys.stderr.write("\n".join(lines) + "\n")
     sys.stderr.flush()
     try:
-        server.run(sockets=[listener])
+        server.run(sockets=[sock])
     finally:
         lab.close()
         store.close()
