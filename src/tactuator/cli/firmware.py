@@ -47,7 +47,9 @@ def register(app: typer.Typer) -> None:
     @firmware.command()
     def verify(
         board: BoardOption = "mps2-an500",
-        samples: Annotated[int, typer.Option("--samples", help="Samples of every channel, in each format.")] = 1_000_000,
+        samples: Annotated[
+            int, typer.Option("--samples", help="Samples of every channel, in each format.")
+        ] = 1_000_000,
         controller: ControllerOption = None,
         as_json: AsJson = False,
     ) -> None:

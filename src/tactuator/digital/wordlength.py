@@ -90,7 +90,9 @@ def require_safe(controller: Controller, loads: str) -> FormatReport:
     report = assess(controller, wanted)[0]
     if not report.safe:
         error = "unstable" if report.response_error_db is None else f"{report.response_error_db:.3g} dB off"
-        raise BadInput(f"format {loads} is not safe for this controller ({error}); allowed: what `wordlength` calls safe")
+        raise BadInput(
+            f"format {loads} is not safe for this controller ({error}); allowed: what `wordlength` calls safe"
+        )
     return report
 
 
@@ -152,7 +154,9 @@ def _channel_error_db(
         rows = quantised_delta(sos, number_format.form, number_format.bits)
         if not _is_stable(rows, around):
             return None
-        pair = [delta_response(each, grid, display.rate_hz) for each in (rows, quantised_delta(sos, "delta", BITS_MOST))]
+        pair = [
+            delta_response(each, grid, display.rate_hz) for each in (rows, quantised_delta(sos, "delta", BITS_MOST))
+        ]
         if around is not None:
             held = around.response(grid)
             pair = [response * held / (1.0 + response * held) for response in pair]

@@ -13,7 +13,11 @@ _ANSWER_S = 10.0
 
 
 def emulated_rig(
-    board: str, display: Display, seed: int = 0, number_format: str = "float32", counting: str | None = "shift=3,sleep=off"
+    board: str,
+    display: Display,
+    seed: int = 0,
+    number_format: str = "float32",
+    counting: str | None = "shift=3,sleep=off",
 ) -> BoardRig:
     """`display`, simulated, on a board of the emulator ("mps2-an500"). Raises BadInput if QEMU or the cross-compiler
     is missing."""
@@ -36,4 +40,3 @@ def wired_rig(transport: Transport, display: Display, seed: int, number_format: 
         client.close()
         raise
     return rig
-
