@@ -62,8 +62,8 @@ def check_direction(response: EmpiricalResponse) -> tuple[str, ...]:
     upper = log_f >= np.median(log_f)
     slope = np.polyfit(log_f[upper], np.log(np.abs(trusted.value[upper])), 1)[0]
     phase = np.unwrap(np.angle(trusted.value))
-    lead = float(phase[-1] - phase[0])
-    if slope > 1.0 and lead > 1.5:
+    leads = float(np.mean(phase[upper])) > 0.8 and phase[-1] > phase[0] - 0.2
+    if slope > 1.0 and leads:
         return (
             "the position leads the command and rises with frequency, as no mechanism can (not causal): input and "
             "output look swapped",
@@ -89,7 +89,9 @@ def check_length(poles_rad_s: NDArray[np.inexact[Any]], slow_error: float, durat
     resonant = np.abs(poles_rad_s.imag) > np.abs(poles_rad_s.real)
     speed = np.sort(np.where(resonant, np.abs(poles_rad_s), np.abs(poles_rad_s.real)))
     slowest = float(speed[0])
-    if slowest * duration_s >= 1.0:
+    # within three time constants a pole has also to stand out from its own uncertainty
+    stands_out = slowest >= 3.0 * slow_error and bool(np.all(poles_rad_s.real <= 0.0))
+    if slowest * duration_s >= 3.0 or (slowest * duration_s >= 1.0 and stands_out):
         return ()
     next_one = float(speed[1]) if speed.size > 1 else np.inf
     integrates = next_one * duration_s >= 20.0 and slowest < max(3.0 * slow_error, 0.1 / duration_s)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.identify.normal import Normal, normal_equations
 from tactuator.identify.prediction import Prediction, Problem, predict
 from tactuator.identify.structure import Structure
 
@@ -35,47 +36,65 @@ def descend(
     """From theta downhill until a step changes every parameter by less than `tolerance` of its own standard error
     or of itself, or `most` steps."""
     with_friction = problem.friction is not None
-    now = predict(problem, structure, theta, coulomb)
+    now = normal_equations(problem, structure, theta, coulomb, None)
     damping, converged = 1e-3, False
     for _ in range(most):
         if not np.isfinite(now.cost):
             break
-        step, spread, damping_used = np.zeros(0), np.zeros(0), damping
-        gram = now.jacobian.T @ now.jacobian
-        gradient = now.jacobian.T @ now.residual
-        accepted = False
-        for _ in range(12):
-            step = _step(gram, gradient, damping_used)
-            trial, level = _moved(structure, theta, coulomb, step, with_friction)
-            ahead = predict(problem, structure, trial, level)
-            if ahead.cost <= now.cost * (1.0 + 1e-12):
-                accepted = True
-                break
-            damping_used = max(damping_used * 8.0, 1e-4)
-        if not accepted:
+        trial = _downhill(problem, structure, theta, coulomb, now, damping)
+        if trial is None:
             converged = True
             break
-        count = max(now.residual.size - problem.skip - step.size, 1)
-        spread = np.sqrt(np.maximum(np.diag(_inverse(gram)), 0.0) * now.cost / count)
-        gain = (now.cost - ahead.cost) / now.cost
-        theta, coulomb, now = trial, level, ahead
-        damping = max(damping_used / 10.0, 1e-9)
+        count = max(problem.position.size - problem.skip - now.gradient.size, 1)
+        spread = np.sqrt(np.maximum(np.diag(_inverse(now.gram)), 0.0) * now.cost / count)
+        gain = (now.cost - trial.normal.cost) / max(now.cost, 1e-300)
+        theta, coulomb, now = trial.theta, trial.coulomb, trial.normal
+        damping = max(trial.damping / 10.0, 1e-9)
         size = np.abs(np.append(theta, coulomb) if with_friction else theta)
-        if np.all(np.abs(step) <= np.maximum(0.03 * spread, tolerance * size)) or gain < 1e-9:
+        if np.all(np.abs(trial.step) <= np.maximum(0.03 * spread, tolerance * size)) or abs(gain) < 1e-9:
             converged = True
             break
-    return Minimum(theta, coulomb, now, converged)
+    return Minimum(theta, coulomb, predict(problem, structure, theta, coulomb), converged)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    theta: Array
+    coulomb: float
+    step: Array
+    normal: Normal
+    damping: float
+
+
+def _downhill(
+    problem: Problem, structure: Structure, theta: Array, coulomb: float, now: Normal, damping: float
+) -> _Trial | None:
+    """A step that does not raise the cost, more and more careful; None where there is none."""
+    for _ in range(12):
+        step = _step(now.gram, now.gradient, damping)
+        moved, level = _moved(structure, theta, coulomb, step, problem.friction is not None)
+        ahead = normal_equations(problem, structure, moved, level, now.level)
+        if ahead.cost <= now.cost * (1.0 + 1e-10):
+            return _Trial(moved, level, step, ahead, damping)
+        damping = max(damping * 8.0, 1e-4)
+    return None
 
 
 def _step(gram: Array, gradient: Array, damping: float) -> Array:
-    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    size = _sizes(gram)
     scaled = gram / np.outer(size, size) + damping * np.eye(size.size)
     return np.asarray(np.linalg.lstsq(scaled, gradient / size, rcond=1e-13)[0] / size)
 
 
 def _inverse(gram: Array) -> Array:
-    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    size = _sizes(gram)
     return np.asarray(np.linalg.pinv(gram / np.outer(size, size), rcond=1e-13) / np.outer(size, size))
+
+
+def _sizes(gram: Array) -> Array:
+    """Root of the diagonal; 1 for a parameter of which the record says nothing."""
+    diagonal = np.diag(gram)
+    return np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
 
 
 def _moved(structure: Structure, theta: Array, coulomb: float, step: Array, with_friction: bool) -> tuple[Array, float]:

@@ -85,9 +85,10 @@ def identify(
     part, said = _liveliest(record)
     remarks += said
     scale = (float(np.std(part.command)), float(np.std(part.position)))
-    samples = Samples(part.command / scale[0], part.position / scale[1], part.rate_hz, hold)
+    centred = (part.command - part.command.mean(), part.position - part.position.mean())
+    samples = Samples(centred[0] / scale[0], centred[1] / scale[1], part.rate_hz, hold)
     integrated = DERIVATIVES[quantity]
-    excitation = excitation_report(samples.command, samples.rate_hz, (order or 1) + 1)
+    excitation = excitation_report(samples.command, samples.rate_hz, (order or 2) + 1)
     require_excitation(excitation)
     response = empirical_response(samples.command, samples.position, samples.rate_hz)
     remarks += check_direction(response)
@@ -168,7 +169,7 @@ def _refined(common: _Common, estimate: RefinedEstimate, tried: tuple[Candidate,
         friction=friction,
         tried=tried,
         empirical=_unscaled(common.response, to_position / to_unit),
-        simulated=estimate.simulated * to_position,
+        simulated=estimate.simulated * to_position + float(common.record.position.mean()),
         measured=common.record.position[-estimate.simulated.size :],
         remarks=tuple(remarks),
     )
@@ -267,7 +268,7 @@ def _recursive(common: _Common, forgetting: float) -> Identification:
         friction=None,
         tried=(),
         empirical=_unscaled(common.response, gain),
-        simulated=(simulated + float(np.mean(samples.position - simulated))) * common.scale[1],
+        simulated=(simulated - simulated.mean()) * common.scale[1] + float(common.record.position.mean()),
         measured=common.record.position,
         remarks=tuple(remarks),
     )

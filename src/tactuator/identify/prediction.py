@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -73,6 +74,18 @@ class _Driven:
         return made
 
 
+def combination(polynomials: list[Array], square: Array) -> tuple[Array, Array]:
+    """What of each state (2 order, columns) and of the driver itself (columns,) makes polynomial(s)/A^2 of the driver."""
+    weights, direct = np.zeros((square.size - 1, len(polynomials))), np.zeros(len(polynomials))
+    for column, polynomial in enumerate(polynomials):
+        rest = polynomial
+        if polynomial.size == square.size:
+            direct[column] = polynomial[0]
+            rest = polynomial[1:] - polynomial[0] * square[1:]
+        weights[: rest.size, column] = rest[::-1]
+    return weights, direct
+
+
 def predict(
     problem: Problem, structure: Structure, theta: Array, coulomb: float, *, derivatives: bool = True
 ) -> Prediction:
@@ -98,14 +111,8 @@ class Model:
         self.monic, self.b = np.append(1.0, a[::-1]), b[::-1]
         self.square = np.polymul(self.monic, self.monic)
         self.order = a.size
-        self.resisting: _Driven | None = None
-        self.driven = self._drive(problem.command)
-        if problem.friction is not None:
-            self.resisting = self._drive(problem.friction)
-            self.driven = _Driven(
-                self.driven.states - coulomb * self.resisting.states,
-                self.driven.acting - coulomb * self.resisting.acting,
-            )
+        self.pushing = self._drive(problem.command)
+        self.resisting = None if problem.friction is None else self._drive(problem.friction)
         count = problem.position.size
         memory = self._memory(count)
         # once the start is forgotten the answer to a constant is a constant, and that is among the fixed columns
@@ -115,14 +122,25 @@ class Model:
         pulse[0] = problem.rate
         self.pulse = _Driven(companion_states(self.square, pulse, problem.rate), pulse)
 
+    @cached_property
+    def driven(self) -> _Driven:
+        """The command less friction."""
+        if self.resisting is None:
+            return self.pushing
+        return _Driven(
+            self.pushing.states - self.coulomb * self.resisting.states,
+            self.pushing.acting - self.coulomb * self.resisting.acting,
+        )
+
     def _memory(self, count: int) -> int:
         """Samples after which the state before the record is forgotten."""
         slowest = -float(np.max(np.roots(self.monic).real))
         return count if slowest <= 0.0 else int(min(count, 60.0 * self.problem.rate / slowest + 10.0))
 
-    def _drive(self, driver: Array) -> _Driven:
+    def _drive(self, driver: Array, denominator: Array | None = None) -> _Driven:
         problem, delay = self.problem, max(self.delay, 0.0)
-        states = companion_states(self.square, driver, problem.rate, hold=problem.hold, delay_s=delay)
+        under = self.square if denominator is None else denominator
+        states = companion_states(under, driver, problem.rate, hold=problem.hold, delay_s=delay)
         whole, part = divmod(delay * problem.rate, 1.0)
         acting = shift(driver, int(whole))
         if part > 0.0:
@@ -135,7 +153,7 @@ class Model:
 
     def resistance(self, state: Array) -> Array:
         """Derivative of the output by the Coulomb level of a friction of that state: -B/A applied to it, (n,)."""
-        return self._drive(state).combine([-np.polymul(self.b, self.monic)], self.square)[:, 0]
+        return self._drive(state, self.monic).combine([-self.b], self.monic)[:, 0]
 
     def nuisance(self) -> Array:
         """Columns (n, k): free responses, response to a constant command, and the problem's fixed ones."""
@@ -147,14 +165,19 @@ class Model:
         columns[:, n + 1 :] = self.problem.fixed
         return columns
 
+    def slopes(self) -> list[Array]:
+        """Polynomials over A^2 that make the derivatives of B/A by numerator, denominator and dead time."""
+        b, a = self.b, self.monic
+        by_b = [np.polymul(_power(i), a) for i in range(self.structure.integrated, b.size)]
+        by_a = [-np.polymul(b, _power(j)) for j in range(self.order)]
+        late = [-np.polymul(np.polymul(b, a), _power(1))] if self.structure.dead_time else []
+        return by_b + by_a + late
+
     def derivatives(self, level: Array) -> Array:
         """By every parameter, (n, p); `level` are the nuisance columns' coefficients."""
         b, a, n = self.b, self.monic, self.order
-        by_b = [np.polymul(_power(i), a) for i in range(self.structure.integrated, b.size)]
-        by_a = [-np.polymul(b, _power(j)) for j in range(n)]
-        late = [-np.polymul(np.polymul(b, a), _power(1))] if self.structure.dead_time else []
-        columns = self.driven.combine(by_b + by_a + late, self.square)
-        first = len(by_b)
+        columns = self.driven.combine(self.slopes(), self.square)
+        first = self.structure.numerator_count
         free = level[:n][::-1]
         columns[: self.pulse.acting.size, first : first + n] -= self.pulse.combine(
             [np.polymul(free, _power(j)) for j in range(n)], self.square

@@ -88,7 +88,7 @@ def choose_structure(
         p_value = tests.uncorrelated_p
         tried.append(_candidate(fit, p_value))
         note(f"{fit.structure.poles} poles, {fit.structure.zeros} zeros")
-        if p_value > 0.01 or samples.position.size < 400:
+        if p_value > 0.01 or tests.unexplained < _WORTHWHILE or samples.position.size < 400:
             break
         better = _best_extension(samples, response, fit, order or most_poles, order is not None, estimate_delay)
         if better is None:

@@ -1,0 +1,83 @@
+"""Identification: a minute's record at 4 kHz, beside an output-error fit written with scipy; and the recursion alone.
+
+The record is of the simulated display's motor (friction, hum, noise, converters). The peer fits the same three
+coefficients to the same record by `scipy.optimize.least_squares` around `scipy.signal.lfilter`, without friction, hum,
+order or confidence. Times are of this process's own work (processor time); set OPENBLAS_NUM_THREADS=1 for one core.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy import optimize, signal
+
+from tactuator.identify.core import recursive_least_squares
+from tactuator.identify.identification import identify
+from tactuator.perception.library import curve
+from tactuator.plant.display import Channel, Display, Threshold
+from tactuator.rig.simulated import SimulatedRig
+from tactuator.signals.excitation import paper_mix
+from tactuator.signals.record import Record
+from tactuator.signals.systems import ContinuousSystem
+
+RATE_HZ = 4000.0
+MOTOR = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])
+BAND_HZ = np.geomspace(0.4, 300.0, 500)
+
+
+def record() -> Record:
+    channel = Channel("index", "index", 0.19898, 12.5, MOTOR, Threshold(curve("bolanowski-1988")))
+    command = paper_mix(60.0, RATE_HZ, 10.0, np.random.default_rng(0), plant=MOTOR, travel_v=2.4)
+    trace = SimulatedRig(Display("paper", RATE_HZ, 1, (channel,)), 3).drive(command[:, None])
+    return Record(RATE_HZ, trace.command_v[:, 0], trace.position_v[:, 0])
+
+
+def best_cpu_s(work: Callable[[], Any], repeats: int) -> tuple[float, Any]:
+    """Processor seconds of the quickest of several runs, and what the last one gave."""
+    times, result = [], None
+    for _ in range(repeats):
+        start = time.process_time()
+        result = work()
+        times.append(time.process_time() - start)
+    return min(times), result
+
+
+def peer(taken: Record) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Output error with scipy: num, a1, a0."""
+    guess = np.array([2500.0, 80.0, 250.0])
+
+    def residual(theta: Any) -> Any:
+        b, a, _ = signal.cont2discrete(
+            ([guess[0] * theta[0]], [1.0, guess[1] * theta[1], guess[2] * theta[2]]), 1 / RATE_HZ
+        )
+        left = taken.position - signal.lfilter(b[0], a, taken.command)
+        return left - left.mean()
+
+    return np.asarray(optimize.least_squares(residual, np.ones(3)).x * guess)
+
+
+def worst_db(num: Any, den: Any) -> float:
+    s = 2j * np.pi * BAND_HZ
+    value = np.polyval(num, s) / np.polyval(den, s)
+    return float(np.max(np.abs(20.0 * np.log10(np.abs(value / MOTOR.response(BAND_HZ))))))
+
+
+def run() -> dict[str, object]:
+    taken = record()
+    rows = np.random.default_rng(1).standard_normal((1_000_000, 3))
+    output = rows @ np.ones(3)
+    refined_s, found = best_cpu_s(lambda: identify(taken), 3)
+    rls_s, plain = best_cpu_s(lambda: identify(taken, method="rls"), 3)
+    peer_s, theta = best_cpu_s(lambda: peer(taken), 2)
+    recursion_s, _ = best_cpu_s(lambda: recursive_least_squares(rows, output), 3)
+    return {
+        "refined": {"seconds": refined_s, "worst_error_db": worst_db(found.model.num, found.model.den)},
+        "recursive": {"seconds": rls_s, "worst_error_db": worst_db(plain.model.num, plain.model.den)},
+        "scipy_output_error": {"seconds": peer_s, "worst_error_db": worst_db(theta[:1], np.append(1.0, theta[1:]))},
+        "friction_v": found.friction.coulomb if found.friction is not None else 0.0,
+        "recursion_million_samples_per_s": 1.0 / recursion_s,
+        "goals": {"seconds": 2.0, "recursion_million_samples_per_s": 2.0},
+    }
