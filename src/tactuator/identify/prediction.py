@@ -75,7 +75,7 @@ class _Driven:
 
 
 def combination(polynomials: list[Array], square: Array) -> tuple[Array, Array]:
-    """What of each state (2 order, columns) and of the driver itself (columns,) makes polynomial(s)/A^2 of the driver."""
+    """What of each state (2 order, columns) and of the driver (columns,) makes polynomial(s)/A^2 of the driver."""
     weights, direct = np.zeros((square.size - 1, len(polynomials))), np.zeros(len(polynomials))
     for column, polynomial in enumerate(polynomials):
         rest = polynomial
