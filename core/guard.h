@@ -1,12 +1,12 @@
 /* Guard of one channel: what its sensor says is held against the plant, the travel and the skin, every tick.
  *
  *     m (motor, V) --> [ plant's model ] --> x, w          nu = y - x               |nu| > disagreement -> sensor, named
- *                            ^ correct                     |x + lead w + push m| + |nu| > stop_max      -> travel
+ *                            ^ correct                     |x' + lead w'| + |nu| > stop_max             -> travel
  *     code --> y ------------+---> [ weighting 1/H ] --> felt                       |felt| > comfort_max -> comfort
  *                                  (in turn)
  *
- * w is the velocity in volts of y per tick. Coasting with its own damping alone, the motor comes to rest `lead w`
- * further on. |nu| is added, so that the place of rest by the reading and that by the model are both within the limit:
+ * w is the velocity in volts of y per tick; x', w' are where the model will be a tick on, under the command that is out
+ * now. Coasting with its own damping alone, the motor comes to rest `lead w'` further on. |nu| is added, so that the place of rest by the reading and that by the model are both within the limit:
  * a sensor that has just failed does not hide a motion, and a model that is wrong hides none either.
  * Corrected by nu with a bandwidth of some 20 Hz, the model follows slow forces of a finger and lighter or heavier
  * loads, and contradicts a sensor that does not follow the command.
@@ -81,13 +81,13 @@ inline float tact_guard_sense(const tact_safety_channel *table, tact_guard_state
     const float y = tact_converter_position_v(&table->converter, code);
     const float x = state->x, w = state->w;
     const float nu = y - x, apart = __builtin_fabsf(nu);
-    const float ahead = table->stop_lead * w + table->stop_push * motor_v;
-    const float place = __builtin_fabsf(x + ahead) + apart;
     const float next = w + (table->drive * (motor_v + state->motor_before_v) -
                             (table->damp * w + table->spring * x - table->correct_w * nu));
     const int32_t before = state->last_code;
+    const float moved = x + (next + table->correct_x * nu);
+    const float place = __builtin_fabsf(moved + table->stop_lead * next) + apart;
     state->w = next;
-    state->x = x + (next + table->correct_x * nu);
+    state->x = moved;
     state->motor_before_v = motor_v;
     state->last_code = code;
     state->same_ticks = code == before ? state->same_ticks + 1 : 0;

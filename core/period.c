@@ -82,9 +82,9 @@ static void object(tact_board *board, tact_board_channel *channel)
 }
 
 /* The command into the queue; after the guard has spoken, since a cut leaves no authority. */
-static inline void put(const tact_board *board, tact_board_channel *channel, float command_v, int32_t limited)
+static inline void put(const tact_board *board, tact_board_channel *channel, int32_t slot, float command_v,
+                       int32_t limited)
 {
-    const int32_t slot = board->delay_at;
     const float allowed_v = board->authority * command_v;
     channel->delayed_v[slot] = allowed_v;
     channel->delayed[slot] = (reachable_code(&channel->safety->converter, allowed_v) & 0xffffff) | limited << 24;
@@ -100,8 +100,8 @@ static int limit_single(const tact_controller *table, tact_controller_state *sta
     return !state->broken;
 }
 
-MADE_FOR_EACH void run_float(tact_board *board, tact_board_channel *channel, float want, int32_t code, float fade,
-                             int usual)
+MADE_FOR_EACH void run_float(tact_board *board, tact_board_channel *channel, float want, int32_t code, int32_t slot,
+                             float fade, int usual)
 {
     const tact_safety_channel *safety = channel->safety;
     const tact_controller *table = channel->single;
@@ -118,12 +118,12 @@ MADE_FOR_EACH void run_float(tact_board *board, tact_board_channel *channel, flo
     }
     if (objects)
         object(board, channel);
-    put(board, channel, command_v, limited);
+    put(board, channel, slot, command_v, limited);
 }
 
 static void run_single(tact_board *board, tact_board_channel *channel, float want, int32_t code)
 {
-    run_float(board, channel, want, code, board->fade, 0);
+    run_float(board, channel, want, code, board->delay_at, board->fade, 0);
 }
 
 static void run_q31(tact_board *board, tact_board_channel *channel, float want, int32_t code)
@@ -136,7 +136,7 @@ static void run_q31(tact_board *board, tact_board_channel *channel, float want, 
     const float command_v = tact_controller_q31_step(channel->q31, state, reference, position_v);
     if (objects)
         object(board, channel);
-    put(board, channel, command_v, state->clamped);
+    put(board, channel, board->delay_at, command_v, state->clamped);
 }
 
 static void run_direct(tact_board *board, tact_board_channel *channel, float want, int32_t code)
@@ -149,7 +149,7 @@ static void run_direct(tact_board *board, tact_board_channel *channel, float wan
         object(board, channel);
     if (want - want != 0.0f)
         tact_board_fail(board, 1u << TACT_FAULT_NOT_A_NUMBER, number(board, channel));
-    put(board, channel, board->fade * command_v, command_v != want);
+    put(board, channel, board->delay_at, board->fade * command_v, command_v != want);
 }
 
 static void run_nothing(tact_board *board, tact_board_channel *channel, int32_t code)
@@ -179,6 +179,7 @@ static void run_channels(tact_board *board, const int32_t *codes, const float *w
 static void run_channels_2_3(tact_board *board, const int32_t *codes, const float *wants)
 {
     const float fade = board->fade;
+    const int32_t slot = board->delay_at;
     const int32_t channels = board->channels;
     int32_t *trace = board->trace + (size_t)(board->tick & (board->trace_capacity - 1)) * 2u * (size_t)channels;
     tact_board_channel *channel = board->channel, *const end = channel + channels;
@@ -186,7 +187,7 @@ static void run_channels_2_3(tact_board *board, const int32_t *codes, const floa
         const int32_t code = *codes++;
         trace[0] = channel->out;
         trace[channels] = code;
-        run_float(board, channel, *wants++, code, fade, 1);
+        run_float(board, channel, *wants++, code, slot, fade, 1);
     }
 }
 
@@ -235,7 +236,7 @@ void tact_period_step(tact_board *board, const int32_t *codes, uint32_t lateness
         for (int32_t c = 0; c < board->channels; c++)
             run_nothing(board, &board->channel[c], codes[c]);
     }
-    const float turns = (float)board->safety.turns;
+    const float turns = board->safety.turns_single;
     for (int32_t c = board->turn; c < board->channels; c += board->safety.turns) {
         const uint32_t faults = tact_guard_compare(&board->safety.channel[c], &board->channel[c].guard, turns);
         if (faults)

@@ -41,7 +41,6 @@ static void read_channel(tact_reader *reader, tact_safety_channel *channel, int 
     channel->frozen_ticks = integer(reader, bad, 1, TICKS_MAX);
     channel->stop_max_v = number(reader, bad, 0.0f, 1e6f);
     channel->stop_lead = number(reader, bad, 0.0f, 1e6f);
-    channel->stop_push = number(reader, bad, -1e6f, 1e6f);
     channel->command_max_v = number(reader, bad, 0.0f, 31.0f);
     channel->reference_max = number(reader, bad, 0.0f, 1e5f);
     channel->comfort_max = number(reader, bad, 0.0f, 1e5f);
@@ -103,6 +102,7 @@ int32_t tact_safety_parse(tact_safety *table, const uint8_t *bytes, size_t size,
     table->ramp_ticks = integer(&reader, &bad, 1, TICKS_MAX);
     table->quick_ticks = integer(&reader, &bad, 1, TICKS_MAX);
     table->turns = integer(&reader, &bad, 1, 64);
+    table->turns_single = (float)table->turns;
     for (int32_t c = 0; c < table->channels; c++)
         read_channel(&reader, &table->channel[c], &bad);
     if (reader.overrun || reader.at != size - 4)

@@ -41,7 +41,6 @@ typedef struct {
     int32_t frozen_ticks;      /* the same reading for as long: the sensor is frozen; 2^20: never */
     float stop_max_v;          /* predicted place of rest, volts of y */
     float stop_lead;           /* coasting: volts of y per volt a tick */
-    float stop_push;           /* what the command that is out still adds: volts of y per volt */
     float command_max_v;
     float reference_max;       /* threshold units */
     float comfort_max;         /* threshold units, felt */
@@ -58,6 +57,7 @@ typedef struct {
     int32_t lateness_max; /* 1/256 of a period */
     int32_t silence_ticks, soft_start_ticks, fade_ticks, ramp_ticks, quick_ticks;
     int32_t turns; /* each channel is compared every so many ticks, and its weighting runs at that rate */
+    float turns_single;
     uint32_t crc;
     tact_safety_channel channel[TACT_CHANNELS_MAX];
 } tact_safety;

@@ -78,7 +78,6 @@ class ChannelSafety:
     frozen_ticks: int
     stop_max_v: float
     stop_lead: float
-    stop_push: float
     command_max_v: float
     reference_max: float
     comfort_max: float
@@ -141,10 +140,9 @@ def _channel_bytes(channel: ChannelSafety) -> bytes:
         struct.pack("<iiff", converter.bits, converter.polarity, converter.range_v, converter.offset_v)
         + struct.pack("<ii", channel.position_code_max, channel.frozen_ticks)
         + struct.pack(
-            "<13f",
+            "<12f",
             channel.stop_max_v,
             channel.stop_lead,
-            channel.stop_push,
             channel.command_max_v,
             channel.reference_max,
             channel.comfort_max,

@@ -110,7 +110,6 @@ def _channel(display: Display, channel: Channel) -> ChannelSafety:
         frozen_ticks=frozen_ticks(channel, rate),
         stop_max_v=STOP_SHARE * travel_v if watched else code_max * converter.step_v,
         stop_lead=1.0 / lost if watched else 0.0,
-        stop_push=4.0 * model.drive / lost,
         command_max_v=converter.range_v,
         reference_max=comfort,
         comfort_max=comfort * float(from_db(COMFORT_TOLERANCE_DB)),

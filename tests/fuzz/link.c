@@ -1,0 +1,52 @@
+/* Whatever bytes come over the link: nothing is written out of bounds, and nothing but a whole, checked frame changes
+ * the board. libFuzzer; built and run by test_link_fuzz.py and by hand for longer. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "link.h"
+#include "period.h"
+
+enum { CHANNELS = 3, ROWS = 64 };
+
+static tact_board board;
+static tact_wired wired;
+static tact_link link_under_test;
+static float stream[ROWS * CHANNELS], force[ROWS * CHANNELS], felt_mm[ROWS * CHANNELS];
+static int32_t trace[ROWS * CHANNELS * 2];
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+/* Input: pairs of a length and as many bytes of a frame's content, which is sealed before it is sent, so that the
+ * fuzzer gets past the checksum; a length of 255 sends what follows as it is. */
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    static uint8_t content[TACT_FRAME_MAX], wire[TACT_WIRE_MAX];
+    size_t at = 0;
+    tact_board_reset(&board, CHANNELS, stream, ROWS, trace, ROWS);
+    tact_wired_reset(&wired, force, felt_mm);
+    tact_link_reset(&link_under_test, &board, &wired, "fuzzed");
+    board.allows_hold = 1;
+    while (at + 3 < size) {
+        const size_t length = data[at];
+        const size_t left = size - at - 1;
+        if (length == 255) {
+            for (size_t i = at + 1; i < size; i++)
+                (void)tact_link_receive(&link_under_test, data[i]);
+            break;
+        }
+        const size_t payload = length < left - 1 ? length : left - 1;
+        const uint8_t type = data[at + 1];
+        memcpy(content + 4, data + at + 2, payload);
+        if (type == TACT_ASK_EXERCISE && payload >= 8)
+            memset(content + 9, 0, 3); /* no endless exercises */
+        const size_t sealed = tact_frame_seal(content, type, 1, payload);
+        const size_t encoded = tact_cobs_encode(content, sealed, wire, sizeof wire);
+        for (size_t i = 0; i < encoded; i++)
+            (void)tact_link_receive(&link_under_test, wire[i]);
+        (void)tact_wired_run(&wired, &board, 4);
+        at += 2 + payload;
+    }
+    if (board.mode != TACT_OFF && board.safety.channels == 0)
+        abort();
+    return 0;
+}

@@ -1,0 +1,37 @@
+"""The link's decoder and everything behind it under libFuzzer, address and undefined-behaviour sanitisers."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+LEFT_OUT = ("lanes", "rls", "states", "closed_loop")
+
+
+def fuzz(folder: Path, seconds: int) -> str:
+    """Build the fuzzer, run it for so long, and give what it says."""
+    clang = shutil.which("clang")
+    assert clang, "clang is missing: make test installs it"
+    sources = [str(path) for path in sorted((ROOT / "core").glob("*.c")) if not path.name.startswith(LEFT_OUT)]
+    program, corpus = folder / "fuzz-link", folder / "corpus"
+    corpus.mkdir()
+    flags = ["-std=c99", "-O1", "-g", "-ffp-contract=off", "-fsanitize=fuzzer,address,undefined"]
+    flags += ["-fno-sanitize-recover=all", "-I", str(ROOT / "core")]
+    subprocess.run([clang, *flags, str(ROOT / "tests/fuzz/link.c"), *sources, "-o", program], check=True)
+    options = [f"-max_total_time={seconds}", "-max_len=4096", "-seed=1", "-print_final_stats=1"]
+    done = subprocess.run([program, corpus, *options], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return done.stderr
+
+
+def test_link__a_minute_of_fuzzing__breaks_nothing(tmp_path):
+    said = fuzz(tmp_path, 60)
+    runs = next(line for line in said.splitlines() if "number_of_executed_units" in line)
+    assert int(runs.split()[-1]) > 1000
+
+
+@pytest.mark.soak
+def test_link__an_hour_of_fuzzing__breaks_nothing(tmp_path):
+    fuzz(tmp_path, 3600)

@@ -1,0 +1,95 @@
+"""A board in this process, stepped tick by tick, with an eye on the truth that no rig shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.design.controller import design_controller
+from tactuator.digital._core import ffi, lib
+from tactuator.digital.controller import Controller
+from tactuator.digital.image import build_image
+from tactuator.digital.safety import Fault
+from tactuator.digital.wired_display import wired_display_bytes
+from tactuator.plant.display import Display
+from tactuator.rig.board import BoardRig
+from tactuator.rig.frames import Request
+from tactuator.rig.link import IMAGE, STREAM, LinkClient
+from tactuator.rig.transport import InProcess
+from tactuator.study.plan import paper_display
+
+SENSORS = ("sound", "open", "shorted", "frozen", "reversed")
+_made: dict[str, Controller] = {}
+
+
+def designed() -> Controller:
+    """The example display's controller, designed once."""
+    if "it" not in _made:
+        _made["it"] = design_controller(paper_display())
+    return _made["it"]
+
+
+def spoilt(controller: Controller, gain: float) -> Controller:
+    """The same with its feedback `gain` times as strong: unstable, for most."""
+    channels = []
+    for channel in controller.channels:
+        sections = np.array(channel.feedback_sos)
+        sections[0, :3] *= gain
+        channels.append(replace(channel, feedback_sos=sections))
+    return replace(controller, channels=tuple(channels))
+
+
+@dataclass
+class Run:
+    """Of every tick: displacement (mm), command at the motor (V), and the fault that stands; fault_at: first tick."""
+
+    displacement_mm: NDArray[np.float64]
+    command_v: NDArray[np.float64]
+    fault: Fault
+    fault_at: int | None
+
+
+class Guarded:
+    """`controller` on an in-process board; `drives`: the stream goes straight to the motors."""
+
+    def __init__(self, controller: Controller, drives: bool = False, seed: int = 1) -> None:
+        self.display: Display = controller.display
+        self.transport = InProcess()
+        self.rig = BoardRig(LinkClient(self.transport), self.display)
+        content, loads = wired_display_bytes(self.display, seed)
+        self.rig.wire(content, loads)
+        self.rig.client.upload(IMAGE, build_image(controller, "float32", "0" * 64))
+        self.rig.client.must(Request.ARM)
+        self.board, self.wired = self.transport.board, self.transport.wired
+        assert lib.tact_board_start(self.board, 1, STREAM, drives, 0)
+        self.fed = 0
+
+    def touch(self, yes: bool) -> None:
+        """A finger on every channel, or none."""
+        for channel in range(3):
+            self.wired.state[channel].touched = int(yes)
+
+    def break_sensor(self, what: str, channel: int = 0) -> None:
+        """What happens to one channel's sensor."""
+        self.wired.sensor[channel] = SENSORS.index(what)
+
+    def run(self, rows: NDArray[np.float64], lateness: int = 0, heard: bool = True) -> Run:
+        """One tick for each row of the reference (n, 3)."""
+        wants = np.ascontiguousarray(rows, dtype=np.float32)
+        count = wants.shape[0]
+        moved, command = np.zeros((count, 3)), np.zeros((count, 3))
+        at: int | None = None
+        for k in range(count):
+            row = ffi.from_buffer("float[]", wants[k])
+            lib.tact_board_stream(self.board, self.board.tick, row, 1)
+            if heard:
+                self.board.silence = 0
+            lib.tact_wired_period(self.wired, self.board, lateness)
+            for channel in range(3):
+                state = self.wired.state[channel]
+                moved[k, channel], command[k, channel] = state.displacement_mm, state.motor_v
+            if at is None and self.board.mode == lib.TACT_FAULT:
+                at = k
+        return Run(moved, command, Fault(self.board.fault), at)
