@@ -30,6 +30,7 @@ const send = (message) => {
 const handlers = {
   hello(message) {
     page.about = message;
+    page.asked = false; // whatever was asked for was asked of another connection
     el("study").textContent = message.study;
     el("who").textContent = message.subject;
     if (page.noise === null) page.noise = new MaskingNoise(message.masking_sound);
