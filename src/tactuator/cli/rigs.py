@@ -9,10 +9,10 @@ from typing import Annotated
 import typer
 
 from tactuator.digital.controller import Controller
-from tactuator.rig.open import open_rig, rig_names
+from tactuator.rig.open import open_rig
 from tactuator.rig.protocol import Rig
 
-RigOption = Annotated[str, typer.Option("--rig", help=f"Rig to use: {rig_names()}.")]
+RigOption = Annotated[str, typer.Option("--rig", help="simulated, emulated:BOARD, board:URL.")]
 
 
 @contextmanager
