@@ -13,13 +13,16 @@ goal's rough shape; the better of both is taken.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
 from tactuator.errors import BadInput
+from tactuator.signals.decibels import db
 from tactuator.signals.systems import SampledSystem
 
 Array = NDArray[np.float64]
@@ -28,6 +31,8 @@ Coefficients = tuple[Array, Array]
 _WIDEST_DB = 30.0
 _PRECISION = 0.01
 _STEEP_DB = 60.0
+_BETWEEN_DB = 6.0
+_REFINED_ORDER, _REFINED_DB = 8, 0.22
 _MOST_NARROWED_DB, _FINE_DB, _COARSE_DB = 0.19, 0.235, 0.5
 _LEAST_DAMPING = 0.005
 
@@ -40,7 +45,7 @@ class MagnitudeGoal:
     beyond the common error each point may be off (0 in the band proper). ceiling_db: the greatest level of the band;
     at above_hz, shape (m,), and at every frequency beyond, no more than what the filter reaches there. floor_db: shape
     (n,), no error is to be lower than this, where that narrows the tolerance by little (0.19 dB of an error of 0.2 dB,
-    nothing of one of 0.5 dB or more); None: no floor.
+    nothing of one of 0.5 dB or more); None: no floor. falls_above_hz: from the band to here the ceiling is 6 dB higher.
     """
 
     frequency_hz: Array
@@ -49,6 +54,7 @@ class MagnitudeGoal:
     above_hz: Array
     ceiling_db: float
     floor_db: Array | None = None
+    falls_above_hz: float = 0.0
 
 
 def fit_magnitude(goal: MagnitudeGoal, rate_hz: float, order: int) -> SampledSystem:
@@ -59,23 +65,28 @@ def fit_magnitude(goal: MagnitudeGoal, rate_hz: float, order: int) -> SampledSys
     """
     steep = float(np.ptp(goal.level_db)) > _STEEP_DB
     failed: BadInput | None = None
-    found: list[tuple[float, SampledSystem]] = []
+    found: list[_Program] = []
     for shaped in (False, True) if steep else (False,):
         try:
-            program = _Program(goal, rate_hz, order, shaped)
-            found.append((program.error_db, program.filter()))
+            found.append(_Program(goal, rate_hz, order, shaped))
         except BadInput as error:
             failed = error
     if not found:
         assert failed is not None
         raise failed
-    return min(found, key=lambda one: one[0])[1]
+    best = min(found, key=lambda one: one.error_db)
+    if order >= _REFINED_ORDER and best.error_db > _REFINED_DB:
+        with suppress(BadInput):
+            best = min(best, _Program(goal, rate_hz, order, False, best), key=lambda one: one.error_db)
+    return best.filter()
 
 
 class _Program:
     """The linear program of one goal and order; constraints may be added where the grid overlooked something."""
 
-    def __init__(self, goal: MagnitudeGoal, rate_hz: float, order: int, shaped: bool) -> None:
+    def __init__(
+        self, goal: MagnitudeGoal, rate_hz: float, order: int, shaped: bool, former: _Program | None = None
+    ) -> None:
         self._goal, self._rate_hz, self._order = goal, rate_hz, order
         inside = goal.frequency_hz[goal.allowance_db == 0.0]
         low, high = np.tan(np.pi * inside[[0, -1]] / rate_hz) ** 2
@@ -85,6 +96,8 @@ class _Program:
         self._corners = np.geomspace(low, 4.0 * high, order) / self._unit
         squares = self._squares(goal.frequency_hz)
         self._zero_corners = _shaping_corners(self._corners, squares, ratio) if shaped else self._corners
+        if former is not None:
+            self._corners, self._zero_corners = former.root_corners()
         self._basis = _fractions(squares, self._corners)
         self._target = self._numerators(goal.frequency_hz) / ratio[:, None]
         self._scale = np.max(np.abs(self._target), axis=0)
@@ -98,14 +111,26 @@ class _Program:
             self.add(missed)
             self._coefficients = self.best()
 
-    @property
+    @cached_property
     def error_db(self) -> float:
-        """The least error that was found possible."""
-        return self._lower_bound_db
+        """The greatest error of the filter itself, over the band."""
+        inside = self._goal.allowance_db == 0.0
+        miss = db(self.filter().response(self._goal.frequency_hz[inside])) - self._goal.level_db[inside]
+        return float(np.max(np.abs(miss)))
 
     def filter(self) -> SampledSystem:
         """The filter of the solution."""
         return self.filter_of(self._coefficients)
+
+    def root_corners(self) -> tuple[Array, Array]:
+        """Corners at the sizes of the solution's poles and of its zeros, kept apart: a basis that fits it closely."""
+        sizes = []
+        for part, corners in zip(self._coefficients[::-1], (self._corners, self._zero_corners), strict=True):
+            logs = np.sort(np.log(np.clip(np.abs(_fraction_roots(part, corners)), 1e-6, 1e6)))
+            for index in range(1, logs.size):
+                logs[index] = max(logs[index], logs[index - 1] + 0.2)
+            sizes.append(np.exp(logs))
+        return sizes[0], sizes[1]
 
     def _squares(self, frequency_hz: Array) -> Array:
         """x, in units that put the band's middle at one; at the Nyquist frequency it is infinite."""
@@ -150,7 +175,7 @@ class _Program:
         lowest = narrowed - self._goal.allowance_db
         root = 10.0 ** ((error_db + self._goal.allowance_db[:, None]) / 20.0)
         least = 10.0 ** (lowest[:, None] / 20.0)
-        ceiling = 10.0 ** ((self._goal.ceiling_db - error_db - self._middle_db) / 10.0)
+        ceiling = self._ceiling(self._above, error_db)[:, None]
         above, over = _fractions(self._squares(self._above), self._corners), self._numerators(self._above)
         none = np.zeros_like(above)
         n, m = self._basis.shape[0], above.shape[0]
@@ -172,13 +197,18 @@ class _Program:
             return None
         return result.x[:size] / self._scale, result.x[size : 2 * size]
 
+    def _ceiling(self, frequency_hz: Array, error_db: float) -> Array:
+        """The ceiling as a squared magnitude: what the filter is sure to reach in the band."""
+        more = np.where(frequency_hz < self._goal.falls_above_hz, _BETWEEN_DB, 0.0)
+        return np.asarray(10.0 ** ((self._goal.ceiling_db - error_db + more - self._middle_db) / 10.0))
+
     def violations(self, coefficients: Coefficients) -> Array:
-        """Frequencies above the band where N or D is not positive, or the ceiling is passed, between the grid's."""
-        top = self._goal.frequency_hz[-1]
-        dense = np.geomspace(top, 0.4999 * self._rate_hz, 4000)
+        """Frequencies outside the band where N or D is not positive, or the ceiling is passed, between the grid's."""
+        low, top = self._goal.frequency_hz[self._goal.allowance_db == 0.0][[0, -1]]
+        dense = np.concatenate([np.geomspace(low / 30.0, low, 1000), np.geomspace(top, 0.4999 * self._rate_hz, 4000)])
         numerator = self._numerators(dense) @ coefficients[0]
         denominator = _fractions(self._squares(dense), self._corners) @ coefficients[1]
-        ceiling = 10.0 ** ((self._goal.ceiling_db - self._lower_bound_db - self._middle_db) / 10.0)
+        ceiling = self._ceiling(dense, self._lower_bound_db)
         reach = self._goal.above_hz[0]
         room = np.minimum(denominator / np.max(np.abs(denominator)), numerator / np.max(np.abs(numerator)))
         over = (dense >= reach) & (numerator > 1.001 * ceiling * denominator)
@@ -186,7 +216,7 @@ class _Program:
         return np.unique(dense[bad[:: max(1, bad.size // 12)]]) if bad.size else np.empty(0)
 
     def add(self, frequency_hz: Array) -> None:
-        """Keep the constraints above the band at these frequencies too."""
+        """Keep the constraints outside the band at these frequencies too."""
         self._above = np.unique(np.append(self._above, frequency_hz))
 
     def filter_of(self, coefficients: Coefficients) -> SampledSystem:
@@ -202,17 +232,22 @@ class _Program:
 
     def _roots(self, coefficients: Array, corners: Array) -> NDArray[np.complex128]:
         """z-plane roots, |z| < 1, of c_0 + sum c_k a_k/(x + a_k): eigenvalues of a diagonal plus a rank-one matrix."""
-        lead = coefficients[0]
-        floor = 1e-12 * float(np.max(np.abs(coefficients)))
-        lead = lead if abs(lead) > floor else floor
-        matrix = np.diag(-corners) - np.outer(np.ones(self._order), coefficients[1:] * corners / lead)
-        s = -np.sqrt(-_off_the_axis(np.linalg.eigvals(matrix).astype(np.complex128)) * self._unit)
+        s = -np.sqrt(-_off_the_axis(_fraction_roots(coefficients, corners)) * self._unit)
         return np.asarray((1.0 + s) / (1.0 - s), dtype=np.complex128)
 
 
 def _fractions(square: Array, corners: Array) -> Array:
     """1 and a_k/(x + a_k), shape (n, order + 1)."""
     return np.hstack([np.ones((square.size, 1)), corners / (square[:, None] + corners)])
+
+
+def _fraction_roots(coefficients: Array, corners: Array) -> NDArray[np.complex128]:
+    """Roots in x of c_0 + sum c_k a_k/(x + a_k)."""
+    lead = coefficients[0]
+    floor = 1e-12 * float(np.max(np.abs(coefficients)))
+    lead = lead if abs(lead) > floor else floor
+    matrix = np.diag(-corners) - np.outer(np.ones(corners.size), coefficients[1:] * corners / lead)
+    return np.linalg.eigvals(matrix).astype(np.complex128)
 
 
 def _shaping_corners(corners: Array, square: Array, ratio: Array) -> Array:

@@ -88,7 +88,7 @@ def prefilter_goal(
     """
     low, high = channel.threshold.band_hz
     inside = design_grid_hz(channel, feedback, plant)
-    below = np.append(low * 1e-3, np.geomspace(low / 10.0, low / 1.05, 8))
+    below = np.append(low * 1e-3, np.geomspace(low / 10.0, low / 1.03, 14))
     if plant.zeros.size and np.min(np.abs(plant.zeros - 1.0)) < 1e-9:
         below = np.empty(0)  # a plant that gives nothing at rest asks nothing of the prefilter there
     frequency = np.append(below, inside)
@@ -104,7 +104,7 @@ def prefilter_goal(
         falls = max(high * 1.02, 0.9 * top)
     above = np.unique(np.append(np.geomspace(high * 1.02, top, 50), falls))
     floor = _floor_db(channel, feedback, plant, frequency)
-    return MagnitudeGoal(frequency, level, allowance, above, float(np.max(level[allowance == 0.0])), floor)
+    return MagnitudeGoal(frequency, level, allowance, above, float(np.max(level[allowance == 0.0])), floor, falls)
 
 
 def design_grid_hz(channel: Channel, feedback: SampledSystem | None, plant: SampledSystem) -> Array:
