@@ -1,17 +1,20 @@
 """A study in a real browser: a server process that may be killed, a page, and a subject who answers by the script."""
 
+import multiprocessing
+import os
 import re
 import shutil
-import signal
-import subprocess
 import sys
 import time
 from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 import pytest
 from playwright.sync_api import Page, expect, sync_playwright
 
+from tactuator.cli.main import main
 from tactuator.experiment.plan import plan_runs, run_seed
 from tactuator.experiment.procedure import Placement
 from tactuator.experiment.protocol_file import read_protocol
@@ -26,7 +29,6 @@ ARGUMENTS = [
     "--disable-component-update",
     "--disable-sync",
 ]
-COMMAND = "import sys; from tactuator.cli.main import main; sys.exit(main())"
 
 
 @pytest.fixture(scope="session")
@@ -39,6 +41,17 @@ def browser():
         made.close()
 
 
+FORKS = multiprocessing.get_context("forkserver")
+FORKS.set_forkserver_preload(["tactuator.cli.experiment"])  # a server comes up in the time of a fork
+
+
+def _serve(arguments: list[str], told: Connection) -> None:
+    """A process of its own: the command, its standard error going to the test."""
+    os.dup2(told.fileno(), 2)
+    sys.stderr = open(2, "w", buffering=1, closefd=False)  # noqa: SIM115
+    sys.exit(main(arguments))
+
+
 @dataclass
 class Server:
     """`tactuator experiment serve` as a process of its own."""
@@ -47,28 +60,30 @@ class Server:
     store: Path
     controller: Path
     port: int = 0
-    process: subprocess.Popen | None = None
+    process: Any = None
     addresses: dict[str, str] = field(default_factory=dict)
 
     def start(self) -> None:
         arguments = ["experiment", "serve", str(self.protocol), "--store", str(self.store), "--port", str(self.port)]
         arguments += ["--controller", str(self.controller), "--operator-token", "op", "--speed", "0", "--auto-start"]
-        self.process = subprocess.Popen([sys.executable, "-c", COMMAND, *arguments], stderr=subprocess.PIPE, text=True)
-        assert self.process.stderr is not None
+        hears, told = FORKS.Pipe(duplex=False)
+        self.process = FORKS.Process(target=_serve, args=(arguments, told), daemon=True)
+        self.process.start()
+        told.close()
         self.addresses.clear()  # they are printed once the server listens
-        while len(self.addresses) < 1 + self.protocol.read_text().count("[[subject]]"):
-            line = self.process.stderr.readline()
-            assert line, "the server ended"
-            name, _, address = line.strip().partition(": ")
-            self.addresses[name] = address
-            self.port = int(re.search(r":(\d+)/", address)[1])
+        with open(hears.fileno(), closefd=False) as lines:
+            while len(self.addresses) < 1 + self.protocol.read_text().count("[[subject]]"):
+                line = lines.readline()
+                assert line, "the server ended"
+                name, _, address = line.strip().partition(": ")
+                self.addresses[name] = address
+                self.port = int(re.search(r":(\d+)/", address)[1])
+        hears.close()
 
     def kill(self) -> None:
-        """As a power cut would."""
-        assert self.process is not None
-        self.process.send_signal(signal.SIGKILL)
-        self.process.wait()
-        self.process.stderr.close()
+        """As a power cut would: SIGKILL."""
+        self.process.kill()
+        self.process.join()
 
 
 @dataclass
