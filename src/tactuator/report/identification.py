@@ -24,7 +24,7 @@ def identification_plate(found: Identification) -> Plate:
     shown = found.empirical.trusted()
     inside = (shown.frequency_hz >= frequency[0]) & (shown.frequency_hz <= frequency[-1])
     own_hz, own = shown.frequency_hz[inside], shown.value[inside]
-    top.plot(own_hz, 20.0 * np.log10(np.abs(own)), ".", color=FAINT, label="record's own, in bands")
+    top.plot(own_hz, 20.0 * np.log10(np.abs(own)), ".", color=FAINT, label="record's own in bands, hold included")
     top.plot(frequency, level, color=BLUE, label="model")
     top.fill_between(frequency, level - band, level + band, color=BLUE, alpha=0.25, linewidth=0.0, label="95 % band")
     top.set_ylabel(f"magnitude (dB {_ratio(found)})", fontsize=9)
@@ -33,7 +33,6 @@ def identification_plate(found: Identification) -> Plate:
     middle.plot(frequency, np.degrees(np.unwrap(np.angle(value))), color=BLUE)
     middle.set_ylabel("phase (degrees)", fontsize=9)
     bottom.plot(frequency, band, color=RED)
-    bottom.set_yscale("log")
     bottom.set_ylabel("half-width (dB)", fontsize=9)
     for axes in (top, middle):
         frequency_axis(axes, frequency[0], frequency[-1], label=False)
