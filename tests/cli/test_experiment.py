@@ -1,7 +1,6 @@
 """The verb `experiment`: one JSON object, or one line and status 2."""
 
 import json
-import os
 
 import pytest
 
@@ -54,7 +53,7 @@ def test_experiment__bad_input__is_one_line_and_nothing_is_left(capsys, tmp_path
     said = capsys.readouterr()
     assert said.out == ""
     assert len(said.err.strip().splitlines()) == 1
-    assert os.listdir(tmp_path) == ["protocol.toml"]
+    assert [path.name for path in tmp_path.iterdir()] == ["protocol.toml"]
 
 
 def test_observe_thresholds_export__in_turn__give_files_and_objects(capsys, tmp_path, monkeypatch) -> None:
