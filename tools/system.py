@@ -7,19 +7,26 @@ import subprocess
 import sys
 from pathlib import Path
 
-#: command -> Debian package, by purpose. The one list of what comes from the system.
+#: libFuzzer's library, which clang's package only recommends
+FUZZER = "/usr/lib/llvm-14/lib/clang/14.0.6/lib/linux/libclang_rt.fuzzer-x86_64.a"
+#: command (or file) -> Debian package, by purpose. The one list of what comes from the system.
 SYSTEM_PACKAGES = {
     "boards": {"arm-none-eabi-gcc": "gcc-arm-none-eabi", "qemu-system-arm": "qemu-system-arm"},
-    "fuzzing": {"clang": "clang"},
+    "fuzzing": {"clang": "clang", FUZZER: "libclang-rt-14-dev"},
     "browser": {"chromium": "chromium"},
 }
 PURPOSES = {"boards": ("boards",), "test": ("boards", "fuzzing", "browser")}
 
 
+def there(command):
+    """Whether a command is on the path, or a file where it should be."""
+    return Path(command).exists() if command.startswith("/") else shutil.which(command) is not None
+
+
 def missing(purpose):
     """Return the Debian packages whose commands are not to be found."""
     wanted = {command: package for part in PURPOSES[purpose] for command, package in SYSTEM_PACKAGES[part].items()}
-    return sorted({package for command, package in wanted.items() if shutil.which(command) is None})
+    return sorted({package for command, package in wanted.items() if not there(command)})
 
 
 def install(packages):
