@@ -174,7 +174,7 @@ def test_page__phone__fits_its_width_and_is_answered_by_touch(shared, browser) -
     assert all(box is not None and min(box["width"], box["height"]) >= 44 for box in boxes)
     page.locator(".interval").first.tap()
     page.wait_for_timeout(300)
-    assert page.locator("body").get_attribute("data-trial") == "1/1"
+    assert page.locator("body").get_attribute("data-trial").endswith("/1")  # the next trial of its run
     assert errors == []
     context.close()
 
