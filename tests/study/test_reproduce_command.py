@@ -70,11 +70,12 @@ def bad_files(tmp_path: Path) -> dict[str, Path]:
         "truncated": tmp_path / "truncated.wav",
         "silent": written(tmp_path / "silent.wav", np.zeros(16000)),
         "short": written(tmp_path / "short.wav", tone(0.01)),
+        "absurd": written(tmp_path / "absurd.wav", 1e200 * tone(1.0), subtype="DOUBLE"),
         "nan": written(tmp_path / "nan.wav", with_nan, subtype="FLOAT"),
     }
 
 
-@pytest.mark.parametrize("kind", ["missing", "empty", "text", "truncated", "silent", "short", "nan"])
+@pytest.mark.parametrize("kind", ["missing", "empty", "text", "truncated", "silent", "short", "absurd", "nan"])
 def test_reproduce__bad_speech__is_refused_in_one_line(
     kind: str, bad_files: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

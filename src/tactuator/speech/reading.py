@@ -25,6 +25,9 @@ LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 1000, 768_000
 SMALLEST_SWING = 1e-4
 """Peak about the mean, of full scale 1: below -80 dB the converters' own noise is all there is."""
 
+LARGEST_SWING = 1e6
+"""Peak about the mean, of full scale 1, that a file of floats may have: beyond it is no sound, but a mistake."""
+
 
 @dataclass(frozen=True)
 class SpeechFile:
@@ -73,6 +76,8 @@ def scan_speech(path: str | Path) -> SpeechFile:
     if peak < SMALLEST_SWING:
         what = "silent" if abs(mean) < SMALLEST_SWING else f"constant at {mean:.4g} of full scale (DC)"
         raise BadInput(f"{path}: {what}; allowed: a signal with a peak of at least {SMALLEST_SWING:g} about its mean")
+    if peak > LARGEST_SWING:
+        raise BadInput(f"{path}: a peak of {peak:.3g} times full scale; allowed: up to {LARGEST_SWING:g}")
     return SpeechFile(path, rate, frames, channels, encoding, mean, peak, _notes(channels, mean, peak))
 
 

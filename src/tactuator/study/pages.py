@@ -8,11 +8,11 @@ from tactuator import __version__
 from tactuator.perception.levels import COMFORT_DB_SL
 from tactuator.report.page import Section, Table, page
 from tactuator.report.plate import Plate
+from tactuator.speech.render import LEVEL_DB_SL
 from tactuator.study.comparison import comparison
 from tactuator.study.objectives import Figures
 from tactuator.study.response import LOADED, UNLOADED, worst_error_db
 from tactuator.study.run import Study
-from tactuator.study.speech import LEVEL_DB_SL
 from tactuator.study.thresholds import bias_and_spread_db
 
 

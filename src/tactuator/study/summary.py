@@ -56,7 +56,7 @@ def summary(study: Study) -> dict[str, Any]:
             "duration_s": study.spoken.file.duration_s,
             "felt_error_db_rms": study.spoken.report.worst_rms_db,
             "peak_db_sl": study.spoken.report.peak_db_sl,
-            "saturated": study.spoken.saturated,
+            "limited_db": {one.finger: one.max_reduction_db for one in study.spoken.limiting},
             "notes": list(study.spoken.file.notes),
         },
     }
