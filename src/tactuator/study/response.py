@@ -26,7 +26,7 @@ CONFIDENCE_DB = {0.0: 1.0, 10.0: 0.3, 30.0: 0.1, 50.0: 0.1}
 @dataclass(frozen=True)
 class ResponsePoint:
     """One measured point, peak volts of y: expected from the shipped sections and the nominal plant, target from the
-    curve, measured by the sensor with its half-width: 95 % for all points of a load and level together."""
+    curve, measured by the sensor with its half-width: 99 % for all points of a load and level together."""
 
     channel: str
     load: str
@@ -63,7 +63,7 @@ def measure_responses(
 ) -> tuple[ResponsePoint, ...]:
     """Stepped sine with lock-in at RESPONSE_HZ, all channels at once, every level, every load."""
     points: list[ResponsePoint] = []
-    together = 1.0 - 0.05 / (len(RESPONSE_HZ) * len(controller.channels))
+    together = 1.0 - 0.01 / (len(RESPONSE_HZ) * len(controller.channels))
     runs = [(load, level) for load in loads for level in levels_db_sl]
     for index, (load, level) in enumerate(runs):
         rig = SimulatedRig(controller.display, plan.seed_of(f"{step} at {level:g} dB SL, {load}"))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.digital.controller import Controller
+from tactuator.experiment.delivered import delivered_offset_db
 from tactuator.experiment.detection import Detection, RunRecord, run_detection
 from tactuator.experiment.fingertip import ObserverAtRig
 from tactuator.experiment.observer import Observer
@@ -19,11 +20,9 @@ from tactuator.experiment.timing import Timing
 from tactuator.experiment.up_down import IMECE2004, UpDown
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.signals.decibels import from_db
 from tactuator.study.plan import THRESHOLD_HZ, Plan, Progress, observers
 
 _START_ABOVE_DB = 20.0
-_NEAR_DB = 4.0
 _HIGHEST_HZ = 300.0
 _WORKERS = 2
 
@@ -105,7 +104,8 @@ def _outcome(run: RunRecord, observer: Observer, channel: str, library: Threshol
     assert run.estimate is not None
     hertz, level = run.frequency_hz, run.estimate.level_db_sl
     refit = run.refit()
-    base = float(library.level_db_re_1um_at(hertz)) + delivered_offset_db(run, level)
+    intervals = [interval for trial in run.trials for interval in trial.intervals]
+    base = float(library.level_db_re_1um_at(hertz)) + delivered_offset_db(intervals, level)
     return Threshold(
         observer=observer.name,
         channel=channel,
@@ -117,23 +117,6 @@ def _outcome(run: RunRecord, observer: Observer, channel: str, library: Threshol
         true_db=float(observer.curve.level_db_re_1um_at(hertz)),
         trials=len(run.trials),
     )
-
-
-def delivered_offset_db(run: RunRecord, level_db_sl: float) -> float:
-    """How far the sensor's amplitude lay above the commanded one, over the stimuli within 4 dB of `level_db_sl`.
-
-    Powers are averaged and the power that hum and noise leave in the blank intervals is taken off: near threshold the
-    amplitude alone would read too high.
-    """
-    intervals = [interval for trial in run.trials for interval in trial.intervals]
-    blank = np.mean([from_db(one.measured_db_sl) ** 2 for one in intervals if one.commanded_db_sl is None])
-    pairs = [
-        (from_db(one.measured_db_sl) ** 2 - blank, from_db(one.commanded_db_sl) ** 2)
-        for one in intervals
-        if one.commanded_db_sl is not None and abs(one.commanded_db_sl - level_db_sl) <= _NEAR_DB
-    ]
-    measured, commanded = np.sum(pairs, axis=0)
-    return float(10.0 * np.log10(measured / commanded))
 
 
 def new_curve(library: ThresholdCurve, thresholds: tuple[Threshold, ...]) -> ThresholdCurve:
