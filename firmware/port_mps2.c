@@ -9,7 +9,7 @@
 #include "port.h"
 #include "semihosting.h"
 
-enum { CLOCK_HZ = 25000000, RELOAD_MAX = 0xffffff, BREATH = 32, STREAM_ROWS = 4096 };
+enum { CLOCK_HZ = 25000000, RELOAD_MAX = 0xffffff, BREATH = 32, SETTLE = 8192, STREAM_ROWS = 4096 };
 
 #define REGISTER(address) (*(volatile uint32_t *)(address))
 #define SYSTICK_CONTROL REGISTER(0xE000E010u)
@@ -70,7 +70,8 @@ uint32_t tact_port_lateness(void)
 int tact_port_holds(void)
 {
     const int rests = the_board->leaving == TACT_STAYS && the_board->mode != TACT_RUNNING;
-    const int over = the_board->mode == TACT_FAULT && tact_board_is_at_rest(the_board);
+    const int over = the_board->mode == TACT_FAULT && tact_board_is_at_rest(the_board) &&
+                     the_board->ticks - the_board->fault_tick > SETTLE; /* the motor has coasted to rest */
     return wired.channels != the_board->channels || rests || over || tact_board_waits(the_board);
 }
 
