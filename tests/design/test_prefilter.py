@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tactuator.design import paper, prefilter
 from tactuator.design.family import sampled_plant
-from tactuator.design.magnitude_fit import MagnitudeGoal, fit_magnitude
+from tactuator.design.magnitude_fit import MagnitudeGoal, _fraction_roots, fit_magnitude
 from tactuator.design.prefilter import PrefilterFit, fit_prefilter, response_error_db
 from tactuator.digital.discretise import bilinear
 from tactuator.errors import BadInput
@@ -108,6 +108,47 @@ def test_fit_prefilter__open_loop_on_other_plants__eight_poles_within_05_db(
 ) -> None:
     fit = fit_prefilter(channel(plant=plant, threshold=threshold, loads=()), None, 4000.0, 1, 8)
     assert fit.max_error_db <= 0.5
+
+
+DEEP = replace(SMOOTH, name="deep u", level_db_re_1um=np.array([20, 20, 19, 10, -5, -16, -20, -18], dtype=float))
+COIL = 2.0 * np.pi * 150.0
+
+
+@pytest.mark.parametrize(
+    ("plant", "felt", "most_db"),
+    [
+        (ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0]), DEEP, 0.35),
+        (ContinuousSystem.from_polynomials([2875.0 * 300], np.polymul([1.0, 94.0, 290.0], [1.0, 300.0])), DEEP, 0.35),
+        (ContinuousSystem.from_polynomials([1.2 * COIL**2], [1.0, 0.2 * COIL, COIL**2]), None, 0.35),
+        (ContinuousSystem.from_polynomials([5e5], [1.0, 24.0, 400.0**2]), DEEP, 0.5),
+    ],
+    ids=["deep u", "deep u, third order", "voice coil", "deep u, resonant"],
+)
+def test_fit_prefilter__hard_for_the_solver__within_its_bound_and_bounded_above(
+    plant: ContinuousSystem, felt: ThresholdCurve | None, most_db: float
+) -> None:
+    """One root all but infinite, slender pairs above the band, D over many decades: found in a survey of plants."""
+    threshold = Threshold(felt or curve("bolanowski-1988"))
+    fit = fit_prefilter(channel(plant=plant, threshold=threshold, loads=()), None, 4000.0, 1, 8)
+    assert fit.max_error_db <= most_db
+    inside = np.abs(sections_response(fit.sections, np.geomspace(*threshold.band_hz, 3000), 4000.0))
+    above = np.abs(sections_response(fit.sections, np.linspace(400.0, 2000.0, 5000), 4000.0))
+    assert above.max() <= inside.max() * 1.01
+
+
+@pytest.mark.parametrize("lead", [1.0, 1e-9, 1e-13])
+def test_fraction_roots__one_root_all_but_infinite__the_small_ones_stay(lead: float) -> None:
+    """Against the expansion of a product of known roots; with a root sent to infinity the others are to stay."""
+    corners = np.geomspace(1e-3, 1e3, 6)
+    known = -np.geomspace(2e-3, 3e2, 5)
+    far = -5e4 / lead
+    # lead (x - far) prod(x - known) / prod(x + corners) by residues
+    residues = [
+        lead * (-a - far) * np.prod(-a - known) / np.prod(np.delete(corners, index) - a)
+        for index, a in enumerate(corners)
+    ]
+    found = _fraction_roots(np.append(lead, np.array(residues) / corners), corners)
+    assert found[np.argsort(np.abs(found))][:5] == pytest.approx(known, rel=1e-6)
 
 
 def test_fit_prefilter__accelerometer__equalised_in_its_own_quantity() -> None:

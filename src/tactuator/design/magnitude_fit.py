@@ -13,13 +13,12 @@ goal's rough shape; the better of both is taken.
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
+from scipy import linalg, optimize
 
 from tactuator.errors import BadInput
 from tactuator.signals.decibels import db
@@ -32,7 +31,8 @@ _WIDEST_DB = 30.0
 _PRECISION = 0.01
 _STEEP_DB = 60.0
 _BETWEEN_DB = 6.0
-_REFINED_ORDER, _REFINED_DB = 8, 0.22
+_REFINED_ORDER, _REFINED_DB = 8, (0.22, 0.45, 0.45)
+_EXCESS_DB = 0.05
 _MOST_NARROWED_DB, _FINE_DB, _COARSE_DB = 0.19, 0.235, 0.5
 _LEAST_DAMPING = 0.005
 
@@ -74,11 +74,27 @@ def fit_magnitude(goal: MagnitudeGoal, rate_hz: float, order: int) -> SampledSys
     if not found:
         assert failed is not None
         raise failed
-    best = min(found, key=lambda one: one.error_db)
-    if order >= _REFINED_ORDER and best.error_db > _REFINED_DB:
-        with suppress(BadInput):
-            best = min(best, _Program(goal, rate_hz, order, False, best), key=lambda one: one.error_db)
-    return best.filter()
+    return _refined(min(found, key=_off_db)).filter()
+
+
+def _refined(best: _Program) -> _Program:
+    """The program solved again in a basis made of its own solution's roots, as long as it is poor and that helps."""
+    for enough_db in _REFINED_DB:
+        if best.excess_db == 0.0 and (best.order < _REFINED_ORDER or best.error_db <= enough_db):
+            break
+        try:
+            again = best.again()
+        except BadInput:
+            break
+        if _off_db(again) >= _off_db(best):
+            break
+        best = again
+    return best
+
+
+def _off_db(program: _Program) -> float:
+    """How far the program's filter is off its goal: in the band and, above it, beyond the ceiling."""
+    return program.error_db + program.excess_db
 
 
 class _Program:
@@ -87,7 +103,7 @@ class _Program:
     def __init__(
         self, goal: MagnitudeGoal, rate_hz: float, order: int, shaped: bool, former: _Program | None = None
     ) -> None:
-        self._goal, self._rate_hz, self._order = goal, rate_hz, order
+        self._goal, self._rate_hz, self.order = goal, rate_hz, order
         inside = goal.frequency_hz[goal.allowance_db == 0.0]
         low, high = np.tan(np.pi * inside[[0, -1]] / rate_hz) ** 2
         self._unit = float(np.sqrt(low * high))
@@ -96,8 +112,10 @@ class _Program:
         self._corners = np.geomspace(low, 4.0 * high, order) / self._unit
         squares = self._squares(goal.frequency_hz)
         self._zero_corners = _shaping_corners(self._corners, squares, ratio) if shaped else self._corners
+        self._sized_by: NDArray[np.complex128] | None = None
         if former is not None:
             self._corners, self._zero_corners = former.root_corners()
+            self._sized_by = former.denominator_roots
         self._basis = _fractions(squares, self._corners)
         self._target = self._numerators(goal.frequency_hz) / ratio[:, None]
         self._scale = np.max(np.abs(self._target), axis=0)
@@ -117,6 +135,25 @@ class _Program:
         inside = self._goal.allowance_db == 0.0
         miss = db(self.filter().response(self._goal.frequency_hz[inside])) - self._goal.level_db[inside]
         return float(np.max(np.abs(miss)))
+
+    @cached_property
+    def excess_db(self) -> float:
+        """How far the filter itself passes the ceiling above the band; 0 for what does not matter."""
+        above = np.geomspace(self._goal.above_hz[0], 0.4999 * self._rate_hz, 1000)
+        peaks = np.abs(np.angle(self.filter().poles)) * self._rate_hz / (2.0 * np.pi)
+        above = np.append(above, peaks[(peaks > above[0]) & (peaks < above[-1])])
+        ceiling_db = 10.0 * np.log10(self._ceiling(above, 0.0)) + self._middle_db
+        excess = float(np.max(db(self.filter().response(above)) - ceiling_db))
+        return excess if excess > _EXCESS_DB else 0.0
+
+    @property
+    def denominator_roots(self) -> NDArray[np.complex128]:
+        """The roots of D in x."""
+        return _fraction_roots(self._coefficients[1], self._corners)
+
+    def again(self) -> _Program:
+        """The same goal in the basis of this solution's roots, every constraint in proportion to this solution's D."""
+        return _Program(self._goal, self._rate_hz, self.order, False, self)
 
     def filter(self) -> SampledSystem:
         """The filter of the solution."""
@@ -145,6 +182,15 @@ class _Program:
         logs = np.log(square[:, None] + self._zero_corners) - np.log(square[:, None] + self._corners)
         return np.asarray(_fractions(square, self._zero_corners) * np.exp(np.sum(logs, axis=1))[:, None])
 
+    def _sizes(self, frequency_hz: Array) -> Array:
+        """The size of D that the former solution suggests (1 without one), shape (n, 1): what constraints are told in
+        proportion to, since the solver's tolerance is one for all."""
+        square = self._squares(frequency_hz)[:, None]
+        if self._sized_by is None:
+            return np.ones_like(square)
+        logs = np.sum(np.log(np.abs(square - self._sized_by)) - np.log(square + self._corners), axis=1, keepdims=True)
+        return np.asarray(np.exp(np.maximum(logs - np.max(logs), -20.0)))
+
     def best(self) -> Coefficients:
         """Coefficients for an error slightly above the least possible (found by bisection)."""
         low = self._lower_bound_db
@@ -153,7 +199,7 @@ class _Program:
             low, high = high, 2.0 * high
             if high > _WIDEST_DB:
                 raise BadInput(
-                    f"no prefilter of {self._order} poles follows the curve within {_WIDEST_DB:g} dB; "
+                    f"no prefilter of {self.order} poles follows the curve within {_WIDEST_DB:g} dB; "
                     "allowed: more poles"
                 )
         while high - low > _PRECISION * max(low, 0.05):
@@ -176,10 +222,12 @@ class _Program:
         root = 10.0 ** ((error_db + self._goal.allowance_db[:, None]) / 20.0)
         least = 10.0 ** (lowest[:, None] / 20.0)
         ceiling = self._ceiling(self._above, error_db)[:, None]
-        above, over = _fractions(self._squares(self._above), self._corners), self._numerators(self._above)
+        sizes, outside = self._sizes(self._goal.frequency_hz), self._sizes(self._above)
+        above = _fractions(self._squares(self._above), self._corners) / outside
+        over = self._numerators(self._above) / outside
         none = np.zeros_like(above)
         n, m = self._basis.shape[0], above.shape[0]
-        top, bottom = self._target / self._scale, self._basis
+        top, bottom = self._target / self._scale / sizes, self._basis / sizes
         rows = np.vstack(
             [
                 np.hstack([top / root, -root * bottom, np.ones((n, 1))]),
@@ -189,7 +237,7 @@ class _Program:
                 np.hstack([-over / self._scale / ceiling, none, np.full((m, 1), 1e-7)]),
             ]
         )
-        size = self._order + 1
+        size = self.order + 1
         cost = np.append(np.zeros(2 * size), -1.0)
         bounds = [(-1.0, 1.0)] * (2 * size) + [(0.0, None)]
         result = optimize.linprog(cost, rows, np.zeros(rows.shape[0]), bounds=bounds, method="highs-ds")
@@ -242,12 +290,18 @@ def _fractions(square: Array, corners: Array) -> Array:
 
 
 def _fraction_roots(coefficients: Array, corners: Array) -> NDArray[np.complex128]:
-    """Roots in x of c_0 + sum c_k a_k/(x + a_k)."""
-    lead = coefficients[0]
-    floor = 1e-12 * float(np.max(np.abs(coefficients)))
-    lead = lead if abs(lead) > floor else floor
-    matrix = np.diag(-corners) - np.outer(np.ones(corners.size), coefficients[1:] * corners / lead)
-    return np.linalg.eigvals(matrix).astype(np.complex128)
+    """Roots in x of c_0 + sum c_k a_k/(x + a_k), shape (order,): generalised eigenvalues of a bordered diagonal.
+
+    The small ones stay right where c_0 is next to nothing and one root is all but infinite; no size is beyond 1e12.
+    """
+    weights = coefficients * np.append(1.0, corners) / np.max(np.abs(coefficients))
+    rows = 1.0 / (1.0 + corners)
+    fixed = np.block([[weights[:1, None], weights[None, 1:]], [-rows[:, None], np.diag(corners * rows)]])
+    top, bottom = linalg.eigvals(fixed, -np.diag(np.append(0.0, rows)), homogeneous_eigvals=True)
+    finite = np.argsort(np.abs(bottom) / (np.abs(top) + np.abs(bottom)))[1:]
+    top, bottom = top[finite], bottom[finite]
+    far = np.abs(bottom) < 1e-12 * np.abs(top)
+    return np.asarray(np.where(far, -1e12, top / np.where(far, 1.0, bottom)), dtype=np.complex128)
 
 
 def _shaping_corners(corners: Array, square: Array, ratio: Array) -> Array:

@@ -88,7 +88,7 @@ def prefilter_goal(
     """
     low, high = channel.threshold.band_hz
     inside = design_grid_hz(channel, feedback, plant)
-    below = np.append(low * 1e-3, np.geomspace(low / 10.0, low / 1.03, 14))
+    below = np.append(np.geomspace(low * 1e-3, low / 15.0, 5), np.geomspace(low / 10.0, low / 1.03, 14))
     if plant.zeros.size and np.min(np.abs(plant.zeros - 1.0)) < 1e-9:
         below = np.empty(0)  # a plant that gives nothing at rest asks nothing of the prefilter there
     frequency = np.append(below, inside)
