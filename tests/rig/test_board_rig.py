@@ -165,7 +165,7 @@ def test_emulator__ends_on_its_own__is_told():
 
     transport = Emulator("mps2-an500")
     rig = wired_rig(transport, designed().display, 1, "float32")
-    transport._process.terminate()
+    transport._process.kill()
     transport._process.wait()
     with pytest.raises(LinkDown, match="has ended"):
         rig.status()

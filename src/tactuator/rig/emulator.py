@@ -6,7 +6,6 @@ import contextlib
 import os
 import select
 import shutil
-import signal
 import subprocess
 import tempfile
 import time
@@ -87,12 +86,8 @@ class Emulator:
                 os.close(handle)
         self._to = self._from = -1
         if self._process is not None:
-            self._process.send_signal(signal.SIGTERM)
-            try:
-                self._process.wait(timeout=2.0)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
+            self._process.kill()  # asked kindly it would not end: it waits in a read of ours, and has nothing to save
+            self._process.wait()
             self._process = None
         shutil.rmtree(self._folder, ignore_errors=True)
 
