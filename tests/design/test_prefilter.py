@@ -111,6 +111,13 @@ def test_fit_prefilter__open_loop_on_other_plants__eight_poles_within_05_db(
 
 
 DEEP = replace(SMOOTH, name="deep u", level_db_re_1um=np.array([20, 20, 19, 10, -5, -16, -20, -18], dtype=float))
+BROAD = ThresholdCurve(
+    "broad u",
+    np.geomspace(0.4, 300, 18),
+    -18 + 36 * (np.log2(np.geomspace(0.4, 300, 18) / 167) / 9) ** 2,
+    "synthetic",
+    "u",
+)
 COIL = 2.0 * np.pi * 150.0
 
 
@@ -121,8 +128,9 @@ COIL = 2.0 * np.pi * 150.0
         (ContinuousSystem.from_polynomials([2875.0 * 300], np.polymul([1.0, 94.0, 290.0], [1.0, 300.0])), DEEP, 0.35),
         (ContinuousSystem.from_polynomials([1.2 * COIL**2], [1.0, 0.2 * COIL, COIL**2]), None, 0.35),
         (ContinuousSystem.from_polynomials([5e5], [1.0, 24.0, 400.0**2]), DEEP, 0.5),
+        (ContinuousSystem([], [-5.0, -996.0, -4153.0], 50.0 * 996.0 * 4153.0), BROAD, 0.2),
     ],
-    ids=["deep u", "deep u, third order", "voice coil", "deep u, resonant"],
+    ids=["deep u", "deep u, third order", "voice coil", "deep u, resonant", "broad u, third order"],
 )
 def test_fit_prefilter__hard_for_the_solver__within_its_bound_and_bounded_above(
     plant: ContinuousSystem, felt: ThresholdCurve | None, most_db: float
