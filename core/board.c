@@ -37,7 +37,7 @@ static void leave(tact_board *board, int32_t how)
     if (how == TACT_RAMPS_QUICKLY)
         board->authority_step = -1.0f / (float)board->safety.quick_ticks;
     if (how == TACT_CUT) {
-        board->authority = 0.0f;
+        board->authority = board->authority_step = 0.0f; /* a soft start that has just begun ends here too */
         empty_queue(board);
     }
 }

@@ -2,14 +2,14 @@
  * display in the place of converters.
  *
  * Over FIFOs a read waits for the host, and no time passes on the board: before it waits, a run goes on until it has
- * come to its end or is dry, or for BREATH ticks if it never waits for its stream. Between runs the display's time
+ * come to its end or is dry, for BREATH ticks if it never waits for its stream, or for SETTLE in a fault. Between runs the display's time
  * stands still, so that what a board plays does not depend on how long the host takes. */
 
 #include "period.h"
 #include "port.h"
 #include "semihosting.h"
 
-enum { CLOCK_HZ = 25000000, RELOAD_MAX = 0xffffff, BREATH = 32, SETTLE = 8192, STREAM_ROWS = 4096 };
+enum { CLOCK_HZ = 25000000, RELOAD_MAX = 0xffffff, BREATH = 32, SETTLE = 8192, LONGEST = 65536, STREAM_ROWS = 4096 };
 
 #define REGISTER(address) (*(volatile uint32_t *)(address))
 #define SYSTICK_CONTROL REGISTER(0xE000E010u)
@@ -70,9 +70,7 @@ uint32_t tact_port_lateness(void)
 int tact_port_holds(void)
 {
     const int rests = the_board->leaving == TACT_STAYS && the_board->mode != TACT_RUNNING;
-    const int over = the_board->mode == TACT_FAULT && tact_board_is_at_rest(the_board) &&
-                     the_board->ticks - the_board->fault_tick > SETTLE; /* the motor has coasted to rest */
-    return wired.channels != the_board->channels || rests || over || tact_board_waits(the_board);
+    return wired.channels != the_board->channels || rests || tact_board_waits(the_board);
 }
 
 void tact_port_put_out(const int32_t *codes)
@@ -97,12 +95,20 @@ static void sleep(void)
     __asm volatile("wfi" ::: "memory");
 }
 
-/* Time for the run before the host is waited for. */
+/* Ticks that may pass before the host is waited for: in a fault the motor coasts to rest, and the guard finds back to a
+ * sensor that has been mended. */
+static uint32_t breath(const volatile tact_board *board)
+{
+    if (board->mode == TACT_FAULT)
+        return SETTLE;
+    return board->holds && board->leaving == TACT_STAYS ? LONGEST : BREATH;
+}
+
 static void let_run(void)
 {
     const volatile tact_board *board = the_board;
     const uint32_t begun = board->ticks;
-    while (SYSTICK_CONTROL & 1u && !tact_port_holds() && (board->holds || board->ticks - begun < BREATH))
+    while (SYSTICK_CONTROL & 1u && !tact_port_holds() && board->ticks - begun < breath(board))
         sleep();
 }
 

@@ -133,7 +133,7 @@ def test_resume__clock_set_back__is_noted_and_loses_nothing(store) -> None:
 
 def test_answer__disk_full__is_not_acknowledged_and_may_come_again(store) -> None:
     clock = ObedientClock()
-    conduct = begin(store, clock)
+    conduct = begin(store, clock, PROTOCOL.replace("reversals = 6", "reversals = 40"))  # enough trials to fill a page
     with store.engine.connect() as connection:
         pages = connection.exec_driver_sql("PRAGMA page_count").scalar_one()
         connection.exec_driver_sql(f"PRAGMA max_page_count = {pages}")  # of the pooled connection: no page more
