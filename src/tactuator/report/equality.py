@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator
 from numpy.typing import NDArray
 
@@ -32,6 +33,25 @@ def equality_plate(
     displacement = db(np.abs(position_response) / channel.sensor_gain_v_per_mm / speed * 1e3) + level_db_sl
     sensitivity = -channel.threshold.curve.level_db_re_1um_at(frequency_hz)
     felt = displacement + sensitivity
+    made = _three_panels(frequency_hz, displacement, sensitivity, level_db_sl)
+    worst = float(np.max(np.abs(felt - level_db_sl)))
+    caption = (
+        f"A reference of {level_db_sl:g} dB SL at every frequency, channel {channel.name}: displacement (dB) plus "
+        f"sensitivity (dB, the threshold curve “{channel.threshold.curve.name}” — "
+        f"{channel.threshold.curve.provenance} — upside down) is felt at {level_db_sl:g} dB SL within {worst:.2f} dB."
+    )
+    table = {
+        "frequency_hz": frequency_hz.tolist(),
+        "displacement_db_re_1um": displacement.tolist(),
+        "sensitivity_db": sensitivity.tolist(),
+        "felt_db_sl": felt.tolist(),
+    }
+    return Plate(name, title, caption, made, table)
+
+
+def _three_panels(frequency_hz: Array, displacement: Array, sensitivity: Array, level_db_sl: float) -> Figure:
+    """Displacement, sensitivity and their sum side by side, the first two on axes of one span."""
+    felt = displacement + sensitivity
     made, axes = figure(1, 3, height_in=2.8)
     low, high = float(frequency_hz[0]), float(frequency_hz[-1])
     panels = (
@@ -54,19 +74,7 @@ def equality_plate(
         one.set_ylim(centre - span, centre + span)
     for one, sign in ((axes[0], "+"), (axes[1], "=")):
         one.text(1.2, 1.0, sign, transform=one.transAxes, fontsize=15, ha="center", va="bottom", color=INK)
-    worst = float(np.max(np.abs(felt - level_db_sl)))
-    caption = (
-        f"A reference of {level_db_sl:g} dB SL at every frequency, channel {channel.name}: displacement (dB) plus "
-        f"sensitivity (dB, the threshold curve “{channel.threshold.curve.name}” — "
-        f"{channel.threshold.curve.provenance} — upside down) is felt at {level_db_sl:g} dB SL within {worst:.2f} dB."
-    )
-    table = {
-        "frequency_hz": frequency_hz.tolist(),
-        "displacement_db_re_1um": displacement.tolist(),
-        "sensitivity_db": sensitivity.tolist(),
-        "felt_db_sl": felt.tolist(),
-    }
-    return Plate(name, title, caption, made, table)
+    return made
 
 
 def _decades(low: float, high: float) -> FixedLocator:
