@@ -1,29 +1,56 @@
-"""Q31 sections against whole numbers of any length, and against the filter they stand for."""
+"""Q31 sections and controllers against APyTypes' fixed-point numbers, bit for bit, and against the filter they stand
+for."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from scipy import signal
 
 from tactuator.digital._core import ffi, lib
-from tactuator.digital.q31 import q31_cascade, q31_row
+from tactuator.digital.controller import AntiWindup, Limits
+from tactuator.digital.image import build_image
+from tactuator.digital.q31 import (
+    REFERENCE_FULL_SCALE,
+    SHIFT_MAX,
+    SHIFT_MIN,
+    VOLTS_FULL_SCALE,
+    Q31Section,
+    q31_cascade,
+    q31_row,
+    q31_section,
+)
 from tactuator.errors import BadInput
-from tests.digital.paper_display import feedback_sections, prefilter_sections
+from tests.digital import fixed_point
+from tests.digital.paper_display import controller, display, feedback_sections, prefilter_sections
+
+FULL, LEAST = 2**31 - 1, -(2**31)
+ADVERSARIAL = {
+    "silence": [0] * 200,
+    "one bit": [1] + [0] * 300,
+    "each single bit": [sign * (1 << bit) for bit in range(31) for sign in (1, -1) for _ in range(5)],
+    "full scale": [FULL] * 150 + [LEAST] * 150,
+    "alternating full scale": [FULL, LEAST] * 150,
+    "full scale, then silence": [LEAST] * 100 + [0] * 200,
+    "one bit up and down": [1, -1] * 150,
+}
+
+words = st.integers(LEAST, FULL)
+mantissa, shift = st.integers(-FULL, FULL), st.sampled_from([SHIFT_MIN, 3, 9, 10, 21, 31, 40, 52, 61, SHIFT_MAX])
+any_section = st.builds(Q31Section, st.tuples(*[mantissa] * 5), st.tuples(*[shift] * 3))
 
 
-def exact(sections, samples):
-    """The header's equations in Python's integers."""
+def fixed(sections, samples):
+    cascade = [fixed_point.FixedSection(section) for section in sections]
     out = []
-    states = [[0, 0] for _ in sections]
     for x in samples:
-        for section, state in zip(sections, states, strict=True):
-            (b0, b1, b2, a1, a2), (k0, k1, k2) = section.mantissas, section.shifts
-            y = max(-(2**31), min(2**31 - 1, (state[0] + (b0 * x >> k0) + 2**20) >> 21))
-            first, second = (b1 * x - a1 * y) >> k1, (b2 * x - a2 * y) >> k2
-            most = 2**61
-            state[:] = [max(-most, min(most, state[0] + first + state[1])), max(-most, min(most, state[1] + second))]
-            x = y
-        out.append(x)
+        value = fixed_point.signal(x)
+        for section in cascade:
+            value = section.step(value)
+        out.append(fixed_point.lsb(value))
     return out
 
 
@@ -40,17 +67,114 @@ def core(sections, samples):
     return y.tolist()
 
 
-@given(st.lists(st.integers(-(2**31), 2**31 - 1), min_size=1, max_size=80), st.sampled_from([4000.0, 32000.0]))
+@given(st.lists(words, min_size=1, max_size=80), st.sampled_from([4000.0, 32000.0]))
 @settings(max_examples=60, deadline=None)
-def test_section_q31__any_samples__are_the_integers_of_the_header(samples, rate_hz):
+def test_section_q31__any_samples__are_apytypes_bits(samples, rate_hz):
     for sos, full in ((prefilter_sections(0.004, rate_hz), 1000.0), (feedback_sections(rate_hz), 32.0)):
         sections = q31_cascade(sos, rate_hz, full)
-        assert core(sections, samples) == exact(sections, samples)
+        assert core(sections, samples) == fixed(sections, samples)
+
+
+@given(st.lists(any_section, min_size=1, max_size=2), st.lists(words, min_size=1, max_size=40))
+@settings(max_examples=200, deadline=None)
+def test_section_q31__any_coefficients_even_unstable__are_apytypes_bits(sections, samples):
+    assert core(sections, samples) == fixed(sections, samples)
+
+
+@pytest.mark.parametrize("samples", ADVERSARIAL.values(), ids=ADVERSARIAL)
+def test_section_q31__adversarial_samples__are_apytypes_bits(samples):
+    for sos, full in ((prefilter_sections(0.004), 1000.0), (feedback_sections(), 32.0)):
+        sections = q31_cascade(sos, 4000.0, full)
+        assert core(sections, samples) == fixed(sections, samples)
+
+
+def test_section_q31__half_a_bit__rounds_upwards():
+    half = q31_section([0.5, 0.0, 0.0, 0.0, 0.0])
+    samples = [1, 3, 5, -1, -3, -5]
+    assert core([half], samples) == fixed([half], samples) == [1, 2, 3, 0, -1, -2]
+
+
+def test_section_q31__runs_away__stops_where_the_header_says():
+    # a double integrator: both states are at +/- 512 full scales within a few samples, and come back from there, not
+    # from where 40 samples would have taken them
+    integrator = q31_section([0.0, 0.0, 200.0, 0.0, 0.0])
+    for sign, other in ((FULL, LEAST), (LEAST, FULL)):
+        samples = [sign] * 40 + [other] * 10
+        assert core([integrator], samples) == fixed([integrator], samples)
+        assert core([integrator], samples)[-1] == other
+
+
+def parsed(made):
+    image, table = build_image(made, "q31", "0" * 64), ffi.new("tact_image *")
+    shape = (made.rate_hz, made.delay_samples, len(made.channels))
+    assert lib.tact_image_parse(table, ffi.from_buffer(image), len(image), *shape) == lib.TACT_IMAGE_GOOD
+    return table
+
+
+def core_commands(made, reference, position):
+    table, state = parsed(made), ffi.new("tact_controller_q31_state *")
+    lib.tact_controller_q31_reset(state)
+    command = np.empty(reference.size, dtype=np.float32)
+    arrays = [ffi.from_buffer("float[]", np.ascontiguousarray(each)) for each in (reference, position, command)]
+    own = ffi.addressof(table.tables.q31, 0)
+    lib.tact_controller_q31_run(own, state, *arrays, reference.size)
+    return command.view(np.uint32)
+
+
+def fixed_commands(made, reference, position):
+    channel = made.channels[0]
+    cascades = [
+        [] if sos is None else [fixed_point.FixedSection(each) for each in q31_cascade(sos, made.rate_hz, full)]
+        for sos, full in (
+            (channel.prefilter_sos, REFERENCE_FULL_SCALE),
+            (channel.feedback_sos, VOLTS_FULL_SCALE),
+        )
+    ]
+    rows = [q31_row((gain,), bits=30) for gain in channel.anti_windup.gains]
+    gains = tuple((mantissas[0], shift) for mantissas, shift in rows)
+    return fixed_point.run(fixed_point.FixedController(*cascades, gains, channel.limits.command_v), reference, position)
+
+
+def channels_with(**changes):
+    made = controller(display())
+    return replace(made, channels=tuple(replace(channel, **changes) for channel in made.channels))
+
+
+CONTROLLERS = {
+    "as designed": channels_with(),
+    "anti-windup": channels_with(anti_windup=AntiWindup((0.03, -0.001)), limits=Limits(0.5, 2.0)),
+    "without feedback": channels_with(feedback_sos=None),
+}
+hostile = hnp.arrays(
+    np.float32,
+    st.integers(1, 40),
+    elements=st.one_of(st.floats(width=32), st.floats(-1e3, 1e3, width=32), st.sampled_from([1000.0, -1000.0, 32.0])),
+)
+
+
+@pytest.mark.parametrize("made", CONTROLLERS.values(), ids=CONTROLLERS)
+@given(reference=hostile, position=hostile)
+@settings(max_examples=60, deadline=None)
+def test_controller_q31__any_input__is_apytypes_bits(made, reference, position):
+    position = np.resize(position, reference.size)
+    expected = fixed_commands(made, reference, position)
+    assert np.array_equal(core_commands(made, reference, position), expected)
+
+
+def test_controller_q31__tones_saturation_and_silence__is_apytypes_bits():
+    rng = np.random.default_rng(4)
+    time_s = np.arange(2500) / 4000.0
+    reference = (800.0 * np.sin(2.0 * np.pi * 37.0 * time_s) + 50.0 * rng.standard_normal(2500)).astype(np.float32)
+    reference[1500:] = 0.0
+    position = (0.4 * rng.standard_normal(2500)).astype(np.float32)
+    position[2000:] = 0.0
+    made = CONTROLLERS["anti-windup"]
+    ours = core_commands(made, reference, position)
+    assert np.array_equal(ours, fixed_commands(made, reference, position))
+    assert np.any(np.abs(ours.view(np.float32)) == 0.5)
 
 
 def test_section_q31__slow_prefilter__follows_the_double_filter_to_nanovolts():
-    from scipy import signal
-
     sos = prefilter_sections(0.004)
     rng = np.random.default_rng(1)
     reference = rng.uniform(-500.0, 500.0, 4000)
@@ -63,3 +187,9 @@ def test_row__too_large__is_refused():
     assert q31_row((0.5, -0.25)) == ((2**30, -(2**29)), 10)
     with pytest.raises(BadInput, match="too large for Q31"):
         q31_row((300.0,))
+
+
+def test_cascade__unstable_section_before_the_last__is_refused():
+    wild = np.array([[1.0, 0.0, 0.0, 1.0, -2.1, 1.2], [1.0, 0.0, 0.0, 1.0, -0.5, 0.0]])
+    with pytest.raises(BadInput, match=r"before the last.*allowed in Q31: none"):
+        q31_cascade(wild, 4000.0, 1000.0)
