@@ -12,6 +12,7 @@ import math
 import time
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -20,12 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from tactuator.digital._core import ffi, lib
 from tactuator.digital.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.digital.discretise import bilinear, zero_order_hold
 from tactuator.digital.lanes import Loop, ManyLoops, kernels_available
-from tactuator.digital.simulation import Simulation
+from tactuator.digital.simulation import Simulation, empty_block
 from tactuator.perception.library import curve
 from tactuator.plant.display import Channel, Display, Threshold
+from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.systems import ContinuousSystem
 
 RATE_HZ = 4000.0
@@ -155,6 +158,31 @@ def many_loops(display: Display, controller: Controller, reference: NDArray[np.f
     return figures
 
 
+def block_api_over_core(display: Display, controller: Controller) -> dict[str, float]:
+    """Share of time that a block on three channels takes in `SimulatedRig.play` beyond the core's own function.
+
+    The core gets its arrays ready made; the rig checks, converts and copies the reference, and gives a trace of its
+    own. Both in turn, so that a busy machine disturbs both.
+    """
+    three = Display("benchmark", RATE_HZ, 1, tuple(replace(display.channels[0], name=name) for name in "abc"))
+    loaded = Controller(three, tuple(replace(controller.channels[0], name=name) for name in "abc"))
+    rig, simulation = SimulatedRig(three, seed=1), Simulation(three, seed=1)
+    rig.load(loaded)
+    simulation.load(loaded)
+    shares = {}
+    for seconds in (1, 10):
+        samples = round(seconds * RATE_HZ)
+        reference = np.tile(10.0 * np.sin(2.0 * np.pi * 10.0 * np.arange(samples) / RATE_HZ)[:, None], 3)
+        single = reference.astype(np.float32)
+        _, trace = empty_block(samples, 3)
+        rows = ffi.from_buffer("float[]", single)
+        bare = partial(lib.tact_closed_loop_play, simulation._loops, 3, rows, ffi.NULL, trace, samples)
+        times = [(best_s(bare, 3), best_s(partial(rig.play, reference), 3)) for _ in range(300 // seconds)]
+        core_s, rig_s = (min(each) for each in zip(*times, strict=True))
+        shares[f"{seconds} s"] = rig_s / core_s - 1.0
+    return shares
+
+
 def run() -> dict[str, object]:
     """Figures of the closed loop: million loop samples per second, and ratios to the peers."""
     display = paper_display()
@@ -175,5 +203,11 @@ def run() -> dict[str, object]:
         "many_loops_times_peer": {name: seconds / SAMPLES * fastest * 1e6 for name, seconds in peer_s.items()},
         "many_loops": dict(many),
         "many_loops_times_single_loop": fastest / core,
-        "goals": {"loop_samples_million_per_s": 20.0, "times_control_forced_response": 500.0, "many_times_single": 2.5},
+        "block_api_over_core": block_api_over_core(display, controller),
+        "goals": {
+            "loop_samples_million_per_s": 20.0,
+            "times_control_forced_response": 500.0,
+            "many_times_single": 2.5,
+            "block_api_over_core": 0.05,
+        },
     }

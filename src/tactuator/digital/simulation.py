@@ -16,6 +16,8 @@ from tactuator.plant.display import Display
 
 Samples = NDArray[np.float64]
 
+_TRACE, _DOUBLES, _FLAGS = (ffi.typeof(name) for name in ("tact_trace *", "double[]", "uint8_t[]"))
+
 
 @dataclass(frozen=True)
 class SimulatedBlock:
@@ -137,14 +139,18 @@ class Simulation:
 
 
 def empty_block(samples: int, columns: int) -> tuple[SimulatedBlock, Any]:
-    """A block to be filled, and the `tact_trace` that points into it."""
-    shape = (samples, columns)
-    volts = (np.empty(shape), np.empty(shape), np.empty(shape))
-    flags = (np.empty(shape, dtype=np.bool_), np.empty(shape, dtype=np.bool_))
-    trace = ffi.new("tact_trace *")
-    trace.command_v, trace.position_v, trace.displacement_mm = (ffi.from_buffer("double[]", each) for each in volts)
-    trace.saturated, trace.broken = (ffi.from_buffer("uint8_t[]", each) for each in flags)
-    return SimulatedBlock(*volts, *flags), trace
+    """A block to be filled, and the `tact_trace` that points into it.
+
+    Two pieces of memory for all of it: the next block takes what one gives back, and the system, which hands out every
+    page anew, is not asked.
+    """
+    size = samples * columns
+    volts, flags = np.empty((3, samples, columns)), np.empty((2, samples, columns), dtype=np.bool_)
+    command, position, displacement = volts
+    saturated, broken = flags
+    at, mark = ffi.from_buffer(_DOUBLES, volts), ffi.from_buffer(_FLAGS, flags)
+    trace = ffi.new(_TRACE, (at, at + size, at + 2 * size, mark, mark + size))
+    return SimulatedBlock(command, position, displacement, saturated, broken), trace
 
 
 def check_arithmetic() -> None:
@@ -165,5 +171,7 @@ def block_samples(samples: ArrayLike, channels: int, name: str, dtype: type) -> 
         raise BadInput(f"{name} has shape {array.shape}; allowed: (samples, {channels})")
     if array.dtype.kind not in "fiub":
         raise BadInput(f"{name} holds {array.dtype}; allowed: real numbers")
+    if array.dtype == dtype:
+        return np.ascontiguousarray(array)
     with np.errstate(over="ignore"):
         return np.ascontiguousarray(array, dtype=dtype)

@@ -71,6 +71,7 @@ class SimulatedRig:
 
     def __init__(self, display: Display, seed: int = 0) -> None:
         self._simulation = Simulation(display, seed)
+        self._names = tuple(channel.name for channel in display.channels)
         self._ports = tuple(FingerPort(self._simulation, index) for index in range(len(display.channels)))
 
     @property
@@ -86,7 +87,7 @@ class SimulatedRig:
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the channels, in the order of every array's columns."""
-        return tuple(channel.name for channel in self.display.channels)
+        return self._names
 
     def load(self, controller: Controller) -> None:
         """Make the controller the one that runs, from rest. Raises BadInput if it is not for this rig."""
@@ -94,9 +95,8 @@ class SimulatedRig:
 
     def play(self, reference: ArrayLike) -> Trace:
         """Reference (n, channels), threshold units, through the loaded controller; state carries on."""
-        samples = block_samples(reference, len(self._ports), "reference", np.float64)
-        block = self._simulation.play(samples, self._forces(samples.shape[0]))
-        return self._trace(block, samples.copy())
+        samples = block_samples(np.array(reference), len(self._ports), "reference", np.float64)  # the trace's own
+        return self._trace(self._simulation.play(samples, self._forces(samples.shape[0])), samples)
 
     def drive(self, command_v: ArrayLike) -> Trace:
         """Command (n, channels), volts, straight to the motors: no controller, no computing delay."""
@@ -123,6 +123,6 @@ class SimulatedRig:
         return np.stack([np.zeros(count) if force is None else force for force in forces], axis=1)
 
     def _trace(self, block: SimulatedBlock, reference: NDArray[np.float64]) -> Trace:
-        for port, displacement_mm in zip(self._ports, block.displacement_mm.T, strict=True):
-            port._feel(displacement_mm)
+        for index, port in enumerate(self._ports):
+            port._feel(block.displacement_mm[:, index])
         return Trace(self.rate_hz, self.channels, reference, block.command_v, block.position_v, block.saturated)
