@@ -229,6 +229,34 @@ def test_waveforms_identify_information__from_nothing_to_bits(run, tmp_path, mad
     assert "5 a cell" in result["warning"]
 
 
+def test_waveforms__over_an_older_set__all_of_it_or_nothing(run, tmp_path, monkeypatch):
+    short = ("waveforms", "--out", tmp_path / "set", "--fingers", "index", "--duration", "0.125")
+    assert run(*short)[0] == 0
+    before = {path.name: path.read_bytes() for path in (tmp_path / "set").iterdir()}
+    assert len(before) == 7 * 2 + 1
+
+    def full(path, text):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("tactuator.cli.waveforms.write_text", full)
+        status, _, err = run(*short, "--level", "30")
+    assert (status, "No space left" in err) == (2, True)
+    assert {path.name: path.read_bytes() for path in (tmp_path / "set").iterdir()} == before
+    assert run(*short, "--level", "30")[0] == 0
+    after = {path.name: path.read_bytes() for path in (tmp_path / "set").iterdir()}
+    assert after.keys() == before.keys()
+    assert after["K-index.wav"] != before["K-index.wav"]
+    assert [path.name for path in tmp_path.iterdir()] == ["set"]
+
+
+def test_waveforms__folder_with_other_files__left_alone(run, tmp_path):
+    (tmp_path / "thesis.tex").write_text("mine")
+    status, _, err = run("waveforms", "--out", tmp_path)
+    assert (status, "holds other files (thesis.tex" in err) == (2, True)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
 def test_information__any_matrix__by_hand(run, tmp_path):
     (tmp_path / "m.csv").write_text("10,0\n0,10\n")
     status, figures, _ = run(

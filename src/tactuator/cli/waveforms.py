@@ -13,8 +13,7 @@ from rich.table import Table
 from tactuator.cli.answer import answer
 from tactuator.cli.controllers import ControllerOption, DisplayOption, chosen_controller
 from tactuator.cli.options import AsJson, Seed
-from tactuator.errors import BadInput
-from tactuator.files.atomic import write_text
+from tactuator.files.atomic import atomic_folder, write_text
 from tactuator.speech.waveforms import CUTANEOUS, KINESTHETIC, MIDDLE, WaveformSet, WrittenWaveform, write_waveforms
 
 PROTOCOL = "protocol.toml"
@@ -42,12 +41,10 @@ def register(app: typer.Typer) -> None:
         groups = tuple(tuple(group.split("+")) for group in fingers.split(","))
         components = tuple(replace(one, level_db_sl=level) for one in (KINESTHETIC, MIDDLE, CUTANEOUS))
         made = WaveformSet(duration, components=components, fingers=groups)
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise BadInput(f"{out} cannot be made: {error.strerror}; allowed: a folder that can be written") from None
-        written = write_waveforms(made, chosen, out)
-        write_text(out / PROTOCOL, _protocol(written, duration, repetitions, seed))
+        own = {f"{label}.{ending}" for label in made.labels() for ending in ("wav", "json")} | {PROTOCOL}
+        with atomic_folder(out, frozenset(own)) as beside:
+            written = write_waveforms(made, chosen, beside)
+            write_text(beside / PROTOCOL, _protocol(written, duration, repetitions, seed))
         table = Table("waveform", "limiter", title=str(out))
         for one in written:
             table.add_row(one.label, f"{one.max_reduction_db:.1f} dB" if one.max_reduction_db else "untouched")

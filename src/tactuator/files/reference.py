@@ -77,7 +77,13 @@ class ReferenceWriter:
 
     def __init__(self, sink: Any, head: ReferenceHead, path: Path) -> None:
         self._sink, self._head, self._path = sink, head, path
+        self._digest = hashlib.sha256()
         self.frames = 0
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 (hex) of the samples so far as a WAV holds them, whatever the file's kind; see `content_sha256`."""
+        return self._digest.hexdigest()
 
     def write(self, block: NDArray[np.float64]) -> None:
         """Append a block. Raises BadInput for another shape, samples that are not finite, or where it cannot go."""
@@ -90,16 +96,18 @@ class ReferenceWriter:
         self.frames += len(block)
 
     def _append(self, block: NDArray[np.float64]) -> None:
+        shares = sample_shares(block, self._head)
         if isinstance(self._sink, soundfile.SoundFile):
             after = (self.frames + len(block)) * 4 * block.shape[1]
             if after > LARGEST_WAV_BYTES:
                 raise BadInput(
                     f"{self._path}: more than 4 GB; allowed in a WAV: less (an .h5 may be as long as the disk)"
                 )
-            self._sink.write((block / self._head.full_scale).astype(np.float32))
+            self._sink.write(shares)
         else:
             self._sink.resize(self.frames + len(block), axis=0)
             self._sink[self.frames :] = block.astype(np.float32)
+        self._digest.update(shares.data)
 
 
 @contextmanager
@@ -172,16 +180,16 @@ def open_reference(path: str | Path) -> ReferenceFile:
 
 
 def content_sha256(path: str | Path) -> str:
-    """SHA-256 (hex) of a reference's samples as a WAV holds them (see `sample_bytes`), whatever the file's kind."""
+    """SHA-256 (hex) of a reference's samples as a WAV holds them (see `sample_shares`), whatever the file's kind."""
     reference, digest = open_reference(path), hashlib.sha256()
     for block in reference.blocks():
-        digest.update(sample_bytes(block, reference.head))
+        digest.update(sample_shares(block, reference.head).data)
     return digest.hexdigest()
 
 
-def sample_bytes(block: NDArray[np.float64], head: ReferenceHead) -> bytes:
-    """A block (n, channels) of threshold units as little-endian float32 shares of full scale."""
-    return (block / head.full_scale).astype("<f4").tobytes()
+def sample_shares(block: NDArray[np.float64], head: ReferenceHead) -> NDArray[np.float32]:
+    """A block (n, channels) of threshold units as little-endian float32 shares of full scale, row by row."""
+    return np.ascontiguousarray(block / head.full_scale, dtype="<f4")
 
 
 @contextmanager

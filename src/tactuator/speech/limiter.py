@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,19 +105,18 @@ class Limiter:
     def _is_harmless(self, finger: _Finger, reference: Samples) -> bool:
         if finger.start_db or finger.carried_db.any() or finger.quiet_for < len(finger.history):
             return False
-        signal = np.concatenate((finger.history, reference))
-        peak = float(np.abs(signal).max())
-        if peak <= finger.limits.harmless:
+        signal, limits = np.concatenate((finger.history, reference)), finger.limits
+        peak = max(float(signal.max()), -float(signal.min()))
+        if peak <= limits.harmless:
             return True
-        if peak > finger.limits.peak:
+        if peak > limits.peak:
             return False
         whole, rest = self._spectrum(signal)
         spectrum = whole[: self._size // COARSE // 2 + 1]
-        for constraint in finger.limits.constraints:
-            coarse = fft.irfft(spectrum * constraint.coarse, self._size // COARSE)  # float32 is plenty here
-            greatest = max(float(coarse.max()), -float(coarse.min())) / COARSE
-            if self._between * greatest + rest * constraint.beyond <= constraint.limit:
-                continue
+        coarse = fft.irfft(spectrum * limits.coarse, self._size // COARSE)  # float32 is plenty here
+        greatest = np.maximum(coarse.max(axis=1), -coarse.min(axis=1)) / COARSE
+        doubtful = self._between * greatest + rest * limits.beyond > limits.limit
+        for constraint in compress(limits.constraints, doubtful):
             fine = fft.irfft(whole * constraint.response.astype(np.complex64), self._size)[len(finger.history) :]
             if max(float(fine.max()), -float(fine.min())) > CLEARLY * constraint.limit:
                 return False

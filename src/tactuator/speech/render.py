@@ -25,6 +25,8 @@ QUIETEST_DB = -90.0
 """Of full scale: a coding that leaves less than this of a file has found nothing in it."""
 RAMP_S = 0.02
 BLOCK_S = 4.0
+PIECE = 1 << 12
+"""Samples that go on together: few enough that what is made of them stays in the cache."""
 
 
 class Coding(Protocol):
@@ -69,8 +71,9 @@ class Rendering:
 
     def blocks(self) -> Iterator[NDArray[np.float64]]:
         """The reference, blocks (n, channels), threshold units; float32 numbers. Once only."""
-        for block in self._limiter.process(self._levelled()):
-            yield block.astype(np.float32).astype(np.float64)
+        for stretch in self._limiter.process(self._levelled()):
+            for start in range(0, len(stretch), PIECE):
+                yield stretch[start : start + PIECE].astype(np.float32).astype(np.float64)
 
     def _levelled(self) -> Iterator[NDArray[np.float64]]:
         ramp = min(round(RAMP_S * self.controller.rate_hz), self.frames // 2)
