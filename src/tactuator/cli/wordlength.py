@@ -9,11 +9,18 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from tactuator.cli.answer import answer
+from tactuator.cli.answer import answer, progress
 from tactuator.cli.options import AsJson
-from tactuator.digital.wordlength import FormatReport, assess, at_rate, recommended
+from tactuator.digital.another_rate import at_rate
+from tactuator.digital.controller import Controller
+from tactuator.digital.number_format import FORMATS
+from tactuator.digital.resolution import controller_bits
+from tactuator.digital.wordlength import FormatReport, assess, recommended
 from tactuator.errors import BadInput
 from tactuator.files.controller import read_controller
+from tactuator.plant.display import HIGHEST_RATE_HZ
+
+_DOUBLINGS = 4
 
 
 def register(app: typer.Typer) -> None:
@@ -26,28 +33,62 @@ def register(app: typer.Typer) -> None:
         number_format: Annotated[
             str | None, typer.Option("--format", help="Ask for the verdict on one format: exit status 1 if unsafe.")
         ] = None,
+        figure: Annotated[
+            Path | None,
+            typer.Option("--figure", help="Picture to write (png, svg, pdf): bits needed at this rate and above."),
+        ] = None,
         as_json: AsJson = False,
     ) -> None:
         """Say which number formats are safe for a controller, and recommend the smallest."""
+        names = [each.name for each in FORMATS]
+        if number_format is not None and number_format not in names:
+            raise BadInput(f"format is {number_format!r}; allowed: {', '.join(names)}")
         made = read_controller(controller)
         if rate is not None:
             made = at_rate(made, rate)
-        reports = assess(made)
-        if number_format is not None and number_format not in [report.name for report in reports]:
-            allowed = ", ".join(report.name for report in reports)
-            raise BadInput(f"format is {number_format!r}; allowed: {allowed}")
+        drawn = {} if figure is None else _draw(made, figure)
+        reports = _assess(made)
         best = recommended(reports)
         result = {"rate_hz": made.rate_hz, "formats": [asdict(report) for report in reports], "recommended": best}
-        answer(result, as_json, _table(reports, made.rate_hz, best))
+        answer(result | drawn, as_json, _table(reports, made.rate_hz, best))
         asked = [report.safe for report in reports if report.name == number_format]
         if best is None or not all(asked):
             raise typer.Exit(1)
 
 
+def _assess(controller: Controller) -> tuple[FormatReport, ...]:
+    reports: list[FormatReport] = []
+    with progress() as bars:
+        for number_format in bars.track(FORMATS, description="formats"):
+            reports += assess(controller, (number_format,))
+    return tuple(reports)
+
+
+def _draw(controller: Controller, path: Path) -> dict[str, object]:
+    """Write the picture; its numbers, for the answer."""
+    from tactuator.report.resolution import require_ending, resolution_plate, save_resolution
+
+    require_ending(path)
+    rates = [controller.rate_hz * 2.0**k for k in range(_DOUBLINGS)]
+    bits = controller_bits(controller, [rate for rate in rates if rate <= HIGHEST_RATE_HZ])
+    bands = [channel.threshold.band_hz for channel in controller.display.channels]
+    band = f"{min(low for low, _ in bands):g}-{max(high for _, high in bands):g} Hz"
+    save_resolution(resolution_plate(bits, whose="this controller (the most of any channel)", band=band), path)
+    told = {
+        name: {form: {f"{rate:g}": asdict(one) for rate, one in by_rate.items()} for form, by_rate in forms.items()}
+        for name, forms in bits.items()
+    }
+    return {"figure": str(path), "resolution_bits": told}
+
+
 def _table(reports: tuple[FormatReport, ...], rate_hz: float, best: str | None) -> Table:
     title = f"Word length at {rate_hz:g} Hz; recommended: {best or 'none of what a board runs'}"
-    table = Table("format", "stable", "error, dB", "round-off, dB SL", "limit cycle, dB SL", "safe", title=title)
+    table = Table("format", "stable", "error, dB", "round-off", "limit cycle", "safe", title=title)
+    table.caption = "Round-off and limit cycle as felt, dB SL; a board runs float32 and q31 (delta form)."
     for report in reports:
+        if report.refused is not None:
+            table.add_row(report.name, "", "", "", "", f"no: {report.refused}")
+            continue
         figures = (report.response_error_db, report.roundoff_db_sl, report.limit_cycle_db_sl)
         cells = ["" if value is None else f"{value:.3g}" for value in figures]
         table.add_row(report.name, "yes" if report.stable else "no", *cells, "yes" if report.safe else "no")

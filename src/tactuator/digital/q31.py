@@ -74,27 +74,32 @@ def q31_cascade(sos: ArrayLike, rate_hz: float, full_scale_in: float) -> tuple[Q
     """
     sections = check_sections(sos)
     rows = delta_coefficients(sections)
-    scales = _full_scales(sections, np.max(np.abs(rows[:, :3]), axis=1), rate_hz, full_scale_in)
+    scales = full_scales(sections, rate_hz, full_scale_in, np.max(np.abs(rows[:, :3]), axis=1))
     rows[:, :3] *= (scales[:-1] / scales[1:])[:, None]
     return tuple(q31_section(row) for row in rows)
 
 
-def _full_scales(
-    sections: NDArray[np.float64], largest: NDArray[np.float64], rate_hz: float, full_scale_in: float
+def full_scales(
+    sections: NDArray[np.float64],
+    rate_hz: float,
+    full_scale_in: float,
+    largest: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
-    """Of the input, of what is between the sections (powers of two), and of the output.
+    """Of the input, of what is between the sections (powers of two), and of the output: shape (n + 1,).
 
-    The last section's coefficients, `largest` times its input's full scale over its output's, must fit: where a slow
-    section asks for more, its output saturates for inputs that stay at full scale for long.
+    A section's coefficients, `largest` times its input's full scale over its output's, must fit: where a slow last one
+    asks for more, its output saturates for inputs that stay at full scale for long. Raises BadInput for an unstable
+    section before the last.
     """
+    following = np.zeros(len(sections)) if largest is None else largest
     impulse = np.zeros(max(16, round(_BOUND_SECONDS * rate_hz)))
     impulse[0] = full_scale_in
     between = []
-    for section, following in zip(sections[:-1], largest[1:], strict=True):
+    for section, next_one in zip(sections[:-1], following[1:], strict=True):
         if np.max(np.abs(np.roots(section[3:]))) >= 1.0:
             raise BadInput("a section before the last has a pole on or outside the unit circle; allowed in Q31: none")
         impulse = signal.sosfilt(section[None, :], impulse)
         bound = max(float(np.sum(np.abs(impulse))), 2.0**-20)
-        most = 0.5 * _COEFFICIENT_MAX * VOLTS_FULL_SCALE / max(float(following), 2.0**-20)
+        most = 0.5 * _COEFFICIENT_MAX * VOLTS_FULL_SCALE / max(float(next_one), 2.0**-20)
         between.append(2.0 ** min(math.ceil(math.log2(bound)), math.floor(math.log2(most))))
     return np.array([full_scale_in, *between, VOLTS_FULL_SCALE])

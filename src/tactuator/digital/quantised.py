@@ -1,14 +1,17 @@
 """Coefficients rounded to a word, in the forms that a filter can be written in, and what is left of the filter.
 
-    direct   one polynomial over one polynomial in 1/z          biquad   second-order sections, b and a in 1/z
-    delta    second-order sections in d = z - 1 (core/section.h)
+    direct     one polynomial over one polynomial in 1/z        sections   second-order sections, b and a in 1/z
+    delta      second-order sections in d = z - 1, coefficients times the power of the rate that makes them those of the
+               continuous filter, or nearly (in float32 as they are, as the core has them)
 
-A form's numbers are rounded to so many fractional bits (fixed point) or to float32; the filter that they stand for is
-then examined in double precision, in d, where nothing more is lost.
+What the rounded numbers stand for is a table of rows b0, b1', ..., a1', ... in d (as core/section.h, or longer), and is
+examined in double precision there, where nothing more is lost.
 """
 
 from __future__ import annotations
 
+from fractions import Fraction
+from math import comb
 from typing import Literal
 
 import numpy as np
@@ -16,11 +19,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactuator.digital.coefficients import delta_coefficients
 from tactuator.errors import BadInput
+from tactuator.loop.stability import closed_roots
 from tactuator.signals.sections import backward_difference, check_sections
+from tactuator.signals.systems import SampledSystem
 
-Form = Literal["direct", "biquad", "delta"]
-FORMS: tuple[Form, ...] = ("direct", "biquad", "delta")
-BITS_MOST = 52
+Form = Literal["direct", "sections", "delta"]
+FORMS: tuple[Form, ...] = ("direct", "sections", "delta")
 
 Rows = NDArray[np.float64]
 
@@ -33,80 +37,90 @@ def rounded(values: ArrayLike, bits: int | None) -> Rows:
     return np.asarray(np.ldexp(np.round(np.ldexp(array, bits)), -bits))
 
 
-def quantised_delta(sos: ArrayLike, form: Form, bits: int | None) -> Rows:
-    """Rows b0, b1', b2', ..., a1', a2', ... in d of what is left of the cascade `sos` once its numbers in `form` are
-    rounded: shape (n, 5), or (1, 2 order + 1) for the direct form. Sums are exact to double precision."""
+def quantised_rows(sos: ArrayLike, form: Form, bits: int | None, rate_hz: float) -> Rows:
+    """Rows in d of what is left of the cascade `sos` once its numbers in `form` are rounded: shape (n, 5), or
+    (1, 2 order + 1) for the direct form. Raises BadInput for a form that is not there."""
     sections = check_sections(sos)
     if form == "delta":
-        return _scaled(delta_coefficients(sections), bits)
-    if form == "biquad":
+        scale = np.ones(5) if bits is None else rate_hz ** np.array([0.0, 1.0, 2.0, 1.0, 2.0])
+        return np.asarray(rounded(delta_coefficients(sections) * scale, bits) / scale)
+    if form == "sections":
         plain = rounded(sections / sections[:, 3:4], bits)
         plain[:, 3] = 1.0
         return delta_coefficients(plain)
     if form == "direct":
-        return _direct(sections, bits)
+        num, den = _product(sections[:, :3]), _product(sections[:, 3:])
+        num, den = num / den[0], np.append(1.0, rounded(den[1:] / den[0], bits))
+        return np.concatenate([in_difference(rounded(num, bits)), in_difference(den)[1:]])[None, :]
     raise BadInput(f"form {form!r}; allowed: {', '.join(FORMS)}")
 
 
-def _scaled(rows: Rows, bits: int | None) -> Rows:
-    """Each number of a delta form has a power of two of its own, as the core's have (and as an operator d / 2^-k gives
-    them): `bits` count from the number's own size."""
-    if bits is None:
-        return rounded(rows, None)
-    exponent = np.frexp(rows)[1]
-    return np.asarray(np.ldexp(rounded(np.ldexp(rows, -exponent), bits), exponent))
+def in_difference(coefficients: Rows) -> Rows:
+    """A polynomial in z, descending powers, as one in d = z - 1: every coefficient summed without rounding error."""
+    order = len(coefficients) - 1
+    sums = [Fraction(0)] * (order + 1)
+    for index, value in enumerate(coefficients):
+        power = order - index
+        for lower in range(power + 1):
+            sums[order - lower] += Fraction(float(value)) * comb(power, lower)
+    return np.array([float(one) for one in sums])
 
 
-def _direct(sections: Rows, bits: int | None) -> Rows:
-    num, den = np.ones(1), np.ones(1)
-    for section in sections:
-        num, den = np.polymul(num, section[:3] / section[3]), np.polymul(den, section[3:] / section[3])
-    while num.size > 1 and num[-1] == 0.0 and den[-1] == 0.0:
-        num, den = num[:-1], den[:-1]
-    num, den = rounded(num, bits), np.append(1.0, rounded(den[1:], bits))
-    return np.concatenate([_shifted(num), _shifted(den)[1:]])[None, :]
+def _product(factors: Rows) -> Rows:
+    """Of polynomials, exact before it is rounded to double."""
+    exact = [Fraction(1)]
+    for factor in factors:
+        terms = [Fraction(float(value)) for value in factor]
+        longer = [Fraction(0)] * (len(exact) + len(terms) - 1)
+        for i, one in enumerate(exact):
+            for j, other in enumerate(terms):
+                longer[i + j] += one * other
+        exact = longer
+    return np.array([float(value) for value in exact])
 
 
-def _shifted(polynomial: Rows) -> Rows:
-    """The polynomial in z of these coefficients, in d = z - 1."""
-    coefficients = list(polynomial)
-    for step in range(len(coefficients) - 1):
-        for index in range(1, len(coefficients) - step):
-            coefficients[index] += coefficients[index - 1]
-    return np.array(coefficients)
-
-
-def delta_response(rows: Rows, frequency_hz: ArrayLike, rate_hz: float) -> NDArray[np.complex128]:
-    """Response of rows as `quantised_delta` gives them."""
+def rows_response(rows: Rows, frequency_hz: ArrayLike, rate_hz: float) -> NDArray[np.complex128]:
+    """Response of a cascade of rows."""
     frequency = np.asarray(frequency_hz, dtype=np.float64)
     difference = np.exp(2j * np.pi * frequency / rate_hz) * backward_difference(frequency, rate_hz)
     response = np.ones(frequency.shape, dtype=np.complex128)
-    order = (rows.shape[1] - 1) // 2
-    for row in rows:
-        response = response * np.polyval(row[: order + 1], difference)
-        response = response / np.polyval(np.append(1.0, row[order + 1 :]), difference)
+    for num, den in map(_fraction, rows):
+        response = response * np.polyval(num, difference) / np.polyval(den, difference)
     return response
 
 
-def delta_poles(rows: Rows) -> NDArray[np.complex128]:
-    """Poles in d."""
-    order = (rows.shape[1] - 1) // 2
-    return np.concatenate([np.roots(np.append(1.0, row[order + 1 :])) for row in rows])
+def is_stable(rows: Rows, plant: SampledSystem | None = None) -> bool:
+    """Poles inside the unit circle; with a plant (its delay included): those of the loop closed around both."""
+    poles = np.concatenate([np.roots(den) for _, den in map(_fraction, rows)])
+    if plant is None:
+        return is_inside(poles)
+    zeros, gain = _zeros(rows)
+    delay = np.full(plant.delay_samples, -1.0 + 0.0j)
+    closed = closed_roots(
+        np.concatenate([zeros, plant.zeros - np.complex128(1.0)]),
+        np.concatenate([poles, plant.poles - 1.0, delay]),
+        gain * plant.gain,
+    )
+    return is_inside(closed)
 
 
-def delta_zeros(rows: Rows) -> tuple[NDArray[np.complex128], float]:
-    """Zeros in d, and the gain before them."""
-    order = (rows.shape[1] - 1) // 2
+def is_inside(poles_in_d: NDArray[np.complex128]) -> bool:
+    """Whether |1 + d| < 1 for every pole: 2 Re d + |d|^2 < 0, which keeps its digits for slow poles."""
+    return bool(np.all(2.0 * poles_in_d.real + np.abs(poles_in_d) ** 2 < 0.0))
+
+
+def _fraction(row: Rows) -> tuple[Rows, Rows]:
+    order = (row.size - 1) // 2
+    return row[: order + 1], np.append(1.0, row[order + 1 :])
+
+
+def _zeros(rows: Rows) -> tuple[NDArray[np.complex128], float]:
+    """Zeros in d, and the gain before them; no gain, no zeros."""
     zeros, gain = [np.empty(0, dtype=np.complex128)], 1.0
     for row in rows:
-        numerator = np.trim_zeros(row[: order + 1], "f")
+        numerator = np.trim_zeros(_fraction(row)[0], "f")
         if numerator.size == 0:
             return np.empty(0, dtype=np.complex128), 0.0
         gain *= float(numerator[0])
         zeros.append(np.asarray(np.roots(numerator), dtype=np.complex128))
     return np.concatenate(zeros), gain
-
-
-def is_inside(poles_in_d: NDArray[np.complex128], slack: float = 0.0) -> bool:
-    """Whether |1 + d| < 1 for every pole: 2 Re d + |d|^2 < 0, which keeps its digits for slow poles."""
-    return bool(np.all(2.0 * poles_in_d.real + np.abs(poles_in_d) ** 2 < slack))

@@ -7,136 +7,108 @@ those of the continuous filter) hardly any.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from fractions import Fraction
-from math import comb
-from typing import Any, Literal
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.digital.another_rate import at_rate
+from tactuator.digital.controller import Controller
+from tactuator.digital.discretise import zero_order_hold
+from tactuator.digital.quantised import FORMS, Form, Rows, is_stable, quantised_rows, rows_response
 from tactuator.signals.decibels import db
-from tactuator.signals.sections import backward_difference
 from tactuator.signals.systems import SampledSystem
 
-Array = NDArray[np.float64]
-Form = Literal["direct", "sections", "delta"]
-FORMS: tuple[Form, ...] = ("direct", "sections", "delta")
 MOST_BITS = 44
+"""Coefficients in double precision say nothing about more."""
 
 _HZ = np.geomspace(0.1, 300.0, 120)
 _TOLERANCE_DB = 0.1
 
+Needed = dict[str, dict[str, dict[float, "BitsNeeded"]]]
+"""By filter, form and rate."""
+
 
 @dataclass(frozen=True)
 class BitsNeeded:
-    """Fractional bits from which on every coarser rounding fails no more: to be stable, and to keep 0.1 dB."""
+    """Fractional bits from which on every coarser rounding fails no more: to be stable, and to keep 0.1 dB.
+
+    MOST_BITS + 1 where even MOST_BITS are not enough.
+    """
 
     stable: int
     accurate: int
 
 
-def rounded(coefficients: Array, bits: int) -> Array:
-    """The coefficients to `bits` fractional bits, to nearest."""
-    return np.asarray(np.round(coefficients * 2.0**bits) * 2.0**-bits)
-
-
-def in_difference(coefficients: Array) -> Array:
-    """A polynomial in z, descending powers, as one in d = z - 1: every coefficient summed without rounding error."""
-    order = len(coefficients) - 1
-    sums = [Fraction(0)] * (order + 1)
-    for index, value in enumerate(coefficients):
-        power = order - index
-        for lower in range(power + 1):
-            sums[order - lower] += Fraction(float(value)) * comb(power, lower)
-    return np.array([float(one) for one in sums])
-
-
-def rounded_blocks(system: SampledSystem, form: Form, bits: int) -> list[tuple[Array, Array]]:
-    """Numerators and denominators, as polynomials in d, of the system with coefficients rounded in that form."""
-    if form == "direct":
-        den = np.atleast_1d(np.real(np.poly(system.poles)))
-        num = np.zeros(den.size)
-        num[den.size - 1 - system.zeros.size :] = system.gain * np.atleast_1d(np.real(np.poly(system.zeros)))
-        return [(in_difference(rounded(num, bits)), in_difference(rounded(den, bits)))]
-    halves = [(row[:3], row[3:]) for row in system.sections()]
-    if form == "sections":
-        return [(in_difference(rounded(num, bits)), in_difference(rounded(den, bits))) for num, den in halves]
-    scale = system.rate_hz ** np.arange(3)
-    return [
-        (rounded(in_difference(num) * scale, bits) / scale, rounded(in_difference(den) * scale, bits) / scale)
-        for num, den in halves
-    ]
-
-
-def response_of(blocks: list[tuple[Array, Array]], rate_hz: float, frequency_hz: Array = _HZ) -> NDArray[np.complex128]:
-    """Response of a cascade of polynomials in d, at frequency_hz (n,)."""
-    d = backward_difference(frequency_hz, rate_hz) * np.exp(2j * np.pi * frequency_hz / rate_hz)
-    values = np.ones(frequency_hz.size, dtype=np.complex128)
-    for num, den in blocks:
-        values = values * np.polyval(num, d) / np.polyval(den, d)
-    return values
-
-
-def filter_bits(system: SampledSystem, form: Form) -> BitsNeeded:
+def filter_bits(system: SampledSystem, form: Form, frequency_hz: NDArray[np.float64] = _HZ) -> BitsNeeded:
     """Bits for a filter by itself (the prefilter): poles inside the unit circle; its own response within 0.1 dB."""
-    exact = system.response(_HZ)
+    exact = system.response(frequency_hz)
 
-    def is_stable(blocks: list[tuple[Array, Array]]) -> bool:
-        return all(bool(np.all(np.abs(1.0 + np.roots(den)) < 1.0)) for _, den in blocks)
+    def error_db(rows: Rows) -> float:
+        return float(np.max(np.abs(db(rows_response(rows, frequency_hz, system.rate_hz) / exact))))
 
-    def error_db(blocks: list[tuple[Array, Array]]) -> float:
-        return float(np.max(np.abs(db(response_of(blocks, system.rate_hz) / exact))))
-
-    return _needed(lambda bits: rounded_blocks(system, form, bits), is_stable, error_db)
+    return _needed(system, form, is_stable, error_db)
 
 
-def loop_bits(controller: SampledSystem, plant: SampledSystem, form: Form) -> BitsNeeded:
+def loop_bits(
+    controller: SampledSystem, plant: SampledSystem, form: Form, frequency_hz: NDArray[np.float64] = _HZ
+) -> BitsNeeded:
     """Bits for a feedback controller: the closed loop stable; T within 0.1 dB. plant: with the computing delay."""
-    behind = plant.response(_HZ)
-    loop = controller.response(_HZ) * behind
+    behind = plant.response(frequency_hz)
+    loop = controller.response(frequency_hz) * behind
     exact = loop / (1.0 + loop)
 
-    def is_stable(blocks: list[tuple[Array, Array]]) -> bool:
-        return all(np.any(num) for num, _ in blocks) and _closes(blocks, plant)
+    def closes(rows: Rows) -> bool:
+        numerators = rows[:, : (rows.shape[1] + 1) // 2]
+        return bool(np.all(np.any(numerators, axis=1))) and is_stable(rows, plant)
 
-    def error_db(blocks: list[tuple[Array, Array]]) -> float:
-        rounded_loop = response_of(blocks, plant.rate_hz) * behind
+    def error_db(rows: Rows) -> float:
+        rounded_loop = rows_response(rows, frequency_hz, plant.rate_hz) * behind
         return float(np.max(np.abs(db(rounded_loop / (1.0 + rounded_loop) / exact))))
 
-    return _needed(lambda bits: rounded_blocks(controller, form, bits), is_stable, error_db)
+    return _needed(controller, form, closes, error_db)
 
 
-def _closes(blocks: list[tuple[Array, Array]], plant: SampledSystem) -> bool:
-    """Whether 1 + C P has all its zeros inside the unit circle: the polynomial in d, the plant's delay included."""
-    num: NDArray[np.floating[Any]] = np.array([plant.gain])
-    den: NDArray[np.floating[Any]] = np.ones(1)
-    for zero in plant.zeros:
-        num = np.polymul(num, [1.0, 1.0 - zero])
-    for pole in plant.poles:
-        den = np.polymul(den, [1.0, 1.0 - pole])
-    for _ in range(plant.delay_samples):
-        den = np.polymul(den, [1.0, 1.0])
-    for block_num, block_den in blocks:
-        num, den = np.polymul(num, block_num), np.polymul(den, block_den)
-    return bool(np.all(np.abs(1.0 + np.roots(np.polyadd(num, den))) < 1.0))
+def controller_bits(controller: Controller, rates_hz: Sequence[float]) -> Needed:
+    """For the prefilter and the feedback of a designed controller at those rates: the most that any channel needs, over
+    its own band; of prefilters with unity gain at its lower end, as the paper's has."""
+    needed: Needed = {"prefilter": {form: {} for form in FORMS}}
+    for rate_hz in rates_hz:
+        moved = at_rate(controller, rate_hz)
+        for channel, own in zip(moved.display.channels, moved.channels, strict=True):
+            band = np.geomspace(*channel.threshold.band_hz, 120)
+            plant = zero_order_hold(channel.plant, rate_hz)
+            plant = replace(plant, delay_samples=plant.delay_samples + moved.delay_samples)
+            feedback = own.feedback(rate_hz)
+            prefilter = own.prefilter(rate_hz)
+            unity = replace(prefilter, gain=prefilter.gain / float(abs(prefilter.response(band[0]))))
+            for form in FORMS:
+                _raise(needed, "prefilter", form, rate_hz, filter_bits(unity, form, band))
+                if feedback is not None:
+                    _raise(needed, "feedback", form, rate_hz, loop_bits(feedback, plant, form, band))
+    return needed
+
+
+def _raise(needed: Needed, name: str, form: Form, rate_hz: float, bits: BitsNeeded) -> None:
+    by_rate = needed.setdefault(name, {}).setdefault(form, {})
+    so_far = by_rate.get(rate_hz, bits)
+    by_rate[rate_hz] = BitsNeeded(max(bits.stable, so_far.stable), max(bits.accurate, so_far.accurate))
 
 
 def _needed(
-    blocks_at: Callable[[int], list[tuple[Array, Array]]],
-    is_stable: Callable[[list[tuple[Array, Array]]], bool],
-    error_db: Callable[[list[tuple[Array, Array]]], float],
+    system: SampledSystem, form: Form, holds: Callable[[Rows], bool], error_db: Callable[[Rows], float]
 ) -> BitsNeeded:
     """From the finest rounding downwards until it fails: a coarser one that happens to fit does not count."""
+    sections = system.sections()
     stable = accurate = MOST_BITS + 1
     still_accurate = True
     for bits in range(MOST_BITS, -1, -1):
-        blocks = blocks_at(bits)
-        if not is_stable(blocks):
+        rows = quantised_rows(sections, form, bits, system.rate_hz)
+        if not holds(rows):
             break
         stable = bits
-        still_accurate = still_accurate and error_db(blocks) <= _TOLERANCE_DB
+        still_accurate = still_accurate and error_db(rows) <= _TOLERANCE_DB
         if still_accurate:
             accurate = bits
     return BitsNeeded(stable, accurate)

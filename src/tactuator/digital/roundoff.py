@@ -1,60 +1,38 @@
 """Round-off and limit cycles: one channel's loop stepped in the arithmetic of a number format.
 
-The plant is the sampled one in double precision, without noise, friction or converters: what is left over is the
-arithmetic's alone.
+The plant is the sampled one in double precision, without noise, friction or converters, and the same loop is stepped in
+double precision with the format's own rounded coefficients: what is left over is the arithmetic's alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from operator import mul
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.digital._core import ffi, lib
-from tactuator.digital.controller import ChannelController, Controller
 from tactuator.digital.discretise import held_state_space
-from tactuator.digital.image import build_image
-from tactuator.errors import BadInput
-from tactuator.plant.display import Channel
+from tactuator.digital.quantised import Rows
+from tactuator.plant.display import Channel, Display
 
 Samples = NDArray[np.float64]
 Step = Callable[[float, float], float]
-SECTIONS_HASH = "0" * 64
+
+_SETTLE_S, _LISTEN_S = (0.5, 1.0), 0.5
+_TONE_HZ = 37.0
 
 
-def core_step(controller: Controller, index: int, number_format: str) -> Step:
-    """reference, position -> command of one channel, as the core computes it from the image in `number_format`."""
-    image, parsed = build_image(controller, number_format, SECTIONS_HASH), ffi.new("tact_image *")
-    refusal = lib.tact_image_parse(
-        parsed, ffi.from_buffer(image), len(image), controller.rate_hz, controller.delay_samples,
-        len(controller.channels),
-    )  # fmt: skip
-    if refusal:
-        raise BadInput(f"the core refuses the image ({refusal}); allowed: one that `build` makes")
-    if number_format == "float32":
-        table: Any = ffi.addressof(parsed.tables.single, index)
-        state = ffi.new("tact_controller_state *")
-        lib.tact_controller_reset(state)
-        return lambda r, y, _keep=parsed: float(lib.tact_controller_step(table, state, r, y))  # type: ignore[misc]
-    table = ffi.addressof(parsed.tables.q31, index)
-    state = ffi.new("tact_controller_q31_state *")
-    lib.tact_controller_q31_reset(state)
-    return lambda r, y, _keep=parsed: float(lib.tact_controller_q31_step(table, state, r, y))  # type: ignore[misc]
-
-
-def double_step(controller: ChannelController) -> Step:
-    """The same in double precision: what the formats are compared with."""
-    prefilter = _Double(controller.prefilter_sos)
-    feedback = None if controller.feedback_sos is None else _Double(controller.feedback_sos)
-    most = controller.limits.command_v
+def double_step(prefilter: Rows, feedback: Rows | None, most_v: float) -> Step:
+    """reference, position -> command in double precision, of rows in d, within most_v volts."""
+    first = _Double(prefilter)
+    second = None if feedback is None else _Double(feedback)
 
     def step(reference: float, position: float) -> float:
-        wanted = prefilter(reference)
-        if feedback is not None:
-            wanted = feedback(wanted - position)
-        return max(-most, min(most, wanted))
+        wanted = first(reference)
+        if second is not None:
+            wanted = second(wanted - position)
+        return max(-most_v, min(most_v, wanted))
 
     return step
 
@@ -62,13 +40,9 @@ def double_step(controller: ChannelController) -> Step:
 class _Double:
     """A cascade in delta form, double precision."""
 
-    def __init__(self, sos: Samples) -> None:
-        a = sos[:, 3:] / sos[:, 3:4]
-        b = sos[:, :3] / sos[:, 3:4]
-        self._rows = [
-            (x[0], 2 * x[0] + x[1], x[0] + x[1] + x[2], 2 + y[1], 1 + y[1] + y[2]) for x, y in zip(b, a, strict=True)
-        ]
-        self._states = [[0.0, 0.0] for _ in self._rows]
+    def __init__(self, rows: Rows) -> None:
+        self._rows = [tuple(map(float, row)) for row in rows]
+        self._states = [[0.0, 0.0] for _ in rows]
 
     def __call__(self, value: float) -> float:
         for (b0, b1, b2, a1, a2), state in zip(self._rows, self._states, strict=True):
@@ -76,20 +50,37 @@ class _Double:
             state[0] += b1 * value - a1 * out + state[1]
             state[1] += b2 * value - a2 * out
             value = out
-        return float(value)
+        return value
 
 
-def run_loop(channel: Channel, rate_hz: float, delay_samples: int, step: Step, reference: Samples) -> Samples:
-    """y (n,), volts, of the sampled plant with `step` around it."""
-    a, b, c, d = held_state_space(channel.plant, 1.0 / rate_hz, 0.0)
-    state, queue = np.zeros(b.size), [0.0] * (delay_samples + round(channel.plant.delay_s * rate_hz))
-    position = np.empty(reference.size)
-    for k, value in enumerate(reference):
+def run_loop(channel: Channel, display: Display, step: Step, reference: Samples) -> Samples:
+    """y (n,), volts, of the sampled plant with `step` around it; the display's delay and the plant's dead time between
+    them."""
+    samples = channel.plant.delay_s * display.rate_hz
+    whole = int(samples + 1e-9)
+    fraction = samples - whole
+    a, b, c, d = held_state_space(channel.plant, 1.0 / display.rate_hz, fraction if fraction > 1e-9 else 0.0)
+    rows, drive, seen = a.tolist(), b.tolist(), c.tolist()
+    state, queue = [0.0] * len(drive), [0.0] * (display.delay_samples + whole)
+    position = []
+    for value in reference.tolist():
         held = queue[0] if queue else 0.0
-        position[k] = c @ state + d * held
-        queue.append(step(float(value), float(position[k])))
-        state = a @ state + b * queue.pop(0)
-    return position
+        y = sum(map(mul, seen, state)) + d * held
+        position.append(y)
+        queue.append(step(value, y))
+        held = queue.pop(0)
+        state = [sum(map(mul, row, state)) + gain * held for row, gain in zip(rows, drive, strict=True)]
+    return np.array(position)
+
+
+def trial_reference(rate_hz: float, level: float) -> tuple[Samples, slice, slice]:
+    """A tone of `level` upon a constant of `level`, then silence; where to listen to round-off, and where to limit
+    cycles."""
+    listen = round(_LISTEN_S * rate_hz)
+    first, silent = (round(settle_s * rate_hz) + listen for settle_s in _SETTLE_S)
+    tone = level * np.sin(2.0 * np.pi * _TONE_HZ * np.arange(first) / rate_hz)
+    reference = np.concatenate([level + tone, np.zeros(silent)])
+    return reference, slice(first - listen, first), slice(first + silent - listen, first + silent)
 
 
 def felt_db_sl(error_v: Samples, channel: Channel, rate_hz: float) -> float:

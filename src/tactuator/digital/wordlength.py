@@ -6,60 +6,35 @@ the faster the loop is sampled, those in d = z - 1 do not.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.digital.coefficients import delta_coefficients
 from tactuator.digital.controller import ChannelController, Controller
-from tactuator.digital.discretise import bilinear, zero_order_hold
-from tactuator.digital.quantised import (
-    BITS_MOST,
-    Form,
-    delta_poles,
-    delta_response,
-    delta_zeros,
-    is_inside,
-    quantised_delta,
-)
-from tactuator.digital.roundoff import core_step, double_step, felt_db_sl, run_loop
+from tactuator.digital.discretise import zero_order_hold
+from tactuator.digital.number_format import FORMATS, NumberFormat, Written
+from tactuator.digital.quantised import Rows, is_stable, rows_response
+from tactuator.digital.roundoff import double_step, felt_db_sl, run_loop, trial_reference
 from tactuator.errors import BadInput
-from tactuator.loop.stability import closed_roots
 from tactuator.plant.display import Channel, Display
-from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.signals.decibels import db
+from tactuator.signals.systems import SampledSystem
 
 ERROR_MAX_DB = 0.1
 FELT_MAX_DB_SL = -6.0
-_SETTLE_S, _LISTEN_S = 0.8, 0.5
 _LEVEL = 30.0
-
-
-@dataclass(frozen=True)
-class NumberFormat:
-    """A way to write the controller. bits: fractional bits of fixed point, None: float32. loads: the image's format."""
-
-    name: str
-    form: Form
-    bits: int | None
-    loads: str | None
-
-
-FORMATS: tuple[NumberFormat, ...] = (
-    NumberFormat("q15 biquads", "biquad", 14, None),
-    NumberFormat("float32 biquads", "biquad", None, None),
-    NumberFormat("q31 biquads", "biquad", 29, None),
-    NumberFormat("float32", "delta", None, "float32"),
-    NumberFormat("q31", "delta", 30, "q31"),
-)
-"""From the smallest word upwards, and by what they cost; those with `loads` are what a board runs (delta form)."""
 
 
 @dataclass(frozen=True)
 class FormatReport:
     """What a format does to a controller, over its worst channel.
 
-    response_error_db: worst |H| error over the band. roundoff_db_sl: felt, at a constant reference; limit_cycle_db_sl:
-    felt, after the reference has gone to zero; both None where the format is not stable or not one that a board runs.
+    response_error_db: worst |H| error over the band. roundoff_db_sl: felt, under a tone upon a constant;
+    limit_cycle_db_sl: felt, after the reference has gone to zero. All None where the format is not stable, or cannot
+    hold the controller (refused: why).
     """
 
     name: str
@@ -69,14 +44,15 @@ class FormatReport:
     limit_cycle_db_sl: float | None
     loads: str | None
     safe: bool
+    refused: str | None = None
 
 
-def assess(controller: Controller, formats: tuple[NumberFormat, ...] = FORMATS) -> tuple[FormatReport, ...]:
+def assess(controller: Controller, formats: Sequence[NumberFormat] = FORMATS) -> tuple[FormatReport, ...]:
     """Every format, worst channel."""
     return tuple(_report(controller, number_format) for number_format in formats)
 
 
-def recommended(reports: tuple[FormatReport, ...]) -> str | None:
+def recommended(reports: Sequence[FormatReport]) -> str | None:
     """The smallest safe format that a board runs, or None."""
     return next((report.loads for report in reports if report.safe and report.loads), None)
 
@@ -88,122 +64,84 @@ def require_safe(controller: Controller, loads: str) -> FormatReport:
         allowed = ", ".join(each.loads for each in FORMATS if each.loads)
         raise BadInput(f"format is {loads!r}; allowed: {allowed}")
     report = assess(controller, wanted)[0]
+    if report.refused is not None:
+        raise BadInput(report.refused)
     if not report.safe:
-        error = "unstable" if report.response_error_db is None else f"{report.response_error_db:.3g} dB off"
         raise BadInput(
-            f"format {loads} is not safe for this controller ({error}); allowed: what `wordlength` calls safe"
+            f"format {loads} is not safe for this controller ({_figures(report)}); "
+            "allowed: what `wordlength` calls safe"
         )
     return report
 
 
-def at_rate(controller: Controller, rate_hz: float) -> Controller:
-    """The same F and C, bilinear, at another rate (their own continuous counterparts, without prewarping).
-
-    The display's delay stays one of samples. Anti-windup gains scale with the period.
-    """
-    display: Display = replace(controller.display, rate_hz=rate_hz)
-    channels = tuple(_channel_at(channel, controller.rate_hz, rate_hz) for channel in controller.channels)
-    return Controller(display, channels, controller.tool)
-
-
-def _is_stable(rows: NDArray[np.float64], plant: SampledSystem | None) -> bool:
-    """A prefilter inside the unit circle (d = 0 apart); a controller whose closed loop is."""
-    poles = delta_poles(rows)
-    if plant is None:
-        return is_inside(poles)
-    zeros, gain = delta_zeros(rows)
-    delay = np.full(plant.delay_samples, -1.0 + 0.0j)
-    closed = closed_roots(
-        np.concatenate([zeros, plant.zeros - np.complex128(1.0)]),
-        np.concatenate([poles, plant.poles - 1.0, delay]),
-        gain * plant.gain,
+def _figures(report: FormatReport) -> str:
+    if not report.stable:
+        return "unstable"
+    return (
+        f"{report.response_error_db:.3g} dB off, round-off {report.roundoff_db_sl:.3g} dB SL, "
+        f"limit cycle {report.limit_cycle_db_sl:.3g} dB SL"
     )
-    return is_inside(closed)
 
 
 def _report(controller: Controller, number_format: NumberFormat) -> FormatReport:
+    name, loads = number_format.name, number_format.loads
+    channels = list(zip(controller.display.channels, controller.channels, strict=True))
+    try:
+        written = [number_format.write(controller, index) for index in range(len(channels))]
+    except BadInput as error:
+        return FormatReport(name, False, None, None, None, loads, False, str(error))
     display = controller.display
-    errors = [
-        _channel_error_db(display, channel, own, number_format)
-        for channel, own in zip(display.channels, controller.channels, strict=True)
-    ]
-    stable = all(error is not None for error in errors)
-    worst = max((error for error in errors if error is not None), default=None) if stable else None
-    levels: list[tuple[float, float]] = []
-    if stable and number_format.loads:
-        levels = [_levels(controller, index, number_format.loads) for index in range(len(display.channels))]
-    roundoff = max((level[0] for level in levels), default=None)
-    cycle = max((level[1] for level in levels), default=None)
-    quiet = all(level <= FELT_MAX_DB_SL for pair in levels for level in pair)
-    safe = stable and worst is not None and worst <= ERROR_MAX_DB and quiet
-    return FormatReport(number_format.name, stable, worst, roundoff, cycle, number_format.loads, safe)
-
-
-def _channel_error_db(
-    display: Display, channel: Channel, controller: ChannelController, number_format: NumberFormat
-) -> float | None:
-    """Worst error of |H| over the band, or None for an unstable one."""
-    plant = zero_order_hold(channel.plant, display.rate_hz)
-    plant = replace(plant, delay_samples=plant.delay_samples + display.delay_samples)
-    low, high = channel.threshold.band_hz
-    grid = np.geomspace(low, high, 120)
-    total = np.ones(grid.size, dtype=np.complex128)
-    for sos, around in ((controller.prefilter_sos, None), (controller.feedback_sos, plant)):
-        if sos is None:
-            continue
-        rows = quantised_delta(sos, number_format.form, number_format.bits)
-        if not _is_stable(rows, around):
-            return None
-        pair = [
-            delta_response(each, grid, display.rate_hz) for each in (rows, quantised_delta(sos, "delta", BITS_MOST))
-        ]
-        if around is not None:
-            held = around.response(grid)
-            pair = [response * held / (1.0 + response * held) for response in pair]
-        total = total * pair[0] / pair[1]
-    return float(np.max(np.abs(20.0 * np.log10(np.abs(total)))))
-
-
-def _levels(controller: Controller, index: int, loads: str) -> tuple[float, float]:
-    """Felt round-off at a constant reference, and what cycles on after it has gone."""
-    display, channel = controller.display, controller.display.channels[index]
-    rate = display.rate_hz
-    settle, listen = round(_SETTLE_S * rate), round(_LISTEN_S * rate)
-    reference = np.concatenate([np.full(settle + listen, _LEVEL), np.zeros(settle + listen)])
-    runs = [
-        run_loop(channel, rate, display.delay_samples, step, reference)
-        for step in (core_step(controller, index, loads), double_step(controller.channels[index]))
-    ]
-    error = runs[0] - runs[1]
-    during, after = error[settle : settle + listen], error[-listen:]
-    return felt_db_sl(during, channel, rate), felt_db_sl(after, channel, rate)
-
-
-def _channel_at(channel: ChannelController, old_hz: float, new_hz: float) -> ChannelController:
-    feedback = channel.feedback_sos
-    gains = channel.anti_windup.gains
-    ratio = old_hz / new_hz
-    return replace(
-        channel,
-        prefilter_sos=_sections_at(channel.prefilter_sos, old_hz, new_hz),
-        feedback_sos=None if feedback is None else _sections_at(feedback, old_hz, new_hz),
-        anti_windup=replace(channel.anti_windup, gains=(gains[0] * ratio, gains[1] * ratio**2)),
+    plants = [_loop_plant(display, channel) for channel, _ in channels]
+    if not all(_holds(left, plant) for left, plant in zip(written, plants, strict=True)):
+        return FormatReport(name, False, None, None, None, loads, False)
+    error_db = max(
+        _error_db(channel, own, left, plant)
+        for (channel, own), left, plant in zip(channels, written, plants, strict=True)
     )
+    levels = np.array(
+        [_levels(display, channel, own, left) for (channel, own), left in zip(channels, written, strict=True)]
+    )
+    roundoff, cycle = (float(worst) for worst in np.max(levels, axis=0))
+    safe = error_db <= ERROR_MAX_DB and max(roundoff, cycle) <= FELT_MAX_DB_SL
+    return FormatReport(name, True, error_db, roundoff, cycle, loads, safe)
 
 
-def _sections_at(sos: NDArray[np.float64], old_hz: float, new_hz: float) -> NDArray[np.float64]:
-    """Each section by itself, so that the order (and the integrator's place) stays."""
-    rows = [_section_at(section[None, :], old_hz, new_hz) for section in sos]
-    return np.concatenate(rows)
+def _loop_plant(display: Display, channel: Channel) -> SampledSystem:
+    plant = zero_order_hold(channel.plant, display.rate_hz)
+    return replace(plant, delay_samples=plant.delay_samples + display.delay_samples)
 
 
-def _section_at(section: NDArray[np.float64], old_hz: float, new_hz: float) -> NDArray[np.float64]:
-    sampled = SampledSystem.from_sections(section, old_hz)
-    finite = sampled.zeros[np.abs(sampled.zeros + 1.0) > 1e-9]
-    zeros = 2.0 * old_hz * (finite - 1.0) / (finite + 1.0)
-    poles = 2.0 * old_hz * (sampled.poles - 1.0) / (sampled.poles + 1.0)
-    shape = ContinuousSystem(zeros, poles, 1.0)
-    reference_hz = 10.0
-    before, unit = (system.response(np.array([reference_hz])) for system in (sampled, bilinear(shape, old_hz)))
-    gain = float(np.real(before[0] / unit[0]))
-    return bilinear(ContinuousSystem(zeros, poles, gain), new_hz).sections()
+def _holds(written: Written, plant: SampledSystem) -> bool:
+    """A prefilter inside the unit circle; a feedback controller whose closed loop is."""
+    if not is_stable(written.prefilter):
+        return False
+    return written.feedback is None or is_stable(written.feedback, plant)
+
+
+def _error_db(channel: Channel, own: ChannelController, written: Written, plant: SampledSystem) -> float:
+    """Worst error of |H| over the band."""
+    grid = np.geomspace(*channel.threshold.band_hz, 120)
+    exact = delta_coefficients(own.prefilter_sos)
+    feedback = None if own.feedback_sos is None else delta_coefficients(own.feedback_sos)
+    responses = [_response(*rows, plant, grid) for rows in ((written.prefilter, written.feedback), (exact, feedback))]
+    return float(np.max(np.abs(db(responses[0] / responses[1]))))
+
+
+def _response(
+    prefilter: Rows, feedback: Rows | None, plant: SampledSystem, grid: NDArray[np.float64]
+) -> NDArray[np.complex128]:
+    """H over the plant, or over T where there is feedback."""
+    response = rows_response(prefilter, grid, plant.rate_hz)
+    if feedback is None:
+        return response
+    loop = rows_response(feedback, grid, plant.rate_hz) * plant.response(grid)
+    return np.asarray(response * loop / (1.0 + loop))
+
+
+def _levels(display: Display, channel: Channel, own: ChannelController, written: Written) -> tuple[float, float]:
+    """Felt round-off while something plays, and what cycles on after it has gone."""
+    reference, during, after = trial_reference(display.rate_hz, _LEVEL)
+    exact = double_step(written.prefilter, written.feedback, own.limits.command_v)
+    error = np.subtract(*(run_loop(channel, display, step, reference) for step in (written.start(), exact)))
+    roundoff, cycle = (felt_db_sl(error[stretch], channel, display.rate_hz) for stretch in (during, after))
+    return roundoff, cycle

@@ -6,13 +6,11 @@ import numpy as np
 
 from tactuator.design import paper
 from tactuator.digital.discretise import bilinear, zero_order_hold
-from tactuator.digital.resolution import FORMS, BitsNeeded, filter_bits, loop_bits
+from tactuator.digital.quantised import FORMS
+from tactuator.digital.resolution import BitsNeeded, Needed, filter_bits, loop_bits
 from tactuator.signals.systems import SampledSystem
 
 RATES_HZ = (4000.0, 8000.0, 16000.0, 32000.0)
-
-Needed = dict[str, dict[str, dict[float, BitsNeeded]]]
-"""By filter, form and rate."""
 
 
 def bits_needed() -> Needed:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactuator.digital.controller import Controller
+from tactuator.digital.resolution import Needed
 from tactuator.identify.calibration import Calibration
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.rig.trace import Trace
@@ -19,7 +20,7 @@ from tactuator.study.noise import NoiseProbe, probe_noise
 from tactuator.study.objectives import Objective, judge_objectives
 from tactuator.study.plan import Plan, Progress
 from tactuator.study.prefilters import Prefilters, judge_prefilters
-from tactuator.study.resolution import Needed, bits_needed
+from tactuator.study.resolution import bits_needed
 from tactuator.study.response import UNLOADED, ResponsePoint, measure_responses, nominal_response
 from tactuator.study.speech import Spoken, speak
 from tactuator.study.thresholds import Threshold, measure_thresholds, new_curve

@@ -1,0 +1,34 @@
+"""Responses with fifty digits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mpmath
+import numpy as np
+from numpy.typing import NDArray
+
+
+def polynomial_response(
+    coefficients: Sequence[float], frequency_hz: NDArray[np.float64], rate_hz: float
+) -> NDArray[np.complex128]:
+    """c0 + c1 z^-1 + ... at the frequencies (n,)."""
+    with mpmath.workdps(50):
+        values = []
+        for hertz in frequency_hz:
+            back = mpmath.expjpi(-2 * mpmath.mpf(float(hertz)) / mpmath.mpf(rate_hz))
+            values.append(complex(sum(mpmath.mpf(float(c)) * back**k for k, c in enumerate(coefficients))))
+    return np.array(values)
+
+
+def difference_response(
+    row: Sequence[float], frequency_hz: NDArray[np.float64], rate_hz: float
+) -> NDArray[np.complex128]:
+    """(b0 d^2 + b1 d + b2)/(d^2 + a1 d + a2), d = z - 1, at the frequencies (n,)."""
+    b0, b1, b2, a1, a2 = (mpmath.mpf(float(value)) for value in row)
+    with mpmath.workdps(50):
+        values = []
+        for hertz in frequency_hz:
+            d = mpmath.expjpi(2 * mpmath.mpf(float(hertz)) / mpmath.mpf(rate_hz)) - 1
+            values.append(complex((b0 * d * d + b1 * d + b2) / (d * d + a1 * d + a2)))
+    return np.array(values)
