@@ -4,12 +4,14 @@ from datetime import UTC, datetime, timedelta
 from functools import cache
 
 from tactuator.digital.controller import Controller
-from tactuator.experiment.conduct import Conduct, Station
-from tactuator.experiment.protocol import Protocol
+from tactuator.experiment.conduct import Conduct
+from tactuator.experiment.detection_task import DetectionTask
+from tactuator.experiment.protocol import StudyProtocol
 from tactuator.experiment.protocol_file import parse_protocol
-from tactuator.experiment.records import Answer, open_study, sessions
-from tactuator.experiment.session import Session
+from tactuator.experiment.records import Answer
+from tactuator.experiment.station import Station
 from tactuator.experiment.store import Store
+from tactuator.experiment.studies import open_session, open_study
 from tactuator.experiment.trial import Trial
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.study.controllers import paper_controller
@@ -88,18 +90,15 @@ def station(seed: int = 0) -> Station:
 
 def begin(store: Store, clock: ObedientClock, text: str = PROTOCOL, subject: int = 0) -> Conduct:
     """The subject's session, opened or resumed, consent given."""
-    protocol = parse_protocol(text)
-    with store.begin() as connection:
-        study = open_study(connection, protocol, text, clock.utc(), tokens(protocol))
-        row = sessions(connection, study)[subject]
-    place = station()
-    session = Session(store, row.id, row.subject_number, protocol, place.apparatus, place.band_hz, clock)
+    task = DetectionTask(parse_protocol(text), station())
+    study = open_study(store, task, text, clock, tokens(task.protocol))
+    session = open_session(store, task, study, task.protocol.subject[subject].code, clock)
     if session.stage == "consent":
         session.give_consent()
-    return Conduct(session, place, clock)
+    return Conduct(session)
 
 
-def tokens(protocol: Protocol) -> list[str]:
+def tokens(protocol: StudyProtocol) -> list[str]:
     return [f"token-{subject.code}" for subject in protocol.subject]
 
 

@@ -11,13 +11,16 @@ from sqlalchemy import select
 from tactuator.design.controller import design_controller
 from tactuator.errors import BadInput
 from tactuator.experiment import schema
-from tactuator.experiment.conduct import Station
-from tactuator.experiment.identification import plan_blocks, plan_trials
-from tactuator.experiment.identification_protocol import parse_identification, read_identification
+from tactuator.experiment.attend import attend
+from tactuator.experiment.conduct import Conduct
+from tactuator.experiment.identification import block_trials, plan_trials
 from tactuator.experiment.identification_respondents import ErringRespondent, FeelingRespondent
 from tactuator.experiment.identification_result import identification_results
-from tactuator.experiment.identification_session import IdentificationStudy
+from tactuator.experiment.identification_task import IdentificationTask
+from tactuator.experiment.protocol_file import parse_identification, read_identification
+from tactuator.experiment.station import Station
 from tactuator.experiment.store import Store
+from tactuator.experiment.studies import open_session, open_study
 from tactuator.files.display import parse_display
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.speech.waveforms import Component, WaveformSet, write_waveforms
@@ -90,12 +93,24 @@ def opened(controller, items, tmp_path):
         rig = SimulatedRig(controller.display, 1)
         rig.load(controller)
         store = Store(tmp_path / "lab.db")
-        study = IdentificationStudy.open(
-            parse_identification(text), text, items, Station(rig, controller, "simulated"), store, Ticking()
-        )
-        return study, rig, store
+        return Opened(parse_identification(text), text, items, Station(rig, controller, "simulated"), store), rig, store
 
     return make
+
+
+class Opened:
+    """A study in a store, and its subjects' ways through it."""
+
+    def __init__(self, protocol, text, items, place, store):
+        self.task, self.store, self.clock = IdentificationTask.load(protocol, items, place), store, Ticking()
+        tokens = [f"token-{one.code}" for one in protocol.subject]
+        self.study = open_study(store, self.task, text, self.clock, tokens)
+
+    def conduct(self, code):
+        return Conduct(open_session(self.store, self.task, self.study, code, self.clock))
+
+    def run(self, code, respondent):
+        return attend(self.conduct(code), respondent)
 
 
 def test_plan__identification__every_item_equally_often_and_the_seed_decides():
@@ -149,7 +164,7 @@ def test_study__subject_who_goes_by_what_is_felt__learns_and_tells_items_apart(o
     study, rig, store = opened(protocol_text(training=4, test=12))
     subject = FeelingRespondent("identification", controller.display, np.random.default_rng(2))
     subject.listen(rig)
-    study.run("S1", subject, watch=subject.watch)
+    study.run("S1", subject)
     (result,), _ = identification_results(store, np.random.default_rng(0))
     assert result.information.share_correct > 0.9
 
@@ -158,7 +173,7 @@ def test_study__abx__share_of_right_answers(opened, controller):
     study, rig, store = opened(protocol_text("abx", training=0, test=2))
     subject = FeelingRespondent("abx", controller.display, np.random.default_rng(2))
     subject.listen(rig)
-    study.run("S1", subject, watch=subject.watch)
+    study.run("S1", subject)
     results, (one,) = identification_results(store, np.random.default_rng(0))
     assert results == []
     assert one.trials == 24
@@ -197,7 +212,7 @@ def test_study__interrupted__goes_on_at_the_same_trial_and_rests(opened):
     assert again.run("S1", ErringRespondent(0.0, np.random.default_rng(0))) == 33 - 10
     with store.read() as connection:
         asked = [row.correct_response for row in connection.execute(select(schema.trial).order_by(schema.trial.c.id))]
-    planned = [trial.correct for block in plan_blocks(parse_identification(text), 0) for trial in block.trials]
+    planned = [trial.correct for block in (0, 1) for trial in block_trials(parse_identification(text), 0, block)]
     assert asked == planned
     assert again.run("S1", ErringRespondent(0.0, np.random.default_rng(0))) == 0
 

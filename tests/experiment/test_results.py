@@ -9,7 +9,6 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.experiment.clock import SystemClock
 from tactuator.experiment.delivered import delivered_offset_db
-from tactuator.experiment.detection import IntervalRecord
 from tactuator.experiment.diagnosis import diagnose, drift_z
 from tactuator.experiment.export import export
 from tactuator.experiment.measured_curve import group_curve, write_group_curve
@@ -19,6 +18,7 @@ from tactuator.experiment.simulated_study import run_study, simulated_observers
 from tactuator.experiment.store import Store
 from tactuator.experiment.stored_runs import detection_runs
 from tactuator.experiment.thresholds import thresholds
+from tactuator.experiment.trial import IntervalRecord
 from tactuator.files.curve import read_curve
 from tactuator.perception.library import curve
 from tactuator.perception.psychometric import Psychometric, Weibull

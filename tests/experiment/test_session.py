@@ -7,6 +7,7 @@ from sqlalchemy import select
 
 from tactuator.errors import BadInput
 from tactuator.experiment import records, schema
+from tactuator.experiment.detection_task import DetectionTask
 from tactuator.experiment.protocol_file import parse_protocol
 from tactuator.experiment.session import Session
 from tactuator.experiment.store import Store, StoreFault
@@ -258,8 +259,7 @@ def test_consent__asked_for__comes_before_the_first_trial(store) -> None:
     conduct = begin(store, clock)
     with store.begin() as connection:
         connection.execute(schema.session.update().values(consented_utc=None))
-    place = station()
-    again = Session(store, conduct.session.id, 0, conduct.session.protocol, place.apparatus, place.band_hz, clock)
+    again = Session(store, conduct.session.id, 0, conduct.session.task, clock)
     assert again.stage == "consent"
     with pytest.raises(BadInput, match="'consent'"):
         again.next_trial()
@@ -268,4 +268,4 @@ def test_consent__asked_for__comes_before_the_first_trial(store) -> None:
 @pytest.mark.parametrize(("old", "new", "message"), [("200]", "500]", "500 Hz"), ('"index"', '"ring"', "'ring'")])
 def test_station__what_it_cannot_play__is_refused(old, new, message) -> None:
     with pytest.raises(BadInput, match=message):
-        station().check(parse_protocol(PROTOCOL.replace(old, new)))
+        DetectionTask(parse_protocol(PROTOCOL.replace(old, new)), station())

@@ -31,6 +31,10 @@ ARGUMENTS = [
 ]
 
 
+ASKED = ".choice[aria-disabled=false]"
+"""A response button while an answer is asked for."""
+
+
 @pytest.fixture(scope="session")
 def browser():
     path = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -111,7 +115,7 @@ class Subject:
             return False
         if self.page.locator("#go").is_visible():
             self.page.keyboard.press("Enter")
-        elif status.startswith("Which one"):
+        elif self.page.locator(ASKED).count():
             run, number = map(int, self.page.locator("body").get_attribute("data-trial").split("/"))
             self.page.keyboard.press(self._answer(run, number))
         self.page.wait_for_timeout(4)
@@ -126,6 +130,11 @@ def finish(subject: Subject, limit_s: float = 60.0) -> None:
     end = time.monotonic() + limit_s
     while subject.act():
         assert time.monotonic() < end, subject.page.locator("#status").inner_text()
+
+
+def asked(page: Page) -> None:
+    """Wait until an answer is asked for."""
+    page.locator(ASKED).first.wait_for(timeout=10_000)
 
 
 def watch_errors(page: Page) -> list[str]:

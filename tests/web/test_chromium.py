@@ -13,7 +13,7 @@ from tactuator.experiment.thresholds import thresholds
 from tactuator.experiment.trial import ForcedChoice
 from tactuator.files.controller import write_controller
 from tests.experiment.stations import PROTOCOL, ObedientClock, answer_one, begin, controller
-from tests.web.study import Server, Subject, browser, finish, visible, watch_errors  # noqa: F401
+from tests.web.study import Server, Subject, asked, browser, finish, visible, watch_errors  # noqa: F401
 
 ONE = PROTOCOL[: PROTOCOL.rindex("[[subject]]")]
 
@@ -150,7 +150,7 @@ def test_operator__page__shows_the_track_and_pauses(shared, browser) -> None:
     assert len(subject.acknowledged) <= stands + 1  # the trial that played was finished
     visible(page, "wait for the experimenter")
     operator.locator("[data-command=resume]").click()
-    visible(page, "Which one")
+    asked(page)
     page.close()
     operator.locator("[data-command=stop]").click()
     operator.locator("#state", has_text="nobody").wait_for()
@@ -167,12 +167,12 @@ def test_page__phone__fits_its_width_and_is_answered_by_touch(shared, browser) -
     page.locator("#go").tap()
     visible(page, "Which interval has the vibration")
     page.locator("#go").tap()
-    visible(page, "Which one")
-    boxes = [button.bounding_box() for button in page.locator(".interval").all()]
+    asked(page)
+    boxes = [button.bounding_box() for button in page.locator(".choice").all()]
     assert len(boxes) == len(ForcedChoice(parse_protocol(ONE).paradigm.intervals).responses)
     assert all(box is not None and box["x"] >= 0 and box["x"] + box["width"] <= 360 for box in boxes)
     assert all(box is not None and min(box["width"], box["height"]) >= 44 for box in boxes)
-    page.locator(".interval").first.tap()
+    page.locator(".choice").first.tap()
     page.wait_for_timeout(300)
     assert page.locator("body").get_attribute("data-trial").endswith("/1")  # the next trial of its run
     assert errors == []

@@ -1,4 +1,4 @@
-"""tactuator experiment: thresholds measured with people, or with observers."""
+"""tactuator experiment: detection and identification, with people or with observers."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ from tactuator.cli import experiment_identification
 from tactuator.cli.answer import answer, plain, progress
 from tactuator.cli.experiment_results import results
 from tactuator.cli.experiment_serve import serve
-from tactuator.cli.experiment_station import station
+from tactuator.cli.experiment_station import opened_station
 from tactuator.cli.options import AsJson, Out, Seed
+from tactuator.cli.rigs import RigOption
 from tactuator.errors import BadInput
 from tactuator.experiment.clock import SystemClock
 from tactuator.experiment.export import export
+from tactuator.experiment.fingertip import touchable
 from tactuator.experiment.protocol_file import read_protocol
 from tactuator.experiment.quest_plus import QuestPlusRule
 from tactuator.experiment.simulate import PROCEDURES, Setting, simulate
@@ -26,7 +28,10 @@ from tactuator.experiment.store import Store
 from tactuator.experiment.whole_curve import WholeCurveRule
 
 experiment = typer.Typer(
-    name="experiment", help="Thresholds: run, simulate, analyse, export.", no_args_is_help=True, rich_markup_mode=None
+    name="experiment",
+    help="Detection and identification: run, simulate, analyse, export.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
 )
 
 
@@ -67,14 +72,13 @@ def simulate_command(
 ProtocolFile = Annotated[Path, typer.Argument(help="Protocol file (TOML).", metavar="PROTOCOL")]
 StoreFile = Annotated[Path, typer.Option("--store", help="Database of the experiment (SQLite).")]
 ControllerFile = Annotated[Path | None, typer.Option(help="controller.json; default: the paper's display and C.")]
-RigName = Annotated[str, typer.Option("--rig", help="simulated.")]
 
 
 @experiment.command("serve")
 def serve_command(
     protocol: ProtocolFile,
     store: StoreFile,
-    rig: RigName = "simulated",
+    rig: RigOption = "simulated",
     controller: ControllerFile = None,
     host: Annotated[
         str, typer.Option(help="Address to listen at; another than loopback lets others in.")
@@ -82,19 +86,21 @@ def serve_command(
     port: Annotated[int, typer.Option(help="Port; 0: any that is free.")] = 8765,
     operator_token: Annotated[str | None, typer.Option(help="The operator's token; default: a fresh one.")] = None,
     speed: Annotated[
-        float, typer.Option(help="Speed of presentation on the simulated rig; 0: as fast as it can.")
+        float, typer.Option(help="Speed of presentation on a rig that could go faster; 0: as fast as it can.")
     ] = 1.0,
     auto_start: Annotated[bool, typer.Option("--auto-start", help="Subjects may begin without the operator.")] = False,
     seed: Seed = 0,
 ) -> None:
     """Serve the study to browsers: one page for every subject, one for the operator."""
-    serve(protocol, store, station(rig, controller, seed, speed or None), host, port, operator_token, auto_start)
+    with opened_station(rig, controller, seed, speed or None) as place:
+        serve(protocol, store, place, host, port, operator_token, auto_start)
 
 
 @experiment.command("observe")
 def observe_command(
     protocol: ProtocolFile,
     store: StoreFile,
+    rig: RigOption = "simulated",
     controller: ControllerFile = None,
     load: Annotated[str | None, typer.Option(help="Load on the display's port while a finger is there.")] = "finger",
     seed: Seed = 0,
@@ -102,11 +108,11 @@ def observe_command(
 ) -> None:
     """Let simulated subjects go through the study at the simulated display; they feel what the loop makes of it."""
     read, text = read_protocol(protocol)
-    place = station("simulated", controller, seed, None)
-    curve = place.controller.display.channels[0].threshold.curve
-    observers = simulated_observers(curve, len(read.subject), seed, place.band_hz)
-    database = Store(store)
-    with progress() as bars:
+    with opened_station(rig, controller, seed, None) as place, progress() as bars:
+        touchable(place.rig, place.name)
+        curve = place.controller.display.channels[0].threshold.curve
+        observers = simulated_observers(curve, len(read.subject), seed, place.band_hz)
+        database = Store(store)
         task = bars.add_task("observers", total=1000 * len(observers))
         at = {one.name: index for index, one in enumerate(observers)}
         run_study(
@@ -119,7 +125,7 @@ def observe_command(
             load,
             lambda name, share: bars.update(task, completed=round(1000 * (at[name] + share))),
         )
-    database.close()
+        database.close()
     truth = [
         {"subject": subject.code, "frequency_hz": hertz, "true_db_re_1um": float(one.curve.level_db_re_1um_at(hertz))}
         for subject, one in zip(read.subject, observers, strict=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,17 +13,25 @@ from rich.console import Console, Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
-from tactuator.cli.experiment_station import station
+from tactuator.cli.experiment_station import opened_station
 from tactuator.cli.options import AsJson, Seed
+from tactuator.cli.result_table import shown
+from tactuator.cli.rigs import RigOption
 from tactuator.errors import BadInput
+from tactuator.experiment.attend import Respondent, attend
 from tactuator.experiment.clock import SystemClock
-from tactuator.experiment.identification import Block
-from tactuator.experiment.identification_protocol import IdentificationProtocol, read_identification
+from tactuator.experiment.conduct import Conduct
+from tactuator.experiment.identification_protocol import IdentificationProtocol
 from tactuator.experiment.identification_respondents import ErringRespondent
 from tactuator.experiment.identification_result import AbxResult, SubjectResult, identification_results
-from tactuator.experiment.identification_session import IdentificationStudy, Respondent
+from tactuator.experiment.identification_task import IdentificationTask
 from tactuator.experiment.information import Information, information
+from tactuator.experiment.protocol_file import read_identification
+from tactuator.experiment.result_tables import information_table
+from tactuator.experiment.session import Acknowledged, NextTrial
 from tactuator.experiment.store import Store
+from tactuator.experiment.studies import open_session, open_study
+from tactuator.experiment.task import Question
 from tactuator.experiment.trial import Trial
 from tactuator.files.matrix import read_matrix
 
@@ -42,7 +51,7 @@ def identify(
     controller: Annotated[
         Path | None, typer.Option("--controller", help="controller.json; default: the paper's display and C.")
     ] = None,
-    rig: Annotated[str, typer.Option("--rig", help="simulated.")] = "simulated",
+    rig: RigOption = "simulated",
     scripted_error: Annotated[
         float | None, typer.Option("--scripted-error", help="A script answers for the subject, wrong at this rate.")
     ] = None,
@@ -52,21 +61,20 @@ def identify(
     """Take a subject through an identification experiment at the terminal; it goes on where it stopped."""
     read, text = read_identification(protocol)
     code = _subject(read, subject)
-    place = station(rig, controller, seed, None if scripted_error is not None else 1.0)
-    place.rig.load(place.controller)
-    respondent: Respondent
-    if scripted_error is None:
-        respondent = _Terminal(read)
-    else:
-        respondent = ErringRespondent(scripted_error, np.random.default_rng([seed, 7]))
-    database = Store(store)
-    try:
-        study = IdentificationStudy.open(read, text, protocol.parent, place, database, SystemClock())
-        with progress() as bars:
-            task = bars.add_task(code, total=None)
-            trials = study.run(code, respondent, lambda done, total: bars.update(task, completed=done, total=total))
-    finally:
-        database.close()
+    scripted = None if scripted_error is None else ErringRespondent(scripted_error, np.random.default_rng([seed, 7]))
+    speed = 1.0 if scripted_error is None else None
+    with opened_station(rig, controller, seed, speed) as place:
+        task, clock = IdentificationTask.load(read, protocol.parent, place), SystemClock()
+        database = Store(store)
+        try:
+            study = open_study(database, task, text, clock, [secrets.token_urlsafe(12) for _ in read.subject])
+            conduct = Conduct(open_session(database, task, study, code, clock))
+            with progress() as bars:
+                bar = bars.add_task(code, total=sum(run.trials or 0 for run in conduct.session.runs))
+                respondent = scripted or _Terminal(task.question)
+                trials = attend(conduct, respondent, lambda session: bars.update(bar, completed=session.trials))
+        finally:
+            database.close()
     table = Table("subject", "trials answered now")
     table.add_row(code, str(trials))
     answer({"subject": code, "trials": trials, "store": str(store)}, as_json, table)
@@ -79,29 +87,33 @@ def _subject(protocol: IdentificationProtocol, subject: str | None) -> str:
     return codes[0] if subject is None else subject
 
 
-class _Terminal:
+class _Terminal(Respondent):
     """A person who types keys."""
 
-    def __init__(self, protocol: IdentificationProtocol) -> None:
-        self._keys = {item.key: item.label for item in protocol.item}
-        self._console = Console(stderr=True)
+    def __init__(self, question: Question) -> None:
+        self._question = question
+        self._keys = {key: choice.response for choice in question.choices for key in choice.keys}
+        self._console = Console(stderr=True, markup=False)
 
-    def begin(self, block: Block) -> None:
-        kind = "training" if block.training else "test"
-        self._console.print(f"Block {block.position + 1}, {kind}: {len(block.trials)} trials")
+    def agree(self, consent: str) -> bool:
+        return typer.confirm(f"{consent}\nDo you agree?", err=True)
+
+    def pause(self) -> None:
+        typer.prompt("Time for a break. Enter to go on", default="", show_default=False, err=True)
+
+    def begin(self, following: NextTrial) -> None:
+        self._console.print(following.planned.introduction)
 
     def respond(self, trial: Trial) -> str:
-        keys = {key: label for key, label in self._keys.items() if label in trial.responses}
-        keys = keys or {response.lower(): response for response in trial.responses}
-        offered = ", ".join(f"{key} = {label}" for key, label in keys.items())
+        offered = ", ".join(f"{choice.keys[0]} = {choice.response}" for choice in self._question.choices)
         while True:
-            typed = typer.prompt(offered, prompt_suffix=" > ", err=True)
-            if typed.strip() in keys:
-                return keys[typed.strip()]
+            typed = str(typer.prompt(f"{self._question.prompt} {offered}", prompt_suffix=" > ", err=True)).strip()
+            if typed in self._keys:
+                return self._keys[typed]
             self._console.print(f"{typed!r} is no key of these")
 
-    def learn(self, trial: Trial, correct: bool) -> None:
-        self._console.print("right" if correct else f"it was {trial.correct}")
+    def learn(self, trial: Trial, told: Acknowledged) -> None:
+        self._console.print("right" if told.correct else f"it was {told.right}")
 
 
 def information_command(
@@ -124,7 +136,7 @@ def information_command(
     if matrix is not None:
         named = read_matrix(matrix)
         found = information(named.counts, rng, seconds_per_stimulus=seconds, resamples=resamples)
-        answer({"matrix": str(matrix), **_plain(found)}, as_json, _shown(str(matrix), found))
+        answer({"matrix": str(matrix), **_plain(found)}, as_json, shown(information_table(str(matrix), found)))
         return
     if seconds is not None:
         raise BadInput("--seconds with --store; allowed: with --matrix, since a store knows its stimuli's durations")
@@ -135,7 +147,11 @@ def information_command(
     finally:
         database.close()
     figures = {"results": [_result(one) for one in results], "abx": [asdict(one) for one in abx]}
-    answer(figures, as_json, Group(*(_shown(_title(one), one.information) for one in results), *map(_abx, abx)))
+    answer(
+        figures,
+        as_json,
+        Group(*(shown(information_table(_title(one), one.information)) for one in results), *map(_abx, abx)),
+    )
 
 
 def _plain(found: Information) -> dict[str, Any]:
@@ -159,16 +175,6 @@ def _result(one: SubjectResult) -> dict[str, Any]:
 
 def _title(one: SubjectResult) -> str:
     return f"{one.study}, {'all subjects' if one.subject is None else one.subject} ({one.paradigm})"
-
-
-def _shown(title: str, found: Information) -> Group:
-    table = Table("estimator", "bits", f"{100 * found.confidence:g} %", "2^bits", "bits/s", title=title)
-    for name, estimate in found.estimates.items():
-        rate = "–" if found.bits_per_second is None else f"{found.bits_per_second[name]:.2f}"
-        span = f"{estimate.low_bits:.2f} – {estimate.high_bits:.2f}"
-        table.add_row(name.replace("_", " "), f"{estimate.bits:.2f}", span, f"{estimate.categories:.1f}", rate)
-    lines = [f"{found.trials} trials, {found.stimuli} stimuli, {100 * found.share_correct:.1f} % correct"]
-    return Group(table, *lines, *([] if found.warning is None else [f"warning: {found.warning}"]))
 
 
 def _abx(one: AbxResult) -> str:

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
+from rich.console import Group
 
+from tactuator.cli.result_table import shown
 from tactuator.errors import BadInput
 from tactuator.experiment.measured_curve import GroupCurve, group_curve, write_group_curve
+from tactuator.experiment.result_tables import threshold_table
 from tactuator.experiment.store import Store
 from tactuator.experiment.stored_runs import StoredRun, detection_runs
 from tactuator.experiment.thresholds import Threshold, thresholds
@@ -21,7 +23,7 @@ from tactuator.report.thresholds import PersonThresholds, thresholds_plate
 
 def results(
     store_path: Path, group: str | None, reference: str | None, curve_out: Path | None, figure_out: Path | None
-) -> tuple[dict[str, Any], Table]:
+) -> tuple[dict[str, Any], Group]:
     """Thresholds, the curve across subjects, and what they look like as a table; files are written where asked."""
     store = Store(store_path, must_exist=True)
     try:
@@ -45,7 +47,7 @@ def results(
     if across is not None and figure_out is not None:
         figure_out.mkdir(parents=True, exist_ok=True)
         thresholds_plate(_people(found), original, across.curve).save(figure_out)
-    return {"thresholds": [_plain(one) for one in found], "curve": _curve(across)}, _table(found)
+    return {"thresholds": [_plain(one) for one in found], "curve": _curve(across)}, shown(threshold_table(found))
 
 
 def _people(found: Sequence[Threshold]) -> list[PersonThresholds]:
@@ -80,22 +82,3 @@ def _curve(group: GroupCurve | None) -> list[dict[str, float | int]] | None:
 
 def _plain(one: Threshold) -> dict[str, Any]:
     return {**asdict(one), "flags": list(one.flags)}
-
-
-def _table(found: Sequence[Threshold]) -> Table:
-    table = Table(title="Thresholds (dB SL commanded; dB re 1 µm delivered)")
-    for heading in ("subject", "finger", "Hz", "trials", "procedure", "refit", "95 %", "dB re 1 µm", "flags"):
-        table.add_column(heading)
-    for one in found:
-        table.add_row(
-            one.subject,
-            one.finger,
-            f"{one.frequency_hz:.4g}",
-            str(one.trials),
-            "–" if one.own_db_sl is None else f"{one.own_db_sl:.2f}",
-            f"{one.refit_db_sl:.2f}",
-            f"{one.refit_low_db_sl:.1f} to {one.refit_high_db_sl:.1f}",
-            f"{one.level_db_re_1um:.2f}",
-            ", ".join(one.flags),
-        )
-    return table

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import uvicorn
 
-from tactuator.experiment import records
 from tactuator.experiment.clock import SystemClock
-from tactuator.experiment.conduct import Station
-from tactuator.experiment.protocol_file import read_protocol
+from tactuator.experiment.protocol_file import read_any_protocol
+from tactuator.experiment.station import Station
 from tactuator.experiment.store import Store
+from tactuator.experiment.studies import open_study, task_of
 from tactuator.web.app import build_app
 from tactuator.web.lab import Lab
 from tactuator.web.listener import listener
@@ -22,15 +22,13 @@ def serve(
     protocol_path: Path, store_path: Path, station: Station, host: str, port: int, token: str | None, auto_start: bool
 ) -> None:
     """Serve until interrupted. Addresses go to standard error, a line each: the operator's, then each subject's."""
-    protocol, text = read_protocol(protocol_path)
-    station.check(protocol)
+    protocol, text = read_any_protocol(protocol_path)
+    task = task_of(protocol, protocol_path.parent, station)
     sock = listener(host, port)
     store, clock = Store(store_path), SystemClock()
-    links = [secrets.token_urlsafe(12) for _ in protocol.subject]
-    with store.begin() as connection:
-        study = records.open_study(connection, protocol, text, clock.utc(), links)
+    study = open_study(store, task, text, clock, [secrets.token_urlsafe(12) for _ in protocol.subject])
     operator_token = secrets.token_urlsafe(16) if token is None else token
-    lab = Lab(store, protocol, study, station, clock, auto_start)
+    lab = Lab(store, task, study, clock, auto_start)
     config = uvicorn.Config(
         build_app(lab, operator_token), host=host, port=port, log_level="warning", ws_max_size=65536
     )

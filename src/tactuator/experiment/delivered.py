@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactuator.experiment.detection import IntervalRecord
+from tactuator.experiment.trial import IntervalRecord
 from tactuator.signals.decibels import from_db
 
 _NEAR_DB = 4.0
@@ -18,11 +18,16 @@ def delivered_offset_db(intervals: Sequence[IntervalRecord], level_db_sl: float,
     Powers are averaged, and what hum and noise leave in blank intervals is taken off: near threshold the amplitude
     alone reads too high. NaN where no stimulus was near, or noise hides them.
     """
-    blank = [float(from_db(one.measured_db_sl)) ** 2 for one in intervals if one.commanded_db_sl is None]
-    near = [
-        (float(from_db(one.measured_db_sl)) ** 2, float(from_db(one.commanded_db_sl)) ** 2)
+    seen = [
+        (float(from_db(one.measured_db_sl)) ** 2, one.commanded_db_sl)
         for one in intervals
-        if one.commanded_db_sl is not None and abs(one.commanded_db_sl - level_db_sl) <= near_db
+        if one.measured_db_sl is not None
+    ]
+    blank = [power for power, commanded_db in seen if commanded_db is None]
+    near = [
+        (power, float(from_db(commanded_db)) ** 2)
+        for power, commanded_db in seen
+        if commanded_db is not None and abs(commanded_db - level_db_sl) <= near_db
     ]
     if not near:
         return float("nan")

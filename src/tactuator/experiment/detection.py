@@ -15,20 +15,10 @@ from tactuator.experiment.refit import Refit, RefitPrior, refit
 from tactuator.experiment.sinusoid import amplitude
 from tactuator.experiment.stimulus import Masker, ToneInterval
 from tactuator.experiment.timing import Timing
-from tactuator.experiment.trial import ForcedChoice, Trial, trial_rng
+from tactuator.experiment.trial import ForcedChoice, IntervalRecord, Trial, trial_rng
 from tactuator.plant.display import Channel
 from tactuator.rig.trace import Trace
 from tactuator.signals.decibels import db
-
-
-@dataclass(frozen=True)
-class IntervalRecord:
-    """commanded_db_sl: None where nothing was; measured_db_sl: at the sensor, at the stimulus's frequency."""
-
-    stimulus: str
-    commanded_db_sl: float | None
-    measured_db_sl: float
-    saturated: bool
 
 
 @dataclass(frozen=True)

@@ -2,20 +2,56 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.errors import BadInput
 from tactuator.experiment.observer import Observer
 from tactuator.experiment.sinusoid import amplitude
 from tactuator.experiment.timing import Timing
 from tactuator.experiment.trial import Trial, trial_rng
-from tactuator.rig.simulated import SimulatedRig
+from tactuator.rig.protocol import Rig
 from tactuator.signals.decibels import db
 
 _UM_PER_MM = 1000.0
+
+
+class Port(Protocol):
+    """Where a finger meets a channel, as far as a simulated subject goes."""
+
+    def touch(self, load: str | None) -> None:
+        """Put a load of the display file on, by name; None takes it off."""
+        ...
+
+    def attach(self, feeler: Callable[[NDArray[np.float64]], None], /) -> None:
+        """Call `feeler(displacement_mm)` after every block."""
+        ...
+
+    def detach(self, feeler: Callable[[NDArray[np.float64]], None], /) -> None:
+        """Take it off again."""
+        ...
+
+
+@runtime_checkable
+class TouchableRig(Rig, Protocol):
+    """A rig whose finger ports a program can reach: one with a simulated display."""
+
+    def finger(self, channel: str) -> Port:
+        """The finger port of a channel; BadInput where the display is real."""
+        ...
+
+
+def touchable(rig: Rig, name: str) -> TouchableRig:
+    """The rig, where a simulated subject can sit at it. Raises BadInput where the display is real."""
+    if not isinstance(rig, TouchableRig):
+        raise BadInput(f"simulated subjects at {name}; allowed: at a rig whose display is simulated")
+    for channel in rig.channels:
+        rig.finger(channel)
+    return rig
 
 
 class Subject(Protocol):
@@ -39,7 +75,7 @@ class ObserverAtRig:
     """
 
     observer: Observer
-    rig: SimulatedRig
+    rig: TouchableRig
     channel: str
     timing: Timing
     seed: tuple[int, ...]

@@ -3,42 +3,54 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
-from tactuator.experiment.identification_protocol import IdentificationProtocol, Paradigm
+from tactuator.experiment.identification_protocol import BlockPart, IdentificationProtocol, Paradigm
+from tactuator.experiment.plan import PlannedRun
+from tactuator.experiment.station import ALL_FINGERS
 from tactuator.experiment.trial import Trial
 
 ABX_RESPONSES = ("A", "B")
 
 
-@dataclass(frozen=True)
-class Block:
-    """position in the session; trials in their order."""
-
-    position: int
-    training: bool
-    feedback: bool
-    trials: tuple[Trial, ...]
+def plan_blocks(protocol: IdentificationProtocol) -> tuple[PlannedRun, ...]:
+    """Every block as a run: the same for all subjects, but for the order of its trials."""
+    return tuple(_planned(protocol, position, block) for position, block in enumerate(protocol.block))
 
 
-def plan_blocks(protocol: IdentificationProtocol, subject: int) -> tuple[Block, ...]:
-    """Every block of a subject (counted from 0): the same after any interruption."""
-    return tuple(
-        Block(
-            position,
-            block.kind == "training",
-            block.feedback,
-            plan_trials(
-                protocol.identification.paradigm,
-                protocol.labels,
-                block.repetitions,
-                np.random.default_rng([protocol.study.seed, subject, position]),
-            ),
-        )
-        for position, block in enumerate(protocol.block)
+def _planned(protocol: IdentificationProtocol, position: int, block: BlockPart) -> PlannedRun:
+    paradigm, count = protocol.identification.paradigm, len(protocol.item)
+    trials = block.repetitions * (2 * count * (count - 1) if paradigm == "abx" else count)
+    title = f"Block {position + 1} of {len(protocol.block)}: {block.kind}"
+    told = "After each answer you are told which was right." if block.feedback else "You are not told which was right."
+    return PlannedRun(
+        position,
+        ALL_FINGERS,
+        None,
+        practice=block.kind == "training",
+        paradigm=paradigm,
+        procedure="fixed",
+        feedback=block.feedback,
+        title=title,
+        introduction=f"{title}, {trials} trials.\n{told}",
+        trials=trials,
+    )
+
+
+def block_seed(protocol: IdentificationProtocol, subject: int, position: int) -> tuple[int, ...]:
+    """Seed of a subject's block; subjects count from 0."""
+    return (protocol.study.seed, subject, position)
+
+
+def block_trials(protocol: IdentificationProtocol, subject: int, position: int) -> tuple[Trial, ...]:
+    """The trials of a subject's block: the same after any interruption."""
+    return plan_trials(
+        protocol.identification.paradigm,
+        protocol.labels,
+        protocol.block[position].repetitions,
+        np.random.default_rng(block_seed(protocol, subject, position)),
     )
 
 

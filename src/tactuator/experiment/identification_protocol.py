@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
-from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from tactuator.errors import BadInput
-from tactuator.experiment.protocol import Circumstances, Part, Study, SubjectPart
+from tactuator.experiment.protocol import Part, StudyProtocol, each_once
 
 Paradigm = Literal["identification", "middle-of-three", "abx"]
 Seconds = Annotated[float, Field(ge=0.0, le=60.0, allow_inf_nan=False)]
@@ -34,59 +31,38 @@ class BlockPart(Part):
 class AskingPart(Part):
     """paradigm: one item alone; the middle of three items in a row (Tan et al. 1999); or A, B and which of them X was.
 
-    lead_s: silence before, gap_s: between the items of a trial.
+    lead_s: silence before, gap_s: between the items of a trial; feedback_s: how long feedback is shown.
     """
 
     paradigm: Paradigm = "identification"
     lead_s: Seconds = 0.3
     gap_s: Seconds = 0.3
+    feedback_s: Seconds = 1.0
 
 
-class IdentificationProtocol(Part):
-    """The whole file."""
+class BreakRules(Part):
+    """Breaks: between blocks, and after so many trials within one; break_s: how long each lasts at least."""
 
-    study: Study
+    break_between_blocks: bool = True
+    break_after_trials: int | None = Field(default=None, ge=1)
+    break_s: float = Field(default=0.0, ge=0.0, allow_inf_nan=False)
+
+
+class IdentificationProtocol(StudyProtocol):
+    """The file of an identification study."""
+
     identification: AskingPart = AskingPart()
     item: tuple[ItemPart, ...] = Field(min_length=2)
     block: tuple[BlockPart, ...] = Field(min_length=1)
-    subject: tuple[SubjectPart, ...] = Field(min_length=1)
-    circumstances: Circumstances = Circumstances()
+    session: BreakRules = BreakRules()
 
     @model_validator(mode="after")
-    def _check(self) -> IdentificationProtocol:
-        for what, values in (
-            ("item labels", [one.label for one in self.item]),
-            ("keys", [one.key for one in self.item]),
-            ("subject codes", [one.code for one in self.subject]),
-        ):
-            if len(set(values)) != len(values):
-                raise ValueError(f"{what} {', '.join(values)}; allowed: each once")
+    def _items_once(self) -> Self:
+        each_once("item labels", [one.label for one in self.item])
+        each_once("keys", [one.key for one in self.item])
         return self
 
     @property
     def labels(self) -> tuple[str, ...]:
         """Of the items, in the order of the file."""
         return tuple(one.label for one in self.item)
-
-
-def read_identification(path: str | Path) -> tuple[IdentificationProtocol, str]:
-    """The protocol and the file's own text; BadInput, one line that names the key, where it is not one."""
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not text"
-        raise BadInput(f"protocol {path}: {reason}; allowed: a TOML file that can be read") from None
-    return parse_identification(text, str(path)), text
-
-
-def parse_identification(text: str, where: str = "protocol") -> IdentificationProtocol:
-    """The protocol that the text says; BadInput as in `read_identification`."""
-    try:
-        return IdentificationProtocol.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise BadInput(f"protocol {where}: {error}; allowed: TOML") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or "file"
-        got = "" if isinstance(first["input"], dict) else f" (got {first['input']!r})"
-        raise BadInput(f"protocol {where}: {key}: {first['msg']}{got}") from None

@@ -8,15 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.errors import BadInput
-from tactuator.experiment.identification import ABX_RESPONSES, Block, asked_label
+from tactuator.experiment.attend import Respondent
+from tactuator.experiment.fingertip import TouchableRig
+from tactuator.experiment.identification import ABX_RESPONSES, asked_label
+from tactuator.experiment.session import Acknowledged
 from tactuator.experiment.trial import Trial
 from tactuator.plant.display import Display
-from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.bands import third_octave_bands
 
 
 @dataclass
-class ErringRespondent:
+class ErringRespondent(Respondent):
     """Right with 1 - error, otherwise any other answer alike."""
 
     error: float
@@ -26,9 +28,6 @@ class ErringRespondent:
         if not 0.0 <= self.error <= 1.0:
             raise BadInput(f"error rate {self.error:g}; allowed: 0 to 1")
 
-    def begin(self, block: Block) -> None:
-        """Nothing to prepare."""
-
     def respond(self, trial: Trial) -> str:
         """The right answer, or another."""
         if self.rng.random() >= self.error:
@@ -36,15 +35,12 @@ class ErringRespondent:
         others = [response for response in trial.responses if response != trial.correct]
         return others[int(self.rng.integers(len(others)))]
 
-    def learn(self, trial: Trial, correct: bool) -> None:
-        """Learns nothing."""
-
 
 Pattern = NDArray[np.float64]
 
 
 @dataclass
-class FeelingRespondent:
+class FeelingRespondent(Respondent):
     """Knows items by the levels in third octaves that reached the fingers, as far as its own noise lets it.
 
     In training with feedback it keeps the mean pattern of every item; then it answers the item whose pattern is
@@ -60,7 +56,7 @@ class FeelingRespondent:
     _intervals: list[list[Pattern]] = field(default_factory=list)
     _known: dict[str, list[Pattern]] = field(default_factory=dict)
 
-    def listen(self, rig: SimulatedRig) -> None:
+    def listen(self, rig: TouchableRig) -> None:
         """Put the fingers on."""
         for channel in self.display.channels:
             blocks: list[Pattern] = []
@@ -77,9 +73,6 @@ class FeelingRespondent:
         else:
             self._intervals.append([np.concatenate(blocks) for blocks in self._felt.values()])
 
-    def begin(self, block: Block) -> None:
-        """What was learnt before is kept."""
-
     def respond(self, trial: Trial) -> str:
         """The nearest item; a guess where nothing was learnt."""
         patterns = [self._pattern(interval) for interval in self._intervals]
@@ -92,7 +85,7 @@ class FeelingRespondent:
             return trial.responses[int(self.rng.integers(len(trial.responses)))]
         return min(self._known, key=lambda label: _distance(np.mean(self._known[label], axis=0), asked))
 
-    def learn(self, trial: Trial, correct: bool) -> None:
+    def learn(self, trial: Trial, told: Acknowledged) -> None:
         """Keep what was felt under the name that was told."""
         if self.paradigm != "abx":
             self._known.setdefault(asked_label(self.paradigm, trial), []).append(self._last)

@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection, select
 
 from tactuator.errors import BadInput
-from tactuator.experiment import schema
-from tactuator.experiment.identification_protocol import IdentificationProtocol, parse_identification
+from tactuator.experiment import records, schema
+from tactuator.experiment.identification_protocol import IdentificationProtocol
 from tactuator.experiment.information import Information, information
+from tactuator.experiment.protocol_file import parse_identification
 from tactuator.experiment.store import Store
-
-MATRIX_PARADIGMS = ("identification", "middle-of-three")
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,26 +67,42 @@ def identification_results(
     return results, abx
 
 
-def _trials(connection: Connection, study: int) -> list[tuple[str, int, str, str]]:
-    """(subject, trial, correct response, response) of every answered trial of test blocks."""
+def session_results(
+    store: Store, protocol: IdentificationProtocol, session: int, rng: np.random.Generator, resamples: int = 300
+) -> tuple[list[SubjectResult], list[AbxResult]]:
+    """Results of one session, test blocks only; both empty while fewer than two items were answered there."""
+    with store.read() as connection:
+        row = records.session(connection, session)
+        if protocol.identification.paradigm == "abx":
+            every = _abx_results(connection, row.study_id, protocol.study.name)
+            return [], [one for one in every if one.subject == row.subject_code]
+        return _matrix_results(connection, row.study_id, protocol, rng, resamples, only=row.subject_code), []
+
+
+def _trials(connection: Connection, study: int) -> list[tuple[str, str, str]]:
+    """(subject, correct response, response) of every answered trial of test blocks, but for those given up."""
     query = (
-        select(
-            schema.session.c.subject_code,
-            schema.trial.c.id,
-            schema.trial.c.correct_response,
-            schema.response.c.response,
-        )
+        select(schema.session.c.subject_code, schema.trial.c.correct_response, schema.response.c.response)
         .join(schema.run, schema.run.c.session_id == schema.session.c.id)
         .join(schema.trial, schema.trial.c.run_id == schema.run.c.id)
         .join(schema.response, schema.response.c.trial_id == schema.trial.c.id)
-        .where(schema.session.c.study_id == study, schema.run.c.practice.is_(False))
+        .where(
+            schema.session.c.study_id == study,
+            schema.run.c.practice.is_(False),
+            schema.run.c.state.in_(("running", "done")),
+        )
         .order_by(schema.session.c.subject_number, schema.run.c.position, schema.trial.c.number)
     )
     return [tuple(row) for row in connection.execute(query)]
 
 
 def _matrix_results(
-    connection: Connection, study: int, protocol: IdentificationProtocol, rng: np.random.Generator, resamples: int
+    connection: Connection,
+    study: int,
+    protocol: IdentificationProtocol,
+    rng: np.random.Generator,
+    resamples: int,
+    only: str | None = None,
 ) -> list[SubjectResult]:
     trials = _trials(connection, study)
     query = select(schema.stimulus.c.label, schema.stimulus.c.duration_s).where(schema.stimulus.c.study_id == study)
@@ -95,11 +110,13 @@ def _matrix_results(
     labels, asking = protocol.labels, protocol.identification
     gap_s = asking.gap_s if asking.paradigm == "middle-of-three" else 0.0
     subjects: list[str | None] = list(dict.fromkeys(subject for subject, *_ in trials))
-    if len(subjects) > 1:
+    if only is not None:
+        subjects = [subject for subject in subjects if subject == only]
+    elif len(subjects) > 1:
         subjects.append(None)
     results = []
     for subject in subjects:
-        mine = [(correct, response) for who, _, correct, response in trials if subject in (None, who)]
+        mine = [(correct, response) for who, correct, response in trials if subject in (None, who)]
         counts = np.zeros((len(labels), len(labels)), dtype=np.int64)
         for correct, response in mine:
             counts[labels.index(correct), labels.index(response)] += 1
@@ -115,6 +132,6 @@ def _abx_results(connection: Connection, study: int, name: str) -> list[AbxResul
     trials = _trials(connection, study)
     results = []
     for subject in dict.fromkeys(who for who, *_ in trials):
-        right = [correct == response for who, _, correct, response in trials if who == subject]
+        right = [correct == response for who, correct, response in trials if who == subject]
         results.append(AbxResult(name, subject, len(right), float(np.mean(right))))
     return results

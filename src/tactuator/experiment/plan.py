@@ -6,17 +6,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactuator.experiment.protocol import Protocol
+from tactuator.experiment.protocol import Protocol, StudyProtocol
+
+FORCED_CHOICE = "forced-choice"
+"""Paradigm of detection runs, as the store has it."""
 
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """position counts from 0 in the session; frequency_hz None: the procedure chooses; practice: not analysed."""
+    """A run as its row in the store has it, and as people are told of it.
+
+    position counts from 0 in the session; frequency_hz None: the procedure chooses, or there is none; practice: not
+    analysed; feedback: the right response is told after each answer; trials: how many, where that is known before.
+    title: for the operator; introduction: what the subject reads before it begins (empty: it begins at once).
+    """
 
     position: int
     finger: str
     frequency_hz: float | None
-    practice: bool = False
+    practice: bool
+    paradigm: str
+    procedure: str
+    feedback: bool
+    title: str
+    introduction: str = ""
+    trials: int | None = None
 
 
 def plan_runs(protocol: Protocol, subject: int) -> tuple[PlannedRun, ...]:
@@ -26,12 +40,21 @@ def plan_runs(protocol: Protocol, subject: int) -> tuple[PlannedRun, ...]:
     cells = [(finger, frequency) for finger in conditions.fingers for frequency in frequencies]
     runs: list[PlannedRun] = []
     if protocol.session.practice_trials:
-        runs.append(PlannedRun(0, conditions.fingers[0], frequencies[0] or 100.0, practice=True))
+        runs.append(_planned(protocol, 0, conditions.fingers[0], frequencies[0] or 100.0, practice=True))
     for repeat in range(conditions.repeats):
         for index in _order(protocol, len(cells), subject, repeat):
-            finger, frequency = cells[index]
-            runs.append(PlannedRun(len(runs), finger, frequency))
+            runs.append(_planned(protocol, len(runs), *cells[index]))
     return tuple(runs)
+
+
+def _planned(
+    protocol: Protocol, position: int, finger: str, frequency_hz: float | None, practice: bool = False
+) -> PlannedRun:
+    kind = "fixed" if practice else protocol.procedure.kind
+    what = "whole curve" if frequency_hz is None else f"{frequency_hz:g} Hz"
+    title = f"{'Practice: ' if practice else ''}{finger}, {what}"
+    feedback = protocol.session.feedback
+    return PlannedRun(position, finger, frequency_hz, practice, FORCED_CHOICE, kind, feedback, title)
 
 
 def _order(protocol: Protocol, count: int, subject: int, repeat: int) -> list[int]:
@@ -53,6 +76,6 @@ def latin_square(count: int) -> list[list[int]]:
     return rows + [row[::-1] for row in rows] if count % 2 else rows
 
 
-def run_seed(protocol: Protocol, subject: int, position: int, attempt: int) -> tuple[int, ...]:
+def run_seed(protocol: StudyProtocol, subject: int, position: int, attempt: int) -> tuple[int, ...]:
     """Seed of a run; a restarted run gets another."""
     return (protocol.study.seed, 5, subject, position, attempt)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Sequence
+from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -176,24 +177,37 @@ class SubjectPart(Part):
     skin_temperature_c: Annotated[float, Field(gt=0.0, lt=50.0)] | None = None
 
 
-class Protocol(Part):
-    """The whole file."""
+class StudyProtocol(Part):
+    """What every protocol file has, whatever is asked."""
 
     study: Study
+    subject: tuple[SubjectPart, ...] = Field(min_length=1)
+    circumstances: Circumstances = Circumstances()
+
+    @model_validator(mode="after")
+    def _everyone_once(self) -> Self:
+        each_once("subject codes", [one.code for one in self.subject])
+        return self
+
+
+def each_once(what: str, values: Sequence[str]) -> None:
+    """Raise ValueError where one of the values stands twice."""
+    if len(set(values)) != len(values):
+        raise ValueError(f"{what} {', '.join(values)}; allowed: each once")
+
+
+class Protocol(StudyProtocol):
+    """The file of a detection study."""
+
     procedure: AnyProcedure
     conditions: Conditions
-    subject: tuple[SubjectPart, ...] = Field(min_length=1)
     paradigm: Paradigm = Paradigm()
-    circumstances: Circumstances = Circumstances()
     session: SessionRules = SessionRules()
     timing: TimingPart = TimingPart()
     masker: MaskerPart | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Protocol:
-        codes = [one.code for one in self.subject]
-        if len(set(codes)) != len(codes):
-            raise ValueError(f"subject codes {', '.join(codes)}; allowed: each once")
         listed = self.conditions.frequencies_hz
         if len(set(listed)) != len(listed) or len(set(self.conditions.fingers)) != len(self.conditions.fingers):
             raise ValueError("conditions: a frequency or finger stands twice; allowed: each once")

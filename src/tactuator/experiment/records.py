@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, Row, func, insert, select, update
+from sqlalchemy import Connection, Integer, Row, cast, func, insert, select, update
 
 from tactuator import __version__
 from tactuator.experiment import schema
-from tactuator.experiment.detection import IntervalRecord
 from tactuator.experiment.plan import PlannedRun
-from tactuator.experiment.protocol import Protocol, SubjectPart
+from tactuator.experiment.protocol import StudyProtocol, SubjectPart
 from tactuator.experiment.protocol_file import protocol_hash
-from tactuator.experiment.trial import Trial
+from tactuator.experiment.trial import IntervalRecord, Trial
 
 Found = Row[Any]
 
@@ -39,7 +38,7 @@ def stamp(when: datetime) -> str:
     return when.isoformat(timespec="microseconds")
 
 
-def open_study(connection: Connection, protocol: Protocol, text: str, now: datetime, tokens: Sequence[str]) -> int:
+def open_study(connection: Connection, protocol: StudyProtocol, text: str, now: datetime, tokens: Sequence[str]) -> int:
     """The study of that protocol text, made with a session for every subject if it is new. tokens: one a subject."""
     digest = protocol_hash(text)
     found = connection.execute(select(schema.study.c.id).where(schema.study.c.protocol_sha256 == digest)).scalar()
@@ -59,7 +58,7 @@ def open_study(connection: Connection, protocol: Protocol, text: str, now: datet
 
 
 def _session(
-    protocol: Protocol, study: int, number: int, subject: SubjectPart, token: str, now: datetime
+    protocol: StudyProtocol, study: int, number: int, subject: SubjectPart, token: str, now: datetime
 ) -> dict[str, Any]:
     circumstances = protocol.circumstances.model_dump()
     if subject.skin_temperature_c is not None:
@@ -80,11 +79,6 @@ def sessions(connection: Connection, study: int) -> list[Found]:
     """The study's sessions in order of the subjects."""
     query = select(schema.session).where(schema.session.c.study_id == study).order_by(schema.session.c.subject_number)
     return list(connection.execute(query))
-
-
-def session_by_token(connection: Connection, token: str) -> Found | None:
-    """The session that a subject's link opens."""
-    return connection.execute(select(schema.session).where(schema.session.c.link_token == token)).first()
 
 
 def session(connection: Connection, session: int) -> Found:
@@ -118,7 +112,6 @@ def begin_run(
     session: int,
     planned: PlannedRun,
     attempt: int,
-    kind: str,
     apparatus: Apparatus,
     now: datetime,
 ) -> int:
@@ -129,8 +122,8 @@ def begin_run(
         "attempt": attempt,
         "state": "running",
         "practice": planned.practice,
-        "paradigm": "forced-choice",
-        "procedure": "fixed" if planned.practice else kind,
+        "paradigm": planned.paradigm,
+        "procedure": planned.procedure,
         "finger": planned.finger,
         "frequency_hz": planned.frequency_hz,
         "started_utc": stamp(now),
@@ -155,10 +148,21 @@ def answers(connection: Connection, run: int) -> list[Found]:
     return list(connection.execute(query))
 
 
-def answer(connection: Connection, session: int, run: int, number: int) -> Found | None:
-    """The response to a trial of one of the session's runs, if it is there."""
+def tallies(connection: Connection, session: int) -> dict[int, tuple[int, int]]:
+    """Answered and right trials of the runs of a session, by the run's row."""
     query = (
-        select(schema.response)
+        select(schema.run.c.id, func.count(), func.sum(cast(schema.response.c.correct, Integer)))
+        .select_from(schema.run.join(schema.trial).join(schema.response))
+        .where(schema.run.c.session_id == session)
+        .group_by(schema.run.c.id)
+    )
+    return {int(run): (int(count), int(right)) for run, count, right in connection.execute(query)}
+
+
+def answer(connection: Connection, session: int, run: int, number: int) -> Found | None:
+    """A trial of one of the session's runs with its response and the run's position, if it is there."""
+    query = (
+        select(schema.trial, schema.response, schema.run.c.position)
         .select_from(schema.response.join(schema.trial).join(schema.run))
         .where(schema.run.c.session_id == session, schema.trial.c.run_id == run, schema.trial.c.number == number)
     )
@@ -177,13 +181,13 @@ class Answer:
 
 @dataclass(frozen=True)
 class Played:
-    """A trial that has been played."""
+    """A trial that has been played; frequency and level of the curve are None where it is not at one frequency."""
 
     trial: Trial
-    frequency_hz: float
-    curve_level_db_re_1um: float
     intervals: tuple[IntervalRecord, ...]
     presented: datetime
+    frequency_hz: float | None = None
+    curve_level_db_re_1um: float | None = None
 
 
 def save_answer(connection: Connection, run: int, played: Played, answer: Answer) -> None:

@@ -7,18 +7,21 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from tactuator.errors import BadInput
-from tactuator.experiment import records
+from tactuator.experiment.attend import Respondent, attend
 from tactuator.experiment.clock import Clock
-from tactuator.experiment.conduct import Conduct, Station
+from tactuator.experiment.conduct import Conduct
 from tactuator.experiment.curve_prior import CurvePrior
-from tactuator.experiment.fingertip import ObserverAtRig
+from tactuator.experiment.detection_task import DetectionTask
+from tactuator.experiment.fingertip import ObserverAtRig, TouchableRig, touchable
 from tactuator.experiment.observer import Observer
 from tactuator.experiment.protocol import Protocol
-from tactuator.experiment.session import Session
+from tactuator.experiment.session import NextTrial
+from tactuator.experiment.station import Station
 from tactuator.experiment.store import Store
+from tactuator.experiment.studies import open_session, open_study
+from tactuator.experiment.trial import Trial
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.perception.psychometric import Psychometric, Weibull
-from tactuator.rig.simulated import SimulatedRig
 
 LOW_RAISED_DB, HIGH_LOWERED_DB = 4.0, -5.0
 """The paper's finding (its figure 11): thresholds on the display higher at low, lower at high frequencies."""
@@ -62,41 +65,50 @@ def run_study(
 
     load: put on the display's port while an observer's finger is there. told: name of the subject and progress, 0 to 1.
     """
-    rig = station.rig
-    if not isinstance(rig, SimulatedRig):
-        raise BadInput(f"simulated subjects at {station.name}; allowed: at the simulated display")
+    rig = touchable(station.rig, station.name)
     if len(observers) != len(protocol.subject):
         raise BadInput(f"{len(observers)} observers for {len(protocol.subject)} subjects; allowed: as many")
-    station.check(protocol)
+    task = DetectionTask(protocol, station)
     tokens = [f"simulated-{protocol.study.seed}-{number}" for number in range(len(observers))]
-    with store.begin() as connection:
-        study = records.open_study(connection, protocol, text, clock.utc(), tokens)
-        rows = records.sessions(connection, study)
-    for row, observer in zip(rows, observers, strict=True):
-        session = Session(store, row.id, row.subject_number, protocol, station.apparatus, station.band_hz, clock)
-        _attend(Conduct(session, station, clock), rig, observer, load, told)
+    study = open_study(store, task, text, clock, tokens)
+    for subject, observer in zip(protocol.subject, observers, strict=True):
+        session = open_session(store, task, study, subject.code, clock)
+        sitting = _Sitting(observer, task, rig, load)
+        try:
+            attend(Conduct(session), sitting, lambda now, name=observer.name: told(name, now.progress))  # type: ignore[misc]
+        finally:
+            sitting.leave()
     return study
 
 
-def _attend(
-    conduct: Conduct, rig: SimulatedRig, observer: Observer, load: str | None, told: Callable[[str, float], None]
-) -> None:
-    session = conduct.session
-    if session.stage == "consent":
-        session.give_consent()
-    subject: ObserverAtRig | None = None
-    while session.stage != "done":
-        if session.stage == "break":
-            session.end_break()
-        following = session.next_trial()
-        channel = conduct.station.channel(following.planned.finger).name
-        if subject is None or subject.channel != channel or subject.seed != following.seed:
-            if subject is not None:
-                subject.leave()
-            subject = ObserverAtRig(observer, rig, channel, conduct.timing, following.seed, load)
-        conduct.present(subject.begins)
-        response = subject.answer(following.trial, following.frequency_hz)
-        conduct.answer(records.Answer(response, conduct.clock.utc()))
-        told(observer.name, session.progress)
-    if subject is not None:
-        subject.leave()
+class _Sitting(Respondent):
+    """An observer at the rig, whose finger goes to the channel of each run."""
+
+    def __init__(self, observer: Observer, task: DetectionTask, rig: TouchableRig, load: str | None) -> None:
+        self._observer, self._task, self._rig, self._load = observer, task, rig, load
+        self._at: ObserverAtRig | None = None
+
+    def begin(self, following: NextTrial) -> None:
+        """The finger goes to the run's channel."""
+        self.leave()
+        channel = self._task.station.channel(following.planned.finger).name
+        timing = self._task.protocol.timing.build()
+        self._at = ObserverAtRig(self._observer, self._rig, channel, timing, following.seed, self._load)
+
+    def watch(self, interval: int, begins: bool) -> None:
+        """Attend to the interval."""
+        assert self._at is not None
+        self._at.begins(interval, begins)
+
+    def respond(self, trial: Trial) -> str:
+        """The interval in which the most was felt."""
+        assert self._at is not None
+        assert trial.placement is not None
+        assert trial.placement.frequency_hz is not None
+        return self._at.answer(trial, trial.placement.frequency_hz)
+
+    def leave(self) -> None:
+        """Take the finger off."""
+        if self._at is not None:
+            self._at.leave()
+            self._at = None

@@ -10,11 +10,11 @@ from sqlalchemy import Connection, select
 
 from tactuator.errors import BadInput
 from tactuator.experiment import schema
-from tactuator.experiment.detection import IntervalRecord
 from tactuator.experiment.protocol import Protocol
 from tactuator.experiment.protocol_file import parse_protocol
 from tactuator.experiment.records import Found
 from tactuator.experiment.store import Store
+from tactuator.experiment.trial import IntervalRecord
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,19 @@ class Trial:
         return response == self.correct
 
 
+@dataclass(frozen=True)
+class IntervalRecord:
+    """An interval as it was played. commanded_db_sl: None where nothing was, or no one level; measured_db_sl: at the
+
+    sensor, at the stimulus's frequency; None where there is no one frequency.
+    """
+
+    stimulus: str
+    commanded_db_sl: float | None
+    measured_db_sl: float | None
+    saturated: bool
+
+
 BLANK, SIGNAL = "blank", "tone"
 """Labels of the stimuli of a detection trial."""
 

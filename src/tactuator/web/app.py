@@ -4,26 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import hmac
-from importlib.resources import files
 from urllib.parse import urlsplit
 
 from fastapi import FastAPI, Response, WebSocket, WebSocketDisconnect
-from fastapi.responses import PlainTextResponse
 
 from tactuator.web.lab import Lab
 from tactuator.web.operator import OperatorPage, Operators
+from tactuator.web.pages import page, plain_text, static_file
 from tactuator.web.subject import SubjectTab, Tabs
 
 FORBIDDEN, UNKNOWN = 4003, 4004
 """Close codes: not allowed; no such session."""
 
-_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
-_HEADERS = {
-    "Content-Security-Policy": "default-src 'self'; connect-src 'self' ws: wss:; frame-ancestors 'none'",
-    "Referrer-Policy": "no-referrer",
-    "X-Content-Type-Options": "nosniff",
-    "Cache-Control": "no-store",
-}
 _PATIENCE_S = 10.0
 
 
@@ -69,30 +61,21 @@ def build_app(lab: Lab, operator_token: str) -> FastAPI:
 def _pages(app: FastAPI, lab: Lab) -> None:
     @app.get("/")
     async def index() -> Response:
-        return PlainTextResponse("tactuator: open the link that you were given.\n", headers=_HEADERS)
+        return plain_text("tactuator: open the link that you were given.\n")
 
     @app.get("/s/{token}")
     async def subject_page(token: str) -> Response:
         if lab.by_token(token) is None:
-            return PlainTextResponse("This link opens no session.\n", status_code=404, headers=_HEADERS)
-        return _file("subject.html")
+            return plain_text("This link opens no session.\n", 404)
+        return page("subject", "Experiment", ("noise", "choices", "subject"))
 
     @app.get("/operator")
     async def operator_page() -> Response:
-        return _file("operator.html")
+        return page("operator", "Operator", ("track", "tables", "operator"))
 
     @app.get("/static/{name}")
     async def static(name: str) -> Response:
-        return _file(name)
-
-
-def _file(name: str) -> Response:
-    """A page of the package, by its bare name."""
-    resource = files("tactuator.web").joinpath("static", name)
-    suffix = name[name.rfind(".") :]
-    if "/" in name or suffix not in _TYPES or not resource.is_file():
-        return PlainTextResponse("There is no such page.\n", status_code=404, headers=_HEADERS)
-    return Response(resource.read_bytes(), media_type=_TYPES[suffix], headers=_HEADERS)
+        return static_file(name)
 
 
 def _same_origin(socket: WebSocket) -> bool:

@@ -12,10 +12,12 @@ from typing import TypeVar
 from tactuator.errors import BadInput
 from tactuator.experiment import records
 from tactuator.experiment.clock import Clock, JumpWatch
-from tactuator.experiment.conduct import Conduct, Station
-from tactuator.experiment.protocol import Protocol
-from tactuator.experiment.session import Session
+from tactuator.experiment.conduct import Conduct
+from tactuator.experiment.presenter import Watch
+from tactuator.experiment.result_tables import ResultTable
+from tactuator.experiment.session import NextTrial, Session
 from tactuator.experiment.store import Store, StoreFault
+from tactuator.experiment.task import Task
 
 _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
@@ -25,16 +27,18 @@ class Fault(Exception):
     """Rig or store failed; the message is one line for the operator."""
 
 
+class RigAtRest(Fault):
+    """It was not the store: the rig is at rest, and plays nothing until somebody says so."""
+
+
 class Lab:
     """One rig, one study. Everything that touches the rig or the store goes through `work`, one thing at a time.
 
     active: session at the rig. auto_start: a subject who comes to a free rig may begin without the operator.
     """
 
-    def __init__(
-        self, store: Store, protocol: Protocol, study: int, station: Station, clock: Clock, auto_start: bool = False
-    ) -> None:
-        self.store, self.protocol, self.study, self.station, self.clock = store, protocol, study, station, clock
+    def __init__(self, store: Store, task: Task, study: int, clock: Clock, auto_start: bool = False) -> None:
+        self.store, self.task, self.study, self.clock = store, task, study, clock
         self.auto_start = auto_start
         self.active: int | None = None
         self.paused = False
@@ -55,43 +59,55 @@ class Lab:
         """The session that a subject's link opens."""
         return next((row for row in self._rows if row.link_token == token), None)
 
-    async def work(self, task: Callable[[], _T]) -> _T:
-        """Run `task` where rig and store are used. Raises BadInput as the task does.
+    async def work(self, job: Callable[[], _T]) -> _T:
+        """Run `job` where rig and store are used. Raises BadInput as the job does.
 
         Whatever else goes wrong is a Fault: kept for the operator to see, and the rig is left at rest unless it was the
         store alone.
         """
-        loop = asyncio.get_running_loop()
         try:
-            return await loop.run_in_executor(self._worker, task)
+            return await asyncio.get_running_loop().run_in_executor(self._worker, job)
         except BadInput:
             raise
         except StoreFault as error:
-            fault = Fault(str(error))
+            self.tell(str(error))
+            raise Fault(str(error)) from None
         except Exception as error:
-            _LOG.exception("a fault at the rig")
-            fault = Fault(f"{type(error).__name__}: {error}")
-            with suppress(Exception):
-                await loop.run_in_executor(self._worker, self.station.rig.rest)
+            raise await self._at_rest(error) from None
+
+    async def present(self, conduct: Conduct, watch: Watch) -> NextTrial:
+        """Play the trial that stands. Nothing that keeps a rig from it is the subject's input: all of it is a Fault."""
+        try:
+            return await self.work(lambda: conduct.present(watch))
+        except BadInput as error:
+            raise await self._at_rest(error) from None
+
+    async def _at_rest(self, error: Exception) -> RigAtRest:
+        """Put the rig to rest and hold it there, unless subjects begin by themselves; the fault."""
+        _LOG.error("a fault at the rig", exc_info=error)
+        with suppress(Exception):
+            await asyncio.get_running_loop().run_in_executor(self._worker, self.task.station.rig.rest)
+        self.paused = not self.auto_start
+        fault = RigAtRest(str(error) if isinstance(error, BadInput) else f"{type(error).__name__}: {error}")
         self.tell(str(fault))
-        raise fault
+        return fault
 
     async def conduct(self, row: records.Found) -> Conduct:
         """The session's conduct, resumed from the store the first time."""
         if row.id not in self._conducts:
-            self._conducts[row.id] = await self.work(lambda: self._open(row))
+            self._conducts[row.id] = await self.work(
+                lambda: Conduct(Session(self.store, row.id, row.subject_number, self.task, self.clock))
+            )
         return self._conducts[row.id]
-
-    def _open(self, row: records.Found) -> Conduct:
-        station = self.station
-        session = Session(
-            self.store, row.id, row.subject_number, self.protocol, station.apparatus, station.band_hz, self.clock
-        )
-        return Conduct(session, station, self.clock)
 
     def opened(self, session: int) -> Conduct | None:
         """The session's conduct if it has been opened."""
         return self._conducts.get(session)
+
+    async def results(self, session: int) -> tuple[ResultTable, ...]:
+        """What the session's answers say so far, computed beside the rig's work. BadInput while they say nothing."""
+        self._check(session)
+        return await asyncio.to_thread(self.task.results, self.store, session)
 
     def may_play(self, session: int) -> bool:
         """Whether the next trial of that session may be presented."""
@@ -101,18 +117,21 @@ class Lab:
 
     def start(self, session: int) -> None:
         """Put a session at the rig. BadInput while another is there."""
-        if all(row.id != session for row in self._rows):
-            raise BadInput(f"session {session} is not of this study; allowed: {[row.id for row in self._rows]}")
+        self._check(session)
         if self.active not in (None, session):
             raise BadInput(f"session {self.active} is at the rig; allowed: stop it first")
         self.active, self.paused = session, False
         self.notify()
 
+    def _check(self, session: int) -> None:
+        if all(row.id != session for row in self._rows):
+            raise BadInput(f"session {session} is not of this study; allowed: {[row.id for row in self._rows]}")
+
     async def stop(self) -> None:
         """Rig to rest, nobody at it."""
         self.active = None
         self.notify()
-        await self.work(self.station.rig.rest)
+        await self.work(self.task.station.rig.rest)
 
     def pause(self, paused: bool) -> None:
         """Hold after the trial that plays, or go on."""
@@ -147,5 +166,7 @@ class Lab:
             return
 
     def close(self) -> None:
-        """Finish what is being done and let go."""
+        """Finish what is being done and let go, the rig at rest."""
+        with suppress(Exception):
+            self._worker.submit(self.task.station.rig.rest).result()
         self._worker.shutdown(wait=True)

@@ -22,9 +22,10 @@ class Consent(_Message):
 
 
 class Ready(_Message):
-    """The subject is ready for the next trial, or ends a break."""
+    """The subject goes on from `stage`: ends a break, has read an introduction, is ready for the next trial."""
 
     type: Literal["ready"]
+    stage: Literal["break", "introduction", "trial"]
 
 
 class AnswerMessage(_Message):
@@ -44,7 +45,7 @@ SubjectMessage = Annotated[Consent | Ready | AnswerMessage, Field(discriminator=
 class Command(_Message):
     """What an operator asks for."""
 
-    type: Literal["start", "stop", "pause", "resume", "give-up-run", "clear-fault", "take-control"]
+    type: Literal["start", "stop", "pause", "resume", "give-up-run", "clear-fault", "take-control", "results"]
     session: int | None = None
 
 

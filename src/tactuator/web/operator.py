@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 from fastapi import WebSocket
 
 from tactuator.errors import BadInput
 from tactuator.experiment import records
-from tactuator.experiment.conduct import Conduct
-from tactuator.experiment.up_down import UpDown
+from tactuator.experiment.session import RunTally, Session
 from tactuator.web.lab import Fault, Lab
 from tactuator.web.messages import Command, operator_command
 from tactuator.web.subject import Tabs, first_to_end, send
@@ -76,12 +76,13 @@ class OperatorPage:
             self.operators.take(self)
             self.lab.notify()
             return
+        if command.type == "results":
+            await self._results(_session(command))
+            return
         if not self.operators.has_control(self):
             raise BadInput("another operator has control; allowed: looking on, or taking control first")
         if command.type == "start":
-            if command.session is None:
-                raise BadInput("start without a session; allowed: with one")
-            self.lab.start(command.session)
+            self.lab.start(_session(command))
         elif command.type in ("pause", "resume"):
             self.lab.pause(command.type == "pause")
         elif command.type == "stop":
@@ -100,25 +101,33 @@ class OperatorPage:
         await self.lab.work(conduct.give_up_run)
         self.lab.notify()
 
+    async def _results(self, session: int) -> None:
+        tables = await self.lab.results(session)
+        subject = next(row.subject_code for row in self.lab.sessions if row.id == session)
+        await send(self.socket, {"type": "results", "subject": subject, "tables": [asdict(one) for one in tables]})
+
     def snapshot(self) -> dict[str, Any]:
         """Everything that the page shows."""
         lab = self.lab
+        station = lab.task.station
         active = None if lab.active is None else lab.opened(lab.active)
+        course = None if active is None else active.session.course
         return {
             "type": "snapshot",
-            "study": lab.protocol.study.name,
+            "study": lab.task.protocol.study.name,
             "control": self.operators.has_control(self),
             "paused": lab.paused,
             "fault": lab.fault,
             "active": lab.active,
             "rig": {
-                "name": lab.station.name,
-                "display": lab.station.controller.display.name,
-                "rate_hz": lab.station.rig.rate_hz,
-                "channels": list(lab.station.rig.channels),
+                "name": station.name,
+                "display": station.controller.display.name,
+                "rate_hz": station.rig.rate_hz,
+                "channels": list(station.rig.channels),
             },
             "sessions": [self._session(row) for row in lab.sessions],
-            "track": None if active is None else track(active),
+            "runs": [] if active is None else [_run(one) for one in active.session.tally],
+            "picture": None if course is None else course.picture(),
         }
 
     def _session(self, row: records.Found) -> dict[str, Any]:
@@ -129,25 +138,36 @@ class OperatorPage:
             "group": row.subject_group,
             "link": f"/s/{row.link_token}",
             "here": self.tabs.is_open(row.id),
-            "stage": None if conduct is None else conduct.session.stage,
-            "progress": 0.0 if conduct is None else conduct.session.progress,
-            "trials": 0 if conduct is None else conduct.session.trials,
+            **(_NOT_OPENED if conduct is None else _standing(conduct.session)),
         }
 
 
-def track(conduct: Conduct) -> dict[str, Any] | None:
-    """The run that goes on, for drawing: levels and outcomes of its trials."""
-    running = conduct.session.running
-    if running is None:
-        return None
-    planned, procedure = running
-    levels, outcomes = conduct.session.history
+_NOT_OPENED = {"stage": None, "progress": 0.0, "trials": 0, "share_correct": None}
+
+
+def _standing(session: Session) -> dict[str, Any]:
+    """share_correct: of what is answered, practice left out; None while there is nothing."""
+    counted = [one for one in session.tally if not one.planned.practice]
+    answered, right = sum(one.answered for one in counted), sum(one.correct for one in counted)
     return {
-        "finger": planned.finger,
-        "frequency_hz": planned.frequency_hz,
-        "practice": planned.practice,
-        "levels_db_sl": levels,
-        "correct": outcomes,
-        "reversals": len(procedure.reversal_levels) if isinstance(procedure, UpDown) else None,
-        "progress": procedure.progress,
+        "stage": session.stage,
+        "progress": session.progress,
+        "trials": session.trials,
+        "share_correct": right / answered if answered else None,
     }
+
+
+def _run(one: RunTally) -> dict[str, Any]:
+    return {
+        "title": one.planned.title,
+        "state": one.state,
+        "answered": one.answered,
+        "of": one.planned.trials,
+        "share_correct": one.correct / one.answered if one.answered else None,
+    }
+
+
+def _session(command: Command) -> int:
+    if command.session is None:
+        raise BadInput(f"{command.type} without a session; allowed: with one")
+    return command.session

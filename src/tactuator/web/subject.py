@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from contextlib import suppress
-from functools import partial
+from dataclasses import asdict
 from typing import Any
 
 from fastapi import WebSocket, WebSocketDisconnect
@@ -14,8 +14,9 @@ from starlette.websockets import WebSocketState
 from tactuator.errors import BadInput
 from tactuator.experiment import records
 from tactuator.experiment.conduct import Conduct
-from tactuator.experiment.session import Acknowledged
-from tactuator.web.lab import Fault, Lab
+from tactuator.experiment.presenter import Watch
+from tactuator.experiment.session import Acknowledged, Stage
+from tactuator.web.lab import Fault, Lab, RigAtRest
 from tactuator.web.messages import AnswerMessage, Consent, Ready, subject_message
 
 ELSEWHERE = 4001
@@ -77,75 +78,86 @@ class SubjectTab:
     async def _flow(self, conduct: Conduct) -> None:
         """What the subject does, one stage after another."""
         session = conduct.session
+        ends = {"break": session.end_break, "introduction": session.introduce}
         while True:
             stage = session.stage
             await self._stage(conduct)
             if stage == "done":
                 self._release()
-                await self._next(AnswerMessage)
+                await self._answered()
             elif stage == "consent":
-                await self._next(Consent)
+                await self._agreed()
                 await self._saved(session.give_consent)
-            elif stage == "break":
-                await self._next(Ready)
-                await self._saved(session.end_break)
             else:
-                await self._next(Ready)
-                await self._trials(conduct)
+                await self._ready(stage)
+                if stage == "trial":
+                    await self._trials(conduct)
+                elif session.stage == stage:  # the operator may have given up the run meanwhile
+                    await self._saved(ends[stage])
 
     async def _trials(self, conduct: Conduct) -> None:
-        """Trial after trial until the stage changes."""
+        """Trial after trial until the stage changes, or something fails: then the subject says when to go on."""
         session = conduct.session
         while session.stage == "trial":
-            while not self.lab.may_play(self.row.id):
+            if not self.lab.may_play(self.row.id):
                 await self._stage(conduct)
                 await self.lab.until_changed(_LOOK_AGAIN_S)
-            try:
-                stands = await self.lab.work(partial(conduct.present, self._watch()))
-            except Fault as fault:
-                await self._fault(str(fault))
                 continue
+            await self._send(type="playing")
+            try:
+                stands = await self.lab.present(conduct, self._watch(conduct))
+            except Fault as fault:
+                await self._fault(fault)
+                return
             self.lab.notify()
-            await self._send(
-                type="answer-now", run=stands.run, number=stands.trial.number, responses=stands.trial.responses
-            )
-            await self._next(AnswerMessage)
-            await asyncio.sleep(conduct.timing.feedback_s)
+            await self._send(type="answer-now", run=stands.run, number=stands.trial.number)
+            await self._answered(conduct)
+            await asyncio.sleep(session.task.rules.feedback_s)
 
-    async def _next(self, wanted: type[Consent] | type[Ready] | type[AnswerMessage]) -> None:
-        """Wait for a message of that kind; answers that are sent again are acknowledged again at any time."""
+    async def _agreed(self) -> None:
+        while not isinstance(await self._next(), Consent):
+            pass
+
+    async def _ready(self, stage: Stage) -> None:
+        """Wait until the subject goes on from that stage; what was said of another one came late and counts no more."""
         while True:
-            message = await self._messages.get()
-            if isinstance(message, AnswerMessage):
-                conduct = await self.lab.conduct(self.row)
-                if await self._answer(conduct, message) and wanted is AnswerMessage and conduct.pending is None:
-                    return
-            elif isinstance(message, wanted):
+            message = await self._next()
+            if isinstance(message, Ready) and message.stage == stage:
                 return
 
-    async def _answer(self, conduct: Conduct, message: AnswerMessage) -> bool:
-        """Save an answer and acknowledge it, or say why not; whether the page now knows that it is saved."""
+    async def _answered(self, conduct: Conduct | None = None) -> None:
+        """Wait for the answer to what was played (without a conduct: for ever)."""
+        while conduct is None or conduct.pending is not None:
+            await self._next()
+
+    async def _next(self) -> Consent | Ready | AnswerMessage:
+        """The next message; answers, also those that are sent again, are saved and acknowledged at any time."""
+        message = await self._messages.get()
+        if isinstance(message, AnswerMessage):
+            await self._answer(await self.lab.conduct(self.row), message)
+        return message
+
+    async def _answer(self, conduct: Conduct, message: AnswerMessage) -> None:
+        """Save an answer and acknowledge it, or say why not."""
         received = self.lab.clock.utc()
         answer = records.Answer(message.response, received, message.shown_ms, message.pressed_ms)
         try:
             acknowledged = await self.lab.work(lambda: self._save(conduct, message, answer))
         except Fault as fault:
-            await self._fault(str(fault))
-            return False
+            await self._fault(fault)
+            return
         except BadInput as error:
             await self._send(type="refused", message=str(error))
-            return False
+            return
         self.lab.tell(None)
-        feedback = acknowledged.correct if conduct.session.protocol.session.feedback else None
         await self._send(
             type="ack",
             run=acknowledged.run,
             number=acknowledged.number,
-            correct=feedback,
+            right=acknowledged.right,
             progress=conduct.session.progress,
         )
         self.lab.notify()
-        return True
 
     def _save(self, conduct: Conduct, message: AnswerMessage, answer: records.Answer) -> Acknowledged:
         waits = conduct.pending
@@ -156,17 +168,19 @@ class SubjectTab:
             raise BadInput(f"answer to trial {message.number} of run {message.run}; allowed: to the trial that stands")
         return before
 
-    async def _saved(self, task: Any) -> None:
+    async def _saved(self, job: Callable[[], None]) -> None:
         try:
-            await self.lab.work(task)
+            await self.lab.work(job)
         except Fault as fault:
-            await self._fault(str(fault))
+            await self._fault(fault)
 
-    def _watch(self) -> Any:
-        loop = asyncio.get_running_loop()
+    def _watch(self, conduct: Conduct) -> Watch:
+        """Tells the page of intervals, where it is to show them."""
+        loop, shown = asyncio.get_running_loop(), len(conduct.session.task.question.intervals)
 
         def watch(interval: int, begins: bool) -> None:
-            asyncio.run_coroutine_threadsafe(self._quietly(interval, begins), loop)
+            if interval < shown:
+                asyncio.run_coroutine_threadsafe(self._quietly(interval, begins), loop)
 
         return watch
 
@@ -181,30 +195,36 @@ class SubjectTab:
             self.lab.active = None
             self.lab.notify()
 
-    async def _fault(self, fault: str) -> None:
-        await self._send(type="fault", message="This could not be saved. Please call the experimenter.", detail=fault)
+    async def _fault(self, fault: Fault) -> None:
+        what = "The display has stopped." if isinstance(fault, RigAtRest) else "This could not be saved."
+        await self._send(type="fault", message=f"{what} Please call the experimenter.", detail=str(fault))
         await asyncio.sleep(0.5)
-        self.lab.tell(fault)
+        self.lab.tell(str(fault))
 
     async def _stage(self, conduct: Conduct) -> None:
         session = conduct.session
+        upcoming = session.upcoming
         await self._send(
             type="stage",
             stage=session.stage,
+            introduction="" if upcoming is None else upcoming.introduction,
             waiting=session.stage == "trial" and not self.lab.may_play(self.row.id),
             progress=session.progress,
         )
 
     def _about(self) -> dict[str, Any]:
-        protocol = self.lab.protocol
+        task = self.lab.task
+        study, question = task.protocol.study, task.question
         return {
             "subject": self.row.subject_code,
-            "study": protocol.study.name,
-            "consent": protocol.study.consent,
-            "instructions": protocol.study.instructions,
-            "responses": protocol.forced_choice().responses,
-            "break_s": protocol.session.break_s,
-            "masking_sound": protocol.circumstances.masking_sound,
+            "study": study.name,
+            "consent": study.consent,
+            "instructions": study.instructions,
+            "prompt": question.prompt,
+            "choices": [asdict(choice) for choice in question.choices],
+            "intervals": question.intervals,
+            "break_s": task.rules.break_s,
+            "masking_sound": task.protocol.circumstances.masking_sound,
         }
 
     async def _send(self, **message: Any) -> None:

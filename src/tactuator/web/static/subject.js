@@ -1,31 +1,25 @@
 "use strict";
 // The subject's page. What it shows follows from what the server says; an answer stays here until it is acknowledged.
-const el = (id) => document.getElementById(id);
+// going: the subject has begun; asked: and has told the server so; standing: the trial that waits for an answer.
 const page = {
-  socket: null, about: null, stage: null, waiting: false, going: false, standing: null, unsaved: null, asked: false, shownAt: 0, noise: null, over: false,
+  about: null, stage: null, introduction: "", waiting: false, going: false, asked: false, standing: null, unsaved: null,
+  shownAt: 0, noise: null, choices: null, restUntil: 0, over: false,
 };
+const say = (text) => { if (el("status").textContent !== text) el("status").textContent = text; };
 
-function connect() {
-  const scheme = location.protocol === "https:" ? "wss" : "ws";
-  const token = location.pathname.split("/").pop();
-  const socket = new WebSocket(`${scheme}://${location.host}/ws/subject/${token}`);
-  page.socket = socket;
-  socket.onopen = () => banner("");
-  socket.onmessage = (event) => take(JSON.parse(event.data));
-  socket.onclose = (event) => {
-    if (page.over || event.code === 4001) return;
-    if (event.code === 4004) { page.over = true; say("This link opens no session."); return; }
-    page.standing = null;
+const link = new Link(
+  `/ws/subject/${location.pathname.split("/").pop()}`,
+  (message) => handlers[message.type] && handlers[message.type](message),
+  () => banner(""),
+  (code) => {
+    if (page.over || code === 4001) return false;
+    if (code === 4004) { page.over = true; say("This link opens no session."); return false; }
+    stand(null);
     page.asked = false;
-    light(-1);
     banner("The connection is lost. Nothing of what was acknowledged is gone. Trying again…");
-    setTimeout(connect, 500);
-  };
-}
-
-const send = (message) => {
-  if (page.socket.readyState === WebSocket.OPEN) page.socket.send(JSON.stringify(message));
-};
+    return true;
+  },
+);
 
 const handlers = {
   hello(message) {
@@ -34,129 +28,144 @@ const handlers = {
     el("study").textContent = message.study;
     el("who").textContent = message.subject;
     if (page.noise === null) page.noise = new MaskingNoise(message.masking_sound);
-    draw(message.responses);
-    if (page.unsaved !== null) send(page.unsaved);
+    if (page.choices === null) page.choices = new Choices(el("choices"), el("lamps"), message.choices, message.intervals, answer);
+    page.choices.open(false);
+    if (page.unsaved !== null) link.send(page.unsaved);
   },
   stage(message) {
-    page.stage = message.stage;
-    page.waiting = message.waiting;
+    if (message.stage === "break" && page.stage !== "break") rest();
+    if (message.stage !== page.stage) page.asked = false;
+    Object.assign(page, { stage: message.stage, introduction: message.introduction, waiting: message.waiting });
     el("progress").value = message.progress;
-    if (message.stage === "trial" && page.going) {
-      if (page.standing === null && !page.asked) { page.asked = true; send({ type: "ready" }); }
-    } else if (message.stage !== "trial") page.going = false;
+    if (message.stage !== "trial") page.going = page.going && message.stage === "introduction" && page.asked;
+    else if (page.going && page.standing === null && !page.asked) goOn();
     show();
   },
-  interval(message) {
-    page.asked = false;
+  playing() {
     page.waiting = false;
-    if (message.on && message.interval === 0) { page.standing = null; clear(); }
-    light(message.on ? message.interval : -1);
+    stand(null);
+    page.choices.clear();
+    page.choices.playing(true);
     show();
   },
+  interval(message) { page.choices.light(message.on ? message.interval : -1); },
   "answer-now"(message) {
-    page.asked = false;
-    page.standing = { run: message.run, number: message.number };
+    page.waiting = false;
     document.body.dataset.trial = `${message.run}/${message.number}`;
     page.shownAt = performance.now();
-    light(-1);
+    stand({ run: message.run, number: message.number });
     show();
   },
   ack(message) {
-    const button = page.unsaved && el("intervals").querySelector(`[data-response="${page.unsaved.response}"]`);
-    if (button && message.correct !== null) button.classList.add(message.correct ? "right" : "wrong");
-    if (message.correct !== null) say(message.correct ? "Right" : "Not this one");
+    if (page.unsaved !== null && message.right !== null) {
+      const correct = page.unsaved.response === message.right;
+      if (!correct) page.choices.mark(page.unsaved.response, "wrong");
+      page.choices.mark(message.right, "right");
+      say(correct ? "Right" : `No, it was ${message.right}`);
+    }
     page.unsaved = null;
-    page.standing = null;
+    stand(null);
     el("progress").value = message.progress;
     banner("");
   },
   fault(message) {
     banner(message.message);
-    if (page.unsaved !== null) setTimeout(() => page.unsaved !== null && send(page.unsaved), 1500);
+    if (page.unsaved !== null) setTimeout(() => page.unsaved !== null && link.send(page.unsaved), 1500);
+    else { page.going = false; page.asked = false; stand(null); show(); } // the rig failed: the subject says when to go on
   },
-  refused() { page.unsaved = null; page.standing = null; },
+  refused() { page.unsaved = null; stand(null); },
   elsewhere() {
     page.over = true;
-    el("intervals").hidden = true;
+    hideAll();
     el("go").hidden = false;
     el("go").textContent = "Continue here";
     say("This session was opened in another tab.");
   },
 };
 
-const take = (message) => handlers[message.type] && handlers[message.type](message);
-const say = (text) => { el("status").textContent = text; };
-const banner = (text) => { el("banner").hidden = text === ""; el("banner").textContent = text; };
-
-function draw(responses) {
-  el("intervals").replaceChildren(...responses.map((response) => {
-    const button = document.createElement("button");
-    button.className = "interval";
-    button.dataset.response = response;
-    button.textContent = response;
-    button.onclick = () => answer(response);
-    return button;
-  }));
+function stand(trial) {
+  page.standing = trial;
+  if (page.choices === null) return;
+  page.choices.open(trial !== null);
+  page.choices.light(-1);
+  page.choices.playing(false);
 }
 
-function light(interval) {
-  [...el("intervals").children].forEach((button, index) => button.classList.toggle("lit", index === interval));
+function hideAll() { for (const id of ["text", "lamps", "choices", "go"]) el(id).hidden = true; }
+
+function rest() {
+  page.restUntil = performance.now() + 1000 * page.about.break_s;
+  const tick = () => { if (page.stage === "break") { show(); if (performance.now() < page.restUntil) setTimeout(tick, 250); } };
+  setTimeout(tick, 0);
 }
 
-function clear() {
-  for (const button of el("intervals").children) button.classList.remove("chosen", "right", "wrong");
-}
+const restLeft = () => Math.max(0, Math.ceil((page.restUntil - performance.now()) / 1000));
+
+// What a stage shows before the subject goes on: [status, text, button].
+const before = {
+  consent: () => ["Before we begin", page.about.consent, "I agree (Enter)"],
+  break: () => ["Time for a break. Go on when you are ready.", "", restLeft() > 0 ? `Go on in ${restLeft()} s` : "Go on (Enter)"],
+  introduction: () => [page.about.prompt, words(page.introduction), "Begin (Enter)"],
+  trial: () => [page.about.prompt, words(page.introduction), "Begin (Enter)"],
+};
+const words = (introduction) => [page.about.instructions, introduction].filter((part) => part !== "").join("\n\n");
 
 function show() {
-  const text = el("text"), go = el("go");
-  const trial = page.stage === "trial";
-  el("intervals").hidden = !(trial && page.going);
-  text.hidden = true;
-  go.hidden = trial && page.going;
-  if (page.stage === "consent") {
-    say("Before we begin");
-    text.hidden = false;
-    text.textContent = page.about.consent;
-    go.textContent = "I agree (Enter)";
-  } else if (page.stage === "break") {
-    say("Time for a break. Go on when you are ready.");
-    go.textContent = "Go on (Enter)";
-  } else if (page.stage === "done") {
+  if (page.over || page.about === null) return;
+  hideAll();
+  if (page.stage === "done") {
     say("That was all. Thank you!");
-    go.hidden = true;
     page.noise.stop();
-  } else if (!page.going) {
-    say("Which interval has the vibration?");
-    text.hidden = page.about.instructions === "";
-    text.textContent = page.about.instructions;
-    go.textContent = "Begin (Enter)";
-  } else if (page.standing !== null) say(`Which one? Press ${page.about.responses.join(", ")}`);
-  else if (page.waiting) say("Please wait for the experimenter.");
-  else if (page.unsaved === null) say("Feel…");
+  } else if (page.stage === "trial" && page.going) {
+    el("choices").hidden = false;
+    el("lamps").hidden = el("lamps").childElementCount === 0;
+    if (page.standing !== null) say(page.about.prompt);
+    else if (page.waiting) say("Please wait for the experimenter.");
+    else if (page.unsaved === null) say("Feel…");
+    page.choices.fit();
+  } else {
+    const [status, text, button] = before[page.stage]();
+    say(status);
+    el("text").hidden = text === "";
+    el("text").textContent = text;
+    el("go").textContent = button;
+    el("go").disabled = page.stage === "break" && restLeft() > 0;
+    el("go").hidden = false;
+    el("go").focus();
+  }
 }
+
+function goOn() { page.asked = true; link.send({ type: "ready", stage: page.stage }); }
 
 function go() {
   if (page.over) { location.reload(); return; }
+  if (page.asked || el("go").disabled) return;
   page.noise.start();
-  if (page.stage === "consent") { send({ type: "consent" }); return; }
-  if (page.stage === "break") { send({ type: "ready" }); page.going = true; return; }
-  if (page.stage === "trial" && !page.going) { page.going = true; page.asked = true; send({ type: "ready" }); show(); }
+  if (page.stage === "consent") { link.send({ type: "consent" }); return; }
+  page.going = page.stage !== "break" || page.introduction === "";
+  goOn();
+  if (page.stage === "trial") show();
 }
 
 function answer(response) {
   if (page.standing === null || page.unsaved !== null) return;
   page.unsaved = { type: "answer", ...page.standing, response, shown_ms: page.shownAt, pressed_ms: performance.now() };
-  page.standing = null;
-  clear();
-  el("intervals").querySelector(`[data-response="${response}"]`).classList.add("chosen");
+  stand(null);
+  page.choices.clear();
+  page.choices.mark(response, "chosen");
   say("…");
-  send(page.unsaved);
+  link.send(page.unsaved);
 }
 
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+
 document.addEventListener("keydown", (event) => {
-  if (event.repeat || event.ctrlKey || event.metaKey || event.altKey) return;
-  if (page.about !== null && page.about.responses.includes(event.key)) { event.preventDefault(); answer(event.key); }
-  else if ((event.key === "Enter" || event.key === " ") && !el("go").hidden) { event.preventDefault(); go(); }
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  const enter = event.key === "Enter" || event.key === " ";
+  if (event.repeat) { if (enter) event.preventDefault(); return; }
+  const response = page.choices === null || el("choices").hidden ? undefined : page.choices.byKey(event.key);
+  if (response !== undefined) { event.preventDefault(); answer(response); }
+  else if (enter && !el("go").hidden) { event.preventDefault(); go(); }
+  else if (event.key in ARROWS && !el("choices").hidden) { event.preventDefault(); page.choices.move(...ARROWS[event.key]); }
 });
 el("go").onclick = go;
-connect();

@@ -1,7 +1,7 @@
 "use strict";
 // Draws a run: level against trial, open circles right, filled ones wrong.
 function drawTrack(svg, levels, correct) {
-  const make = (name, attributes, text) => {
+  const draw = (name, attributes, text) => {
     const node = document.createElementNS("http://www.w3.org/2000/svg", name);
     for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
     if (text !== undefined) node.textContent = text;
@@ -14,14 +14,14 @@ function drawTrack(svg, levels, correct) {
   const x = (trial) => 50 + 730 * (trial + 0.5) / Math.max(levels.length, 40);
   const y = (level) => 265 - 245 * (level - bottom) / (top - bottom);
   for (let level = bottom; level <= top; level += step) {
-    nodes.push(make("line", { class: "grid", x1: 50, x2: 790, y1: y(level), y2: y(level) }));
-    nodes.push(make("text", { x: 42, y: y(level) + 4, "text-anchor": "end" }, String(level)));
+    nodes.push(draw("line", { class: "grid", x1: 50, x2: 790, y1: y(level), y2: y(level) }));
+    nodes.push(draw("text", { x: 42, y: y(level) + 4, "text-anchor": "end" }, String(level)));
   }
-  nodes.push(make("text", { x: 420, y: 292, "text-anchor": "middle" }, "trial (open: right, filled: wrong)"));
-  nodes.push(make("text", { x: 50, y: 12 }, "dB SL"));
-  nodes.push(make("polyline", { class: "line", points: levels.map((level, i) => `${x(i)},${y(level)}`).join(" ") }));
+  nodes.push(draw("text", { x: 420, y: 292, "text-anchor": "middle" }, "trial (open: right, filled: wrong)"));
+  nodes.push(draw("text", { x: 50, y: 12 }, "dB SL"));
+  nodes.push(draw("polyline", { class: "line", points: levels.map((level, i) => `${x(i)},${y(level)}`).join(" ") }));
   levels.forEach((level, i) => {
-    nodes.push(make("circle", { class: correct[i] ? "right" : "wrong", cx: x(i), cy: y(level), r: 4 }));
+    nodes.push(draw("circle", { class: correct[i] ? "right" : "wrong", cx: x(i), cy: y(level), r: 4 }));
   });
   svg.replaceChildren(...nodes);
 }

@@ -1,0 +1,104 @@
+"use strict";
+// The responses as buttons, laid out so that they fit; and lamps for intervals that are no responses.
+const SMALLEST_PX = 44, LARGEST_PX = [260, 200], GAP_PX = 8, FONTS_PX = [88, 72, 60, 48, 40, 34, 28, 24, 21, 19, 17, 16, 15, 14, 13];
+
+class Choices {
+  // choices: {response, keys}; intervals: names of those that are told apart; chosen: called with a response.
+  constructor(box, lamps, choices, intervals, chosen) {
+    this.box = box;
+    this.choices = choices;
+    this.buttons = new Map(choices.map((choice) => [choice.response, this.button(choice, chosen)]));
+    const own = intervals.length > 0 && intervals.every((name) => this.buttons.has(name));
+    this.lamps = (own ? [] : intervals.length ? intervals : [""]).map((name) => make("span", { class: "lamp" }, name));
+    this.intervals = own ? intervals.map((name) => this.buttons.get(name)) : intervals.length ? this.lamps : [];
+    box.replaceChildren(...this.buttons.values());
+    lamps.replaceChildren(...this.lamps);
+    lamps.hidden = this.lamps.length === 0;
+    new ResizeObserver(() => this.fit()).observe(box.parentElement);
+  }
+
+  button({ response, keys }, chosen) {
+    const label = make("span", { class: "label" }, response);
+    const single = keys.filter((key) => key.length === 1);
+    const button = make("button", { class: "choice", type: "button" }, label);
+    if (single.length > 0) {
+      button.setAttribute("aria-keyshortcuts", single[0]);
+      if (!single.includes(response)) button.append(make("kbd", { "aria-hidden": "true" }, single[0]));
+    }
+    button.onclick = () => chosen(response);
+    return button;
+  }
+
+  // The response that a key gives, or undefined.
+  byKey(key) { return (this.choices.find((choice) => choice.keys.includes(key)) || {}).response; }
+
+  // Whether an answer is asked for: told to those who cannot see it; buttons keep their focus.
+  open(yes) { for (const button of this.buttons.values()) button.setAttribute("aria-disabled", String(!yes)); }
+
+  light(interval) { this.intervals.forEach((lamp, index) => lamp.classList.toggle("lit", index === interval)); }
+
+  // Lit while a trial plays whose intervals are not told apart.
+  playing(on) { if (this.intervals.length === 0) for (const lamp of this.lamps) lamp.classList.toggle("lit", on); }
+
+  mark(response, name) { this.buttons.get(response).classList.add(name); }
+
+  clear() { for (const button of this.buttons.values()) button.classList.remove("chosen", "right", "wrong"); }
+
+  // The focus goes to the neighbour in that direction.
+  move(columns, rows) {
+    const buttons = [...this.buttons.values()];
+    const at = buttons.indexOf(document.activeElement);
+    const to = at < 0 ? 0 : at + columns + rows * this.columns;
+    if (to >= 0 && to < buttons.length) buttons[to].focus();
+  }
+
+  // The largest letters with which every label stands in a cell on one line and all cells are on the page; among the
+  // numbers of columns that allow it, the one with cells nearest to 3 : 2.
+  fit() {
+    if (this.box.hidden) return;
+    const main = this.box.parentElement, style = getComputedStyle(main);
+    const others = [...main.children].filter((child) => child !== this.box && !child.hidden);
+    const gap = parseFloat(style.rowGap) || 0;
+    const width = main.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight);
+    const height = main.clientHeight - parseFloat(style.paddingTop) - parseFloat(style.paddingBottom)
+      - others.reduce((sum, child) => sum + child.offsetHeight + gap, 0);
+    const widest = this.widest(), keyed = this.box.querySelector("kbd") !== null;
+    const found = FONTS_PX.map((font) => this.best(font, widest * font, keyed, width, height)).find((one) => one !== null)
+      || this.smallest(widest * 13, width);
+    this.columns = found.columns;
+    const set = (name, value) => this.box.style.setProperty(name, value);
+    set("--columns", found.columns); set("--cell-width", `${found.width}px`);
+    set("--cell-height", `${found.height}px`); set("--font", `${found.font}px`);
+  }
+
+  best(font, label, keyed, width, height) {
+    const count = this.buttons.size, least = Math.max(SMALLEST_PX, font * (keyed ? 1.3 : 1.2) + (keyed ? 20 : 10));
+    let best = null;
+    for (let columns = 1; columns <= count; columns++) {
+      const rows = Math.ceil(count / columns);
+      const cell = {
+        columns, font,
+        width: Math.floor(Math.min(LARGEST_PX[0], (width - GAP_PX * (columns - 1)) / columns)),
+        height: Math.floor(Math.min(LARGEST_PX[1], (height - GAP_PX * (rows - 1)) / rows)),
+      };
+      if (cell.width < Math.max(SMALLEST_PX, label + 14) || cell.height < least) continue;
+      cell.height = Math.min(cell.height, Math.max(least, Math.round(cell.width / 1.5)));
+      cell.off = Math.abs(Math.log(cell.width / cell.height / 1.5));
+      if (best === null || cell.off < best.off) best = cell;
+    }
+    return best;
+  }
+
+  // Nothing fits: as many columns as the labels allow (long ones wrap), and the page scrolls.
+  smallest(label, width) {
+    const columns = Math.max(1, Math.min(this.buttons.size, Math.floor((width + GAP_PX) / (Math.min(label + 14, width) + GAP_PX))));
+    return { columns, font: 13, width: Math.floor((width - GAP_PX * (columns - 1)) / columns), height: SMALLEST_PX };
+  }
+
+  // Width of the widest label in letters' heights.
+  widest() {
+    const pen = document.createElement("canvas").getContext("2d");
+    pen.font = `600 100px ${getComputedStyle(this.box).fontFamily}`;
+    return Math.max(...this.choices.map((choice) => pen.measureText(choice.response).width)) / 100;
+  }
+}

@@ -1,0 +1,27 @@
+"use strict";
+// What both pages need.
+const el = (id) => document.getElementById(id);
+const banner = (text) => { el("banner").hidden = text === ""; el("banner").textContent = text; };
+
+function make(name, attributes = {}, ...content) {
+  const node = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
+  node.append(...content);
+  return node;
+}
+
+// A connection that comes back by itself. take: called with every message; opened, closed (told the code; whether to try
+// again): as it comes and goes.
+class Link {
+  constructor(path, take, opened, closed) { Object.assign(this, { path, take, opened, closed }); this.connect(); }
+
+  connect() {
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    this.socket = new WebSocket(`${scheme}://${location.host}${this.path}`);
+    this.socket.onopen = () => this.opened(this.socket);
+    this.socket.onmessage = (event) => this.take(JSON.parse(event.data));
+    this.socket.onclose = (event) => { if (this.closed(event.code)) setTimeout(() => this.connect(), 500); };
+  }
+
+  send(message) { if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message)); }
+}
