@@ -181,7 +181,7 @@ uint32_t tact_board_stream(tact_board *board, uint32_t first, const float *rows,
     const uint32_t width = (uint32_t)board->channels;
     if (board->mode != TACT_RUNNING || board->source != TACT_STREAM)
         return board->stream_end;
-    if (board->tick - board->stream_at >= board->stream_end - board->stream_at && first - board->tick < 0x40000000u)
+    if (board->tick - board->stream_end < 0x80000000u && first - board->tick < 0x40000000u)
         board->stream_at = board->stream_end = first; /* dry: a new stretch may begin now or later */
     for (uint32_t i = 0; i < count; i++) {
         const uint32_t end = board->stream_end;
