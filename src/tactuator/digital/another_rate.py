@@ -52,7 +52,7 @@ def _section_at(section: NDArray[np.float64], old_hz: float, new_hz: float) -> N
     gain = float(np.real(before[0] / unit[0]))
     moved = bilinear(ContinuousSystem(zeros, poles, gain), new_hz)
     row: NDArray[np.float64] = moved.sections()[0]
-    if np.any(moved.poles == 1.0):
+    if np.any(poles == 0.0):
         row[4:] = _with_integrator(float(row[5]))
     return row
 
