@@ -1,15 +1,20 @@
 /* MPS2 under QEMU (AN386: Cortex-M4F, AN500: Cortex-M7): SysTick, FIFOs of the host or UART 0, and the simulated
- * display in the place of converters.
+ * display in the place of converters. Between runs the display's time stands still, so that what a board plays does
+ * not depend on how long the host takes.
  *
  * Over FIFOs a read waits for the host, and no time passes on the board: before it waits, a run goes on until it has
- * come to its end or is dry, for BREATH ticks if it never waits for its stream, or for SETTLE in a fault. Between runs the display's time
- * stands still, so that what a board plays does not depend on how long the host takes. */
+ * come to its end or is dry, for BREATH ticks if it never waits for its stream, or for SETTLE in a fault.
+ *
+ * Over the UART time goes on, as on a real board: the main loop looks for bytes while the interrupt comes and goes. The
+ * timer stands still while the display is computed, which no real board does. While a run is free the processor never
+ * sleeps: where the emulator's time follows the instructions, sleep would be no time at all. */
 
 #include "period.h"
 #include "port.h"
 #include "semihosting.h"
 
 enum { CLOCK_HZ = 25000000, RELOAD_MAX = 0xffffff, BREATH = 32, SETTLE = 8192, LONGEST = 65536, STREAM_ROWS = 4096 };
+enum { PATIENCE = 4096 }; /* looks at a silent UART before sleep */
 
 #define REGISTER(address) (*(volatile uint32_t *)(address))
 #define SYSTICK_CONTROL REGISTER(0xE000E010u)
@@ -19,7 +24,7 @@ enum { CLOCK_HZ = 25000000, RELOAD_MAX = 0xffffff, BREATH = 32, SETTLE = 8192, L
 #define UART_STATE REGISTER(0x40004004u)
 #define UART_CONTROL REGISTER(0x40004008u)
 #define UART_DIVISOR REGISTER(0x40004010u)
-enum { SYSTICK_RUNS = 7, SYSTICK_COUNTS = 5, SYSTICK_WRAPPED = 1 << 16, UART_FULL = 1, UART_HAS = 2, UART_BOTH = 3 };
+enum { SYSTICK_ENABLED = 1, SYSTICK_COUNTS = 5, SYSTICK_RUNS = 7, SYSTICK_WRAPPED = 1 << 16, UART_FULL = 1, UART_HAS = 2, UART_BOTH = 3 };
 
 void tact_systick(void);
 
@@ -27,7 +32,7 @@ static tact_board *the_board;
 static tact_wired wired;
 static float force[STREAM_ROWS * TACT_CHANNELS_MAX], felt_mm[STREAM_ROWS * TACT_CHANNELS_MAX];
 static int from_host = -1, to_host = -1;
-static uint32_t missed, lateness;
+static uint32_t timer, missed, lateness; /* timer: SYSTICK_CONTROL when it runs */
 
 static void count_instructions(uint32_t samples, uint32_t *counts);
 
@@ -50,7 +55,7 @@ void tact_port_start_timer(float rate_hz)
     SYSTICK_CONTROL = 0;
     SYSTICK_RELOAD = (uint32_t)((float)CLOCK_HZ / rate_hz + 0.5f) - 1u;
     SYSTICK_VALUE = 0;
-    SYSTICK_CONTROL = SYSTICK_RUNS;
+    SYSTICK_CONTROL = timer = SYSTICK_RUNS;
 }
 
 void tact_systick(void)
@@ -73,21 +78,38 @@ int tact_port_holds(void)
     return wired.channels != the_board->channels || rests || tact_board_waits(the_board);
 }
 
+/* What the display's computation takes is no time of the board's. */
+static void timer_stands(void)
+{
+    SYSTICK_CONTROL = timer & ~(uint32_t)SYSTICK_ENABLED;
+}
+
+static void timer_goes_on(void)
+{
+    SYSTICK_CONTROL = timer;
+}
+
 void tact_port_put_out(const int32_t *codes)
 {
+    timer_stands();
     tact_wired_press(&wired, the_board);
     tact_wired_latch(&wired, codes);
+    timer_goes_on();
 }
 
 void tact_port_read_in(int32_t *codes)
 {
+    timer_stands();
     tact_wired_read(&wired, codes);
     tact_wired_feel(&wired, the_board);
+    timer_goes_on();
 }
 
 void tact_port_finish(void)
 {
+    timer_stands();
     tact_wired_advance(&wired);
+    timer_goes_on();
 }
 
 static void sleep(void)
@@ -108,21 +130,32 @@ static void let_run(void)
 {
     const volatile tact_board *board = the_board;
     const uint32_t begun = board->ticks;
-    while (SYSTICK_CONTROL & 1u && !tact_port_holds() && board->ticks - begun < breath(board))
+    while (SYSTICK_CONTROL & SYSTICK_ENABLED && !tact_port_holds() && board->ticks - begun < breath(board))
         sleep();
+}
+
+static size_t look_at_uart(uint8_t *bytes, size_t most)
+{
+    static uint32_t looks;
+    const volatile tact_board *board = the_board;
+    size_t size = 0;
+    while (size < most && UART_STATE & UART_HAS)
+        bytes[size++] = (uint8_t)UART_DATA;
+    looks = size ? 0 : looks + 1;
+    if (looks > PATIENCE && SYSTICK_CONTROL & SYSTICK_ENABLED && (board->mode != TACT_RUNNING || board->holds))
+        sleep();
+    else if (size == 0)
+        __asm volatile("wfe" ::: "memory");
+    return size;
 }
 
 size_t tact_port_receive(uint8_t *bytes, size_t most)
 {
-    size_t size = 0;
-    if (from_host >= 0) {
-        let_run();
-        size = tact_host_read(from_host, bytes, most);
-    } else {
-        while (size < most && UART_STATE & UART_HAS)
-            bytes[size++] = (uint8_t)UART_DATA;
-    }
-    if (size == 0 && SYSTICK_CONTROL & 1u)
+    if (from_host < 0)
+        return look_at_uart(bytes, most);
+    let_run();
+    const size_t size = tact_host_read(from_host, bytes, most);
+    if (size == 0 && SYSTICK_CONTROL & SYSTICK_ENABLED)
         sleep();
     return size;
 }
@@ -163,7 +196,7 @@ static void count_instructions(uint32_t samples, uint32_t *counts)
     SYSTICK_CONTROL = 0;
     SYSTICK_RELOAD = RELOAD_MAX;
     SYSTICK_VALUE = 0;
-    SYSTICK_CONTROL = SYSTICK_COUNTS;
+    SYSTICK_CONTROL = timer = SYSTICK_COUNTS;
     counts[0] = RELOAD_MAX;
     const uint32_t begun = SYSTICK_VALUE;
     const uint32_t reading = since(begun); /* what it takes to look at the timer */

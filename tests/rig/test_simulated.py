@@ -73,7 +73,7 @@ def test_trace__holds_what_the_processor_knows_and_no_truth() -> None:
         "saturated",
     ]
     public = {name for name in dir(SimulatedRig(display())) if not name.startswith("_")}
-    assert public == {"display", "rate_hz", "channels", "load", "play", "drive", "rest", "finger"}
+    assert public == {"display", "rate_hz", "channels", "load", "play", "stream", "drive", "rest", "finger"}
     port = {name for name in dir(SimulatedRig(display()).finger("index")) if not name.startswith("_")}
     assert port == {"touch", "press", "attach", "detach"}
 

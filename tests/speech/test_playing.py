@@ -31,6 +31,9 @@ class Recorder:
         flat = np.zeros(reference.shape)
         return Trace(self.rate_hz, self.channels, flat, flat, flat, flat > 1)
 
+    def stream(self, blocks):
+        return (self.play(block) for block in blocks)
+
     def drive(self, command_v):
         raise NotImplementedError
 

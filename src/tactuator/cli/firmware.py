@@ -20,6 +20,7 @@ from tactuator.digital.image import FORMATS
 from tactuator.files.atomic import atomic_path
 from tactuator.files.controller import read_controller
 from tactuator.rig.firmware import BOARDS, build_firmware, find_board
+from tactuator.rig.streaming_trial import INSTRUCTION_NS, StreamingTrial, try_streaming
 from tactuator.rig.trials import compare_bits, count_instructions
 from tactuator.study.plan import paper_display
 
@@ -62,6 +63,22 @@ def register(app: typer.Typer) -> None:
             raise typer.Exit(1)
 
     @firmware.command()
+    def stream(
+        board: BoardOption = "mps2-an500",
+        seconds: Annotated[float, typer.Option("--seconds", help="Seconds of the board's time.")] = 10.0,
+        instruction_ns: Annotated[
+            int, typer.Option("--instruction-ns", help="What an instruction takes: 1, 2, 4, 8 (125 MIPS), ...")
+        ] = INSTRUCTION_NS,
+        controller: ControllerOption = None,
+        as_json: AsJson = False,
+    ) -> None:
+        """Stream a reference to a board whose time goes on; exit status 1 if an interrupt was late or a row missing."""
+        found = try_streaming(board, _controller(controller), seconds, instruction_ns)
+        answer({**asdict(found), "holds": found.holds}, as_json, _trial_table(found))
+        if not found.holds:
+            raise typer.Exit(1)
+
+    @firmware.command()
     def bench(controller: ControllerOption = None, as_json: AsJson = False) -> None:
         """Count the instructions of one period on every board and in every format."""
         made = _controller(controller)
@@ -72,6 +89,25 @@ def register(app: typer.Typer) -> None:
             table.add_row(cost.board, cost.format, str(cost.channels), str(cost.instructions_per_tick), shares)
         rows = [asdict(cost) for cost in costs]
         answer(cast(Mapping[str, object], rows), as_json, table)  # a list, one object for each
+
+
+def _trial_table(found: StreamingTrial) -> Table:
+    clock = f"{found.instructions_per_s / 1e6:g} million instructions a second"
+    table = Table("", "", title=f"{found.board}: {found.channels} channels at {found.rate_hz:g} Hz, {clock}")
+    for words, value in (
+        ("samples sent", f"{found.samples}"),
+        ("samples played", f"{found.played}"),
+        (f"interrupts late by {100.0 * found.lateness_max:g} % of a period", f"{found.late}"),
+        ("ticks without a row", f"{found.dry}"),
+        ("frames dropped", f"{found.dropped}"),
+        ("commands and readings", "bit for bit this machine's" if found.bit_exact else "DIFFERENT"),
+        ("fault", found.fault),
+        ("link, to the board", f"{found.to_board_bytes_per_s:.0f} bytes/s"),
+        ("link, from the board", f"{found.from_board_bytes_per_s:.0f} bytes/s"),
+        ("time of the board, of the host", f"{found.board_s:.2f} s, {found.host_s:.1f} s"),
+    ):
+        table.add_row(words, value)
+    return table
 
 
 def _controller(path: Path | None) -> Controller:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain, repeat, takewhile
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactuator.errors import BadInput
 from tactuator.measure.stepped_sine import check_asked
 from tactuator.rig.protocol import Rig
+from tactuator.rig.trace import recut_traces
 from tactuator.signals.decibels import from_db
 from tactuator.signals.multisine import Multisine, multisine, place_lines
 from tactuator.signals.response import Response
@@ -61,11 +63,7 @@ def multisine_response(
     excited = multisine(rig.rate_hz, period, bins, float(from_db(level_db_sl)), rng)
     columns = [rig.channels.index(name) for name in names]
     player = _Player(rig, excited, columns, mains_hz)
-    player.settle(settle_s)
-    player.play(2)
-    most = int(longest_s * rig.rate_hz / period)
-    while player.periods < most and max(np.max(player.confidence_db(k)) for k in range(len(names))) > confidence_db:
-        player.play(1)
+    player.play(settle_s, int(longest_s * rig.rate_hz / period), confidence_db)
     rig.rest()
     return tuple(
         player.response(k, name, load, level_db_sl, confidence_db, controller_hash) for k, name in enumerate(names)
@@ -92,26 +90,36 @@ class _Player:
         """Periods averaged."""
         return len(self._kept)
 
-    def settle(self, settle_s: float) -> None:
+    def play(self, settle_s: float, most: int, confidence_db: float) -> None:
+        """Settle, then period after period, two at least and `most` at most, until every line is known so well."""
+        settling = self._settling(settle_s)
+        enough = False
+        periods = takewhile(lambda wave: not enough, repeat(self._wave))
+        references = map(self._on_columns, chain([settling], periods))
+        cut = recut_traces(self._rig.stream(references), chain([settling.size], repeat(self._wave.size)))
+        next(cut)
+        for trace in cut:
+            if enough:
+                continue  # fed ahead before it was known
+            self._kept.append(np.fft.rfft(trace.position_v[:, self._columns], axis=0) * 2.0 / self._wave.size)
+            self._saturated |= np.any(trace.saturated[:, self._columns], axis=0)
+            known = self.periods > 1 and all(
+                float(np.max(self.confidence_db(k))) <= confidence_db for k in range(len(self._columns))
+            )
+            enough = known or self.periods >= max(2, most)
+
+    def _settling(self, settle_s: float) -> Array:
         """The end of the period, faded in, so that the next sample is its beginning."""
-        count = round(settle_s * self._rig.rate_hz)
-        wave = np.tile(self._wave, -(-count // self._wave.size))[-count:] if count else np.zeros(0)
+        count = max(1, round(settle_s * self._rig.rate_hz))
+        wave = np.tile(self._wave, -(-count // self._wave.size))[-count:]
         fade = max(1, count // 4)
         gain = np.minimum(1.0, np.arange(count) / fade)
-        self._run(wave * (0.5 - 0.5 * np.cos(np.pi * gain)))
+        return np.asarray(wave * (0.5 - 0.5 * np.cos(np.pi * gain)))
 
-    def play(self, periods: int) -> None:
-        """That many periods more."""
-        for _ in range(periods):
-            position, saturated = self._run(self._wave)
-            self._kept.append(np.fft.rfft(position, axis=0) * 2.0 / self._wave.size)
-            self._saturated |= saturated
-
-    def _run(self, wave: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def _on_columns(self, wave: Array) -> Array:
         reference = np.zeros((wave.size, len(self._rig.channels)))
         reference[:, self._columns] = wave[:, None]
-        trace = self._rig.play(reference)
-        return trace.position_v[:, self._columns], np.any(trace.saturated[:, self._columns], axis=0)
+        return reference
 
     def _parts(self, column: int) -> tuple[Complex, Array, Array]:
         """Mean amplitude (m,), variance of that mean by noise, power of distortion on a line, at the excited lines."""

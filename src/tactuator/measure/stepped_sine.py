@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, repeat
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,7 @@ from scipy import stats
 from tactuator.errors import BadInput
 from tactuator.perception.levels import COMFORT_DB_SL
 from tactuator.rig.protocol import Rig
+from tactuator.rig.trace import Trace, recut_traces
 from tactuator.signals.decibels import from_db
 from tactuator.signals.lockin import lock_in, mains_multiples, off_mains
 from tactuator.signals.response import Response
@@ -110,7 +112,6 @@ class _Tone:
         coverage: float,
     ) -> None:
         self._rig, self._frequency, self._reference, self._columns = rig, frequency_hz, reference, columns
-        self._at = 0
         self._tail = 0.5 * (1.0 - coverage)
         mains = mains_multiples(mains_hz, min(420.0, 0.45 * rig.rate_hz))
         harmonics = frequency_hz * np.arange(1, _HARMONICS + 1)
@@ -125,45 +126,54 @@ class _Tone:
         self._block = round(periods * rig.rate_hz / frequency_hz)
 
     def measure(self, confidence_db: float, longest_s: float) -> _Point:
-        """Settle, then block after block."""
-        self._settle()
+        """Settle, then block after block, all in one stream; what was fed ahead is played out."""
         most = max(_FEWEST_BLOCKS, int(longest_s * self._rig.rate_hz / self._block))
+        settling = round(max(0.5, 1.25 / self._frequency) * self._rig.rate_hz)
         blocks: list[Complex] = []
         saturated = np.zeros(len(self._columns), dtype=bool)
         wanted = _FEWEST_BLOCKS
-        while True:
-            for _ in range(wanted - len(blocks)):
-                amplitudes, limited = self._play_block()
-                blocks.append(amplitudes)
-                saturated |= limited
-            point = self._point(np.stack(blocks), saturated)
-            worst = float(np.max(point.confidence_db))
+        point: _Point | None = None
+        references = chain([self._settling(settling)], self._blocks(settling, lambda: point is None))
+        cut = recut_traces(self._rig.stream(references), chain([settling], repeat(self._block)))
+        next(cut)
+        for trace in cut:
+            if point is not None:
+                continue
+            blocks.append(self._amplitudes(trace, settling + len(blocks) * self._block))
+            saturated |= np.any(trace.saturated[:, self._columns], axis=0)
+            if len(blocks) < wanted:
+                continue
+            found = self._point(np.stack(blocks), saturated)
+            worst = float(np.max(found.confidence_db))
             if worst <= confidence_db or len(blocks) >= most:
-                return point
+                point = found
             growth = (worst / confidence_db) ** 2 if np.isfinite(worst) else 4.0
             wanted = int(np.clip(np.ceil(len(blocks) * min(growth, 4.0)), len(blocks) + 1, most))
+        assert point is not None  # the stream goes on until there is one
+        return point
 
-    def _play(
-        self, count: int, gain: NDArray[np.float64] | float = 1.0
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        angle = 2.0 * np.pi * self._frequency * np.arange(self._at, self._at + count) / self._rig.rate_hz
-        reference = np.zeros((count, len(self._rig.channels)))
-        reference[:, self._columns] = (self._reference * gain * np.sin(angle))[:, None]
-        trace = self._rig.play(reference)
-        self._at += count
-        return trace.position_v[:, self._columns], np.any(trace.saturated[:, self._columns], axis=0)
+    def _wave(self, start: int, count: int) -> NDArray[np.float64]:
+        angle = 2.0 * np.pi * self._frequency * np.arange(start, start + count) / self._rig.rate_hz
+        return np.asarray(self._reference * np.sin(angle))
 
-    def _settle(self) -> None:
-        count = round(max(0.5, 1.25 / self._frequency) * self._rig.rate_hz)
+    def _on_columns(self, wave: NDArray[np.float64]) -> NDArray[np.float64]:
+        reference = np.zeros((wave.size, len(self._rig.channels)))
+        reference[:, self._columns] = wave[:, None]
+        return reference
+
+    def _settling(self, count: int) -> NDArray[np.float64]:
         rise = np.minimum(1.0, np.arange(count) / (0.4 * count))
-        self._play(count, 0.5 - 0.5 * np.cos(np.pi * rise))
+        return self._on_columns(self._wave(0, count) * (0.5 - 0.5 * np.cos(np.pi * rise)))
 
-    def _play_block(self) -> tuple[Complex, NDArray[np.bool_]]:
-        start = self._at
-        position, limited = self._play(self._block)
+    def _blocks(self, start: int, wanted: Callable[[], bool]) -> Iterator[NDArray[np.float64]]:
+        while wanted():
+            yield self._on_columns(self._wave(start, self._block))
+            start += self._block
+
+    def _amplitudes(self, trace: Trace, start: int) -> Complex:
         # the reference is a sine: its own complex amplitude is -i
-        amplitudes = 1j * lock_in(position, self._lines, self._rig.rate_hz, start=start)
-        return amplitudes[: self._harmonics.size], limited
+        amplitudes = 1j * lock_in(trace.position_v[:, self._columns], self._lines, self._rig.rate_hz, start=start)
+        return amplitudes[: self._harmonics.size]
 
     def _point(self, blocks: Complex, saturated: NDArray[np.bool_]) -> _Point:
         """blocks: (count, harmonics, channels)."""

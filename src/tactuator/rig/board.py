@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from types import TracebackType
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tactuator.digital.controller import Controller
 from tactuator.digital.image import build_image
@@ -17,17 +17,18 @@ from tactuator.errors import BadInput
 from tactuator.files.controller import controller_hash
 from tactuator.plant.display import Display
 from tactuator.rig.board_finger import BoardFinger
+from tactuator.rig.board_stream import BoardStream, Rows
 from tactuator.rig.commissioning import SOFT_START_S, safety_table
 from tactuator.rig.frames import Request
 from tactuator.rig.link import IMAGE, SAFETY, STREAM, WIRED, LinkClient, Mode, RigFault, Status, TraceRows
-from tactuator.rig.trace import Trace
+from tactuator.rig.trace import Trace, join_traces
+from tactuator.rig.transport import LinkDown
 
 REFERENCE_MAX = 1000.0
-_LEAD_S = 0.05
+LEAD_S = 0.25
+"""How far a stream is fed ahead of what is played: what a pause or a stop comes later by."""
 _SETTLE_TRIES = 2000
 _AHEAD = 2048
-
-Floats = NDArray[np.float64]
 
 
 class BoardRig:
@@ -35,7 +36,8 @@ class BoardRig:
 
     A board without a safety table gets this display's; one that has a table keeps it, whatever is loaded.
     On a board whose display is simulated time stands still between blocks, so that two blocks are one block cut in
-    two, and its finger ports can be touched. On a real one the loop holds r = 0 between them.
+    two, and its finger ports can be touched. On a real one, and on one that is told not to wait (`waits` False), time
+    goes on: the loop holds r = 0 between blocks, and what must not be cut is a stream.
     """
 
     def __init__(
@@ -44,6 +46,8 @@ class BoardRig:
         display: Display,
         number_format: str = "float32",
         sleep: Callable[[float], None] = time.sleep,
+        waits: bool = True,
+        lead_s: float = LEAD_S,
     ) -> None:
         self._client, self._display, self._format, self._sleep = client, display, number_format, sleep
         status = client.status()
@@ -51,7 +55,7 @@ class BoardRig:
             raise BadInput(
                 f"the board has {status.channels} channels; the display has {len(display.channels)}; allowed: no more"
             )
-        self._holds = status.allows_hold
+        self._waits, self._lead = waits and status.allows_hold, round(lead_s * display.rate_hz)
         self._run, self._at, self._drives, self._loaded = status.run, 0, False, False
         self._fingers: tuple[BoardFinger, ...] = ()
         if status.safety_crc == 0:
@@ -91,28 +95,24 @@ class BoardRig:
     def play(self, reference: ArrayLike) -> Trace:
         """Reference (n, channels), threshold units, through the loaded controller; state carries on.
 
-        Raises BadInput for a reference that is not finite or beyond 60 dB SL, and RigFault if the guard ends the run.
+        Raises BadInput for a reference that is not finite or beyond 60 dB SL, StreamDry if the link cannot keep up with
+        a board whose time goes on, and RigFault if the guard ends the run.
         """
-        if not self._loaded:
-            raise BadInput("no controller is loaded; allowed: load one before playing a reference")
-        rows = block_samples(reference, len(self.channels), "reference", np.float32)
-        if not np.all(np.abs(rows) <= REFERENCE_MAX):
-            self.rest()
-            raise BadInput(
-                "the reference is not finite or beyond 60 dB SL; allowed: finite, at most 1000 threshold units"
-            )
-        command, position, flags = self._block(rows, drives=False)
-        asked = np.array(reference, dtype=np.float64).reshape(command.shape)
-        return Trace(self.rate_hz, self.channels, asked, command, position, flags)
+        self._require_image()
+        return join_traces(self._traces([self._checked(reference)], False, _AHEAD), self.rate_hz, self.channels)
+
+    def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
+        """See Rig.stream; a block is played LEAD_S after it was asked for. Raises as `play` does."""
+        self._require_image()
+        return self._traces((self._checked(block) for block in blocks), False, self._lead)
 
     def drive(self, command_v: ArrayLike) -> Trace:
         """Command (n, channels), volts, to the motors without controller; the guard watches."""
-        rows = block_samples(command_v, len(self.channels), "command", np.float32)
+        rows: Rows = block_samples(command_v, len(self.channels), "command", np.float32)
         if not np.all(np.isfinite(rows)):
             self.rest()
             raise BadInput("the command is not finite; allowed: volts")
-        command, position, flags = self._block(rows, drives=True)
-        return Trace(self.rate_hz, self.channels, np.zeros(command.shape), command, position, flags)
+        return join_traces(self._traces([rows], True, _AHEAD), self.rate_hz, self.channels)
 
     def rest(self) -> None:
         """Reference faded out, then the command; the board is ARMED or in FAULT afterwards."""
@@ -128,12 +128,21 @@ class BoardRig:
             raise BadInput(f"channel {channel!r} is not there; allowed: {', '.join(self.channels)}")
         return self._fingers[self.channels.index(channel)]
 
+    def _require_image(self) -> None:
+        if not self._loaded:
+            raise BadInput("no controller is loaded; allowed: load one before playing a reference")
+
     # -- what a board is besides --------------------------------------------------------------------------------------
 
     @property
     def client(self) -> LinkClient:
         """The link, for requests of one's own."""
         return self._client
+
+    @property
+    def fed_to(self) -> int:
+        """The tick of its run to which the board has been given rows."""
+        return self._at
 
     def status(self) -> Status:
         """What the board says of itself."""
@@ -172,14 +181,14 @@ class BoardRig:
     ) -> None:
         self.close()
 
-    # -- blocks -------------------------------------------------------------------------------------------------------
+    # -- runs ---------------------------------------------------------------------------------------------------------
 
     def _wait(self, reached: Callable[[Status], bool]) -> Status:
         for _ in range(_SETTLE_TRIES):
             status = self._client.status()
             if reached(status):
                 return status
-            if not self._holds:
+            if not self._waits:
                 self._sleep(0.002)
         raise BadInput("the board does not come to rest; allowed: a board whose timer runs")
 
@@ -193,70 +202,71 @@ class BoardRig:
         self.rest()
         self._client.must(Request.ARM)
         self._run, self._drives = max(self._run, status.run) + 1, drives
-        self._client.start(self._run, STREAM, drives, self._holds)
+        self._client.start(self._run, STREAM, drives, self._waits)
         soft = round(SOFT_START_S * self.rate_hz) + 2
-        if self._holds:
-            self._pump(np.zeros((soft, len(self.channels)), dtype=np.float32), 0, felt=False)
+        if self._waits:
+            silence = np.zeros((soft, len(self.channels)), dtype=np.float32)
+            for _ in self._streaming(soft, felt=False).play([silence]):
+                pass
             self._at = soft
         else:
-            self._wait(lambda now: now.tick > soft)
+            self._wait(lambda now: now.tick > soft or now.mode is Mode.FAULT)
 
-    def _block(self, rows: NDArray[np.float32], drives: bool) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-        self._begin(drives)
-        if not self._holds:
-            self._at = self._client.status().tick + round(_LEAD_S * self.rate_hz)
-        parts = self._pump(rows, self._at)
-        self._at += rows.shape[0]
-        codes, positions = (np.concatenate([getattr(part, name) for part in parts]) for name in _CODES)
-        flags = np.concatenate([part.flags for part in parts]) != 0
-        steps, polarity, offsets = self._converters()
-        return polarity * (codes * steps) + offsets, (positions * steps).astype(np.float32).astype(np.float64), flags
+    def _streaming(self, lead: int, felt: bool = True) -> BoardStream:
+        fingers = self._fingers if felt else ()
+        sleep = (lambda seconds: None) if self._waits else self._sleep
+        return BoardStream(self._client, self._run, len(self.channels), lead, self._waits, fingers, sleep)
 
-    def _converters(self) -> tuple[Floats, Floats, Floats]:
+    def _traces(self, blocks: Iterable[Rows], drives: bool, lead: int) -> Iterator[Trace]:
+        """Blocks to the board without a gap, traces back. However it ends before its time, the output goes to rest."""
+        asked: list[Rows] = []
+
+        def fed() -> Iterator[Rows]:
+            for block in blocks:
+                asked.append(block)
+                yield block
+
+        try:
+            self._begin(drives)
+            stream = self._streaming(lead)
+            try:
+                for part in stream.play(fed(), self._at, lead // 4):
+                    yield self._trace(part, _take(asked, len(part.flags)), drives)
+            finally:
+                self._at = stream.end
+        except LinkDown:
+            raise
+        except BadInput:
+            self.rest()
+            raise
+
+    def _trace(self, part: TraceRows, asked: Rows, drives: bool) -> Trace:
         converters = [channel.converter for channel in self._display.channels]
         steps = np.array([converter.step_v for converter in converters])
         polarity = np.array([float(converter.polarity) for converter in converters])
-        return steps, polarity, np.array([converter.offset_v for converter in converters])
+        offsets = np.array([converter.offset_v for converter in converters])
+        command = polarity * (part.command_code * steps) + offsets
+        position = (part.position_code * steps).astype(np.float32).astype(np.float64)
+        reference = np.zeros(command.shape) if drives else asked.astype(np.float64)
+        return Trace(self.rate_hz, self.channels, reference, command, position, part.flags != 0)
 
-    def _pump(self, rows: NDArray[np.float32], first: int, felt: bool = True) -> list[TraceRows]:
-        """Rows to the board and the trace of them back, a ring's worth at a time."""
-        count, channels = rows.shape
-        forces = self._forces(count) if felt else None
-        sent = got = 0
-        parts: list[TraceRows] = []
-        while got < count:
-            if sent < count and sent - got < _AHEAD:
-                force = None if forces is None else forces[sent:]
-                end, _ = self._client.stream(self._run, first + sent, rows[sent:], force)
-                sent = min(count, max(sent, end - first))
-            part = self._client.trace(self._run, first + got, count - got, channels, felt and bool(self._fingers))
-            if part.command_code.shape[0]:
-                parts.append(part)
-                got += part.command_code.shape[0]
-                self._feel(part)
-            else:
-                self._check_fault()
-        return parts
-
-    def _check_fault(self) -> None:
-        status = self._client.status()
-        if status.mode is Mode.FAULT:
+    def _checked(self, reference: ArrayLike) -> Rows:
+        rows: Rows = block_samples(reference, len(self.channels), "reference", np.float32)
+        if not np.all(np.abs(rows) <= REFERENCE_MAX):
             self.rest()
-            raise RigFault(status.fault, status.fault_channel)
-        if not self._holds:
-            self._sleep(0.002)
-
-    def _forces(self, count: int) -> NDArray[np.float32] | None:
-        forces = [finger.take_force(count) for finger in self._fingers]
-        if all(force is None for force in forces):
-            return None
-        whole = [np.zeros(count) if force is None else force for force in forces]
-        return np.stack(whole, axis=1).astype(np.float32)
-
-    def _feel(self, part: TraceRows) -> None:
-        if part.felt_mm is not None:
-            for finger, displacement in zip(self._fingers, part.felt_mm.T, strict=True):
-                finger.feel(displacement.astype(np.float64))
+            raise BadInput(
+                "the reference is not finite or beyond 60 dB SL; allowed: finite, at most 1000 threshold units"
+            )
+        return rows
 
 
-_CODES = ("command_code", "position_code")
+def _take(blocks: list[Rows], count: int) -> Rows:
+    """The first `count` rows off a list of blocks."""
+    taken = []
+    while count:
+        block = blocks.pop(0)
+        taken.append(block[:count])
+        if len(block) > count:
+            blocks.insert(0, block[count:])
+        count -= len(taken[-1])
+    return np.concatenate(taken)

@@ -51,6 +51,11 @@ class BoardFinger:
             raise BadInput("that feeler is not attached to this finger port; allowed: one that is")
         self._feelers.remove(feeler)
 
+    @property
+    def is_felt(self) -> bool:
+        """Whether anybody listens."""
+        return bool(self._feelers)
+
     def break_sensor(self, what: str) -> None:
         """Let the channel's sensor fail: "open", "shorted", "frozen", "reversed"; "sound" mends it."""
         if what not in SENSOR_FAULTS:

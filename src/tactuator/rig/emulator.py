@@ -1,4 +1,4 @@
-"""QEMU as a transport: a process of our own that runs a board's program, reached over FIFOs or a socket."""
+"""QEMU as a transport: a process of our own that runs a board's program, reached over FIFOs or its UART."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import contextlib
 import os
 import select
 import shutil
+import socket
 import subprocess
 import tempfile
 import time
@@ -13,6 +14,7 @@ from pathlib import Path
 
 from tactuator.errors import BadInput
 from tactuator.rig.firmware import build_firmware
+from tactuator.rig.socket_link import SocketLink
 from tactuator.rig.transport import LinkDown
 
 EMULATOR = "qemu-system-arm"
@@ -21,7 +23,8 @@ _PIPE_BYTES = 1 << 16
 
 
 def emulator_command(board: str, program: Path, counting: str | None, serial: str = "none") -> list[str]:
-    """QEMU for a board. counting: the shift of -icount (virtual time from instructions), or None for none."""
+    """QEMU for a board. counting: what -icount is told (virtual time from instructions), or None for none; serial:
+    where UART 0 goes."""
     if shutil.which(EMULATOR) is None:
         raise BadInput(f"{EMULATOR} is missing; allowed: install it with `make install-boards`")
     clock = [] if counting is None else ["-icount", counting]
@@ -39,9 +42,7 @@ class Emulator:
         self._folder = Path(tempfile.mkdtemp(prefix="tactuator-"))
         for name in ("to-board", "from-board"):
             os.mkfifo(self._folder / name)
-        self._process: subprocess.Popen[bytes] | None = subprocess.Popen(
-            command, cwd=self._folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
+        self._process: subprocess.Popen[bytes] | None = _begun(command, self._folder)
         self._to = self._from = -1
         try:
             self._from = os.open(self._folder / "from-board", os.O_RDONLY | os.O_NONBLOCK)
@@ -86,8 +87,7 @@ class Emulator:
                 os.close(handle)
         self._to = self._from = -1
         if self._process is not None:
-            self._process.kill()  # asked kindly it would not end: it waits in a read of ours, and has nothing to save
-            self._process.wait()
+            _end(self._process)
             self._process = None
         shutil.rmtree(self._folder, ignore_errors=True)
 
@@ -109,3 +109,58 @@ class Emulator:
             except OSError:
                 time.sleep(0.005)
         raise LinkDown(f"the emulator does not open its link within {_OPEN_S:g} s; allowed: a board that starts")
+
+
+class EmulatorUart:
+    """A board in QEMU behind its UART, on a socket of this machine: its time goes on while it sends and receives."""
+
+    def __init__(self, board: str, counting: str | None = "shift=3,sleep=off") -> None:
+        program = build_firmware(board)
+        self._folder = tempfile.TemporaryDirectory(prefix="tactuator-")  # no FIFOs in it: the board takes its UART
+        self._process: subprocess.Popen[bytes] | None = None
+        with socket.create_server(("127.0.0.1", 0)) as listener:
+            listener.settimeout(_OPEN_S)
+            serial = f"tcp:127.0.0.1:{listener.getsockname()[1]},nodelay=on"
+            try:
+                self._process = _begun(emulator_command(board, program, counting, serial), Path(self._folder.name))
+                self._link = SocketLink(listener.accept()[0])
+            except BaseException as error:
+                self.close()
+                if isinstance(error, TimeoutError):
+                    raise LinkDown(f"the emulator does not open its link within {_OPEN_S:g} s") from None
+                raise
+        self.sent = self.received = 0
+
+    def send(self, content: bytes) -> None:
+        """All of the content; raises LinkDown if the emulator has ended."""
+        self._link.send(content)
+        self.sent += len(content)
+
+    def receive(self, timeout_s: float) -> bytes:
+        """What has come; waits for at most timeout_s."""
+        content = self._link.receive(timeout_s)
+        self.received += len(content)
+        return content
+
+    def close(self) -> None:
+        """End the emulator."""
+        if hasattr(self, "_link"):
+            self._link.close()
+        if self._process is not None:
+            _end(self._process)
+            self._process = None
+        self._folder.cleanup()
+
+    def __del__(self) -> None:
+        with contextlib.suppress(Exception):
+            self.close()
+
+
+def _begun(command: list[str], folder: Path) -> subprocess.Popen[bytes]:
+    silent = subprocess.DEVNULL
+    return subprocess.Popen(command, cwd=folder, stdin=silent, stdout=silent, stderr=silent)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.kill()  # asked kindly it would not end: it may wait in a read of ours, and has nothing to save
+    process.wait()

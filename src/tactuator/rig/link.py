@@ -99,6 +99,11 @@ class LinkClient:
         self._sequence = 0
         self._answer_s = answer_s
 
+    @property
+    def dropped(self) -> int:
+        """Spoilt frames that came from the board."""
+        return self._reader.dropped
+
     def close(self) -> None:
         """Close the transport."""
         self._transport.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from typing import Protocol, runtime_checkable
 
 from numpy.typing import ArrayLike
@@ -14,7 +15,8 @@ from tactuator.rig.trace import Trace
 class Rig(Protocol):
     """Something that runs a controller at a fixed rate on one or more channels.
 
-    Its state carries on from block to block: two blocks are one long block cut in two.
+    Its state carries on from block to block. Where time waits for the next block (simulated displays), two blocks are
+    one long block cut in two; on a real board the reference is zero between them, and what must not be cut is streamed.
     """
 
     @property
@@ -33,6 +35,16 @@ class Rig(Protocol):
 
     def play(self, reference: ArrayLike) -> Trace:
         """Reference (n, channels), threshold units, through the loaded controller. BadInput if none is loaded."""
+        ...
+
+    def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
+        """Blocks of reference (n, channels), threshold units, one after another without a gap; the trace of every
+        sample, in pieces as they come.
+
+        A block is asked for when it is needed, which is some time before it is played (none where time waits for it).
+        Ask for the traces as fast as they come. Left before its end, the stream goes on to the end of what was fed;
+        `rest` ends it at once. Raises as `play` does, and BadInput if the stream ran dry: there is no silent gap.
+        """
         ...
 
     def drive(self, command_v: ArrayLike) -> Trace:

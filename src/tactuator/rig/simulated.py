@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -97,6 +97,10 @@ class SimulatedRig:
         """Reference (n, channels), threshold units, through the loaded controller; state carries on."""
         samples = block_samples(np.array(reference), len(self._ports), "reference", np.float64)  # the trace's own
         return self._trace(self._simulation.play(samples, self._forces(samples.shape[0])), samples)
+
+    def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
+        """See Rig.stream: each block is asked for when the one before has been played."""
+        return (self.play(block) for block in blocks)
 
     def drive(self, command_v: ArrayLike) -> Trace:
         """Command (n, channels), volts, straight to the motors: no controller, no computing delay."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,8 +47,39 @@ class Trace:
         """Seconds from the block's first instant, shape (n,)."""
         return np.arange(len(self)) / self.rate_hz
 
+    def part(self, start: int, stop: int) -> Trace:
+        """Samples start to stop."""
+        rows = slice(start, stop)
+        columns = (self.reference[rows], self.command_v[rows], self.position_v[rows], self.saturated[rows])
+        return Trace(self.rate_hz, self.channels, *columns)
+
     def channel(self, name: str) -> int:
         """The column of a channel; BadInput if there is none of that name."""
         if name not in self.channels:
             raise BadInput(f"trace: channel {name!r} is not there; allowed: {', '.join(self.channels)}")
         return self.channels.index(name)
+
+
+def recut_traces(traces: Iterable[Trace], lengths: Iterable[int]) -> Iterator[Trace]:
+    """Traces that follow one another, as pieces of these lengths (1 or more); what is left over is left out."""
+    source = iter(traces)
+    kept: list[Trace] = []
+    for length in lengths:
+        while sum(len(trace) for trace in kept) < length:
+            following = next(source, None)
+            if following is None:
+                return
+            kept.append(following)
+        whole = kept[0] if len(kept) == 1 else join_traces(kept, kept[0].rate_hz, kept[0].channels)
+        yield whole.part(0, length)
+        kept = [whole.part(length, len(whole))] if len(whole) > length else []
+
+
+def join_traces(traces: Iterable[Trace], rate_hz: float, channels: tuple[str, ...]) -> Trace:
+    """Traces that follow one another as one; of no sample if there is none."""
+    parts = list(traces)
+    if not parts:
+        nothing = np.zeros((0, len(channels)))
+        return Trace(rate_hz, channels, nothing, nothing, nothing, np.zeros(nothing.shape, dtype=np.bool_))
+    names = ("reference", "command_v", "position_v", "saturated")
+    return Trace(rate_hz, channels, *(np.concatenate([getattr(part, name) for part in parts]) for name in names))

@@ -64,9 +64,9 @@ def play_reference(
 ) -> Played:
     """Play `reference` on a loaded rig; however it ends, by its end, a stop or a fault, the rig is put to rest.
 
-    wish is asked before every 50 ms: at "pause" the signal is ramped down over 100 ms and the display held until "run"
-    ramps it up again where it was; at "stop" it is ramped down and that is the end. progress and pace are told the
-    seconds gone by.
+    wish is asked before every 50 ms that are fed: at "pause" the signal is ramped down over 100 ms and the display held
+    until "run" ramps it up again where it was; at "stop" it is ramped down and that is the end. A board is fed ahead of
+    what it plays (rig.board.LEAD_S), and a wish comes later by that. progress and pace are told the seconds gone by.
     """
     columns = check_reference(reference, rig)
     player = _Player(rig, reference, columns)
@@ -83,40 +83,47 @@ class _Player:
         self._step = 1.0 / (RAMP_S * rig.rate_hz)
         self._blocks = self._cut(columns)
         self._gain = 1.0
-        self._saturated = 0
+        self._played = self._paused = 0
+        self._stopped = False
 
     def run(self, wish: Callable[[], Wish], progress: Callable[[float], None], pace: Callable[[float], None]) -> Played:
-        played = paused = 0
-        stopped = False
+        rate = self._rig.rate_hz
+        gone = saturated = 0
+        done = 0.0
+        for trace in self._rig.stream(self._wished(wish)):
+            gone += len(trace)
+            saturated += int(trace.saturated.any(axis=1).sum())
+            done = max(done, min(self._played, gone - self._paused) / rate)
+            progress(done)
+            pace(gone / rate)
+        times = (self._reference.duration_s, self._played / rate, self._paused / rate)
+        return Played(*times, self._stopped, saturated / rate)
+
+    def _wished(self, wish: Callable[[], Wish]) -> Iterator[NDArray[np.float64]]:
+        """Block after block of the reference, or of silence, as it is wished."""
         held = np.zeros((self._length, len(self._rig.channels)))
         while True:
             wanted = wish()
             if self._gain == 0.0 and wanted == "pause":
-                self._play(held, 0.0)
-                paused += self._length
+                self._paused += self._length
+                yield held
             elif self._gain == 0.0 and wanted == "stop":
-                stopped = True
-                break
+                self._stopped = True
+                return
             else:
                 block = next(self._blocks, None)
                 if block is None:
-                    break
-                self._play(block, 1.0 if wanted == "run" else 0.0)
-                played += len(block)
-            progress(played / self._rig.rate_hz)
-            pace((played + paused) / self._rig.rate_hz)
-        rate = self._rig.rate_hz
-        return Played(self._reference.duration_s, played / rate, paused / rate, stopped, self._saturated / rate)
+                    return
+                self._played += len(block)
+                yield self._faded(block, 1.0 if wanted == "run" else 0.0)
 
-    def _play(self, block: NDArray[np.float64], towards: float) -> None:
+    def _faded(self, block: NDArray[np.float64], towards: float) -> NDArray[np.float64]:
         if self._gain == towards == 1.0:
-            faded = block
-        else:
-            sign = 1.0 if towards > self._gain else -1.0
-            line = np.clip(self._gain + sign * self._step * np.arange(1, len(block) + 1), 0.0, 1.0)
-            self._gain = float(line[-1])
-            faded = block * (0.5 - 0.5 * np.cos(np.pi * line))[:, None]
-        self._saturated += int(self._rig.play(faded).saturated.any(axis=1).sum())
+            return block
+        sign = 1.0 if towards > self._gain else -1.0
+        line = np.clip(self._gain + sign * self._step * np.arange(1, len(block) + 1), 0.0, 1.0)
+        self._gain = float(line[-1])
+        return np.asarray(block * (0.5 - 0.5 * np.cos(np.pi * line))[:, None])
 
     def _cut(self, columns: tuple[int, ...]) -> Iterator[NDArray[np.float64]]:
         for block in self._reference.blocks():

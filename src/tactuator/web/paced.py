@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,6 +37,13 @@ class PacedRig:
     def play(self, reference: ArrayLike) -> Trace:
         """Play, and wait until the block would be over."""
         return self._wait(self._rig.play(reference), time.monotonic(), np.shape(reference)[0])
+
+    def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
+        """Stream, and wait with each piece of the trace until it would have been played."""
+        began_s, count = time.monotonic(), 0
+        for trace in self._rig.stream(blocks):
+            count += len(trace)
+            yield self._wait(trace, began_s, count)
 
     def drive(self, command_v: ArrayLike) -> Trace:
         """Drive, and wait until the block would be over."""
