@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.digital.coefficients import delta_coefficients
-from tactuator.digital.controller import ChannelController, Controller
+from tactuator.digital.controller import Controller
 from tactuator.digital.discretise import zero_order_hold
 from tactuator.digital.number_format import FORMATS, NumberFormat, Written
 from tactuator.digital.quantised import Rows, is_stable, rows_response
 from tactuator.digital.roundoff import double_step, felt_db_sl, run_loop, trial_reference
 from tactuator.errors import BadInput
-from tactuator.plant.display import Channel, Display
+from tactuator.plant.display import Display
 from tactuator.signals.decibels import db
 from tactuator.signals.systems import SampledSystem
 
@@ -85,46 +85,41 @@ def _figures(report: FormatReport) -> str:
 
 def _report(controller: Controller, number_format: NumberFormat) -> FormatReport:
     name, loads = number_format.name, number_format.loads
-    channels = list(zip(controller.display.channels, controller.channels, strict=True))
+    indices = range(len(controller.channels))
     try:
-        written = [number_format.write(controller, index) for index in range(len(channels))]
+        written = [number_format.write(controller, index) for index in indices]
     except BadInput as error:
         return FormatReport(name, False, None, None, None, loads, False, str(error))
-    display = controller.display
-    plants = [_loop_plant(display, channel) for channel, _ in channels]
-    if not all(_holds(left, plant) for left, plant in zip(written, plants, strict=True)):
+    if not all(holds(controller, index, written[index]) for index in indices):
         return FormatReport(name, False, None, None, None, loads, False)
-    error_db = max(
-        _error_db(channel, own, left, plant)
-        for (channel, own), left, plant in zip(channels, written, plants, strict=True)
-    )
-    levels = np.array(
-        [_levels(display, channel, own, left) for (channel, own), left in zip(channels, written, strict=True)]
-    )
+    error_db = max(response_error_db(controller, index, written[index]) for index in indices)
+    levels = np.array([_levels(controller, index, written[index]) for index in indices])
     roundoff, cycle = (float(worst) for worst in np.max(levels, axis=0))
     safe = error_db <= ERROR_MAX_DB and max(roundoff, cycle) <= FELT_MAX_DB_SL
     return FormatReport(name, True, error_db, roundoff, cycle, loads, safe)
 
 
-def _loop_plant(display: Display, channel: Channel) -> SampledSystem:
-    plant = zero_order_hold(channel.plant, display.rate_hz)
-    return replace(plant, delay_samples=plant.delay_samples + display.delay_samples)
-
-
-def _holds(written: Written, plant: SampledSystem) -> bool:
-    """A prefilter inside the unit circle; a feedback controller whose closed loop is."""
+def holds(controller: Controller, index: int, written: Written) -> bool:
+    """Whether a channel so written is stable: its prefilter inside the unit circle, and so the loop closed around its
+    feedback controller."""
     if not is_stable(written.prefilter):
         return False
-    return written.feedback is None or is_stable(written.feedback, plant)
+    return written.feedback is None or is_stable(written.feedback, _loop_plant(controller.display, index))
 
 
-def _error_db(channel: Channel, own: ChannelController, written: Written, plant: SampledSystem) -> float:
-    """Worst error of |H| over the band."""
-    grid = np.geomspace(*channel.threshold.band_hz, 120)
+def response_error_db(controller: Controller, index: int, written: Written) -> float:
+    """Worst error of |H| over the band of a channel so written."""
+    own, plant = controller.channels[index], _loop_plant(controller.display, index)
+    grid = np.geomspace(*controller.display.channels[index].threshold.band_hz, 120)
     exact = delta_coefficients(own.prefilter_sos)
     feedback = None if own.feedback_sos is None else delta_coefficients(own.feedback_sos)
     responses = [_response(*rows, plant, grid) for rows in ((written.prefilter, written.feedback), (exact, feedback))]
     return float(np.max(np.abs(db(responses[0] / responses[1]))))
+
+
+def _loop_plant(display: Display, index: int) -> SampledSystem:
+    plant = zero_order_hold(display.channels[index].plant, display.rate_hz)
+    return replace(plant, delay_samples=plant.delay_samples + display.delay_samples)
 
 
 def _response(
@@ -138,10 +133,11 @@ def _response(
     return np.asarray(response * loop / (1.0 + loop))
 
 
-def _levels(display: Display, channel: Channel, own: ChannelController, written: Written) -> tuple[float, float]:
+def _levels(controller: Controller, index: int, written: Written) -> tuple[float, float]:
     """Felt round-off while something plays, and what cycles on after it has gone."""
+    display, channel = controller.display, controller.display.channels[index]
     reference, during, after = trial_reference(display.rate_hz, _LEVEL)
-    exact = double_step(written.prefilter, written.feedback, own.limits.command_v)
+    exact = double_step(written.prefilter, written.feedback, controller.channels[index].limits.command_v)
     error = np.subtract(*(run_loop(channel, display, step, reference) for step in (written.start(), exact)))
     roundoff, cycle = (felt_db_sl(error[stretch], channel, display.rate_hz) for stretch in (during, after))
     return roundoff, cycle
