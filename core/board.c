@@ -1,10 +1,12 @@
 #include "board.h"
 
+extern inline float tact_board_within(float value, float most);
+
 static void empty_queue(tact_board *board)
 {
     for (int c = 0; c < TACT_CHANNELS_MAX; c++)
         for (int d = 0; d < TACT_BOARD_DELAY_MAX; d++) {
-            board->channel[c].delayed[d] = board->channel[c].rest_code & 0xffffff;
+            board->channel[c].delayed[d] = board->channel[c].rest_code;
             board->channel[c].delayed_v[d] = 0.0f;
         }
 }
@@ -141,6 +143,7 @@ int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t dr
     board->tick = board->stream_at = board->stream_end = 0;
     board->source = source;
     board->drives = drives;
+    board->runs_designed = board->is_designed && !drives;
     board->holds = holds;
     board->silence = 0;
     board->leaving = TACT_STAYS;
@@ -171,9 +174,15 @@ int tact_board_clear(tact_board *board)
         board->mode = TACT_OFF;
         board->leaving = TACT_STAYS;
         for (int32_t c = 0; c < board->channels; c++)
-            board->channel[c].guard.agreement = board->channel[c].guard.power = 0.0f;
+            board->channel[c].guard.means.first = board->channel[c].guard.means.second = 0.0f;
     }
     return board->mode != TACT_FAULT;
+}
+
+static void take_row(const tact_board *board, float *to, const float *row)
+{
+    for (int32_t c = 0; c < board->channels; c++)
+        to[c] = board->drives ? row[c] : tact_board_within(row[c], board->safety.channel[c].reference_max);
 }
 
 uint32_t tact_board_stream(tact_board *board, uint32_t first, const float *rows, uint32_t count)
@@ -189,8 +198,7 @@ uint32_t tact_board_stream(tact_board *board, uint32_t first, const float *rows,
             continue;
         if (end - board->tick >= board->stream_capacity)
             break;
-        for (uint32_t c = 0; c < width; c++)
-            board->stream[(end & (board->stream_capacity - 1)) * width + c] = rows[i * width + c];
+        take_row(board, board->stream + (end & (board->stream_capacity - 1)) * width, rows + i * width);
         board->stream_end = end + 1;
     }
     return board->stream_end;
@@ -214,16 +222,47 @@ int tact_board_take_safety(tact_board *board, const tact_safety *safety)
     board->safety = *safety;
     board->channels = safety->channels;
     board->image.format = 0;
+    board->is_designed = 0;
     board->delay_at = 0;
     board->turn = 0;
     for (int32_t c = 0; c < board->channels; c++) {
+        tact_board_channel *channel = &board->channel[c];
+        const tact_converter *converter = &safety->channel[c].converter;
         board->safety.channel[c].command_max_v = reachable(&safety->channel[c]);
-        board->channel[c].safety = &board->safety.channel[c];
-        tact_guard_reset(&board->channel[c].guard);
-        board->channel[c].rest_code = tact_converter_code(&safety->channel[c].converter, 0.0f);
+        channel->safety = &board->safety.channel[c];
+        tact_guard_make(&channel->guard_table, channel->safety, safety->turns);
+        tact_guard_reset(&channel->guard, board->ticks);
+        channel->broken = 0;
+        channel->to_code.first = converter->offset_v_single;
+        channel->to_code.second = converter->motor_steps_per_v_single;
+        channel->rest_code = tact_converter_code(converter, 0.0f);
     }
     empty_queue(board);
     return 1;
+}
+
+/* Whether a table has the form for which period.c has a piece of its own. */
+static int is_designed(const tact_controller *table)
+{
+    return table->prefilter_count == 2 && table->feedback_count == 3 && table->feedback[2].b0 == 1.0f &&
+           table->feedback[2].a2 == 0.0f;
+}
+
+static void lay_out_filters(float *to, const tact_controller *table)
+{
+    const tact_section *sections[4] = {&table->prefilter[0], &table->prefilter[1], &table->feedback[0],
+                                       &table->feedback[1]};
+    for (int i = 0; i < 4; i++, to += 5) {
+        to[0] = sections[i]->b0;
+        to[1] = sections[i]->b1;
+        to[2] = sections[i]->b2;
+        to[3] = sections[i]->a1;
+        to[4] = sections[i]->a2;
+    }
+    to[0] = table->feedback[2].b1;
+    to[1] = table->feedback[2].b2;
+    to[2] = table->feedback[2].a1;
+    to[3] = table->command_max_v;
 }
 
 int tact_board_take_image(tact_board *board, const tact_image *image)
@@ -231,11 +270,12 @@ int tact_board_take_image(tact_board *board, const tact_image *image)
     if (board->mode != TACT_OFF)
         return 0;
     board->image = *image;
-    board->is_2_3 = image->format == TACT_FLOAT32;
+    board->is_designed = image->format == TACT_FLOAT32;
     for (int32_t c = 0; c < board->channels; c++) {
-        board->channel[c].single = &board->image.tables.single[c];
-        board->channel[c].q31 = &board->image.tables.q31[c];
+        tact_board_channel *channel = &board->channel[c];
         const float most = board->safety.channel[c].command_max_v;
+        channel->single = &board->image.tables.single[c];
+        channel->q31 = &board->image.tables.q31[c];
         if (image->format == TACT_Q31) {
             tact_controller_q31 *table = &board->image.tables.q31[c];
             const int32_t limit = tact_q31_of(most, TACT_Q31_PER_VOLT);
@@ -244,7 +284,8 @@ int tact_board_take_image(tact_board *board, const tact_image *image)
             tact_controller *table = &board->image.tables.single[c];
             table->command_max_v = table->command_max_v < most ? table->command_max_v : most;
             table->command_min_v = -table->command_max_v;
-            board->is_2_3 &= table->prefilter_count == 2 && table->feedback_count == 3;
+            board->is_designed &= is_designed(table);
+            lay_out_filters(channel->filters, table);
         }
     }
     return 1;

@@ -42,18 +42,20 @@ typedef union {
     tact_controller_q31_state q31;
 } tact_board_controller_state;
 
-/* What one channel's period works on, side by side. */
+/* What one channel's period works on, side by side. What is read in pairs lies at multiples of 8 bytes. */
 typedef struct {
+    tact_board_controller_state controller;
+    tact_guard_table guard_table;
+    float filters[24];     /* a designed controller's: F's two sections, two of C; of C's last b1 b2 a1; command_max_v */
+    tact_pair to_code;     /* D/A: offset_v | steps per volt */
+    tact_guard_state guard;
+    float delayed_v[TACT_BOARD_DELAY_MAX]; /* what will be put out: at the motor, but for the D/A's last bit */
+    int32_t delayed[TACT_BOARD_DELAY_MAX]; /* its code; TACT_TRACE_... << 24 turn its upper bits over */
+    int32_t rest_code;
+    int32_t broken;                    /* the command was no number, and nobody has seen to it */
     const tact_safety_channel *safety; /* in the board's table */
     const tact_controller *single;     /* in the board's image */
     const tact_controller_q31 *q31;
-    float out_v;       /* at the motor now, but for the D/A's last bit */
-    int32_t out;       /* what is put out now: code in 24 bits, TACT_TRACE_... << 24 */
-    int32_t rest_code;
-    tact_guard_state guard;
-    tact_board_controller_state controller;
-    int32_t delayed[TACT_BOARD_DELAY_MAX]; /* what will be put out, as `out` */
-    float delayed_v[TACT_BOARD_DELAY_MAX]; /* and as `out_v` */
 } tact_board_channel;
 
 typedef struct {
@@ -61,26 +63,35 @@ typedef struct {
     int32_t source, drives, holds, allows_hold;
     uint32_t run;         /* number of the run, given by who starts it */
     uint32_t tick;        /* of the run */
-    uint32_t fault_tick;
     uint32_t ticks;       /* since the board began */
     uint32_t silence;     /* ticks since the link was heard */
+    uint32_t fault_tick;
     uint32_t late;        /* interrupts that came too late */
-    int32_t turn;         /* which channels are compared next: those at turn, turn + turns, ... */
     float fade, authority; /* of the reference, of the command */
     float fade_step, authority_step;
     int32_t fading; /* one of the two steps is not zero */
-    tact_safety safety;
-    tact_image image;
-    int32_t is_2_3; /* every channel of the image has two sections of F and three of C */
-    tact_stimulus stimulus[TACT_CHANNELS_MAX];
-    tact_board_channel channel[TACT_CHANNELS_MAX];
+    int32_t turn;   /* which channels are compared next: those at turn, turn + turns, ... */
     int32_t delay_at;
     int32_t channels, channels_max; /* in use (the table says), and of the board */
+    int32_t is_designed;   /* the image's controllers are of the form that `design` gives: period.c */
+    int32_t runs_designed; /* and this run has them run */
     float *stream;
     uint32_t stream_capacity, stream_at, stream_end; /* ticks of the run; stream_at: first of the unbroken samples */
-    int32_t *trace; /* rows of command codes | flags << 24, then position codes */
+    int32_t *trace; /* rows of command codes as in `delayed`, then position codes */
     uint32_t trace_capacity;
+    tact_board_channel channel[TACT_CHANNELS_MAX];
+    tact_stimulus stimulus[TACT_CHANNELS_MAX];
+    tact_safety safety;
+    tact_image image;
 } tact_board;
+
+/* value within +/- most; NaN gives 0. */
+inline float tact_board_within(float value, float most)
+{
+    if (__builtin_fabsf(value) <= most)
+        return value;
+    return value > most ? most : value < -most ? -most : 0.0f;
+}
 
 /* OFF, with neither table nor image. Capacities are powers of two. */
 void tact_board_reset(tact_board *board, int32_t channels_max, float *stream, uint32_t stream_capacity, int32_t *trace,
@@ -106,7 +117,7 @@ void tact_board_fail(tact_board *board, uint32_t faults, int32_t channel);
 void tact_board_fade(tact_board *board);
 
 /* count samples (rows) for the ticks from `first` on; gives the tick up to which samples are there now. What was there
- * stays; what does not follow on is left out. */
+ * stays; what does not follow on is left out. References are limited to comfort here, where they come in. */
 uint32_t tact_board_stream(tact_board *board, uint32_t first, const float *rows, uint32_t count);
 
 /* New table or image, only in OFF: 1 if taken. */

@@ -1,20 +1,49 @@
 #include "guard.h"
 
-#define COMPARE_WEIGHT 0.025f /* of a new product in the means: some 40 turns */
+#define KEPT 0.975f /* of a mean from one turn to the next: some 40 turns */
 #define REVERSED_SHARE (-0.5f)
 
 enum { SAME_TICKS_OF_A_FROZEN_ONE = 8 };
 
-extern inline float tact_section_awake(const tact_section *section, tact_section_state *state, float x);
-extern inline float tact_guard_sense(const tact_safety_channel *table, tact_guard_state *state, int32_t code,
-                                     float motor_v, int *objects);
+extern inline float tact_section_awake(float b0, float b1, float b2, float a1, float a2, tact_section_state *state,
+                                       float x);
+extern inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *state, int32_t code,
+                                     float motor_v, uint32_t tick, int *objects);
 
-void tact_guard_reset(tact_guard_state *state)
+static tact_pair pair(float first, float second)
 {
-    state->x = state->w = state->motor_before_v = state->felt = state->place = state->apart = 0.0f;
-    state->agreement = state->power = 0.0f;
-    state->last_code = state->compared_code = 0;
-    state->same_ticks = 0;
+    const tact_pair made = {first, second};
+    return made;
+}
+
+void tact_guard_make(tact_guard_table *table, const tact_safety_channel *safety, int32_t turns)
+{
+    const float step_v = safety->converter.step_v_single, ticks = (float)turns;
+    /* The motion since the last turn is the model's, ticks w, and the sensor's, step_v times codes. */
+    const float share = REVERSED_SHARE * ticks / step_v;
+    const float power = safety->reversal_power / ((1.0f - KEPT) * ticks * ticks);
+    table->reading = pair(step_v, safety->drive);
+    table->returning = pair(safety->damp, safety->spring);
+    table->correcting = pair(safety->correct_w, safety->correct_x);
+    table->resting = pair(safety->stop_lead, safety->stop_max_v);
+    table->differing = pair(safety->disagreement_v, safety->comfort_max);
+    table->reversing = pair(share * power, power);
+    table->reversed_share = share;
+    for (int i = 0; i < TACT_WEIGHTING_COUNT; i++) {
+        const tact_section *from = &safety->weighting[i];
+        const float to[5] = {from->b0, from->b1, from->b2, from->a1, from->a2};
+        for (int j = 0; j < 5; j++)
+            table->weighting[5 * i + j] = to[j];
+    }
+    table->frozen_ticks = safety->frozen_ticks < TACT_SAFETY_NEVER ? (uint32_t)safety->frozen_ticks : UINT32_MAX;
+}
+
+void tact_guard_reset(tact_guard_state *state, uint32_t tick)
+{
+    state->model = state->means = pair(0.0f, 0.0f);
+    state->motor_before_v = state->place = state->apart = 0.0f;
+    state->last_code = state->compared_code = state->objects = 0;
+    state->changed_tick = tick;
     for (int i = 0; i < TACT_WEIGHTING_COUNT; i++)
         state->weighting[i].s1 = state->weighting[i].s2 = 0.0f;
 }
@@ -24,49 +53,77 @@ static uint32_t stuck(const tact_guard_state *state)
     return 1u << (state->last_code < 2 && state->last_code > -2 ? TACT_FAULT_SENSOR_SHORTED : TACT_FAULT_SENSOR_FROZEN);
 }
 
-uint32_t tact_guard_name(const tact_safety_channel *table, const tact_guard_state *state)
+uint32_t tact_guard_name(const tact_safety_channel *safety, const tact_guard_state *state, uint32_t tick)
 {
     const int32_t code = state->last_code;
     uint32_t faults = 0;
-    if (code > table->position_code_max || code < -table->position_code_max)
+    if (code > safety->position_code_max || code < -safety->position_code_max)
         return 1u << TACT_FAULT_SENSOR_OPEN;
-    if (!(state->apart <= table->disagreement_v)) {
-        if (state->same_ticks >= SAME_TICKS_OF_A_FROZEN_ONE)
+    if (!(state->apart <= safety->disagreement_v)) {
+        if (tick - state->changed_tick >= SAME_TICKS_OF_A_FROZEN_ONE)
             faults |= stuck(state);
         else
-            faults |= 1u << ((float)code * state->x < 0.0f ? TACT_FAULT_SENSOR_REVERSED : TACT_FAULT_SENSOR_DISAGREES);
+            faults |= 1u << ((float)code * state->model.first < 0.0f ? TACT_FAULT_SENSOR_REVERSED
+                                                                     : TACT_FAULT_SENSOR_DISAGREES);
     }
-    if (!(state->place <= table->stop_max_v))
+    if (!(state->place <= safety->stop_max_v))
         faults |= 1u << TACT_FAULT_TRAVEL;
     return faults;
 }
 
-static inline float weigh(const tact_section *section, tact_section_state *state, float y)
+static inline float weigh(const tact_guard_table *table, tact_section_state *state, float y)
 {
-    if (y == 0.0f)
-        return tact_section_step(&section[1], &state[1], tact_section_step(&section[0], &state[0], y));
-    return tact_section_awake(&section[1], &state[1], tact_section_awake(&section[0], &state[0], y));
+    const float *k = table->weighting;
+    const tact_pair b0b1 = tact_pair_get(k), b2a1 = tact_pair_get(k + 2), a2b0 = tact_pair_get(k + 4);
+    const tact_pair b1b2 = tact_pair_get(k + 6), a1a2 = tact_pair_get(k + 8);
+    const float value =
+        tact_section_awake(b0b1.first, b0b1.second, b2a1.first, b2a1.second, a2b0.first, &state[0], y);
+    return tact_section_awake(a2b0.second, b1b2.first, b1b2.second, a1a2.first, a1a2.second, &state[1], value);
 }
 
-uint32_t tact_guard_compare(const tact_safety_channel *table, tact_guard_state *state, float turns)
+static inline int is_tiny(float value)
 {
-    const int32_t code = state->last_code;
-    const float moved_v = (float)(code - state->compared_code) * table->converter.step_v_single;
-    const float model_v = turns * state->w;
-    const float y = tact_converter_position_v(&table->converter, code);
-    const float felt = weigh(table->weighting, state->weighting, y);
-    const float agreement = state->agreement + COMPARE_WEIGHT * (model_v * moved_v - state->agreement);
-    const float power = state->power + COMPARE_WEIGHT * (model_v * model_v - state->power);
+    return __builtin_fabsf(value) < TACT_TINY;
+}
+
+/* While the sensor reads zero: sections whose states have decayed come to rest, one after another. */
+static void settle(tact_section_state *state)
+{
+    for (int i = 0; i < TACT_WEIGHTING_COUNT && is_tiny(state[i].s1) && is_tiny(state[i].s2); i++)
+        state[i].s1 = state[i].s2 = 0.0f;
+}
+
+static __attribute__((noinline)) uint32_t look_closer(const tact_guard_table *table, tact_guard_state *state,
+                                                      float felt, uint32_t same_ticks)
+{
     uint32_t faults = 0;
-    state->compared_code = code;
-    state->agreement = agreement;
-    state->power = power;
-    state->felt = felt;
-    if (!(__builtin_fabsf(felt) <= table->comfort_max))
+    if (state->last_code == 0)
+        settle(state->weighting);
+    if (!(__builtin_fabsf(felt) <= table->differing.second))
         faults |= 1u << TACT_FAULT_COMFORT;
-    if (power > table->reversal_power && agreement < REVERSED_SHARE * power)
+    if (state->means.second > table->reversing.second &&
+        state->means.first < table->reversed_share * state->means.second)
         faults |= 1u << TACT_FAULT_SENSOR_REVERSED;
-    if (state->same_ticks >= table->frozen_ticks)
+    if (same_ticks >= table->frozen_ticks)
         faults |= stuck(state);
     return faults;
+}
+
+uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick)
+{
+    const int32_t code = state->last_code;
+    const float moved = (float)(code - state->compared_code), w = state->model.second;
+    const tact_pair means = tact_pair_get(&state->means);
+    const float agreement = KEPT * means.first + w * moved;
+    const float felt = weigh(table, state->weighting, (float)code * table->reading.first);
+    state->means.first = agreement;
+    state->means.second = KEPT * means.second + w * w;
+    state->compared_code = code;
+    const uint32_t same_ticks = tick - state->changed_tick;
+    const int is_quiet = code == 0 && is_tiny(state->weighting[0].s1);
+    /* Less agreement than the least power would need: only then can there be less than this power needs. */
+    if (!is_quiet && __builtin_fabsf(felt) <= table->differing.second && !(agreement < table->reversing.first) &&
+        same_ticks < table->frozen_ticks)
+        return 0;
+    return look_closer(table, state, felt, same_ticks);
 }

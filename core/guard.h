@@ -19,15 +19,16 @@
  * The compiler's own __builtin_fabsf is one instruction, and no call.
  *
  * Example use:
- *   int objects;
- *   float position_v = tact_guard_sense(&table->channel[c], &state, code, motor_v, &objects);
- *   if (objects) faults = tact_guard_name(&table->channel[c], &state);
+ *   int objects = 0;
+ *   float position_v = tact_guard_sense(&table, &state, code, motor_v, tick, &objects);
+ *   if (objects) faults = tact_guard_name(&safety->channel[c], &state, tick);
  */
 #ifndef TACT_GUARD_H
 #define TACT_GUARD_H
 
 #include <stdint.h>
 
+#include "pair.h"
 #include "safety.h"
 
 typedef enum {
@@ -45,56 +46,78 @@ typedef enum {
     TACT_FAULT_LAST = TACT_FAULT_SILENCE
 } tact_fault;
 
+/* What a tick needs of a safety table, two numbers to a load. */
 typedef struct {
-    float x, w;             /* the model's position and velocity */
-    float motor_before_v;   /* in the period before this one */
-    float place, apart;     /* of the last objection: predicted place of rest, and |nu|, by size */
-    float felt;             /* felt reference */
-    int32_t last_code, compared_code; /* of the last tick, and of the last comparison */
-    int32_t same_ticks;
-    float agreement, power; /* means of w dy and of w^2 */
+    tact_pair reading;    /* volts of y per code | drive */
+    tact_pair returning;  /* damp | spring */
+    tact_pair correcting; /* w | x, per volt of nu */
+    tact_pair resting;    /* stop_lead | stop_max_v */
+    tact_pair differing;  /* disagreement_v | comfort_max */
+    tact_pair reversing;  /* agreement below which the power is looked at | least power */
+    float weighting[5 * TACT_WEIGHTING_COUNT];
+    float reversed_share; /* agreement in the power of a reversed sensor */
+    uint32_t frozen_ticks;
+} tact_guard_table;
+
+typedef struct {
+    tact_pair model; /* x | w: position and velocity */
+    tact_pair means; /* agreement | power: w dy in volts and codes, w^2; sums, each term fading over some 40 turns */
     tact_section_state weighting[TACT_WEIGHTING_COUNT];
+    float motor_before_v;             /* in the period before this one */
+    float place, apart;               /* of the last objection: predicted place of rest, and |nu|, by size */
+    int32_t objects;                  /* whether there is one that nobody has seen to */
+    int32_t last_code, compared_code; /* of the last tick, and of the last comparison */
+    uint32_t changed_tick;            /* since when the reading is last_code */
 } tact_guard_state;
 
-/* At rest at zero. */
-void tact_guard_reset(tact_guard_state *state);
+/* The table of a channel that is compared every `turns` ticks. */
+void tact_guard_make(tact_guard_table *table, const tact_safety_channel *safety, int32_t turns);
+
+/* At rest at zero. tick: any count of ticks, here and below the same. */
+void tact_guard_reset(tact_guard_state *state, uint32_t tick);
 
 /* 1 << fault for each fault that the last reading shows; when tact_guard_sense() objects. */
-uint32_t tact_guard_name(const tact_safety_channel *table, const tact_guard_state *state);
+uint32_t tact_guard_name(const tact_safety_channel *safety, const tact_guard_state *state, uint32_t tick);
 
 /* The slow part, for a channel whose turn it is, every so many ticks: 1 << fault for each fault found. */
-uint32_t tact_guard_compare(const tact_safety_channel *table, tact_guard_state *state, float turns);
+uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick);
 
 /* tact_section_step() of a section whose input is not silent: nothing comes to rest. */
-inline float tact_section_awake(const tact_section *section, tact_section_state *state, float x)
+inline float tact_section_awake(float b0, float b1, float b2, float a1, float a2, tact_section_state *state, float x)
 {
-    const float y = section->b0 * x + state->s1;
-    state->s1 = state->s1 + ((section->b1 * x - section->a1 * y) + state->s2);
-    state->s2 = state->s2 + (section->b2 * x - section->a2 * y);
+    const tact_pair s = tact_pair_get(state);
+    const float y = b0 * x + s.first;
+    state->s1 = s.first + ((b1 * x - a1 * y) + s.second);
+    state->s2 = s.second + (b2 * x - a2 * y);
     return y;
 }
 
-/* One reading, with the volts that the motor has from now on: gives y; objects where a limit is passed (NaN passes). */
-inline float tact_guard_sense(const tact_safety_channel *table, tact_guard_state *state, int32_t code, float motor_v,
-                              int *objects)
+/* One reading, with the volts that the motor has from now on: gives y; 1 to objects where a limit is passed (NaN
+ * passes). */
+inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *state, int32_t code, float motor_v,
+                              uint32_t tick, int *objects)
 {
-    const float y = tact_converter_position_v(&table->converter, code);
-    const float x = state->x, w = state->w;
+    const tact_pair reading = tact_pair_get(&table->reading), model = tact_pair_get(&state->model);
+    const tact_pair returning = tact_pair_get(&table->returning), correcting = tact_pair_get(&table->correcting);
+    const tact_pair resting = tact_pair_get(&table->resting);
+    const float x = model.first, w = model.second;
+    const float y = (float)code * reading.first;
     const float nu = y - x, apart = __builtin_fabsf(nu);
-    const float next = w + (table->drive * (motor_v + state->motor_before_v) -
-                            (table->damp * w + table->spring * x - table->correct_w * nu));
-    const int32_t before = state->last_code;
-    const float moved = x + (next + table->correct_x * nu);
-    const float place = __builtin_fabsf(moved + table->stop_lead * next) + apart;
-    state->w = next;
-    state->x = moved;
+    const float next = w + (reading.second * (motor_v + state->motor_before_v) -
+                            (returning.first * w + returning.second * x - correcting.first * nu));
+    const float moved = x + (next + correcting.second * nu);
+    const float place = __builtin_fabsf(moved + resting.first * next) + apart;
     state->motor_before_v = motor_v;
-    state->last_code = code;
-    state->same_ticks = code == before ? state->same_ticks + 1 : 0;
-    *objects = !(place <= table->stop_max_v && apart <= table->disagreement_v);
-    if (*objects) {
+    state->model.first = moved;
+    state->model.second = next;
+    if (code != state->last_code) {
+        state->last_code = code;
+        state->changed_tick = tick;
+    }
+    if (!(place <= resting.second && apart <= table->differing.first)) {
         state->place = place;
         state->apart = apart;
+        state->objects = *objects = 1;
     }
     return y;
 }

@@ -30,14 +30,22 @@ int32_t tact_report_status(const tact_link *link, tact_writer *out)
     return TACT_DONE;
 }
 
+/* A command of the ring, where flags turn over the upper bits of a code's sign, as code in 24 bits | flags << 24. */
+static uint32_t code_and_flags(int32_t word)
+{
+    const uint32_t bits = (uint32_t)word;
+    return bits & 0x800000u ? bits ^ 0xff000000u : bits;
+}
+
 static void write_rows(const tact_link *link, tact_writer *out, uint32_t first, uint32_t count, int felt)
 {
     const tact_board *board = link->board;
     const uint32_t width = (uint32_t)board->channels;
     for (uint32_t k = 0; k < count; k++) {
         const uint32_t row = (first + k) & (board->trace_capacity - 1);
+        const int32_t *words = board->trace + row * 2 * width;
         for (uint32_t i = 0; i < 2 * width; i++)
-            tact_write_u32(out, (uint32_t)board->trace[row * 2 * width + i]);
+            tact_write_u32(out, i < width ? code_and_flags(words[i]) : (uint32_t)words[i]);
         for (uint32_t c = 0; c < width && felt; c++)
             tact_write_f32(out, link->wired->felt_mm[row * width + c]);
     }

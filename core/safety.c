@@ -3,7 +3,7 @@
 #include "bytes.h"
 #include "crc32.h"
 
-enum { TICKS_MAX = 1 << 20 };
+enum { TICKS_MAX = TACT_SAFETY_NEVER };
 
 /* A float32 within [low, high]; anything else marks the reader. */
 static float number(tact_reader *reader, int *bad, float low, float high)
@@ -102,7 +102,6 @@ int32_t tact_safety_parse(tact_safety *table, const uint8_t *bytes, size_t size,
     table->ramp_ticks = integer(&reader, &bad, 1, TICKS_MAX);
     table->quick_ticks = integer(&reader, &bad, 1, TICKS_MAX);
     table->turns = integer(&reader, &bad, 1, 64);
-    table->turns_single = (float)table->turns;
     for (int32_t c = 0; c < table->channels; c++)
         read_channel(&reader, &table->channel[c], &bad);
     if (reader.overrun || reader.at != size - 4)

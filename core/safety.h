@@ -24,6 +24,7 @@
 #include "section.h"
 
 enum { TACT_SAFETY_VERSION = 1, TACT_SAFETY_MAGIC = 0x53434154, TACT_SAFETY_MAX = 1024, TACT_WEIGHTING_COUNT = 2 };
+enum { TACT_SAFETY_NEVER = 1 << 20 }; /* ticks */
 
 typedef enum {
     TACT_SAFETY_GOOD = 0,
@@ -57,7 +58,6 @@ typedef struct {
     int32_t lateness_max; /* 1/256 of a period */
     int32_t silence_ticks, soft_start_ticks, fade_ticks, ramp_ticks, quick_ticks;
     int32_t turns; /* each channel is compared every so many ticks, and its weighting runs at that rate */
-    float turns_single;
     uint32_t crc;
     tact_safety_channel channel[TACT_CHANNELS_MAX];
 } tact_safety;

@@ -1,0 +1,3 @@
+#include "pair.h"
+
+extern inline tact_pair tact_pair_get(const void *at);
