@@ -1,6 +1,7 @@
 "use strict";
 // The responses as buttons, laid out so that they fit; and lamps for intervals that are no responses.
-const SMALLEST_PX = 44, LARGEST_PX = [260, 200], GAP_PX = 8, FONTS_PX = [88, 72, 60, 48, 40, 34, 28, 24, 21, 19, 17, 16, 15, 14, 13];
+const LARGEST_PX = [260, 200], FONTS_PX = [88, 72, 60, 48, 40, 34, 28, 24, 21, 19, 17, 16, 15, 14, 13, 12];
+const SPACINGS_PX = [{ gap: 8, least: 44, margin: 18 }, { gap: 4, least: 38, margin: 14 }]; // the second where many must fit
 
 class Choices {
   // choices: {response, keys}; intervals: names of those that are told apart; chosen: called with a response.
@@ -62,37 +63,42 @@ class Choices {
     const width = main.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight);
     const height = main.clientHeight - parseFloat(style.paddingTop) - parseFloat(style.paddingBottom)
       - others.reduce((sum, child) => sum + child.offsetHeight + gap, 0);
-    const widest = this.widest(), keyed = this.box.querySelector("kbd") !== null;
-    const found = FONTS_PX.map((font) => this.best(font, widest * font, keyed, width, height)).find((one) => one !== null)
-      || this.smallest(widest * 13, width);
+    const widest = this.widest(), hint = this.box.querySelector("kbd"), keyed = hint !== null && hint.offsetHeight > 0;
+    const tries = SPACINGS_PX.flatMap((spacing) => FONTS_PX.map((font) => [spacing, font]));
+    const room = { width, height, widest, keyed };
+    let found = null;
+    for (const [spacing, font] of tries) { found = this.best(spacing, font, room); if (found !== null) break; }
+    found = found || this.scrolling(room);
     this.columns = found.columns;
     const set = (name, value) => this.box.style.setProperty(name, value);
-    set("--columns", found.columns); set("--cell-width", `${found.width}px`);
+    set("--columns", found.columns); set("--cell-width", `${found.width}px`); set("--gap", `${found.gap}px`);
     set("--cell-height", `${found.height}px`); set("--font", `${found.font}px`);
   }
 
-  best(font, label, keyed, width, height) {
-    const count = this.buttons.size, least = Math.max(SMALLEST_PX, font * (keyed ? 1.3 : 1.2) + (keyed ? 20 : 10));
+  best({ gap, least, margin }, font, { width, height, widest, keyed }) {
+    const count = this.buttons.size, label = Math.ceil(widest * font + Math.max(margin, 0.4 * font)), low = Math.max(least, font * 1.2 + (keyed ? 22 : 8));
     let best = null;
     for (let columns = 1; columns <= count; columns++) {
       const rows = Math.ceil(count / columns);
       const cell = {
-        columns, font,
-        width: Math.floor(Math.min(LARGEST_PX[0], (width - GAP_PX * (columns - 1)) / columns)),
-        height: Math.floor(Math.min(LARGEST_PX[1], (height - GAP_PX * (rows - 1)) / rows)),
+        columns, font, gap,
+        width: Math.floor(Math.min(Math.max(LARGEST_PX[0], label), (width - gap * (columns - 1)) / columns)),
+        height: Math.floor(Math.min(LARGEST_PX[1], (height - gap * (rows - 1)) / rows)),
       };
-      if (cell.width < Math.max(SMALLEST_PX, label + 14) || cell.height < least) continue;
-      cell.height = Math.min(cell.height, Math.max(least, Math.round(cell.width / 1.5)));
-      cell.off = Math.abs(Math.log(cell.width / cell.height / 1.5));
+      if (cell.width < Math.max(least, label) || cell.height < low) continue;
+      cell.height = Math.min(cell.height, Math.max(low, Math.round(cell.width / 1.5)));
+      const stacked = count === 2 && rows === 2; // two stand side by side where they can
+      cell.off = Math.abs(Math.log(cell.width / cell.height / 1.5)) + (stacked ? 1 : 0);
       if (best === null || cell.off < best.off) best = cell;
     }
     return best;
   }
 
-  // Nothing fits: as many columns as the labels allow (long ones wrap), and the page scrolls.
-  smallest(label, width) {
-    const columns = Math.max(1, Math.min(this.buttons.size, Math.floor((width + GAP_PX) / (Math.min(label + 14, width) + GAP_PX))));
-    return { columns, font: 13, width: Math.floor((width - GAP_PX * (columns - 1)) / columns), height: SMALLEST_PX };
+  // Nothing fits: as many columns as the labels allow (the longest wrap), and the page scrolls.
+  scrolling({ width, widest }) {
+    const [{ gap, least, margin }] = SPACINGS_PX, font = 14, cell = Math.min(widest * font + margin, width);
+    const columns = Math.max(1, Math.min(this.buttons.size, Math.floor((width + gap) / (cell + gap))));
+    return { columns, font, gap, width: Math.floor((width - gap * (columns - 1)) / columns), height: least };
   }
 
   // Width of the widest label in letters' heights.

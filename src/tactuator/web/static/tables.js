@@ -1,10 +1,15 @@
 "use strict";
 // Tables: of results, and a confusion matrix whose cells are shaded by their share of the row.
 function resultTable({ caption, columns, rows, notes }) {
+  const table = columns[0] === "" ? confusionTable(columns.slice(1), rows.map((cells) => cells.slice(1).map(Number))) : plainTable(columns, rows);
+  table.prepend(make("caption", {}, caption));
+  return [table, ...notes.map((note) => make("p", { class: "note" }, note))];
+}
+
+function plainTable(columns, rows) {
   const head = make("tr", {}, ...columns.map((text) => make("th", { scope: "col" }, text)));
   const body = rows.map((cells) => make("tr", {}, ...cells.map((text) => make("td", {}, text))));
-  return [make("table", {}, make("caption", {}, caption), make("thead", {}, head), make("tbody", {}, ...body)),
-    ...notes.map((note) => make("p", { class: "note" }, note))];
+  return make("table", {}, make("thead", {}, head), make("tbody", {}, ...body));
 }
 
 function confusionTable(labels, counts) {
@@ -19,5 +24,5 @@ function confusionTable(labels, counts) {
     });
     return make("tr", {}, make("th", { scope: "row" }, label), ...cells);
   });
-  return make("table", { class: "matrix" }, make("thead", {}, head), make("tbody", {}, ...rows));
+  return make("table", { class: labels.length > 8 ? "matrix many" : "matrix" }, make("thead", {}, head), make("tbody", {}, ...rows));
 }
