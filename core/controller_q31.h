@@ -38,13 +38,13 @@ typedef struct {
 
 void tact_controller_q31_reset(tact_controller_q31_state *state);
 
-/* value (finite) times scale, towards zero, saturated. */
+/* value (any bits) times scale, towards zero, saturated; NaN gives 0. */
 inline int32_t tact_q31_of(float value, float scale)
 {
-    const float scaled = value * scale;
-    const float below = scaled > 2147483520.0f ? 2147483520.0f : scaled; /* the last float32 below 2^31 */
-    const float inside = below < -2147483648.0f ? -2147483648.0f : below;
-    return (int32_t)inside;
+    const float scaled = value * scale, most = 2147483520.0f; /* the last float32 below 2^31 */
+    if (__builtin_fabsf(scaled) <= most)
+        return (int32_t)scaled;
+    return scaled > most ? (int32_t)most : scaled < -most ? INT32_MIN : 0;
 }
 
 /* The limits and the anti-windup, as tact_controller_limit(). */
@@ -53,7 +53,7 @@ inline int32_t tact_controller_q31_limit(const tact_controller_q31 *table, tact_
 {
     const int32_t cut = wanted > table->command_max ? table->command_max : wanted;
     const int32_t command = cut < -table->command_max ? -table->command_max : cut;
-    if (last) {
+    if (last && command != wanted) {
         const int64_t excess = (int64_t)command - wanted;
         last->s1 = tact_q31_bounded(last->s1 + ((table->anti_windup[0] * excess) >> table->anti_windup_shift[0]));
         last->s2 = tact_q31_bounded(last->s2 + ((table->anti_windup[1] * excess) >> table->anti_windup_shift[1]));
@@ -66,12 +66,12 @@ inline int32_t tact_controller_q31_limit(const tact_controller_q31 *table, tact_
 inline float tact_controller_q31_step(const tact_controller_q31 *table, tact_controller_q31_state *state,
                                       float reference, float position_v)
 {
-    int32_t value = tact_q31_of(tact_finite(reference, TACT_REFERENCE_MAX), TACT_Q31_PER_THRESHOLD);
+    int32_t value = tact_q31_of(reference, TACT_Q31_PER_THRESHOLD);
     for (int32_t i = 0; i < table->prefilter_count; i++)
         value = tact_section_q31_step(&table->prefilter[i], &state->prefilter[i], value);
     tact_section_q31_state *last = NULL;
     if (table->feedback_count != 0) {
-        const int32_t position = tact_q31_of(tact_finite(position_v, TACT_POSITION_MAX), TACT_Q31_PER_VOLT);
+        const int32_t position = tact_q31_of(position_v, TACT_Q31_PER_VOLT);
         value = tact_q31_saturated((int64_t)value - position);
         for (int32_t i = 0; i < table->feedback_count; i++)
             value = tact_section_q31_step(&table->feedback[i], &state->feedback[i], value);

@@ -34,11 +34,14 @@ typedef struct {
     int64_t s1, s2;
 } tact_section_q31_state;
 
+/* Within +/- 2^61: seen from the upper half alone, as below. */
 inline int64_t tact_q31_bounded(int64_t state)
 {
     const int64_t most = (int64_t)1 << 61;
-    const int64_t below = state > most ? most : state;
-    return below < -most ? -most : below;
+    const int32_t high = (int32_t)(state >> 32);
+    if ((uint32_t)high + 0x20000000u < 0x40000000u)
+        return state;
+    return high < 0 ? -most : most;
 }
 
 inline int32_t tact_q31_saturated(int64_t value)
@@ -47,16 +50,25 @@ inline int32_t tact_q31_saturated(int64_t value)
     return (int32_t)(below < INT32_MIN ? INT32_MIN : below);
 }
 
+/* sum / 2^21, rounded, saturated. */
+inline int32_t tact_q31_rounded(int64_t sum)
+{
+    const int64_t value = sum + ((int64_t)1 << (TACT_Q31_EXTRA - 1));
+    const int32_t high = (int32_t)(value >> 32);
+    const int32_t inside = (int32_t)(uint32_t)(value >> TACT_Q31_EXTRA);
+    const int32_t most = (high >> 31) ^ INT32_MAX; /* of its sign */
+    return (uint32_t)high + 0x100000u < 0x200000u ? inside : most;
+}
+
 /* One sample through one section. A right shift of a negative number rounds down (gcc and clang: arithmetic). */
 inline int32_t tact_section_q31_step(const tact_section_q31 *section, tact_section_q31_state *state, int32_t x)
 {
-    const int64_t direct = ((int64_t)section->b0 * x) >> section->shift0;
-    const int64_t sum = state->s1 + direct;
-    const int32_t y = tact_q31_saturated((sum + ((int64_t)1 << (TACT_Q31_EXTRA - 1))) >> TACT_Q31_EXTRA);
-    const int64_t first = ((int64_t)section->b1 * x - (int64_t)section->a1 * y) >> section->shift1;
-    const int64_t second = ((int64_t)section->b2 * x - (int64_t)section->a2 * y) >> section->shift2;
-    state->s1 = tact_q31_bounded(state->s1 + (first + state->s2));
-    state->s2 = tact_q31_bounded(state->s2 + second);
+    const int64_t s1 = state->s1, s2 = state->s2;
+    const int32_t y = tact_q31_rounded(s1 + (((int64_t)section->b0 * x) >> section->shift0));
+    const int64_t first = ((int64_t)section->b1 * x + (int64_t)-section->a1 * y) >> section->shift1;
+    const int64_t second = ((int64_t)section->b2 * x + (int64_t)-section->a2 * y) >> section->shift2;
+    state->s1 = tact_q31_bounded(s1 + (first + s2));
+    state->s2 = tact_q31_bounded(s2 + second);
     return y;
 }
 
