@@ -28,10 +28,10 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Write a controller as the image that a board loads; a format that is not safe for it is refused."""
         made = read_controller(controller)
-        report = require_safe(made, number_format)
-        image = build_image(made, number_format, controller_hash(made))
-        header = read_image_header(image)
-        with atomic_path(out) as beside:
+        with atomic_path(out) as beside:  # first, so that a folder that is not there is told at once
+            report = require_safe(made, number_format)
+            image = build_image(made, number_format, controller_hash(made))
+            header = read_image_header(image)
             beside.write_bytes(image)
         result = {
             "image": str(out),

@@ -10,6 +10,7 @@ VERBS: tuple[str, ...] = (
     "check",
     "wordlength",
     "build",
+    "image",
     "firmware",
     "measure",
     "disturb",

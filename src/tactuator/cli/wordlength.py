@@ -84,12 +84,12 @@ def _draw(controller: Controller, path: Path) -> dict[str, object]:
 def _table(reports: tuple[FormatReport, ...], rate_hz: float, best: str | None) -> Table:
     title = f"Word length at {rate_hz:g} Hz; recommended: {best or 'none of what a board runs'}"
     table = Table("format", "stable", "error, dB", "round-off", "limit cycle", "safe", title=title)
-    table.caption = "Round-off and limit cycle as felt, dB SL; a board runs float32 and q31 (delta form)."
+    notes = ["Round-off and limit cycle as felt, dB SL; a board runs float32 and q31."]
     for report in reports:
         if report.refused is not None:
-            table.add_row(report.name, "", "", "", "", f"no: {report.refused}")
-            continue
+            notes.append(f"{report.name}: {report.refused}.")
         figures = (report.response_error_db, report.roundoff_db_sl, report.limit_cycle_db_sl)
         cells = ["" if value is None else f"{value:.3g}" for value in figures]
         table.add_row(report.name, "yes" if report.stable else "no", *cells, "yes" if report.safe else "no")
+    table.caption = "\n".join(notes)
     return table

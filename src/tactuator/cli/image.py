@@ -1,0 +1,68 @@
+"""`tactuator image`: what an image file is, and whether a board would take it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from tactuator.cli.answer import answer
+from tactuator.cli.options import AsJson
+from tactuator.digital.image import REASONS, ImageRefusal, check_image, read_image_header
+from tactuator.errors import BadInput
+from tactuator.files.controller import controller_hash, read_controller
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+
+    @app.command()
+    def image(
+        file: Annotated[Path, typer.Argument(help="Image file that `build` wrote.")],
+        controller: Annotated[
+            Path | None, typer.Option("--controller", help="Controller file: is the image its, and for its display?")
+        ] = None,
+        as_json: AsJson = False,
+    ) -> None:
+        """Say what an image is, once the core has checked all of it; exit status 1 if it is another controller's."""
+        content = _read(file)
+        try:
+            header = read_image_header(content)
+        except BadInput as error:
+            raise BadInput(f"{file}: {error}") from None
+        result: dict[str, object] = {
+            "image": str(file),
+            "bytes": len(content),
+            "format": header.format,
+            "rate_hz": header.rate_hz,
+            "delay_samples": header.delay_samples,
+            "channels": header.channels,
+            "controller": header.controller_hash,
+            "crc32": f"{header.crc:08x}",
+        }
+        if controller is not None:
+            result["is_of_controller"] = _is_of(controller, content, header.controller_hash, file)
+        table = Table("what", "is", title="Image")
+        for key, value in result.items():
+            table.add_row(key, str(value))
+        answer(result, as_json, table)
+        if result.get("is_of_controller") is False:
+            raise typer.Exit(1)
+
+
+def _is_of(path: Path, content: bytes, written: str, file: Path) -> bool:
+    """Whether the image was built from that controller; BadInput if the display it is for could not run it."""
+    made = read_controller(path)
+    refusal = check_image(content, made.rate_hz, made.delay_samples, len(made.channels))
+    if refusal is not ImageRefusal.GOOD:
+        raise BadInput(f"{file}: image: {REASONS[refusal]}")
+    return controller_hash(made) == written
+
+
+def _read(file: Path) -> bytes:
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise BadInput(f"image {file}: {error.strerror}; allowed: a file that `build` wrote") from None

@@ -1,0 +1,21 @@
+"""What every refusal of the command line looks like."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tactuator.cli import main
+
+
+def refused(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    """Exit status 2, one line on standard error with those words, nothing on standard output or new in the folder."""
+    before = sorted(folder.rglob("*"))
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("tactuator: ")
+    assert err.count("\n") == 1
+    assert words in err
+    assert sorted(folder.rglob("*")) == before

@@ -1,0 +1,118 @@
+"""`tactuator firmware`, as a user runs it."""
+
+import json
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from tactuator.cli import main
+from tactuator.rig import emulator, firmware
+from tactuator.rig.firmware import BOARDS, build_firmware
+from tactuator.rig.trials import BitComparison
+from tests.cli.controller_files import paper_file
+from tests.cli.refusals import refused
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> str:
+    return paper_file(tmp_path)
+
+
+def test_verify__few_samples__bit_exact_in_both_formats(made: str, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["firmware", "verify", "--board", "mps2-an386", "--samples", "3000", "--controller", made]
+    assert main([*arguments, "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    expected = {"bit_exact": True, "samples": 3000, "channels": 1, "formats": ["float32", "q31"]}
+    assert json.loads(out) == {"board": "mps2-an386"} | expected
+
+
+def test_verify__that_differs__status_1(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    verb = import_module("tactuator.cli.firmware")
+    differing = BitComparison("mps2-an500", False, 5, 3, ("float32", "q31"))
+    monkeypatch.setattr(verb, "compare_bits", lambda *arguments: differing)
+    monkeypatch.setattr(verb, "_controller", lambda path: None)
+    assert main(["firmware", "verify", "--samples", "5"]) == 1
+    assert "DIFFERENT" in capsys.readouterr().out
+
+
+def test_bench__one_finger__both_boards_in_both_formats(made: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["firmware", "bench", "--controller", made, "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [(row["board"], row["format"]) for row in rows] == [
+        (board, number_format) for board in BOARDS for number_format in ("float32", "q31")
+    ]
+    for row in rows:
+        assert {"board", "format", "channels", "instructions_per_tick"} <= set(row)
+        assert row["channels"] == 1
+        assert 50 < row["instructions_per_tick"] < 3000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["verify", "--board", "nucleo"], "board 'nucleo' is not known; allowed: mps2-an386, mps2-an500"),
+        (["verify", "--samples", "0"], "samples is 0; allowed: 1 or more"),
+        (["verify", "--samples", "many"], "'many'"),
+        (["program", "--board", "nucleo", "--out", "FOLDER/f.elf"], "board 'nucleo' is not known"),
+        (["program", "--out", "FOLDER/none/f.elf"], "none is not a folder"),
+        (["weld"], "weld"),
+    ],
+)
+def test_firmware__misused__is_refused(
+    arguments: list[str], words: str, made: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = [word.replace("FOLDER", str(tmp_path)) for word in arguments]
+    told += ["--controller", made] if "verify" in told else []
+    refused(["firmware", *told], words, capsys, tmp_path)
+
+
+EVERY_VERB = (["verify"], ["bench"], ["program", "--out", "FOLDER/f.elf"])
+
+
+@pytest.mark.parametrize("verb", EVERY_VERB, ids=lambda verb: verb[0])
+def test_firmware__no_compiler__says_what_to_install(
+    verb: list[str],
+    made: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    cache = tmp_path / "cache"
+    cache.mkdir()
+    monkeypatch.setattr(firmware, "_cache", lambda: cache)
+    monkeypatch.setenv("PATH", "")
+    told = [word.replace("FOLDER", str(tmp_path)) for word in verb]
+    told += ["--controller", made] if "program" not in told else []
+    words = f"{firmware.COMPILER} is missing; allowed: install it with `make install-boards`"
+    refused(["firmware", *told], words, capsys, tmp_path)
+
+
+@pytest.mark.parametrize("verb", ["verify", "bench"])
+def test_firmware__no_emulator__says_what_to_install(
+    verb: str, made: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for board in BOARDS:
+        build_firmware(board)
+    monkeypatch.setenv("PATH", "")
+    words = f"{emulator.EMULATOR} is missing; allowed: install it with `make install-boards`"
+    refused(["firmware", verb, "--controller", made], words, capsys, tmp_path)
+
+
+def test_firmware__sources_that_do_not_compile__are_refused_and_leave_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cache = tmp_path / "cache"
+    cache.mkdir()
+    monkeypatch.setattr(firmware, "_cache", lambda: cache)
+    monkeypatch.setattr(firmware, "FLAGS", (*firmware.FLAGS, "-include", "there-is-no-such-header.h"))
+    refused(["firmware", "program", "--out", str(tmp_path / "f.elf")], "does not compile", capsys, tmp_path)
+
+
+def test_program__good__is_an_elf_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "f.elf"
+    assert main(["firmware", "program", "--board", "mps2-an386", "--out", str(out), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["board"], found["program"]) == ("mps2-an386", str(out))
+    assert out.read_bytes().startswith(b"\x7fELF")

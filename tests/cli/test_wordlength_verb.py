@@ -1,0 +1,141 @@
+"""`tactuator wordlength`, as a user runs it; and controller files that are none, for every verb of the processor."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tactuator.cli import main
+from tactuator.digital.controller import Limits
+from tactuator.digital.number_format import FORMATS
+from tests.cli.controller_files import paper_file, spoilt, unstable
+from tests.cli.refusals import refused
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> str:
+    return paper_file(tmp_path)
+
+
+def test_wordlength__json__every_format_with_its_figures(made: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["wordlength", made, "--json"]) == 0
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    assert err == ""
+    assert set(found) == {"rate_hz", "formats", "recommended"}
+    assert (found["rate_hz"], found["recommended"]) == (4000.0, "float32")
+    assert [each["name"] for each in found["formats"]] == [each.name for each in FORMATS]
+    figures = {"response_error_db", "roundoff_db_sl", "limit_cycle_db_sl"}
+    for each in found["formats"]:
+        assert set(each) == {"name", "stable", "loads", "safe", "refused"} | figures
+        assert all((each[figure] is not None) == each["stable"] for figure in figures)
+    assert [each["loads"] for each in found["formats"] if each["loads"]] == ["float32", "q31"]
+
+
+def test_wordlength__another_rate_and_figure__drawn_and_told(
+    made: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    picture = tmp_path / "bits.png"
+    assert main(["wordlength", made, "--rate", "2000", "--figure", str(picture), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["rate_hz"] == 2000.0
+    assert found["figure"] == str(picture)
+    assert picture.read_bytes().startswith(PNG)
+    bits = found["resolution_bits"]
+    assert set(bits) == {"prefilter", "feedback"}
+    assert list(bits["prefilter"]["sections"]) == ["2000", "4000", "8000", "16000"]
+    assert set(bits["prefilter"]["sections"]["8000"]) == {"stable", "accurate"}
+
+
+def test_wordlength__table__says_what_it_recommends(made: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["wordlength", made, "--format", "q31"]) == 0
+    shown = capsys.readouterr().out
+    assert "recommended: float32" in shown
+    assert "q31 biquads fed back" in shown
+
+
+def test_wordlength__format_that_is_not_safe__status_1(made: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["wordlength", made, "--format", "q15 biquads", "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["recommended"] == "float32"
+
+
+def test_wordlength__nothing_that_loads_is_safe__status_1(made: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["wordlength", unstable(made), "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["recommended"] is None
+    assert main(["wordlength", made]) == 1
+    assert "recommended: none of what a board runs" in " ".join(capsys.readouterr().out.split())
+
+
+def test_wordlength__what_q31_cannot_hold__is_told_beside_the_others(
+    made: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spoilt(made, limits=Limits(20.0, 2.0))
+    assert main(["wordlength", made, "--json"]) == 0
+    found = {each["name"]: each for each in json.loads(capsys.readouterr().out)["formats"]}
+    assert "command_v is 20; allowed in Q31: at most 15 V" in found["q31"]["refused"]
+    assert found["float32"]["safe"]
+    assert main(["wordlength", made]) == 0
+    assert "allowed in Q31" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--rate", "100"], "rate_hz is 100 for a band up to 300 Hz; allowed: 1200 or more"),
+        (["--rate", "nan"], "rate_hz is nan; allowed"),
+        (["--rate", "-4000"], "rate_hz is -4000; allowed"),
+        (["--rate", "fast"], "'fast'"),
+        (["--format", "q16"], "format is 'q16'; allowed: q15 biquads"),
+        (["--figure", "FOLDER/bits.jpg"], "ends in '.jpg'; allowed: .png, .svg, .pdf"),
+        (["--figure", "FOLDER/none/bits.png"], "is not a folder"),
+        (["surplus"], "surplus"),
+    ],
+)
+def test_wordlength__misused__is_refused(
+    options: list[str], words: str, made: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = [option.replace("FOLDER", str(tmp_path)) for option in options]
+    refused(["wordlength", made, *told], words, capsys, tmp_path)
+
+
+# --- a controller file that is none, for every verb that takes one ---
+
+NOT_CONTROLLERS = {
+    "nothing": (None, "No such file or directory"),
+    "not JSON": ("{", "it is not JSON"),
+    "not text": (b"\xff\xfe\x00", "it is not JSON"),
+    "another file": ("{}", "format is None; allowed: 'tactuator-controller/1'"),
+    "a list": ("[]", "format is 'list'"),
+    "a later version": ('{"format": "tactuator-controller/2"}', "format is 'tactuator-controller/2'; allowed"),
+    "changed by hand": ("CHANGED", "its hash does not fit its contents; allowed: a file as `design` wrote it"),
+}
+
+
+@pytest.mark.parametrize(("content", "words"), NOT_CONTROLLERS.values(), ids=NOT_CONTROLLERS)
+@pytest.mark.parametrize(
+    "verb",
+    [
+        ["wordlength", "FILE"],
+        ["build", "FILE", "--out", "FOLDER/image.bin"],
+        ["firmware", "verify", "--controller", "FILE"],
+        ["firmware", "bench", "--controller", "FILE"],
+    ],
+    ids=["wordlength", "build", "verify", "bench"],
+)
+def test_controller_file__that_is_none__is_refused(
+    verb: list[str],
+    content: str | bytes | None,
+    words: str,
+    made: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = tmp_path / "bad.json"
+    if content == "CHANGED":
+        path.write_text(Path(made).read_text().replace("4000.0", "4001.0"))
+    elif content is not None:
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    told = [word.replace("FILE", str(path)).replace("FOLDER", str(tmp_path)) for word in verb]
+    refused(told, words, capsys, tmp_path)
