@@ -2,115 +2,18 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime, timedelta
-
 import numpy as np
 import pytest
 from sqlalchemy import select
 
-from tactuator.design.controller import design_controller
 from tactuator.errors import BadInput
 from tactuator.experiment import schema
-from tactuator.experiment.attend import attend
-from tactuator.experiment.conduct import Conduct
 from tactuator.experiment.identification import block_trials, plan_trials
 from tactuator.experiment.identification_respondents import ErringRespondent, FeelingRespondent
 from tactuator.experiment.identification_result import identification_results
-from tactuator.experiment.identification_task import IdentificationTask
 from tactuator.experiment.protocol_file import parse_identification, read_identification
-from tactuator.experiment.station import Station
-from tactuator.experiment.store import Store
-from tactuator.experiment.studies import open_session, open_study
-from tactuator.files.display import parse_display
-from tactuator.rig.simulated import SimulatedRig
 from tactuator.speech.waveforms import Component, WaveformSet, write_waveforms
-
-DISPLAY = {
-    "display": {"name": "one finger", "rate_hz": 4000.0, "delay_samples": 1},
-    "threshold": {"curve": "bolanowski-1988"},
-    "feedback": {"structure": "paper"},
-    "channel": [
-        {
-            "name": "index",
-            "finger": "index",
-            "sensor_gain_v_per_mm": 0.19898,
-            "travel_mm": 12.5,
-            "plant": {"num": [2875.0], "den": [1.0, 94.0, 290.0]},
-        }
-    ],
-}
-SET = WaveformSet(0.125, components=(Component("M", 30.0, 40.0), Component("C", 240.0, 40.0)), fingers=(("index",),))
-
-
-class Ticking:
-    """A clock that goes on by a second each time it is asked."""
-
-    def __init__(self):
-        self.now = datetime(2026, 1, 1, tzinfo=UTC)
-
-    def utc(self):
-        self.now += timedelta(seconds=1)
-        return self.now
-
-    def monotonic_s(self):
-        return self.now.timestamp()
-
-
-def protocol_text(paradigm="identification", training=1, test=20, subjects=("S1",), extra=""):
-    items = "".join(
-        f'[[item]]\nlabel = "{label}"\nfile = "{label}.wav"\nkey = "{key}"\n'
-        for key, label in enumerate(SET.labels(), start=1)
-    )
-    blocks = "".join(
-        f'[[block]]\nkind = "{kind}"\nrepetitions = {count}\nfeedback = {"true" if kind == "training" else "false"}\n'
-        for kind, count in (("training", training), ("test", test))
-        if count
-    )
-    people = "".join(f'[[subject]]\ncode = "{code}"\n' for code in subjects)
-    return (
-        f'[study]\nname = "words"\nseed = 5\n[identification]\nparadigm = "{paradigm}"\nlead_s = 0.0\ngap_s = 0.05\n'
-        f"{items}{blocks}{people}{extra}"
-    )
-
-
-@pytest.fixture(scope="module")
-def controller():
-    return design_controller(parse_display(DISPLAY))
-
-
-@pytest.fixture(scope="module")
-def items(controller, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("items")
-    write_waveforms(SET, controller, folder)
-    return folder
-
-
-@pytest.fixture
-def opened(controller, items, tmp_path):
-    """Opens a study of a protocol text on a fresh rig and the test's store."""
-
-    def make(text):
-        rig = SimulatedRig(controller.display, 1)
-        rig.load(controller)
-        store = Store(tmp_path / "lab.db")
-        return Opened(parse_identification(text), text, items, Station(rig, controller, "simulated"), store), rig, store
-
-    return make
-
-
-class Opened:
-    """A study in a store, and its subjects' ways through it."""
-
-    def __init__(self, protocol, text, items, place, store):
-        self.task, self.store, self.clock = IdentificationTask.load(protocol, items, place), store, Ticking()
-        tokens = [f"token-{one.code}" for one in protocol.subject]
-        self.study = open_study(store, self.task, text, self.clock, tokens)
-
-    def conduct(self, code):
-        return Conduct(open_session(self.store, self.task, self.study, code, self.clock))
-
-    def run(self, code, respondent):
-        return attend(self.conduct(code), respondent)
+from tests.experiment.identifying import SET, controller, items, opened, protocol_text  # noqa: F401
 
 
 def test_plan__identification__every_item_equally_often_and_the_seed_decides():

@@ -2,10 +2,12 @@
 
 import multiprocessing
 import os
+import random
 import re
 import shutil
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -15,9 +17,11 @@ import pytest
 from playwright.sync_api import Page, expect, sync_playwright
 
 from tactuator.cli.main import main
+from tactuator.digital.controller import Controller
 from tactuator.experiment.plan import plan_runs, run_seed
 from tactuator.experiment.procedure import Placement
 from tactuator.experiment.protocol_file import read_protocol
+from tactuator.files.controller import write_controller
 from tests.experiment.stations import response_of
 
 ARGUMENTS = [
@@ -90,17 +94,30 @@ class Server:
         self.process.join()
 
 
+def started(folder: Path, text: str, controller: Controller) -> Server:
+    """A server for that protocol, its files in `folder`."""
+    (folder / "protocol.toml").write_text(text)
+    write_controller(folder / "controller.json", controller)
+    made = Server(folder / "protocol.toml", folder / "lab.db", folder / "controller.json")
+    made.start()
+    return made
+
+
 @dataclass
 class Subject:
     """Answers whatever the page asks, right but for every fourth trial; knows what was acknowledged."""
 
     page: Page
     protocol: Path
+    key: Callable[[int, int], str] | None = None  # for the row of a run and the number of a trial; default: detection's
     acknowledged: list[tuple[int, int]] = field(default_factory=list)
+    asked: Callable[[], None] = lambda: None  # called whenever an answer is asked for
 
     def __post_init__(self) -> None:
-        self._protocol, _ = read_protocol(self.protocol)
-        self._positions = [run.position for run in plan_runs(self._protocol, 0)]
+        if self.key is None:
+            self._protocol, _ = read_protocol(self.protocol)
+            self._positions = [run.position for run in plan_runs(self._protocol, 0)]
+            self.key = self._answer
         self.page.on("websocket", lambda socket: socket.on("framereceived", self._hear))
 
     def _hear(self, frame: str | bytes) -> None:
@@ -117,13 +134,34 @@ class Subject:
             self.page.keyboard.press("Enter")
         elif self.page.locator(ASKED).count():
             run, number = map(int, self.page.locator("body").get_attribute("data-trial").split("/"))
-            self.page.keyboard.press(self._answer(run, number))
+            self.asked()
+            self.page.keyboard.press(self.key(run, number))
         self.page.wait_for_timeout(4)
         return True
 
     def _answer(self, run: int, number: int) -> str:
         seed = run_seed(self._protocol, 0, self._positions[run - 1], 0)  # one subject, no restart: rows are positions
         return response_of(self._protocol.forced_choice().trial(number, Placement(0.0), seed))
+
+
+def kills_and_finish(server: Server, subject: Subject, kills: int, seed: int) -> int:
+    """Kill the server at random moments of the session and start it again, `kills` times; then finish.
+
+    A moment: none to three acknowledged answers on, and up to 60 ms later, whatever is being done then. How many kills
+    there were: fewer if the session was over before.
+    """
+    rng = random.Random(seed)
+    for done in range(kills):
+        stands = len(subject.acknowledged) + rng.randrange(4)
+        while len(subject.acknowledged) < stands:
+            if not subject.act():
+                return done
+        subject.act()
+        subject.page.wait_for_timeout(rng.uniform(0.0, 60.0))
+        server.kill()
+        server.start()
+    finish(subject, 600.0)
+    return kills
 
 
 def finish(subject: Subject, limit_s: float = 60.0) -> None:

@@ -1,7 +1,5 @@
 """The pages in a real Chromium: a whole session by keyboard, a phone, two tabs, and a server that dies."""
 
-import random
-
 import pytest
 from sqlalchemy import select
 
@@ -11,9 +9,8 @@ from tactuator.experiment.store import Store
 from tactuator.experiment.stored_runs import detection_runs
 from tactuator.experiment.thresholds import thresholds
 from tactuator.experiment.trial import ForcedChoice
-from tactuator.files.controller import write_controller
 from tests.experiment.stations import PROTOCOL, ObedientClock, answer_one, begin, controller
-from tests.web.study import Server, Subject, asked, browser, finish, visible, watch_errors  # noqa: F401
+from tests.web.study import Subject, asked, browser, kills_and_finish, started, visible, watch_errors  # noqa: F401
 
 ONE = PROTOCOL[: PROTOCOL.rindex("[[subject]]")]
 
@@ -21,7 +18,7 @@ ONE = PROTOCOL[: PROTOCOL.rindex("[[subject]]")]
 @pytest.fixture
 def server(tmp_path):
     """A server for one subject, to be killed."""
-    with_one = started(tmp_path, ONE)
+    with_one = started(tmp_path, ONE, controller())
     yield with_one
     with_one.kill()
 
@@ -30,17 +27,9 @@ def server(tmp_path):
 def shared(tmp_path_factory):
     """A server that lives, with a subject for each test."""
     subjects = "".join(f'[[subject]]\ncode = "S{number}"\n' for number in (1, 2, 3))
-    with_three = started(tmp_path_factory.mktemp("shared"), ONE[: ONE.index("[[subject]]")] + subjects)
+    with_three = started(tmp_path_factory.mktemp("shared"), ONE[: ONE.index("[[subject]]")] + subjects, controller())
     yield with_three
     with_three.kill()
-
-
-def started(folder, text: str) -> Server:
-    (folder / "protocol.toml").write_text(text)
-    write_controller(folder / "controller.json", controller())
-    made = Server(folder / "protocol.toml", folder / "lab.db", folder / "controller.json")
-    made.start()
-    return made
 
 
 def outcome(path):
@@ -71,26 +60,6 @@ def undisturbed(path):
     return outcome(path)
 
 
-def kills_and_finish(server, subject, kills: int, seed: int) -> int:
-    """Kill the server at random moments of the session and start it again, `kills` times; then finish.
-
-    A moment: none to three acknowledged answers on, and up to 60 ms later, whatever is being done then. How many kills
-    there were: fewer if the session was over before.
-    """
-    rng = random.Random(seed)
-    for done in range(kills):
-        stands = len(subject.acknowledged) + rng.randrange(4)
-        while len(subject.acknowledged) < stands:
-            if not subject.act():
-                return done
-        subject.act()
-        subject.page.wait_for_timeout(rng.uniform(0.0, 60.0))
-        server.kill()
-        server.start()
-    finish(subject, 600.0)
-    return kills
-
-
 def test_session__answered_by_keyboard_with_the_server_killed__is_the_undisturbed_one(
     server, browser, tmp_path
 ) -> None:
@@ -112,7 +81,7 @@ def test_session__answered_by_keyboard_with_the_server_killed__is_the_undisturbe
 @pytest.mark.soak
 def test_session__server_killed_fifty_times__is_the_undisturbed_one(tmp_path, browser) -> None:
     text = ONE.replace("reversals = 6", "reversals = 24").replace("averaged = 4", "averaged = 20")
-    server = started(tmp_path, text)
+    server = started(tmp_path, text, controller())
     page = browser.new_page()
     page.goto(server.addresses["subject S1"])
     subject = Subject(page, server.protocol)

@@ -47,6 +47,7 @@ class Lab:
         self.changed = asyncio.Event()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="rig")
         self._conducts: dict[int, Conduct] = {}
+        self._opening = asyncio.Lock()
         with store.read() as connection:
             self._rows = records.sessions(connection, study)
 
@@ -93,12 +94,13 @@ class Lab:
         return fault
 
     async def conduct(self, row: records.Found) -> Conduct:
-        """The session's conduct, resumed from the store the first time."""
-        if row.id not in self._conducts:
-            self._conducts[row.id] = await self.work(
-                lambda: Conduct(Session(self.store, row.id, row.subject_number, self.task, self.clock))
-            )
-        return self._conducts[row.id]
+        """The session's one conduct, resumed from the store the first time, however many ask for it at once."""
+        async with self._opening:
+            if row.id not in self._conducts:
+                self._conducts[row.id] = await self.work(
+                    lambda: Conduct(Session(self.store, row.id, row.subject_number, self.task, self.clock))
+                )
+            return self._conducts[row.id]
 
     def opened(self, session: int) -> Conduct | None:
         """The session's conduct if it has been opened."""

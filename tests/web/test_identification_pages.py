@@ -1,0 +1,329 @@
+"""Identification over the server's connections: what is said before an answer, what after, and what is refused."""
+
+import asyncio
+import json
+
+import pytest
+from sqlalchemy import func, select
+
+from tactuator.errors import BadInput
+from tactuator.experiment import schema
+from tactuator.experiment.identification import block_trials
+from tactuator.experiment.protocol_file import parse_identification
+from tactuator.experiment.store import Store
+from tactuator.web.app import build_app
+from tactuator.web.lab import Lab
+from tests.experiment.identifying import Opened, controller, items, protocol_text  # noqa: F401
+from tests.experiment.stations import ObedientClock
+from tests.experiment.test_identification_session import THREE, opened_station
+from tests.web.server import served
+
+TOKEN = "the operator's own"
+
+
+@pytest.fixture
+def make(tmp_path, items, controller):
+    """Makes a lab of a protocol text; all of them closed at the end."""
+    made = []
+
+    def lab(text, auto_start=True):
+        store = Store(tmp_path / "lab.db")
+        study = Opened(parse_identification(text), text, items, opened_station(controller), store, ObedientClock())
+        made.append(Lab(store, study.task, study.study, study.clock, auto_start))
+        return made[-1]
+
+    yield lab
+    for one in made:
+        one.close()
+        one.store.close()
+
+
+def until(socket, kind, heard=None):
+    """The next message of that kind; the others before it go to `heard`."""
+    while True:
+        message = socket.receive_json()
+        if message["type"] == kind:
+            return message
+        if heard is not None:
+            heard.append(message)
+
+
+def go_on(socket, stage):
+    """Up to the stage, and on from it."""
+    while until(socket, "stage")["stage"] != stage:
+        pass
+    socket.send_json({"type": "ready", "stage": stage})
+
+
+def begun(socket, heard=None):
+    """Past the introduction, to the first answer that is asked for."""
+    go_on(socket, "introduction")
+    go_on(socket, "trial")
+    return until(socket, "answer-now", heard)
+
+
+def respond(socket, asked, response):
+    socket.send_json({"type": "answer", "run": asked["run"], "number": asked["number"], "response": response})
+
+
+def planned(text, block):
+    return block_trials(parse_identification(text), 0, block)
+
+
+def count(lab) -> int:
+    with lab.store.read() as connection:
+        return int(connection.execute(select(func.count()).select_from(schema.response)).scalar_one())
+
+
+def test_subject__hello__offers_the_labels_with_their_keys(make) -> None:
+    with (
+        served(build_app(make(protocol_text(labels=THREE)), TOKEN)) as client,
+        client.websocket_connect("/ws/subject/token-S1") as socket,
+    ):
+        hello = until(socket, "hello")
+        assert hello["prompt"] == "Which one was it?"
+        offered = [{"response": label, "keys": [key]} for label, key in zip(THREE, "123", strict=True)]
+        assert (hello["choices"], hello["intervals"]) == (offered, [])
+        assert "training, 3 trials" in until(socket, "stage")["introduction"]
+
+
+@pytest.mark.parametrize("paradigm", ["identification", "middle-of-three", "abx"])
+def test_subject__before_the_answer__every_trial_is_told_in_the_same_words(make, paradigm) -> None:
+    text = protocol_text(paradigm, training=0, test=4, labels=THREE)
+    trials = planned(text, 0)
+    with (
+        served(build_app(make(text), TOKEN)) as client,
+        client.websocket_connect("/ws/subject/token-S1") as socket,
+    ):
+        told, asked = set(), begun(socket, first := [])
+        for trial in trials[:9]:
+            told.add(json.dumps(first))
+            assert asked == {"type": "answer-now", "run": 1, "number": trial.number}
+            respond(socket, asked, trial.responses[0])
+            acknowledged = until(socket, "ack")
+            assert acknowledged["right"] is None  # no feedback in this block: not even afterwards
+            asked = until(socket, "answer-now", first := [])
+        assert len({trial.correct for trial in trials[:9]}) > 1
+        assert len(told) == 1
+        shown = [message["interval"] for message in json.loads(told.pop()) if message["type"] == "interval"]
+        assert shown == ([0, 0, 1, 1, 2, 2] if paradigm == "abx" else [])
+
+
+def test_subject__feedback__comes_with_the_acknowledgement_and_only_in_training(make) -> None:
+    text = protocol_text(test=1)
+    with (
+        served(build_app(lab := make(text), TOKEN)) as client,
+        client.websocket_connect("/ws/subject/token-S1") as socket,
+    ):
+        asked = begun(socket)
+        for trial in planned(text, 0):
+            respond(socket, asked, "M-index")
+            assert until(socket, "ack")["right"] == trial.correct
+            if trial.number < 2:
+                asked = until(socket, "answer-now")
+        go_on(socket, "break")
+        asked = begun(socket)
+        respond(socket, asked, "M-index")
+        assert until(socket, "ack")["right"] is None
+        assert count(lab) == 4
+
+
+@pytest.mark.parametrize(
+    ("paradigm", "response"),
+    [
+        ("identification", "A"),
+        ("identification", "m-index"),
+        ("identification", "1"),
+        ("abx", "X"),
+        ("abx", "a"),
+        ("abx", "M-index"),
+    ],
+)
+def test_subject__answer_that_is_no_choice__is_refused(make, paradigm, response) -> None:
+    with (
+        served(build_app(lab := make(protocol_text(paradigm, training=0, test=1)), TOKEN)) as client,
+        client.websocket_connect("/ws/subject/token-S1") as socket,
+    ):
+        asked = begun(socket)
+        respond(socket, asked, response)
+        assert "allowed" in until(socket, "refused")["message"]
+        assert count(lab) == 0
+        respond(socket, asked, "A" if paradigm == "abx" else "M-index")
+        until(socket, "ack")
+        assert count(lab) == 1
+
+
+def test_subject__ready_said_twice__skips_no_break(make) -> None:
+    text = protocol_text(test=1)
+    with (
+        served(build_app(make(text), TOKEN)) as client,
+        client.websocket_connect("/ws/subject/token-S1") as socket,
+    ):
+        asked = begun(socket)
+        for stage in ("introduction", "trial", "trial"):
+            socket.send_json({"type": "ready", "stage": stage})
+        for number in range(3):
+            respond(socket, asked, "M-index")
+            until(socket, "ack")
+            if number < 2:
+                asked = until(socket, "answer-now")
+        assert until(socket, "stage")["stage"] == "break"
+        socket.send_json({"type": "ready", "stage": "break"})
+        socket.send_json({"type": "ready", "stage": "break"})
+        assert until(socket, "stage")["stage"] == "introduction"
+        socket.send_json({"type": "ready", "stage": "trial"})
+        socket.send_json({"type": "ready", "stage": "introduction"})
+        assert until(socket, "stage")["stage"] == "trial"
+
+
+@pytest.mark.parametrize("stage", ["done", "consent", None])
+def test_subject__ready_for_what_cannot_be__is_refused(make, stage) -> None:
+    with (
+        served(build_app(make(protocol_text()), TOKEN)) as client,
+        client.websocket_connect("/ws/subject/token-S1") as socket,
+    ):
+        until(socket, "stage")
+        socket.send_json({"type": "ready", "stage": stage})
+        assert "message" in until(socket, "refused")
+
+
+def test_subject__second_tab__plays_the_same_trial_and_it_counts_once(make) -> None:
+    text = protocol_text()
+    with (
+        served(build_app(lab := make(text), TOKEN)) as client,
+        client.websocket_connect("/ws/subject/token-S1") as first,
+    ):
+        asked = begun(first)
+        with client.websocket_connect("/ws/subject/token-S1") as second:
+            until(first, "elsewhere")
+            go_on(second, "trial")
+            assert until(second, "answer-now") == asked
+            respond(second, asked, "M-index")
+            until(second, "ack")
+            respond(second, asked, "C-index")  # the first tab's, say, come late
+            assert until(second, "ack")["number"] == asked["number"]
+        assert count(lab) == 1
+
+
+@pytest.mark.parametrize("error", [OSError("the board is gone"), BadInput("the board's guard ended the run: travel")])
+def test_rig__fails__is_told_and_stays_at_rest_until_the_operator_resumes(make, error, monkeypatch) -> None:
+    lab = make(protocol_text(), auto_start=False)
+    rig, rested = lab.task.station.rig, []
+    rest = rig.rest
+    monkeypatch.setattr(rig, "rest", lambda: rested.append(rest()))
+    lab.start(lab.sessions[0].id)
+    with (
+        served(build_app(lab, TOKEN)) as client,
+        client.websocket_connect("/ws/subject/token-S1") as socket,
+        client.websocket_connect("/ws/operator") as operator,
+    ):
+        operator.send_text(TOKEN)
+        go_on(socket, "introduction")
+        until(socket, "stage")
+        with monkeypatch.context() as patched:
+            patched.setattr(rig, "play", failing(error))
+            socket.send_json({"type": "ready", "stage": "trial"})
+            told = until(socket, "fault")
+        assert str(error) in told["detail"]
+        assert told["message"] == "The display has stopped. Please call the experimenter."
+        assert rested
+        while (shot := until(operator, "snapshot"))["fault"] is None:
+            pass
+        assert str(error) in shot["fault"]
+        assert shot["paused"] is True
+        go_on(socket, "trial")
+        assert until(socket, "stage")["waiting"] is True
+        operator.send_json({"type": "resume"})
+        assert until(socket, "answer-now")["number"] == 0
+        assert count(lab) == 0
+
+
+def failing(error):
+    def play(*arguments):
+        raise error
+
+    return play
+
+
+def test_operator__snapshot__has_progress_and_percent_by_subject_and_block(make) -> None:
+    text = protocol_text(test=1, subjects=("S1", "S2"))
+    with (
+        served(build_app(make(text), TOKEN)) as client,
+        client.websocket_connect("/ws/subject/token-S1") as socket,
+        client.websocket_connect("/ws/operator") as operator,
+    ):
+        operator.send_text(TOKEN)
+        asked = begun(socket)
+        for trial in planned(text, 0):
+            respond(socket, asked, trial.correct)
+            until(socket, "ack")
+            if trial.number < 2:
+                asked = until(socket, "answer-now")
+        go_on(socket, "break")
+        asked = begun(socket)
+        first, second, _ = planned(text, 1)
+        respond(socket, asked, first.correct)
+        until(socket, "ack")
+        wrong = next(one for one in second.responses if one != second.correct)
+        respond(socket, until(socket, "answer-now"), wrong)
+        until(socket, "ack")
+        while (shot := until(operator, "snapshot"))["sessions"][0]["trials"] < 5:
+            pass
+    assert [one["share_correct"] for one in shot["sessions"]] == [0.5, None]
+    assert shot["sessions"][0]["progress"] == pytest.approx(5 / 6)
+    assert [(one["state"], one["answered"], one["of"], one["share_correct"]) for one in shot["runs"]] == [
+        ("done", 3, 3, 1.0),
+        ("running", 2, 3, 0.5),
+    ]
+    picture = shot["picture"]
+    assert picture["title"] == "Block 2 of 2: test, 2 of 3 trials"
+    at = picture["labels"].index
+    assert picture["counts"][at(first.correct)][at(first.correct)] == 1
+    assert picture["counts"][at(second.correct)][at(wrong)] == 1
+
+
+def test_operator__results__come_also_to_one_who_looks_on(make) -> None:
+    text = protocol_text(training=0, test=1)
+    with (
+        served(build_app(lab := make(text), TOKEN)) as client,
+        client.websocket_connect("/ws/subject/token-S1") as socket,
+        client.websocket_connect("/ws/operator") as first,
+        client.websocket_connect("/ws/operator") as second,
+    ):
+        first.send_text(TOKEN)
+        until(first, "snapshot")
+        second.send_text(TOKEN)
+        session = until(second, "snapshot")["sessions"][0]["id"]
+        second.send_json({"type": "results", "session": session})
+        assert "no answers yet" in until(second, "refused")["message"]
+        asked = begun(socket)
+        for trial in planned(text, 0):
+            respond(socket, asked, trial.correct)
+            until(socket, "ack")
+            if trial.number < 2:
+                asked = until(socket, "answer-now")
+        second.send_json({"type": "results", "session": session})
+        told = until(second, "results")
+        assert told["subject"] == "S1"
+        assert [table["rows"][0][0] for table in told["tables"]] == ["M-index", "plug in"]
+        assert count(lab) == 3
+
+
+@pytest.mark.parametrize(("session", "message"), [(99, "not of this study"), (None, "results without a session")])
+def test_operator__results_of_nobody__are_refused(make, session, message) -> None:
+    with (
+        served(build_app(make(protocol_text()), TOKEN)) as client,
+        client.websocket_connect("/ws/operator") as operator,
+    ):
+        operator.send_text(TOKEN)
+        operator.send_json({"type": "results", "session": session})
+        assert message in until(operator, "refused")["message"]
+
+
+def test_conduct__asked_for_by_several_at_once__is_one(make) -> None:
+    lab = make(protocol_text())
+
+    async def ask():
+        return await asyncio.gather(*(lab.conduct(lab.sessions[0]) for _ in range(5)))
+
+    assert len({id(conduct) for conduct in asyncio.run(ask())}) == 1
