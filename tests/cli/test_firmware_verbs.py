@@ -1,17 +1,21 @@
 """`tactuator firmware`, as a user runs it."""
 
 import json
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 from tactuator.cli import main
+from tactuator.files.controller import write_controller
+from tactuator.plant.display import Display
 from tactuator.rig import emulator, firmware
 from tactuator.rig.firmware import BOARDS, build_firmware
 from tactuator.rig.trials import BitComparison
 from tests.cli.controller_files import paper_file
 from tests.cli.refusals import refused
+from tests.digital.paper_display import channel, controller, display
 
 
 @pytest.fixture
@@ -66,6 +70,23 @@ def test_firmware__misused__is_refused(
     told = [word.replace("FOLDER", str(tmp_path)) for word in arguments]
     told += ["--controller", made] if "verify" in told else []
     refused(["firmware", *told], words, capsys, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("of", "words"),
+    [
+        (display(channel(), delay_samples=0), "delay_samples is 0; allowed on a board: 1 to 8"),
+        (display(*(replace(channel(), name=name) for name in "abcde")), "the board has 3 channels; the display has 5"),
+    ],
+    ids=["no delay", "five channels"],
+)
+@pytest.mark.parametrize("verb", ["verify", "bench"])
+def test_firmware__display_that_no_board_has__is_refused(
+    verb: str, of: Display, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "controller.json"
+    write_controller(path, controller(of))
+    refused(["firmware", verb, "--controller", str(path)], words, capsys, tmp_path)
 
 
 EVERY_VERB = (["verify"], ["bench"], ["program", "--out", "FOLDER/f.elf"])

@@ -105,7 +105,10 @@ class SafetyTable:
 
 
 def safety_bytes(table: SafetyTable) -> bytes:
-    """The table as a board takes it. Raises BadInput if the core would refuse it."""
+    """The table as a board takes it. Raises BadInput for a delay that boards do not have (0), and if the core would
+    refuse it."""
+    if not 1 <= table.delay_samples <= lib.TACT_BOARD_DELAY_MAX:
+        raise BadInput(f"delay_samples is {table.delay_samples}; allowed on a board: 1 to {lib.TACT_BOARD_DELAY_MAX}")
     body = struct.pack(
         "<fiiiiiii",
         table.rate_hz,
