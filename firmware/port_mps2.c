@@ -6,15 +6,16 @@
  * come to its end or is dry, for BREATH ticks if it never waits for its stream, or for SETTLE in a fault.
  *
  * Over the UART time goes on, as on a real board: the main loop looks for bytes while the interrupt comes and goes. The
- * timer stands still while the display is computed, which no real board does. While a run is free the processor never
- * sleeps: where the emulator's time follows the instructions, sleep would be no time at all. */
+ * timer stands still while the display is computed, which no real board does. Where the emulator's time follows the
+ * instructions, a sleep until the next interrupt (WFI) would leap there at once, so a free run only dozes: WFE takes one
+ * instruction of the board, and leaves the machine to the host meanwhile; for longer where the host is behind. */
 
 #include "period.h"
 #include "port.h"
 #include "semihosting.h"
 
 enum { CLOCK_HZ = 25000000, RELOAD_MAX = 0xffffff, BREATH = 32, SETTLE = 8192, LONGEST = 65536, STREAM_ROWS = 4096 };
-enum { PATIENCE = 4096 }; /* looks at a silent UART before sleep */
+enum { PATIENCE = 4096, BEHIND_TICKS = 64, BEHIND_ROWS = 256 }; /* looks at a silent UART before sleep; when to doze long */
 
 #define REGISTER(address) (*(volatile uint32_t *)(address))
 #define SYSTICK_CONTROL REGISTER(0xE000E010u)
@@ -134,6 +135,19 @@ static void let_run(void)
         sleep();
 }
 
+static int runs_freely(const volatile tact_board *board)
+{
+    return board->mode == TACT_RUNNING && !board->holds;
+}
+
+static void doze(const volatile tact_board *board)
+{
+    const uint32_t ahead = board->stream_end - board->tick;
+    if (runs_freely(board) && (board->silence > BEHIND_TICKS || (ahead != 0 && ahead < BEHIND_ROWS)))
+        __asm volatile(".rept 15\n wfe\n .endr" ::: "memory");
+    __asm volatile("wfe" ::: "memory");
+}
+
 static size_t look_at_uart(uint8_t *bytes, size_t most)
 {
     static uint32_t looks;
@@ -142,10 +156,10 @@ static size_t look_at_uart(uint8_t *bytes, size_t most)
     while (size < most && UART_STATE & UART_HAS)
         bytes[size++] = (uint8_t)UART_DATA;
     looks = size ? 0 : looks + 1;
-    if (looks > PATIENCE && SYSTICK_CONTROL & SYSTICK_ENABLED && (board->mode != TACT_RUNNING || board->holds))
+    if (looks > PATIENCE && SYSTICK_CONTROL & SYSTICK_ENABLED && !runs_freely(board))
         sleep();
     else if (size == 0)
-        __asm volatile("wfe" ::: "memory");
+        doze(board);
     return size;
 }
 

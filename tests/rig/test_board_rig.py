@@ -1,4 +1,6 @@
-"""One suite for every board that can run: in this process, in the emulator, behind a lossy line."""
+"""One suite for every board that can run: in this process, in the emulator, at a port, behind a lossy line."""
+
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -10,7 +12,9 @@ from tactuator.rig.link import LinkClient, Mode, RigFault
 from tactuator.rig.open import open_rig
 from tactuator.rig.protocol import Rig
 from tactuator.rig.simulated import SimulatedRig
+from tactuator.rig.trace import join_traces
 from tactuator.rig.transport import InProcess
+from tests.rig.emulated_ports import socket_board
 from tests.rig.guarded import designed
 
 
@@ -56,10 +60,17 @@ def lossy_rig(display):
     return rig
 
 
+@contextmanager
+def socket_rig(display):
+    with socket_board() as (url, _), open_rig(f"board:{url}", display, 1) as rig:
+        yield rig
+
+
 RIGS = {
     "in-process": lambda display: in_process_rig(display, 1),
     "lossy": lossy_rig,
     "emulated:mps2-an500": lambda display: emulated_rig("mps2-an500", display, 1),
+    "board:socket": socket_rig,
 }
 
 
@@ -89,6 +100,23 @@ def test_rig__two_blocks__are_bit_for_bit_those_of_this_machine(rig, expected):
         trace = rig.play(block)
         assert np.array_equal(trace.position_v, wanted.position_v)
         assert np.array_equal(trace.command_v, wanted.command_v)
+
+
+def test_rig__stream__is_bit_for_bit_what_the_blocks_are(rig, expected):
+    rig.load(designed())
+    blocks = np.array_split(np.concatenate([tones(), tones(500)]), 9)
+    found = join_traces(rig.stream(iter(blocks)), rig.rate_hz, rig.channels)
+    wanted = join_traces(expected, rig.rate_hz, rig.channels)
+    for name in ("position_v", "command_v", "saturated"):
+        assert np.array_equal(getattr(found, name), getattr(wanted, name))
+    assert np.array_equal(found.reference, wanted.reference)
+
+
+def test_rig__stream_left_early__goes_on_in_the_next(rig):
+    rig.load(designed())
+    next(rig.stream(tones(400) for _ in range(20)))
+    assert len(rig.play(tones(300))) == 300
+    assert rig.status().mode is Mode.RUNNING
 
 
 def test_rig__touched_and_pressed__is_felt(rig):

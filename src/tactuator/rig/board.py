@@ -18,7 +18,7 @@ from tactuator.files.controller import controller_hash
 from tactuator.plant.display import Display
 from tactuator.rig.board_finger import BoardFinger
 from tactuator.rig.board_stream import BoardStream, Rows
-from tactuator.rig.commissioning import SOFT_START_S, safety_table
+from tactuator.rig.commissioning import SILENCE_S, SOFT_START_S, safety_table
 from tactuator.rig.frames import Request
 from tactuator.rig.link import IMAGE, SAFETY, STREAM, WIRED, LinkClient, Mode, RigFault, Status, TraceRows
 from tactuator.rig.trace import Trace, join_traces
@@ -28,7 +28,9 @@ REFERENCE_MAX = 1000.0
 LEAD_S = 0.25
 """How far a stream is fed ahead of what is played: what a pause or a stop comes later by."""
 _SETTLE_TRIES = 2000
-_AHEAD = 2048
+_AHEAD_S = 0.5
+_WAITING_LEAD_S = 0.6 * SILENCE_S
+"""A board that waits for its stream does so before the link's silence is a fault, however slow the host is."""
 
 
 class BoardRig:
@@ -55,9 +57,10 @@ class BoardRig:
             raise BadInput(
                 f"the board has {status.channels} channels; the display has {len(display.channels)}; allowed: no more"
             )
-        self._waits, self._lead = waits and status.allows_hold, round(lead_s * display.rate_hz)
+        self._waits, self._lead_s = waits and status.allows_hold, lead_s
         self._run, self._at, self._drives, self._loaded = status.run, 0, False, False
         self._fingers: tuple[BoardFinger, ...] = ()
+        self._lag = status.trace_capacity // 2
         if status.safety_crc == 0:
             self.off()
             self.commission()
@@ -99,12 +102,12 @@ class BoardRig:
         a board whose time goes on, and RigFault if the guard ends the run.
         """
         self._require_image()
-        return join_traces(self._traces([self._checked(reference)], False, _AHEAD), self.rate_hz, self.channels)
+        return join_traces(self._traces([self._checked(reference)], False, _AHEAD_S), self.rate_hz, self.channels)
 
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
         """See Rig.stream; a block is played LEAD_S after it was asked for. Raises as `play` does."""
         self._require_image()
-        return self._traces((self._checked(block) for block in blocks), False, self._lead)
+        return self._traces((self._checked(block) for block in blocks), False, self._lead_s)
 
     def drive(self, command_v: ArrayLike) -> Trace:
         """Command (n, channels), volts, to the motors without controller; the guard watches."""
@@ -112,7 +115,7 @@ class BoardRig:
         if not np.all(np.isfinite(rows)):
             self.rest()
             raise BadInput("the command is not finite; allowed: volts")
-        return join_traces(self._traces([rows], True, _AHEAD), self.rate_hz, self.channels)
+        return join_traces(self._traces([rows], True, _AHEAD_S), self.rate_hz, self.channels)
 
     def rest(self) -> None:
         """Reference faded out, then the command; the board is ARMED or in FAULT afterwards."""
@@ -206,18 +209,19 @@ class BoardRig:
         soft = round(SOFT_START_S * self.rate_hz) + 2
         if self._waits:
             silence = np.zeros((soft, len(self.channels)), dtype=np.float32)
-            for _ in self._streaming(soft, felt=False).play([silence]):
+            for _ in self._streaming(_WAITING_LEAD_S, felt=False).play([silence]):
                 pass
             self._at = soft
         else:
             self._wait(lambda now: now.tick > soft or now.mode is Mode.FAULT)
 
-    def _streaming(self, lead: int, felt: bool = True) -> BoardStream:
+    def _streaming(self, lead_s: float, felt: bool = True) -> BoardStream:
         fingers = self._fingers if felt else ()
+        lead = round((min(lead_s, _WAITING_LEAD_S) if self._waits else lead_s) * self.rate_hz)
         sleep = (lambda seconds: None) if self._waits else self._sleep
-        return BoardStream(self._client, self._run, len(self.channels), lead, self._waits, fingers, sleep)
+        return BoardStream(self._client, self._run, len(self.channels), lead, self._lag, self._waits, fingers, sleep)
 
-    def _traces(self, blocks: Iterable[Rows], drives: bool, lead: int) -> Iterator[Trace]:
+    def _traces(self, blocks: Iterable[Rows], drives: bool, lead_s: float) -> Iterator[Trace]:
         """Blocks to the board without a gap, traces back. However it ends before its time, the output goes to rest."""
         asked: list[Rows] = []
 
@@ -228,9 +232,9 @@ class BoardRig:
 
         try:
             self._begin(drives)
-            stream = self._streaming(lead)
+            stream = self._streaming(lead_s)
             try:
-                for part in stream.play(fed(), self._at, lead // 4):
+                for part in stream.play(fed(), self._at, round(0.25 * lead_s * self.rate_hz)):
                     yield self._trace(part, _take(asked, len(part.flags)), drives)
             finally:
                 self._at = stream.end

@@ -11,12 +11,12 @@ from tactuator.errors import BadInput
 from tactuator.rig.board_finger import BoardFinger
 from tactuator.rig.link import LinkClient, Mode, RigFault, TraceRows
 
-_ONCE = 340
-"""Rows of three channels that fit into one request."""
+_ONCE = 128
+"""Rows in a request: 40 % of what fits for three channels, so that the link is never long without a word."""
 _FIRST_ROWS = 64
 """Few, so that they are there in time; what follows has the lead of them."""
 _STARTS = 6
-_READ_ROWS = 64
+_READ_ROWS = 100
 _LOOK_S = 0.004
 
 Rows = NDArray[np.float32]
@@ -31,7 +31,8 @@ class StreamDry(BadInput):
 
 
 class BoardStream:
-    """Rows of one stretch on their way to a board, `lead` of them ahead of what it plays.
+    """Rows of one stretch on their way to a board, `lead` of them ahead of what it plays; none goes while the trace is
+    `lag` behind.
 
     waits: the board's time stands still while it has no row (boards whose display is simulated); otherwise time goes
     on, and a row that comes too late raises StreamDry. fingers are pressed and told what they feel.
@@ -43,12 +44,14 @@ class BoardStream:
         run: int,
         channels: int,
         lead: int,
+        lag: int,
         waits: bool,
         fingers: Sequence[BoardFinger] = (),
         sleep: Callable[[float], None] = lambda seconds: None,
     ) -> None:
         self._client, self._run, self._channels = client, run, channels
-        self._lead, self._waits, self._fingers, self._sleep = lead, waits, fingers, sleep
+        self._lead, self._lag, self._once = lead, lag, min(_ONCE, max(1, lead // 2))
+        self._waits, self._fingers, self._sleep = waits, fingers, sleep
         self._rows: Rows = np.zeros((0, channels), dtype=np.float32)
         self._forces: Rows | None = None
         self._tick = 0
@@ -63,9 +66,9 @@ class BoardStream:
         self._first = self._got = self.end = first
         source, more = iter(blocks), True
         while more or len(self._rows) or self._got < self.end:
-            while more and len(self._rows) < _ONCE and self._ahead() + len(self._rows) < self._lead:
+            while more and not len(self._rows) and self._ahead() < self._lead:
                 more = self._take_block(next(source, None))
-            if len(self._rows) and self._ahead() < self._lead:
+            if len(self._rows) and self._ahead() < self._lead and self._tick - self._got < self._lag:
                 self._feed(start)
                 if not self._waits and self._ahead() < self._lead // 4:
                     continue  # first what is needed first
@@ -80,11 +83,10 @@ class BoardStream:
         if block is None:
             return False
         forces = [finger.take_force(len(block)) for finger in self._fingers]
-        if self._forces is not None or any(force is not None for force in forces):
-            before = np.zeros((len(self._rows), len(forces))) if self._forces is None else self._forces
+        self._rows, self._forces = block, None
+        if any(force is not None for force in forces):
             whole = [np.zeros(len(block)) if force is None else force for force in forces]
-            self._forces = np.concatenate([before, np.stack(whole, axis=1)]).astype(np.float32)
-        self._rows = np.concatenate([self._rows, block])
+            self._forces = np.stack(whole, axis=1).astype(np.float32)
         return True
 
     def _feed(self, start: int) -> None:
@@ -92,15 +94,15 @@ class BoardStream:
         if not self._waits and self._got == self.end == self._first:
             taken = self._feed_first(start)
         else:
-            taken = self._ask_to_take(self._rows)
-            if taken < len(self._rows) and self._tick > self.end:
+            taken = self._ask_to_take(self._rows[: self._once])
+            if taken < min(self._once, len(self._rows)) and self._tick > self.end:
                 raise StreamDry(
                     f"the stream ran dry {self.end - self._first} samples after its beginning; allowed: a host and a "
                     f"link that carry {4 * self._channels} bytes a sample there and {8 * self._channels} back",
                     self._tick - self.end,
                 )
         self._rows = self._rows[taken:]
-        self._forces = self._forces[taken:] if self._forces is not None and len(self._rows) else None
+        self._forces = None if self._forces is None else self._forces[taken:]
 
     def _feed_first(self, start: int) -> int:
         """The first rows, for a tick that is far enough ahead, or that follows on what is there."""
@@ -116,7 +118,8 @@ class BoardStream:
         raise StreamDry("the first samples of a stream came too late; allowed: a faster host or link", start)
 
     def _ask_to_take(self, rows: Rows) -> int:
-        end, self._tick = self._client.stream(self._run, self.end, rows, self._forces)
+        forces = None if self._forces is None else self._forces[: len(rows)]
+        end, self._tick = self._client.stream(self._run, self.end, rows, forces)
         taken = max(0, min(end - self.end, len(rows)))
         self.end += taken
         return taken

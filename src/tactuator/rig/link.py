@@ -179,7 +179,7 @@ class LinkClient:
         """Rows that there are from `first` on, at most `count`."""
         answer = self.must(Request.TRACE, struct.pack("<IIHB", run, first, min(count, 0xFFFF), felt))
         begun, rows = struct.unpack_from("<IH", answer)
-        table = np.frombuffer(answer, dtype="<i4", offset=6).reshape(rows, -1)
+        table = np.frombuffer(answer, dtype="<i4", offset=6).reshape(rows, channels * (3 if felt else 2))
         command = table[:, :channels]
         felt_mm = table[:, 2 * channels :].copy().view(np.float32) if felt else None
         return TraceRows(

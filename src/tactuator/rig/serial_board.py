@@ -75,9 +75,9 @@ def serial_rig(url: str, display: Display, seed: int = 0) -> BoardRig:
     client = LinkClient(transport, _ANSWER_S)
     try:
         rig = BoardRig(client, display)
+        rig.off()  # whoever was here before may have left it running
         if client.status().allows_hold:
-            content, loads = wired_display_bytes(display, seed)
-            rig.wire(content, loads)
+            rig.wire(*wired_display_bytes(display, seed))
     except BaseException:
         client.close()
         raise

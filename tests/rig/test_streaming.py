@@ -1,0 +1,218 @@
+"""Streams to boards whose time goes on: no gap, no silent underrun, rest on what goes wrong."""
+
+import time
+
+import numpy as np
+import pytest
+
+from tactuator.digital.safety import Fault
+from tactuator.digital.wired_display import wired_display_bytes
+from tactuator.errors import BadInput
+from tactuator.rig.board import LEAD_S, BoardRig
+from tactuator.rig.board_stream import StreamDry
+from tactuator.rig.emulated import in_process_rig
+from tactuator.rig.link import LinkClient, Mode, RigFault
+from tactuator.rig.open import open_rig
+from tactuator.rig.simulated import SimulatedRig
+from tactuator.rig.socket_link import connect
+from tactuator.rig.streaming_trial import try_streaming
+from tactuator.rig.trace import join_traces, recut_traces
+from tactuator.rig.transport import InProcess, LinkDown
+from tests.rig.emulated_ports import serial_board, socket_board
+from tests.rig.guarded import designed
+
+RATE_HZ = 4000.0
+SOFT = 402
+
+
+def free_rig(transport=None):
+    """A board in this process whose time goes on by 32 ticks with every request, whatever it has to play."""
+    rig = BoardRig(LinkClient(transport or InProcess()), designed().display, waits=False, sleep=lambda seconds: None)
+    rig.wire(*wired_display_bytes(designed().display, 1))
+    rig.load(designed())
+    return rig
+
+
+def noise(count, seed=1):
+    return (20.0 * np.random.default_rng(seed).standard_normal((count, 3))).astype(np.float32)
+
+
+def joined(traces):
+    return join_traces(traces, RATE_HZ, designed().display and tuple(c.name for c in designed().display.channels))
+
+
+def test_free_board__stream__plays_every_row_at_its_tick_without_a_gap():
+    rows = noise(9000)
+    rig = free_rig()
+    found = joined(rig.stream(np.array_split(rows, 45)))
+    with in_process_rig(designed().display, 1) as waiting:
+        waiting.load(designed())
+        waiting.play(np.zeros((rig.fed_to - len(rows) - SOFT, 3)))
+        wanted = waiting.play(rows)
+    assert np.array_equal(found.reference, rows)
+    for name in ("command_v", "position_v"):
+        assert np.array_equal(getattr(found, name), getattr(wanted, name))
+
+
+def test_free_board__block__is_asked_for_no_earlier_than_the_lead():
+    rig, played, asked = free_rig(), 0, 0
+
+    def blocks():
+        nonlocal asked
+        for _ in range(40):
+            asked += 200
+            yield noise(200)
+
+    ahead = []
+    for trace in rig.stream(blocks()):
+        ahead.append(asked - played)
+        played += len(trace)
+    assert played == asked == 8000
+    # what is told of lags behind what is played by the pieces of the trace
+    assert max(ahead) <= LEAD_S * RATE_HZ + 200 + 2 * 200
+
+
+def test_free_board__host_falls_behind__is_told_and_the_output_rests():
+    rig = free_rig()
+
+    def blocks():
+        yield noise(400)
+        for _ in range(60):
+            rig.status()  # 32 ticks each
+        yield noise(400)
+
+    with pytest.raises(StreamDry, match="ran dry 400 samples after its beginning") as told:
+        list(rig.stream(blocks()))
+    assert told.value.ticks > 0
+    assert rig.status().at_rest
+    assert len(joined(rig.stream([noise(300)]))) == 300
+
+
+def test_free_board__two_plays__are_both_whole():
+    rig = free_rig()
+    assert [len(rig.play(noise(700))), len(rig.play(noise(5000)))] == [700, 5000]
+
+
+@pytest.mark.parametrize("place", [0, 3])
+def test_free_board__row_that_is_no_number__rests_and_is_told(place):
+    rig, blocks = free_rig(), [noise(200) for _ in range(6)]
+    blocks[place][7, 1] = np.nan
+    with pytest.raises(BadInput, match="not finite"):
+        list(rig.stream(blocks))
+    assert rig.status().at_rest
+
+
+def test_free_board__sensor_fails_in_mid_stream__rests_and_is_told():
+    rig = free_rig()
+    with pytest.raises(RigFault, match="sensor open"):
+        for count, _ in enumerate(rig.stream(noise(200) for _ in range(400))):
+            if count == 5:
+                rig.finger("thumb").break_sensor("open")
+    assert rig.status().mode is Mode.FAULT
+    assert rig.status().at_rest
+
+
+def test_free_board__pressed_in_mid_stream__is_felt_as_on_a_board_that_waits():
+    felt = []
+    for rig in (free_rig(), in_process_rig(designed().display, 1)):
+        rig.load(designed())
+        moved = []
+        rig.finger("index").attach(moved.append)
+        rig.finger("index").touch("finger")
+        rig.finger("index").press(np.full(200, 0.5))
+        joined(rig.stream(np.zeros((100, 3)) for _ in range(4)))
+        felt.append(np.concatenate(moved))
+    assert felt[0].size == felt[1].size == 400
+    assert np.max(np.abs(felt[0])) == pytest.approx(np.max(np.abs(felt[1])), rel=0.05)
+    assert np.max(np.abs(felt[0])) > 0.05
+
+
+def test_board__no_controller__is_told_before_anything_is_asked_for():
+    rig = BoardRig(LinkClient(InProcess()), designed().display)
+    with pytest.raises(BadInput, match="no controller is loaded"):
+        rig.stream(iter([]))
+
+
+def test_recut__pieces_of_any_length__are_the_same_samples():
+    rig = SimulatedRig(designed().display, 1)
+    rig.load(designed())
+    whole = rig.play(noise(1000))
+    pieces = (whole.part(start, start + 37) for start in range(0, 1000, 37))
+    cut = list(recut_traces(pieces, [1, 400, 3, 250, 300, 300]))
+    assert [len(trace) for trace in cut] == [1, 400, 3, 250, 300]
+    assert np.array_equal(joined(cut).position_v, whole.position_v[:954])
+
+
+@pytest.mark.parametrize("board", ["mps2-an386", "mps2-an500"])
+def test_emulated_board_in_free_run__reference_streams_in__no_interrupt_is_late(board):
+    found = try_streaming(board, designed(), 0.5, instruction_ns=4)
+    assert (found.late, found.dry, found.dropped, found.fault) == (0, 0, 0, "none")
+    assert found.played == found.samples == 2000
+    assert found.bit_exact
+    assert found.holds
+
+
+def test_emulated_board_in_free_run__processor_far_too_slow__is_late():
+    found = try_streaming("mps2-an500", designed(), 0.5, instruction_ns=128)
+    assert found.late > 0
+    assert found.fault == "late"
+    assert not found.holds
+
+
+@pytest.mark.parametrize(("seconds", "instruction_ns"), [(0.0, 8), (1.0, 7), (1.0, 2048)])
+def test_trial__asked_for_what_cannot_be__is_told(seconds, instruction_ns):
+    with pytest.raises(BadInput, match="allowed"):
+        try_streaming("mps2-an500", designed(), seconds, instruction_ns)
+
+
+def test_serial_port__board_behind_it__plays_bit_for_bit():
+    with in_process_rig(designed().display, 1) as ours:
+        ours.load(designed())
+        wanted = ours.play(noise(300))
+    with serial_board() as (name, _), open_rig(f"board:{name}@921600", designed().display, 1) as rig:
+        rig.load(designed())
+        assert np.array_equal(rig.play(noise(300)).command_v, wanted.command_v)
+
+
+def test_port__vanishes_in_mid_stream__is_told():
+    with socket_board() as (url, process), open_rig(f"board:{url}", designed().display, 1) as rig:
+        rig.load(designed())
+        with pytest.raises(LinkDown, match="the port has vanished"):
+            for count, _ in enumerate(rig.stream(noise(200) for _ in range(400))):
+                if count == 2:
+                    process.kill()
+
+
+def test_host__vanishes_from_a_board_in_free_run__the_board_comes_to_rest_by_itself():
+    with socket_board() as (url, _):
+        first = BoardRig(open_rig(f"board:{url}", designed().display, 1).client, designed().display, waits=False)
+        first.load(designed())
+        for count, _ in enumerate(first.stream(noise(100) for _ in range(100))):
+            if count == 2:
+                break
+        first.client.close()
+        client = LinkClient(connect(url))
+        for pause_s in (2.0, 4.0, 8.0, 16.0, 32.0):  # a quarter of a second of the board's time, sooner or later
+            time.sleep(pause_s)
+            status = client.status()
+            if status.mode is Mode.FAULT:
+                break
+        assert status.fault is Fault.SILENCE
+        client.close()
+        with open_rig(f"board:{url}", designed().display, 1) as again:
+            again.load(designed())
+            assert len(again.play(noise(50))) == 50
+
+
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("socket://127.0.0.1:0", "a port from 1 to 65535"),
+        ("socket://nowhere", "socket://host:port"),
+        ("socket://127.0.0.1:1", "one where a board listens"),
+        ("/dev/null@fast", "baud rate 'fast'"),
+    ],
+)
+def test_port__that_is_none__is_told(url, words):
+    with pytest.raises(BadInput, match=words):
+        open_rig(f"board:{url}", designed().display)
