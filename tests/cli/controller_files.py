@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from tactuator.files.controller import read_controller, write_controller
-from tests.digital.paper_display import channel, controller, display
+from tests.digital.paper_display import changed, channel, controller, display, louder
 
 
 def paper_file(folder: Path) -> str:
@@ -20,13 +17,11 @@ def paper_file(folder: Path) -> str:
 
 def spoilt(path: str, **fields: object) -> str:
     """The same, its channel changed."""
-    read = read_controller(path)
-    write_controller(path, replace(read, channels=(replace(read.channels[0], **fields),)))  # type: ignore[arg-type]
+    write_controller(path, changed(read_controller(path), **fields))
     return path
 
 
 def unstable(path: str) -> str:
     """The same, its loop closing no more."""
-    sections = np.array(read_controller(path).channels[0].feedback_sos)
-    sections[0, :3] *= 60.0
-    return spoilt(path, feedback_sos=sections)
+    write_controller(path, louder(read_controller(path), 60.0))
+    return path

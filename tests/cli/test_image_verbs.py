@@ -105,9 +105,12 @@ BAD_IMAGES = {
     "one byte long": (lambda image: image + b"\0", "it is truncated, or longer than it says"),
     "one bit flipped": (lambda image: image[:90] + bytes([image[90] ^ 4]) + image[91:], "its checksum does not fit"),
     "not an image": (lambda image: b"PNG!" + image[4:], "it is no image; allowed: a file that `build` wrote"),
-    "future version": (lambda image: resealed(image, 4, struct.pack("<H", 2)), "its version is not known here"),
+    "future version": (lambda image: resealed(image, 4, struct.pack("<H", 99)), "its version is not known here"),
     "another format": (lambda image: resealed(image, 6, struct.pack("<H", 9)), "its number format is not known"),
-    "not a number": (lambda image: resealed(image, 92, struct.pack("<f", np.nan)), "a coefficient is not a number"),
+    "not a number": (
+        lambda image: resealed(image, len(image) - 24, struct.pack("<f", np.nan)),
+        "a coefficient is not a number",
+    ),
 }
 
 

@@ -23,7 +23,7 @@ from tactuator.digital.wordlength import (
     response_error_db,
 )
 from tactuator.errors import BadInput
-from tests.digital.paper_display import channel, controller, display
+from tests.digital.paper_display import changed, channel, controller, display, louder
 from tests.digital.precisely import difference_response, polynomial_response
 
 MADE = controller(display(channel()))
@@ -33,10 +33,6 @@ BAND = np.geomspace(0.4, 300.0, 120)
 
 def report(made: Controller, name: str) -> FormatReport:
     return assess(made, (BY_NAME[name],))[0]
-
-
-def changed(made: Controller, **fields: object) -> Controller:
-    return replace(made, channels=tuple(replace(each, **fields) for each in made.channels))  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
@@ -109,9 +105,7 @@ def test_assess__delta_form_at_16_khz__is_safe(name: str) -> None:
 
 
 def test_assess__loop_that_does_not_close__is_stable_in_no_format() -> None:
-    sections = np.array(MADE.channels[0].feedback_sos)
-    sections[0, :3] *= 60.0
-    found = assess(changed(MADE, feedback_sos=sections))
+    found = assess(louder(MADE, 60.0))
     assert not any(each.stable or each.safe for each in found)
     assert recommended(found) is None
 
@@ -203,7 +197,9 @@ def test_response_error__float32_biquads__is_that_of_the_rounded_numbers(rate_hz
 @pytest.mark.parametrize("rate_hz", [4000.0, 16_000.0, 64_000.0])
 def test_response_error__delta_form__is_that_of_the_images_own_words(name: str, rate_hz: float) -> None:
     made = at_rate(MADE, rate_hz)
-    rows = image_rows(build_image(made, name, "0" * 64), name, len(made.channels[0].prefilter_sos))
+    own = made.channels[0]
+    assert own.feedback_sos is not None
+    rows = image_rows(build_image(made, name, "0" * 64), name, len(own.prefilter_sos), len(own.feedback_sos))
     left = []
     for cascade in rows:
         responses = (difference_response(row, BAND, rate_hz) for row in cascade)
@@ -214,20 +210,16 @@ def test_response_error__delta_form__is_that_of_the_images_own_words(name: str, 
     assert found == pytest.approx(loop_error_db(made, tuple(left)), rel=0.02, abs=2e-9)
 
 
-def image_rows(image: bytes, name: str, prefilters: int) -> tuple[list[list[float]], list[list[float]]]:
-    """b0, b1, b2, a1, a2 of every section, read from the image of one channel as core/image.h lays it out."""
-    feedbacks = image[52 + 17]
-    at, rows = 52 + 24 + (8 if name == "float32" else 12), []
-    for _ in range(prefilters + feedbacks):
+def image_rows(image: bytes, name: str, prefilters: int, feedbacks: int) -> tuple[list[list[float]], list[list[float]]]:
+    """b0, b1, b2, a1, a2 of every section: they are the last of an image of one channel, before its CRC."""
+    size, rows = (20 if name == "float32" else 24), []
+    for at in range(len(image) - 4 - size * (prefilters + feedbacks), len(image) - 4, size):
         if name == "float32":
             rows.append(list(struct.unpack_from("<5f", image, at)))
-            at += 20
             continue
         words = struct.unpack_from("<5i4B", image, at)
         shifts = (words[5], words[6], words[7], words[6], words[7])
         rows.append([word / 2.0 ** (21 + shift) for word, shift in zip(words[:5], shifts, strict=True)])
-        at += 24
-    assert at == len(image) - 4
     return rows[:prefilters], rows[prefilters:]
 
 
@@ -242,10 +234,8 @@ def test_require_safe__papers_controller__gives_the_report(loads: str) -> None:
 
 
 def test_require_safe__loop_that_does_not_close__is_refused_with_the_figures() -> None:
-    sections = np.array(MADE.channels[0].feedback_sos)
-    sections[0, :3] *= 60.0
     with pytest.raises(BadInput, match=r"float32 is not safe for this controller \(unstable\); allowed: what"):
-        require_safe(changed(MADE, feedback_sos=sections), "float32")
+        require_safe(louder(MADE, 60.0), "float32")
 
 
 def test_require_safe__format_that_no_board_runs__is_refused() -> None:
