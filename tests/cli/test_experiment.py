@@ -5,6 +5,7 @@ import json
 import pytest
 
 from tactuator.cli.main import main
+from tests.experiment.identifying import protocol_text
 from tests.experiment.stations import PROTOCOL
 
 SHORT = PROTOCOL.replace("reversals = 6", "reversals = 4").replace("averaged = 4", "averaged = 2")
@@ -41,6 +42,16 @@ def test_simulate__json__is_one_object_and_the_same_again(capsys, arguments, key
         ["export", "--store", "missing.db", "--out", "out"],
         ["observe", "missing.toml", "--store", "lab.db"],
         ["observe", "protocol.toml", "--store", "nowhere/lab.db"],
+        ["observe", "words.toml", "--store", "lab.db"],
+        ["identify", "protocol.toml", "--store", "lab.db"],
+        ["identify", "words.toml", "--store", "lab.db"],
+        ["identify", "words.toml", "--store", "lab.db", "--rig", "piano"],
+        ["identify", "words.toml", "--store", "lab.db", "--scripted-error", "2"],
+        ["serve", "words.toml", "--store", "lab.db"],
+        ["serve", "missing.toml", "--store", "lab.db"],
+        ["serve", "protocol.toml", "--store", "lab.db", "--speed", "-1"],
+        ["serve", "protocol.toml", "--store", "lab.db", "--rig", "emulated:abacus"],
+        ["serve", "protocol.toml", "--store", "lab.db", "--rig", "board:/dev/there-is-none"],
         ["serve", "protocol.toml", "--store", "lab.db", "--rig", "piano"],
         ["serve", "protocol.toml", "--store", "lab.db", "--port", "99999"],
         ["serve", "protocol.toml", "--store", "lab.db", "--host", "256.1.1.1"],
@@ -49,11 +60,12 @@ def test_simulate__json__is_one_object_and_the_same_again(capsys, arguments, key
 def test_experiment__bad_input__is_one_line_and_nothing_is_left(capsys, tmp_path, monkeypatch, arguments) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "protocol.toml").write_text(SHORT)
+    (tmp_path / "words.toml").write_text(protocol_text())
     assert main(["experiment", *arguments]) == 2
     said = capsys.readouterr()
     assert said.out == ""
     assert len(said.err.strip().splitlines()) == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["protocol.toml"]
+    assert {path.name for path in tmp_path.iterdir()} == {"protocol.toml", "words.toml"}
 
 
 def test_observe_thresholds_export__in_turn__give_files_and_objects(capsys, tmp_path, monkeypatch) -> None:

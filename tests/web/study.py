@@ -4,7 +4,6 @@ import multiprocessing
 import os
 import random
 import re
-import shutil
 import sys
 import time
 from collections.abc import Callable
@@ -13,8 +12,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-import pytest
-from playwright.sync_api import Page, expect, sync_playwright
+from playwright.sync_api import Page, expect
 
 from tactuator.cli.main import main
 from tactuator.digital.controller import Controller
@@ -24,29 +22,8 @@ from tactuator.experiment.protocol_file import read_protocol
 from tactuator.files.controller import write_controller
 from tests.experiment.stations import response_of
 
-ARGUMENTS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
-
-
 ASKED = ".choice[aria-disabled=false]"
 """A response button while an answer is asked for."""
-
-
-@pytest.fixture(scope="session")
-def browser():
-    path = shutil.which("chromium") or shutil.which("chromium-browser")
-    assert path is not None, "Chromium is not there: install the package `chromium`"
-    with sync_playwright() as playwright:
-        made = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
-        yield made
-        made.close()
 
 
 FORKS = multiprocessing.get_context("forkserver")

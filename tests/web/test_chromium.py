@@ -10,7 +10,7 @@ from tactuator.experiment.stored_runs import detection_runs
 from tactuator.experiment.thresholds import thresholds
 from tactuator.experiment.trial import ForcedChoice
 from tests.experiment.stations import PROTOCOL, ObedientClock, answer_one, begin, controller
-from tests.web.study import Subject, asked, browser, kills_and_finish, started, visible, watch_errors  # noqa: F401
+from tests.web.study import Subject, asked, kills_and_finish, started, visible, watch_errors
 
 ONE = PROTOCOL[: PROTOCOL.rindex("[[subject]]")]
 

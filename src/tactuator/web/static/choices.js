@@ -45,6 +45,8 @@ class Choices {
 
   clear() { for (const button of this.buttons.values()) button.classList.remove("chosen", "right", "wrong"); }
 
+  hasFocus() { return this.box.contains(document.activeElement) && document.activeElement !== this.box; }
+
   // The focus goes to the neighbour in that direction.
   move(columns, rows) {
     const buttons = [...this.buttons.values()];

@@ -76,6 +76,7 @@ const handlers = {
   refused() { page.unsaved = null; stand(null); },
   elsewhere() {
     page.over = true;
+    stand(null);
     hideAll();
     el("go").hidden = false;
     el("go").textContent = "Continue here";
@@ -118,6 +119,7 @@ function show() {
     page.noise.stop();
   } else if (page.stage === "trial" && page.going) {
     el("choices").hidden = false;
+    if (!page.choices.hasFocus()) el("choices").focus(); // the next Tab leads to the responses
     el("lamps").hidden = el("lamps").childElementCount === 0;
     if (page.standing !== null) say(page.about.prompt);
     else if (page.waiting) say("Please wait for the experimenter.");

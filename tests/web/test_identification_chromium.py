@@ -1,0 +1,347 @@
+"""Identification in a real Chromium: from the first key to bits, through reloads and kills, on a phone and a laptop."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page
+from sqlalchemy import select
+
+from tactuator.cli.main import main
+from tactuator.experiment import schema
+from tactuator.experiment.identification import block_trials
+from tactuator.experiment.protocol_file import parse_identification
+from tactuator.experiment.store import Store
+from tests.experiment.identifying import controller, items, protocol_text, scripted_answer  # noqa: F401
+from tests.web.study import (
+    ASKED,
+    Server,
+    Subject,
+    asked,
+    finish,
+    kills_and_finish,
+    started,
+    visible,
+    watch_errors,
+)
+
+LABELS = ("M-index", "C-index", "MC-index", "L-index")
+PHONE, LAPTOP = {"width": 360, "height": 640}, {"width": 1280, "height": 720}
+
+
+@pytest.fixture
+def serve(tmp_path, items, controller):
+    """Starts a server for a protocol text, the items beside it; killed at the end."""
+    made: list[Server] = []
+
+    def start(text: str) -> Server:
+        for path in Path(items).iterdir():
+            (tmp_path / path.name).symlink_to(path)
+        made.append(started(tmp_path, text, controller))
+        return made[-1]
+
+    yield start
+    for one in made:
+        one.kill()
+
+
+def opened(page: Page, server: Server, text: str) -> Subject:
+    """A scripted subject whose keys are the protocol's; runs of the one subject count from 1."""
+    protocol = parse_identification(text)
+    keys = {item.label: item.key for item in protocol.item} | {"A": "a", "B": "2"}
+    page.goto(server.addresses["subject S1"])
+    return Subject(page, server.protocol, lambda run, number: keys[scripted_answer(text, run - 1, number)])
+
+
+def stored(path: Path) -> list[tuple[int, int, str, str]]:
+    store = Store(path)
+    query = select(
+        schema.run.c.position, schema.trial.c.number, schema.trial.c.correct_response, schema.response.c.response
+    ).select_from(schema.run.join(schema.trial).join(schema.response))
+    with store.read() as connection:
+        rows = [tuple(row) for row in connection.execute(query.order_by(schema.trial.c.id))]
+    store.close()
+    return rows
+
+
+def planned(text: str) -> list[tuple[int, int, str, str]]:
+    """What an undisturbed session stores."""
+    protocol = parse_identification(text)
+    return [
+        (block, trial.number, trial.correct, scripted_answer(text, block, trial.number))
+        for block in range(len(protocol.block))
+        for trial in block_trials(protocol, 0, block)
+    ]
+
+
+def begin(page: Page) -> None:
+    """From the introduction to the first answer that is asked for."""
+    visible(page, "Which one was it?")
+    page.keyboard.press("Enter")
+    asked(page)
+
+
+def test_session__by_keyboard_with_reloads_and_kills__gives_the_bits_of_an_undisturbed_one(
+    serve, browser, capsys
+) -> None:
+    text = protocol_text(training=1, test=6, labels=LABELS, consent="You may stop at any time.")
+    server = serve(text)
+    page = browser.new_page()
+    errors = watch_errors(page)
+    subject = opened(page, server, text)
+    visible(page, "Before we begin")
+    while len(subject.acknowledged) < 2:
+        subject.act()
+    asked(page)
+    stands = page.locator("body").get_attribute("data-trial")
+    page.reload()  # in mid-trial: what was played and not answered is played again
+    begin(page)
+    assert page.locator("body").get_attribute("data-trial") == stands
+    assert kills_and_finish(server, subject, 3, seed=4) == 3
+    assert errors == []
+    rows = stored(server.store)
+    assert rows == planned(text)
+    acknowledged = {(run - 1, number) for run, number in subject.acknowledged}
+    assert acknowledged <= {row[:2] for row in rows}
+    page.close()
+    capsys.readouterr()
+    assert main(["experiment", "information", "--store", str(server.store), "--json"]) == 0
+    (result,) = json.loads(capsys.readouterr().out)["results"]
+    counts = [[0] * 4 for _ in LABELS]
+    for block, _, correct, response in planned(text):
+        if block == 1:
+            counts[LABELS.index(correct)][LABELS.index(response)] += 1
+    assert result["matrix"] == counts
+    assert result["trials"] == 24
+    assert 0.5 < result["estimates"]["plug_in"]["bits"] < 2.0
+
+
+@pytest.mark.soak
+def test_session__server_killed_fifty_times__stores_every_trial_once(serve, browser) -> None:
+    text = protocol_text(training=5, test=25, labels=LABELS)
+    server = serve(text)
+    page = browser.new_page()
+    subject = opened(page, server, text)
+    visible(page, "Which one was it?")
+    assert kills_and_finish(server, subject, 50, seed=5) == 50
+    assert stored(server.store) == planned(text)
+
+
+def test_page__before_each_answer__is_the_same_whatever_was_played(serve, browser) -> None:
+    text = protocol_text(training=0, test=3, labels=LABELS)
+    server = serve(text)
+    page = browser.new_page()
+    subject = opened(page, server, text)
+    seen: set[str] = set()
+    subject.asked = lambda: seen.add(_told(page))
+    finish(subject)
+    assert len({correct for _, _, correct, _ in stored(server.store)}) == 4
+    assert len(seen) == 1
+    page.close()
+
+
+def _told(page: Page) -> str:
+    """The whole page and what scripts hold, but for progress and the trial's number."""
+    html = page.evaluate("document.documentElement.outerHTML + JSON.stringify({ ...page, choices: null, noise: null })")
+    html = re.sub(r'data-trial="\d+/\d+"|(?<=max="1") value="[\d.]+"', "", html)
+    return re.sub(r'"(number|shownAt)":[\d.]+', "", html)
+
+
+def test_feedback__in_training__says_what_was_right(serve, browser) -> None:
+    text = protocol_text(training=1, test=1, labels=LABELS).replace("feedback_s = 0.0", "feedback_s = 1.0")
+    server = serve(text)
+    page = browser.new_page()
+    opened(page, server, text)
+    begin(page)
+    first, second = planned(text)[0][2], planned(text)[1][2]
+    wrong = next(label for label in LABELS if label != first)
+    page.get_by_role("button", name=wrong, exact=True).click()
+    visible(page, f"No, it was {first}")
+    assert page.locator(".choice.right").inner_text().startswith(first)
+    assert page.locator(".choice.wrong").inner_text().startswith(wrong)
+    asked(page)
+    assert page.locator(".choice.right, .choice.wrong").count() == 0
+    page.keyboard.press(str(1 + LABELS.index(second)))
+    visible(page, "Right")
+    page.close()
+
+
+def test_break__between_blocks__lasts_its_time_and_shows_what_comes(serve, browser) -> None:
+    text = protocol_text(training=1, test=1, labels=LABELS, extra="[session]\nbreak_s = 1\n")
+    server = serve(text)
+    page = browser.new_page()
+    subject = opened(page, server, text)
+    while not page.locator("#status").inner_text().startswith("Time for a break"):
+        subject.act()
+    go = page.locator("#go")
+    assert go.is_disabled()
+    assert go.inner_text() == "Go on in 1 s"
+    page.keyboard.press("Enter")  # too early: nothing comes of it
+    page.locator("#go:enabled").wait_for()
+    page.keyboard.press("Enter")
+    begin_text = page.locator("#text", has_text="Block 2 of 2: test, 4 trials.")
+    begin_text.wait_for()
+    begin(page)
+    finish(subject)
+    assert stored(server.store)[4:] == planned(text)[4:]
+    page.close()
+
+
+def test_keyboard__tab_and_arrows__reach_every_response_and_the_focus_shows(serve, browser) -> None:
+    text = protocol_text(training=0, test=2, labels=LABELS)
+    server = serve(text)
+    page = browser.new_page(viewport=LAPTOP)
+    opened(page, server, text)
+    begin(page)
+    page.keyboard.press("Tab")
+    focused = page.locator(":focus")
+    assert focused.get_attribute("class") == "choice"
+    assert focused.evaluate("element => getComputedStyle(element).outlineStyle") == "solid"
+    page.keyboard.press("ArrowRight")
+    assert page.locator(":focus .label").inner_text() == LABELS[1]
+    page.keyboard.press("Enter")
+    page.locator("body[data-trial='1/1']").wait_for()
+    asked(page)
+    assert page.locator(":focus .label").inner_text() == LABELS[1]  # the focus stays
+    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("Space")
+    page.locator("body[data-trial='1/2']").wait_for()
+    assert [row[3] for row in stored(server.store)] == [LABELS[1], LABELS[0]]
+    page.close()
+
+
+def test_page__roles__name_what_it_shows(serve, browser) -> None:
+    text = protocol_text(training=0, test=1, labels=LABELS)
+    server = serve(text)
+    page = browser.new_page()
+    opened(page, server, text)
+    visible(page, "Which one was it?")
+    assert page.get_by_role("button", name="Begin (Enter)").evaluate("one => one === document.activeElement")
+    begin(page)
+    group = page.get_by_role("group", name="Responses")
+    assert [one.locator(".label").inner_text() for one in group.get_by_role("button").all()] == list(LABELS)
+    assert page.get_by_role("status").get_attribute("aria-live") == "polite"
+    assert page.get_by_role("progressbar", name="Progress").count() == 1
+    shortcuts = [one.get_attribute("aria-keyshortcuts") for one in group.get_by_role("button").all()]
+    assert shortcuts == ["1", "2", "3", "4"]
+    page.close()
+
+
+def many(count: int) -> str:
+    """A protocol with as many labels, of the same files."""
+    text = protocol_text(training=0, test=1, labels=[f"word-{number}" for number in range(count)])
+    return re.sub(r'file = "word-(\d+).wav"\nkey = "(\d+)"', _file_and_key, text)
+
+
+def _file_and_key(found: re.Match[str]) -> str:
+    keys = "123456789abcdefghijklmnopqrstuvwxyz"
+    return f'file = "{LABELS[int(found[1]) % 4]}.wav"\nkey = "{keys[int(found[1])]}"'
+
+
+@pytest.mark.parametrize("count", [2, 3, 9, 12, 30])
+def test_responses__two_to_thirty__fit_phone_and_laptop(serve, browser, count) -> None:
+    server = serve(many(count))
+    page = browser.new_page(viewport=LAPTOP)
+    page.goto(server.addresses["subject S1"])
+    begin(page)
+    for size in (LAPTOP, PHONE, {"width": 640, "height": 360}):
+        page.set_viewport_size(size)
+        page.wait_for_timeout(150)
+        boxes = [button.bounding_box() for button in page.locator(".choice").all()]
+        assert len(boxes) == count
+        if size["height"] < 600 and count == 30:
+            continue  # a phone on its side shows thirty by scrolling
+        for box in boxes:
+            assert min(box["width"], box["height"]) >= 36
+            assert 0 <= box["x"] <= box["x"] + box["width"] <= size["width"]
+            assert 0 <= box["y"] <= box["y"] + box["height"] <= size["height"]
+        assert page.evaluate(
+            "[...document.querySelectorAll('.choice')].every((one) => one.scrollWidth <= one.clientWidth)"
+        )
+        for one, other in ((a, b) for a in boxes for b in boxes if a is not b):
+            apart_x = one["x"] + one["width"] <= other["x"] or other["x"] + other["width"] <= one["x"]
+            apart_y = one["y"] + one["height"] <= other["y"] or other["y"] + other["height"] <= one["y"]
+            assert apart_x or apart_y
+    page.close()
+
+
+def test_abx__by_touch_on_a_phone__shows_its_intervals_and_stores_a_and_b(serve, browser, capsys) -> None:
+    text = protocol_text("abx", training=1, test=1)
+    server = serve(text)
+    context = browser.new_context(viewport=PHONE, has_touch=True)
+    page = context.new_page()
+    errors = watch_errors(page)
+    page.add_init_script(LAMPS)
+    subject = opened(page, server, text)
+    visible(page, "Was X like A or like B?")
+    page.locator("#go").tap()
+    asked(page)
+    assert page.evaluate("window.lit") == ["A", "B", "X"]
+    assert page.locator("#lamps").get_attribute("aria-hidden") == "true"
+    page.locator(".choice", has_text="B").tap()
+    page.locator("body[data-trial='1/1']").wait_for()
+    assert [row[3] for row in stored(server.store)] == ["B"]
+    finish(subject)
+    rows = stored(server.store)
+    assert rows[1:] == planned(text)[1:]
+    assert errors == []
+    context.close()
+    capsys.readouterr()
+    assert main(["experiment", "information", "--store", str(server.store), "--json"]) == 0
+    (result,) = json.loads(capsys.readouterr().out)["abx"]
+    assert (result["trials"], result["share_correct"]) == (12, 0.75)
+
+
+LAMPS = """
+window.lit = [];
+new MutationObserver((changes) => {
+  for (const { target } of changes) if (target.matches(".lamp.lit")) window.lit.push(target.textContent);
+}).observe(document, { subtree: true, attributes: true, attributeFilter: ["class"] });
+"""
+
+
+def test_tab__opened_twice__goes_on_in_the_newer_with_the_same_trial(serve, browser) -> None:
+    text = protocol_text(training=0, test=2, labels=LABELS)
+    server = serve(text)
+    first, second = browser.new_page(), browser.new_page()
+    opened(first, server, text)
+    begin(first)
+    subject = opened(second, server, text)
+    visible(first, "opened in another tab")
+    assert first.locator(ASKED).count() == 0
+    begin(second)
+    assert second.locator("body").get_attribute("data-trial") == "1/0"
+    finish(subject)
+    assert stored(server.store) == planned(text)
+    first.close()
+    second.close()
+
+
+def test_operator__page__shows_blocks_matrix_and_results(serve, browser) -> None:
+    text = protocol_text(training=0, test=3, labels=LABELS)
+    server = serve(text)
+    operator, page = browser.new_page(), browser.new_page()
+    errors = watch_errors(operator)
+    operator.goto(server.addresses["operator"])
+    subject = opened(page, server, text)
+    while len(subject.acknowledged) < 5:
+        subject.act()
+    operator.locator("#run", has_text="of 12 trials").wait_for()
+    cells = operator.locator("#confusion td")
+    assert cells.count() == 16
+    operator.locator("#runs td", has_text="of 12").wait_for()
+    operator.locator("[data-command=pause]").click()
+    operator.locator("#state", has_text="paused").wait_for()
+    while not page.locator("#status").inner_text().startswith("Please wait"):
+        subject.act()
+    operator.locator("[data-command=resume]").click()
+    finish(subject)
+    operator.locator("#sessions td", has_text="done").wait_for()
+    operator.locator("[data-results=S1]").click()
+    operator.locator("#results caption", has_text="Information transfer").wait_for()
+    right = [int(text) for text in operator.locator("#results .matrix td.right").all_inner_texts() if text.isdigit()]
+    assert sum(right) == sum(correct == response for _, _, correct, response in planned(text))
+    assert errors == []
+    operator.close()
+    page.close()
