@@ -85,7 +85,7 @@ def test_tone__outside_its_interval__is_silence_exactly(tone: Tone) -> None:
 
 @settings(max_examples=50, deadline=None)
 @given(any_tone())
-def test_tone__never_passes_its_amplitude(tone: Tone) -> None:
+def test_tone__any__never_passes_its_amplitude(tone: Tone) -> None:
     assert np.max(np.abs(play([tone], 5200))) <= abs(tone.amplitude) * (1.0 + 1e-6)
 
 
