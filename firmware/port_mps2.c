@@ -169,8 +169,8 @@ size_t tact_port_receive(uint8_t *bytes, size_t most)
         return look_at_uart(bytes, most);
     let_run();
     const size_t size = tact_host_read(from_host, bytes, most);
-    if (size == 0 && SYSTICK_CONTROL & SYSTICK_ENABLED)
-        sleep();
+    if (size == 0)
+        tact_host_exit(); /* the host is gone for good */
     return size;
 }
 

@@ -1,6 +1,7 @@
 #include "semihosting.h"
 
-enum { SYS_OPEN = 0x01, SYS_WRITE = 0x05, SYS_READ = 0x06, MODE_READ = 1, MODE_WRITE = 5 };
+enum { SYS_OPEN = 0x01, SYS_WRITE = 0x05, SYS_READ = 0x06, SYS_EXIT = 0x18, MODE_READ = 1, MODE_WRITE = 5 };
+enum { APPLICATION_EXIT = 0x20026 };
 
 static uint32_t host(uint32_t call, const void *arguments)
 {
@@ -36,4 +37,9 @@ void tact_host_write(int handle, const uint8_t *bytes, size_t size)
         bytes += size - missing;
         size = missing;
     }
+}
+
+void tact_host_exit(void)
+{
+    (void)host(SYS_EXIT, (const void *)(uintptr_t)APPLICATION_EXIT);
 }

@@ -13,4 +13,7 @@ size_t tact_host_read(int handle, uint8_t *bytes, size_t most);
 
 void tact_host_write(int handle, const uint8_t *bytes, size_t size);
 
+/* The end of the emulator. */
+void tact_host_exit(void);
+
 #endif

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from tactuator.digital.wired_display import wired_display_bytes
 from tactuator.errors import BadInput
 from tactuator.rig.board import BoardRig
 from tactuator.rig.emulated import emulated_rig, in_process_rig, wired_rig
@@ -51,8 +52,6 @@ class Lossy(InProcess):
 
 def lossy_rig(display):
     transport = Lossy()
-    from tactuator.digital.wired_display import wired_display_bytes
-
     client = LinkClient(transport, 0.01)
     rig = BoardRig(client, display)
     content, loads = wired_display_bytes(display, 1)
@@ -76,8 +75,7 @@ RIGS = {
 
 @pytest.fixture(scope="module", params=list(RIGS))
 def rig(request):
-    made = RIGS[request.param](designed().display)
-    with made:
+    with RIGS[request.param](designed().display) as made:
         yield made
 
 
@@ -103,6 +101,8 @@ def test_rig__two_blocks__are_bit_for_bit_those_of_this_machine(rig, expected):
 
 
 def test_rig__stream__is_bit_for_bit_what_the_blocks_are(rig, expected):
+    rig.off()
+    rig.wire(*wired_display_bytes(designed().display, 1))  # the display as it was in the beginning
     rig.load(designed())
     blocks = np.array_split(np.concatenate([tones(), tones(500)]), 9)
     found = join_traces(rig.stream(iter(blocks)), rig.rate_hz, rig.channels)

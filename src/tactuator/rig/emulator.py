@@ -157,8 +157,9 @@ class EmulatorUart:
 
 
 def _begun(command: list[str], folder: Path) -> subprocess.Popen[bytes]:
+    """A group of its own: Ctrl-C at the terminal is for us, who still have to bring the board to rest."""
     silent = subprocess.DEVNULL
-    return subprocess.Popen(command, cwd=folder, stdin=silent, stdout=silent, stderr=silent)
+    return subprocess.Popen(command, cwd=folder, stdin=silent, stdout=silent, stderr=silent, process_group=0)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
