@@ -76,7 +76,7 @@ def test_felt_level__beyond_the_band_or_silent__is_nothing() -> None:
     assert felt_db_sl(np.full(2000, 0.75), of, 4000.0) == -300.0
 
 
-def test_trial_reference__listens_at_the_end_of_sound_and_of_silence() -> None:
+def test_trial_reference__any_rate__listens_at_the_end_of_sound_and_of_silence() -> None:
     reference, during, after = trial_reference(4000.0, 30.0)
     assert np.ptp(reference[during]) == pytest.approx(60.0, rel=1e-3)
     assert not np.any(reference[after.start - 4000 : after.stop])

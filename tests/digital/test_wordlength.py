@@ -91,6 +91,12 @@ def test_response_error__float32_biquads__is_facts_or_what_pairing_makes_of_it(r
 
 
 @pytest.mark.parametrize("rate_hz", [4000.0, 8000.0, 16_000.0, 32_000.0])
+def test_assess__sixteen_bit_sections__are_unstable_at_every_rate_of_facts(rate_hz: float) -> None:
+    found = report(at_rate(MADE, rate_hz), "q15 biquads")
+    assert (found.stable, found.safe, found.roundoff_db_sl) == (False, False, None)
+
+
+@pytest.mark.parametrize("rate_hz", [4000.0, 8000.0, 16_000.0, 32_000.0])
 def test_response_error__q31_biquads__is_at_most_facts(rate_hz: float) -> None:
     made = at_rate(MADE, rate_hz)
     assert response_error_db(made, 0, BY_NAME["q31 biquads"].write(made, 0)) <= 0.016
