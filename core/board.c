@@ -262,7 +262,6 @@ static void lay_out_filters(float *to, const tact_controller *table)
     to[0] = table->feedback[2].b1;
     to[1] = table->feedback[2].b2;
     to[2] = table->feedback[2].a1;
-    to[3] = table->command_max_v;
 }
 
 int tact_board_take_image(tact_board *board, const tact_image *image)
@@ -286,6 +285,7 @@ int tact_board_take_image(tact_board *board, const tact_image *image)
             table->command_min_v = -table->command_max_v;
             board->is_designed &= is_designed(table);
             lay_out_filters(channel->filters, table);
+            channel->command_max_v = table->command_max_v;
         }
     }
     return 1;

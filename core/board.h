@@ -42,11 +42,13 @@ typedef union {
     tact_controller_q31_state q31;
 } tact_board_controller_state;
 
-/* What one channel's period works on, side by side. What is read in pairs lies at multiples of 8 bytes. */
+/* What one channel's period works on, side by side and in the order of its use, so that few instructions load it. What
+ * is read in pairs (pair.h) lies at multiples of 8 bytes. */
 typedef struct {
     tact_board_controller_state controller;
     tact_guard_table guard_table;
-    float filters[24];     /* a designed controller's: F's two sections, two of C; of C's last b1 b2 a1; command_max_v */
+    float filters[23];     /* a designed controller's: F's two sections and two of C; of C's last b1 b2 a1 */
+    float command_max_v;   /* its limit */
     tact_pair to_code;     /* D/A: offset_v | steps per volt */
     tact_guard_state guard;
     float delayed_v[TACT_BOARD_DELAY_MAX]; /* what will be put out: at the motor, but for the D/A's last bit */
@@ -77,7 +79,7 @@ typedef struct {
     int32_t runs_designed; /* and this run has them run */
     float *stream;
     uint32_t stream_capacity, stream_at, stream_end; /* ticks of the run; stream_at: first of the unbroken samples */
-    int32_t *trace; /* rows of command codes as in `delayed`, then position codes */
+    int32_t *trace; /* rows; of each channel the command's code as in `delayed`, and the position's */
     uint32_t trace_capacity;
     tact_board_channel channel[TACT_CHANNELS_MAX];
     tact_stimulus stimulus[TACT_CHANNELS_MAX];

@@ -1,6 +1,5 @@
 #include "guard.h"
 
-#define KEPT 0.975f /* of a mean from one turn to the next: some 40 turns */
 #define REVERSED_SHARE (-0.5f)
 
 enum { SAME_TICKS_OF_A_FROZEN_ONE = 8 };
@@ -9,6 +8,8 @@ extern inline float tact_section_awake(float b0, float b1, float b2, float a1, f
                                        float x);
 extern inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *state, int32_t code,
                                      float motor_v, uint32_t tick, int *objects);
+extern inline float tact_guard_weigh(const tact_guard_table *table, tact_section_state *state, float y);
+extern inline uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick);
 
 static tact_pair pair(float first, float second)
 {
@@ -21,9 +22,9 @@ void tact_guard_make(tact_guard_table *table, const tact_safety_channel *safety,
     const float step_v = safety->converter.step_v_single, ticks = (float)turns;
     /* The motion since the last turn is the model's, ticks w, and the sensor's, step_v times codes. */
     const float share = REVERSED_SHARE * ticks / step_v;
-    const float power = safety->reversal_power / ((1.0f - KEPT) * ticks * ticks);
+    const float power = safety->reversal_power / ((1.0f - TACT_GUARD_KEPT) * ticks * ticks);
     table->reading = pair(step_v, safety->drive);
-    table->returning = pair(safety->damp, safety->spring);
+    table->returning = pair(1.0f - safety->damp, safety->spring);
     table->correcting = pair(safety->correct_w, safety->correct_x);
     table->resting = pair(safety->stop_lead, safety->stop_max_v);
     table->differing = pair(safety->disagreement_v, safety->comfort_max);
@@ -71,16 +72,6 @@ uint32_t tact_guard_name(const tact_safety_channel *safety, const tact_guard_sta
     return faults;
 }
 
-static inline float weigh(const tact_guard_table *table, tact_section_state *state, float y)
-{
-    const float *k = table->weighting;
-    const tact_pair b0b1 = tact_pair_get(k), b2a1 = tact_pair_get(k + 2), a2b0 = tact_pair_get(k + 4);
-    const tact_pair b1b2 = tact_pair_get(k + 6), a1a2 = tact_pair_get(k + 8);
-    const float value =
-        tact_section_awake(b0b1.first, b0b1.second, b2a1.first, b2a1.second, a2b0.first, &state[0], y);
-    return tact_section_awake(a2b0.second, b1b2.first, b1b2.second, a1a2.first, a1a2.second, &state[1], value);
-}
-
 static inline int is_tiny(float value)
 {
     return __builtin_fabsf(value) < TACT_TINY;
@@ -93,8 +84,8 @@ static void settle(tact_section_state *state)
         state[i].s1 = state[i].s2 = 0.0f;
 }
 
-static __attribute__((noinline)) uint32_t look_closer(const tact_guard_table *table, tact_guard_state *state,
-                                                      float felt, uint32_t same_ticks)
+uint32_t tact_guard_look_closer(const tact_guard_table *table, tact_guard_state *state, float felt,
+                                uint32_t same_ticks)
 {
     uint32_t faults = 0;
     if (state->last_code == 0)
@@ -107,23 +98,4 @@ static __attribute__((noinline)) uint32_t look_closer(const tact_guard_table *ta
     if (same_ticks >= table->frozen_ticks)
         faults |= stuck(state);
     return faults;
-}
-
-uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick)
-{
-    const int32_t code = state->last_code;
-    const float moved = (float)(code - state->compared_code), w = state->model.second;
-    const tact_pair means = tact_pair_get(&state->means);
-    const float agreement = KEPT * means.first + w * moved;
-    const float felt = weigh(table, state->weighting, (float)code * table->reading.first);
-    state->means.first = agreement;
-    state->means.second = KEPT * means.second + w * w;
-    state->compared_code = code;
-    const uint32_t same_ticks = tick - state->changed_tick;
-    const int is_quiet = code == 0 && is_tiny(state->weighting[0].s1);
-    /* Less agreement than the least power would need: only then can there be less than this power needs. */
-    if (!is_quiet && __builtin_fabsf(felt) <= table->differing.second && !(agreement < table->reversing.first) &&
-        same_ticks < table->frozen_ticks)
-        return 0;
-    return look_closer(table, state, felt, same_ticks);
 }

@@ -6,8 +6,9 @@
  *                                  (in turn)
  *
  * w is the velocity in volts of y per tick; x', w' are where the model will be a tick on, under the command that is out
- * now. Coasting with its own damping alone, the motor comes to rest `lead w'` further on. |nu| is added, so that the place of rest by the reading and that by the model are both within the limit:
- * a sensor that has just failed does not hide a motion, and a model that is wrong hides none either.
+ * now. Coasting with its own damping alone, the motor comes to rest `lead w'` further on. |nu| is added, so that the
+ * place of rest by the reading and that by the model are both within the limit: a sensor that has just failed does not
+ * hide a motion, and a model that is wrong hides none either.
  * Corrected by nu with a bandwidth of some 20 Hz, the model follows slow forces of a finger and lighter or heavier
  * loads, and contradicts a sensor that does not follow the command.
  *
@@ -31,6 +32,8 @@
 #include "pair.h"
 #include "safety.h"
 
+#define TACT_GUARD_KEPT 0.975f /* of a mean from one turn to the next: some 40 turns */
+
 typedef enum {
     TACT_FAULT_NONE = 0,
     TACT_FAULT_COMFORT,
@@ -49,7 +52,7 @@ typedef enum {
 /* What a tick needs of a safety table, two numbers to a load. */
 typedef struct {
     tact_pair reading;    /* volts of y per code | drive */
-    tact_pair returning;  /* damp | spring */
+    tact_pair returning;  /* 1 - damp | spring */
     tact_pair correcting; /* w | x, per volt of nu */
     tact_pair resting;    /* stop_lead | stop_max_v */
     tact_pair differing;  /* disagreement_v | comfort_max */
@@ -79,8 +82,9 @@ void tact_guard_reset(tact_guard_state *state, uint32_t tick);
 /* 1 << fault for each fault that the last reading shows; when tact_guard_sense() objects. */
 uint32_t tact_guard_name(const tact_safety_channel *safety, const tact_guard_state *state, uint32_t tick);
 
-/* The slow part, for a channel whose turn it is, every so many ticks: 1 << fault for each fault found. */
-uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick);
+/* What tact_guard_compare() suspects, told: 1 << fault for each fault found. Weighting at rest where all is quiet. */
+uint32_t tact_guard_look_closer(const tact_guard_table *table, tact_guard_state *state, float felt,
+                                uint32_t same_ticks);
 
 /* tact_section_step() of a section whose input is not silent: nothing comes to rest. */
 inline float tact_section_awake(float b0, float b1, float b2, float a1, float a2, tact_section_state *state, float x)
@@ -103,8 +107,8 @@ inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *s
     const float x = model.first, w = model.second;
     const float y = (float)code * reading.first;
     const float nu = y - x, apart = __builtin_fabsf(nu);
-    const float next = w + (reading.second * (motor_v + state->motor_before_v) -
-                            (returning.first * w + returning.second * x - correcting.first * nu));
+    const float next = returning.first * w + (reading.second * (motor_v + state->motor_before_v) -
+                                              (returning.second * x - correcting.first * nu));
     const float moved = x + (next + correcting.second * nu);
     const float place = __builtin_fabsf(moved + resting.first * next) + apart;
     state->motor_before_v = motor_v;
@@ -120,6 +124,37 @@ inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *s
         state->objects = *objects = 1;
     }
     return y;
+}
+
+/* y to felt reference. */
+inline float tact_guard_weigh(const tact_guard_table *table, tact_section_state *state, float y)
+{
+    const float *k = table->weighting;
+    const tact_pair b0b1 = tact_pair_get(k), b2a1 = tact_pair_get(k + 2), a2b0 = tact_pair_get(k + 4);
+    const tact_pair b1b2 = tact_pair_get(k + 6), a1a2 = tact_pair_get(k + 8);
+    const float value =
+        tact_section_awake(b0b1.first, b0b1.second, b2a1.first, b2a1.second, a2b0.first, &state[0], y);
+    return tact_section_awake(a2b0.second, b1b2.first, b1b2.second, a1a2.first, a1a2.second, &state[1], value);
+}
+
+/* The slow part, for a channel whose turn it is, every so many ticks: 1 << fault for each fault found. */
+inline uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick)
+{
+    const int32_t code = state->last_code;
+    const uint32_t same_ticks = tick - state->changed_tick;
+    const float moved = (float)(code - state->compared_code), w = state->model.second;
+    const tact_pair means = tact_pair_get(&state->means);
+    const float agreement = TACT_GUARD_KEPT * means.first + w * moved;
+    const float felt = tact_guard_weigh(table, state->weighting, (float)code * table->reading.first);
+    state->means.first = agreement;
+    state->means.second = TACT_GUARD_KEPT * means.second + w * w;
+    state->compared_code = code;
+    const int is_quiet = code == 0 && __builtin_fabsf(state->weighting[0].s1) < TACT_TINY;
+    /* A reversed sensor agrees less than the least power would ask for, and more power asks for less still. */
+    if (!is_quiet && __builtin_fabsf(felt) <= table->differing.second && !(agreement < table->reversing.first) &&
+        same_ticks < table->frozen_ticks)
+        return 0;
+    return tact_guard_look_closer(table, state, felt, same_ticks);
 }
 
 #endif

@@ -64,8 +64,8 @@ SELDOM float rest_designed(tact_controller_state *state, float y, float smooth, 
     return y;
 }
 
-/* Two sections of F, three of C, the last of them b0 = 1 and integrating (a2 = 0): nothing to count. On its own it finds
- * registers for all that it works on. */
+/* Two sections of F, three of C, the last of them b0 = 1 and integrating (a2 = 0): nothing to count, and
+ * no product by 1 or 0. */
 static inline float cascade_designed(tact_controller_state *state, const float *k, float reference, float position_v)
 {
     tact_section_state *f = state->prefilter, *c = state->feedback;
@@ -78,9 +78,9 @@ static inline float cascade_designed(tact_controller_state *state, const float *
     const float lead = tact_section_awake(k5.first, k5.second, k6.first, k6.second, k7.first, &c[0], error);
     const tact_pair k8 = tact_pair_get(k + 16), k9 = tact_pair_get(k + 18);
     const float x = tact_section_awake(k7.second, k8.first, k8.second, k9.first, k9.second, &c[1], lead);
-    const tact_pair s = tact_pair_get(&c[2]), k10 = tact_pair_get(k + 20), k11 = tact_pair_get(k + 22);
+    const tact_pair s = tact_pair_get(&c[2]), k10 = tact_pair_get(k + 20);
     const float y = x + s.first;
-    c[2].s1 = s.first + ((k10.first * x - k11.first * y) + s.second);
+    c[2].s1 = s.first + ((k10.first * x - k[22] * y) + s.second);
     c[2].s2 = s.second + k10.second * x;
     return reference == 0.0f ? rest_designed(state, y, smooth, error, lead, x) : y;
 }
@@ -169,8 +169,8 @@ SELDOM int run_channels(tact_board *board, const int32_t *codes, const float *wa
     int found = 0;
     for (int32_t c = 0; c < channels; c++) {
         tact_board_channel *channel = &board->channel[c];
-        trace[c] = channel->delayed[slot];
-        trace[channels + c] = codes[c];
+        *trace++ = channel->delayed[slot];
+        *trace++ = codes[c];
         const float position_v = tact_guard_sense(&channel->guard_table, &channel->guard, codes[c],
                                                   channel->delayed_v[slot], board->ticks, &found);
         found |= run(board, channel, wants[c], position_v);
@@ -187,16 +187,16 @@ static inline int run_designed(tact_board *board, const int32_t *codes, const fl
     tact_board_channel *channel = board->channel, *const end = channel + channels;
     int32_t *trace = trace_row(board);
     int found = 0;
-    for (; channel != end; channel++, trace++) {
+    for (; channel != end; channel++, trace += 2) {
         const int32_t code = *codes++;
         trace[0] = channel->delayed[slot];
-        trace[channels] = code;
+        trace[1] = code;
         const float position_v = tact_guard_sense(&channel->guard_table, &channel->guard, code,
                                                   channel->delayed_v[slot], tick, &found);
         const float reference = fade * *wants++;
         tact_controller_state *state = &channel->controller.single;
         const float command_v = cascade_designed(state, channel->filters, reference, position_v);
-        if (__builtin_fabsf(command_v) <= channel->filters[23])
+        if (__builtin_fabsf(command_v) <= channel->command_max_v)
             put(channel, slot, authority * command_v);
         else
             found |= put_limited(board, channel, command_v);
@@ -233,7 +233,7 @@ static inline void step_running(tact_board *board, const int32_t *codes)
                                                                : run_single);
     if (found)
         see_to(board);
-    board->tick = tick + 1;
+    board->tick++;
     if (board->fading)
         tact_board_fade(board);
 }

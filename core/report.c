@@ -44,8 +44,10 @@ static void write_rows(const tact_link *link, tact_writer *out, uint32_t first, 
     for (uint32_t k = 0; k < count; k++) {
         const uint32_t row = (first + k) & (board->trace_capacity - 1);
         const int32_t *words = board->trace + row * 2 * width;
-        for (uint32_t i = 0; i < 2 * width; i++)
-            tact_write_u32(out, i < width ? code_and_flags(words[i]) : (uint32_t)words[i]);
+        for (uint32_t c = 0; c < width; c++)
+            tact_write_u32(out, code_and_flags(words[2 * c]));
+        for (uint32_t c = 0; c < width; c++)
+            tact_write_u32(out, (uint32_t)words[2 * c + 1]);
         for (uint32_t c = 0; c < width && felt; c++)
             tact_write_f32(out, link->wired->felt_mm[row * width + c]);
     }

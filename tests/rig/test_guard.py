@@ -5,6 +5,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from tactuator.digital._core import ffi, lib
 from tactuator.digital.safety import Fault
 from tests.rig.guarded import SENSORS, Guarded, designed, spoilt
 
@@ -138,6 +139,57 @@ def test_time__late_or_silent__fades_out_and_is_named(lateness, heard, fault):
     assert run.fault is fault
     assert np.max(np.abs(run.command_v[run.fault_at + QUARTER_S :])) < 1e-3
     assert np.max(np.abs(np.diff(run.displacement_mm, axis=0))) < 0.2
+
+
+@pytest.fixture(scope="module")
+def safety():
+    """The index finger's limits, but for comfort."""
+    channel = ffi.new("tact_safety_channel *", Guarded(designed()).board.safety.channel[0])
+    channel.comfort_max, channel.frozen_ticks = 1e5, lib.TACT_SAFETY_NEVER
+    return channel
+
+
+def guard_of(channel, turns):
+    """A guard at rest that is compared every so many ticks, and its table."""
+    table, state = ffi.new("tact_guard_table *"), ffi.new("tact_guard_state *")
+    lib.tact_guard_make(table, channel, turns)
+    lib.tact_guard_reset(state, 0)
+    return table, state
+
+
+@given(seed=st.integers(0, 2**32 - 1), turns=st.sampled_from([1, 3]), share=st.floats(-1.5, 1.5))
+@settings(max_examples=60, deadline=None)
+def test_reversal__any_motion__is_told_by_means_over_forty_turns(safety, seed, turns, share):
+    """Against the two means as docs/safety.md defines them, in double precision; too close to call is not asked."""
+    table, state = guard_of(safety, turns)
+    rng = np.random.default_rng(seed)
+    step_v, agreement, power, code = safety.converter.step_v_single, 0.0, 0.0, 1000
+    for turn in range(200):
+        w = float(np.float32(rng.normal() * 10.0 ** rng.uniform(-5.0, -2.0)))
+        code += round(share * turns * w / step_v)
+        state.model.second, state.last_code = w, code
+        faults = lib.tact_guard_compare(table, state, turn)
+        if turn > 0:  # the first motion is from zero
+            moved_v = step_v * (code - before)
+            agreement += 0.025 * (turns * w * moved_v - agreement)
+            power += 0.025 * ((turns * w) ** 2 - power)
+        else:
+            state.means.first = state.means.second = 0.0
+        before = code
+        near = min(abs(power / safety.reversal_power - 1.0), abs(agreement / (-0.5 * power) - 1.0) if power else 1.0)
+        if turn > 0 and near > 1e-3:
+            is_reversed = power > safety.reversal_power and agreement < -0.5 * power
+            assert bool(faults & (1 << Fault.SENSOR_REVERSED)) == is_reversed
+
+
+@pytest.mark.parametrize(("ticks", "faults"), [("NEVER", 0), (50, 1 << Fault.SENSOR_FROZEN)])
+def test_frozen__a_reading_that_stays__is_a_fault_unless_it_may_for_ever(safety, ticks, faults):
+    channel = ffi.new("tact_safety_channel *", safety[0])
+    channel.frozen_ticks = lib.TACT_SAFETY_NEVER if ticks == "NEVER" else ticks
+    table, state = guard_of(channel, 3)
+    state.last_code = state.compared_code = 1000
+    assert lib.tact_guard_compare(table, state, 49) == 0
+    assert lib.tact_guard_compare(table, state, lib.TACT_SAFETY_NEVER + 1) == faults
 
 
 def test_use__50_db_sl_with_and_without_finger__trips_nothing():
