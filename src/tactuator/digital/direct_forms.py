@@ -2,7 +2,7 @@
 
     float32   transposed direct form II          y = b0 x + s1,  s1 = (b1 x - a1 y) + s2,  s2 = b2 x - a2 y
     fixed     direct form I, one wide sum, rounded once to the word; where it is fed back, what rounding took from y
-              is added to the next sum (Thong & Liu 1977, IEEE ASSP 25, 200-203: error spectrum shaping)
+              is added to the next sum (Thong & Liu 1977: error spectrum shaping)
 
 Fixed point has 1000 threshold units and 32 V for full scales at its ends and a power of two between sections, as Q31
 has on a board (tactuator.digital.q31); b shares a power of two within a section, a has all but two bits behind the
