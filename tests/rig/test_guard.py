@@ -164,20 +164,17 @@ def test_reversal__any_motion__is_told_by_means_over_forty_turns(safety, seed, t
     table, state = guard_of(safety, turns)
     rng = np.random.default_rng(seed)
     step_v, agreement, power, code = safety.converter.step_v_single, 0.0, 0.0, 1000
+    state.compared_code = code
     for turn in range(200):
         w = float(np.float32(rng.normal() * 10.0 ** rng.uniform(-5.0, -2.0)))
-        code += round(share * turns * w / step_v)
+        codes = round(share * turns * w / step_v)
+        code += codes
         state.model.second, state.last_code = w, code
         faults = lib.tact_guard_compare(table, state, turn)
-        if turn > 0:  # the first motion is from zero
-            moved_v = step_v * (code - before)
-            agreement += 0.025 * (turns * w * moved_v - agreement)
-            power += 0.025 * ((turns * w) ** 2 - power)
-        else:
-            state.means.first = state.means.second = 0.0
-        before = code
-        near = min(abs(power / safety.reversal_power - 1.0), abs(agreement / (-0.5 * power) - 1.0) if power else 1.0)
-        if turn > 0 and near > 1e-3:
+        agreement += 0.025 * (turns * w * step_v * codes - agreement)
+        power += 0.025 * ((turns * w) ** 2 - power)
+        near = min(abs(power / safety.reversal_power - 1.0), abs(agreement / (-0.5 * power) - 1.0))
+        if near > 1e-3:
             is_reversed = power > safety.reversal_power and agreement < -0.5 * power
             assert bool(faults & (1 << Fault.SENSOR_REVERSED)) == is_reversed
 

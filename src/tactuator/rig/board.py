@@ -27,6 +27,7 @@ from tactuator.rig.transport import LinkDown
 REFERENCE_MAX = 1000.0
 LEAD_S = 0.25
 """How far a stream is fed ahead of what is played: what a pause or a stop comes later by."""
+_RECOVERY_S = 0.25
 _SETTLE_TRIES = 2000
 _AHEAD_S = 0.5
 _WAITING_LEAD_S = 0.6 * SILENCE_S
@@ -161,9 +162,12 @@ class BoardRig:
         self._fingers = tuple(BoardFinger(self._client, index, names) for index, names in enumerate(loads))
 
     def off(self) -> None:
-        """To OFF, whatever the board does; a fault is cleared."""
+        """To OFF, whatever the board does; a fault is cleared once the guard has had time to believe a sensor again."""
         self.rest()
-        if self._client.status().mode is Mode.FAULT:
+        status = self._client.status()
+        if status.mode is Mode.FAULT:
+            again = status.ticks + round(_RECOVERY_S * self.rate_hz)
+            self._wait(lambda now: now.ticks >= again)
             self._client.must(Request.CLEAR)
         self._client.must(Request.OFF)
 

@@ -12,7 +12,7 @@ from tactuator.rig.board_finger import BoardFinger
 from tactuator.rig.link import LinkClient, Mode, RigFault, TraceRows
 
 _ONCE = 128
-"""Rows in a request: 40 % of what fits for three channels, so that the link is never long without a word."""
+"""Rows in a request to a board whose time goes on: the link should never be long without a word."""
 _FIRST_ROWS = 64
 """Few, so that they are there in time; what follows has the lead of them."""
 _STARTS = 6
@@ -50,7 +50,7 @@ class BoardStream:
         sleep: Callable[[float], None] = lambda seconds: None,
     ) -> None:
         self._client, self._run, self._channels = client, run, channels
-        self._lead, self._lag, self._once = lead, lag, min(_ONCE, max(1, lead // 2))
+        self._lead, self._lag, self._once = lead, lag, lead // 2 if waits else min(_ONCE, lead)
         self._waits, self._fingers, self._sleep = waits, fingers, sleep
         self._rows: Rows = np.zeros((0, channels), dtype=np.float32)
         self._forces: Rows | None = None
@@ -127,7 +127,8 @@ class BoardStream:
     def _read(self) -> TraceRows | None:
         """The next piece of the trace, if it is worth asking for."""
         last = not len(self._rows) and self._tick >= self.end
-        if not self._waits and not last and self._tick - self._got < _READ_ROWS:
+        worth = 0 if self._waits or last else _READ_ROWS
+        if self._tick - self._got < worth:
             self._sleep(_LOOK_S)
             self._look()
             return None
