@@ -19,8 +19,10 @@ def made(tmp_path: Path) -> str:
     return paper_file(tmp_path)
 
 
-def test_wordlength__json__every_format_with_its_figures(made: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["wordlength", made, "--json"]) == 0
+def test_wordlength__unsafe_format_asked_for__status_1_and_every_format_with_its_figures(
+    made: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["wordlength", made, "--format", "q15 biquads", "--json"]) == 1
     out, err = capsys.readouterr()
     found = json.loads(out)
     assert err == ""
@@ -56,11 +58,6 @@ def test_wordlength__table__says_what_it_recommends(made: str, capsys: pytest.Ca
     assert "q31 biquads fed back" in shown
 
 
-def test_wordlength__format_that_is_not_safe__status_1(made: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["wordlength", made, "--format", "q15 biquads", "--json"]) == 1
-    assert json.loads(capsys.readouterr().out)["recommended"] == "float32"
-
-
 def test_wordlength__nothing_that_loads_is_safe__status_1(made: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["wordlength", unstable(made), "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["recommended"] is None
@@ -71,13 +68,10 @@ def test_wordlength__nothing_that_loads_is_safe__status_1(made: str, capsys: pyt
 def test_wordlength__what_q31_cannot_hold__is_told_beside_the_others(
     made: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    spoilt(made, limits=Limits(20.0, 2.0))
-    assert main(["wordlength", made, "--json"]) == 0
-    found = {each["name"]: each for each in json.loads(capsys.readouterr().out)["formats"]}
-    assert "command_v is 20; allowed in Q31: at most 15 V" in found["q31"]["refused"]
-    assert found["float32"]["safe"]
-    assert main(["wordlength", made]) == 0
-    assert "allowed in Q31" in " ".join(capsys.readouterr().out.split())
+    assert main(["wordlength", spoilt(made, limits=Limits(20.0, 2.0))]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "recommended: float32" in shown
+    assert "q31: channel 'index': command_v is 20; allowed in Q31: at most 15 V." in shown
 
 
 @pytest.mark.parametrize(

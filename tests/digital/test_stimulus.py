@@ -130,7 +130,7 @@ def test_intervals__of_a_trial__begin_and_end_to_the_tick() -> None:
         assert np.max(np.abs(own[ramp:-ramp])) == pytest.approx(10.0, rel=1e-5)
 
 
-@pytest.mark.parametrize("hertz", [0.4, 37.0, 300.0, 1000.0])
+@pytest.mark.parametrize("hertz", [0.4, 300.0])
 def test_tone__for_an_hour__keeps_amplitude_and_frequency(hertz: float) -> None:
     reference = play([Tone(0, HOUR, 0, 1.0, hertz)], HOUR)
     assert np.max(np.abs(reference)) <= 1.0 + 1e-6
