@@ -1,5 +1,6 @@
 """Identification as a session: blocks, introductions, breaks, what is played when, and stores of before."""
 
+import json
 import sqlite3
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment import records, schema
 from tactuator.experiment.attend import Respondent
 from tactuator.experiment.detection_task import DetectionTask
+from tactuator.experiment.export import export
 from tactuator.experiment.fingertip import touchable
 from tactuator.experiment.identification_respondents import ErringRespondent, FeelingRespondent
 from tactuator.experiment.identification_result import identification_results
@@ -276,6 +278,33 @@ def test_results__of_a_detection_session__are_its_thresholds(tmp_path) -> None:
     (table,) = session.task.results(store, session.id)
     assert sorted(row[2] for row in table.rows) == ["100", "200", "50"]
     store.close()
+
+
+@pytest.mark.parametrize(
+    ("form", "names"),
+    [
+        ("tidy", {"trials.csv"}),
+        ("psych-ds", {"data/subject-S1_task-identification_data.csv"}),
+        (
+            "bids",
+            {
+                f"sub-S1/beh/sub-S1_task-identification_run-{run}_beh.{kind}"
+                for run in ("01", "02")
+                for kind in ("tsv", "json")
+            },
+        ),
+    ],
+)
+def test_export__identification__is_under_its_own_task(opened, tmp_path, form, names) -> None:
+    study, _, store = opened(protocol_text(test=1))
+    go_on(study.conduct(), 6)
+    assert export(store, tmp_path / "out", form) == 6
+    written = {str(path.relative_to(tmp_path / "out")) for path in (tmp_path / "out").rglob("*") if path.is_file()}
+    assert names <= written
+    assert not any("detection" in name for name in written)
+    if form == "bids":
+        sidecar = json.loads((tmp_path / "out" / "sub-S1/beh/sub-S1_task-identification_run-01_beh.json").read_text())
+        assert sidecar["TaskName"] == "identification"
 
 
 # -- who answers

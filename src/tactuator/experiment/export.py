@@ -13,6 +13,7 @@ from tactuator import __version__
 from tactuator.errors import BadInput
 from tactuator.experiment.dictionary import TRIAL_COLUMNS
 from tactuator.experiment.export_rows import TrialRow, trial_rows
+from tactuator.experiment.plan import FORCED_CHOICE
 from tactuator.experiment.store import Store
 from tactuator.files.atomic import atomic_folder
 
@@ -56,7 +57,7 @@ def _psych_ds(rows: Sequence[TrialRow], folder: Path) -> None:
             "@context": "https://schema.org/",
             "@type": "Dataset",
             "name": _study(rows),
-            "description": "Vibrotactile detection, one row for each answered trial.",
+            "description": f"Vibrotactile {' and '.join(_tasks(rows))}, one row for each answered trial.",
             "schemaVersion": "Psych-DS 1.0.0",
             "variableMeasured": described,
         },
@@ -65,9 +66,9 @@ def _psych_ds(rows: Sequence[TrialRow], folder: Path) -> None:
     data.mkdir()
     for subject in _subjects(rows):
         mine = [row for row in rows if row["subject"] == subject]
-        (data / f"subject-{_label(subject)}_task-detection_data.csv").write_text(
-            _table(mine, ",", ""), encoding="utf-8"
-        )
+        for task in _tasks(mine):
+            table = _table([row for row in mine if _task(row) == task], ",", "")
+            (data / f"subject-{_label(subject)}_task-{task}_data.csv").write_text(table, encoding="utf-8")
 
 
 def _bids(rows: Sequence[TrialRow], folder: Path) -> None:
@@ -81,28 +82,42 @@ def _bids(rows: Sequence[TrialRow], folder: Path) -> None:
             "GeneratedBy": [{"Name": "tactuator", "Version": __version__}],
         },
     )
-    (folder / "README").write_text("Vibrotactile detection; one row of a beh.tsv for each answered trial.\n", "utf-8")
+    what = f"Vibrotactile {' and '.join(_tasks(rows))}; one row of a beh.tsv for each answered trial.\n"
+    (folder / "README").write_text(what, "utf-8")
     groups = {str(row["subject"]): row["subject_group"] for row in rows}
     people = [("participant_id", "group"), *((f"sub-{_label(who)}", group) for who, group in groups.items())]
     (folder / "participants.tsv").write_text(_lines(people, "\t"), encoding="utf-8")
     _json(folder / "participants.json", {"group": {"Description": "hearing, hearing-impaired, simulated or unknown"}})
-    sidecar = {
-        "TaskName": "detection",
-        "TaskDescription": "Which interval carries the vibration?",
-        **{
-            one.name: {"Description": one.description, **({"Units": one.unit} if one.unit else {})}
-            for one in TRIAL_COLUMNS
-        },
-    }
     for subject in _subjects(rows):
         place = folder / f"sub-{_label(subject)}" / "beh"
         place.mkdir(parents=True)
         mine = [row for row in rows if row["subject"] == subject]
-        for number, run in enumerate(sorted({int(row["run"] or 0) for row in mine}), start=1):
-            stem = f"sub-{_label(subject)}_task-detection_run-{number:02d}_beh"
-            table = _table([row for row in mine if row["run"] == run], "\t", "n/a")
-            (place / f"{stem}.tsv").write_text(table, encoding="utf-8")
-            _json(place / f"{stem}.json", sidecar)
+        for task in _tasks(mine):
+            asked = [row for row in mine if _task(row) == task]
+            for number, run in enumerate(sorted({int(row["run"] or 0) for row in asked}), start=1):
+                stem = f"sub-{_label(subject)}_task-{task}_run-{number:02d}_beh"
+                table = _table([row for row in asked if row["run"] == run], "\t", "n/a")
+                (place / f"{stem}.tsv").write_text(table, encoding="utf-8")
+                _json(place / f"{stem}.json", _sidecar(task))
+
+
+_ASKED = {"detection": "Which interval carries the vibration?", "identification": "Which item was it? (ABX: A or B?)"}
+
+
+def _sidecar(task: str) -> dict[str, object]:
+    """What a BIDS sidecar says of a run of that task and of its columns."""
+    columns = {
+        one.name: {"Description": one.description, **({"Units": one.unit} if one.unit else {})} for one in TRIAL_COLUMNS
+    }
+    return {"TaskName": task, "TaskDescription": _ASKED[task], **columns}
+
+
+def _task(row: TrialRow) -> str:
+    return "detection" if row["paradigm"] == FORCED_CHOICE else "identification"
+
+
+def _tasks(rows: Sequence[TrialRow]) -> list[str]:
+    return sorted({_task(row) for row in rows})
 
 
 FORMS: dict[str, Callable[[Sequence[TrialRow], Path], None]] = {"tidy": _tidy, "psych-ds": _psych_ds, "bids": _bids}
