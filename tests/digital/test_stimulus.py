@@ -72,7 +72,7 @@ def any_tone(draw: st.DrawFn) -> Tone:
 @given(any_tone())
 def test_tone__any__is_numpys_with_its_ramps(tone: Tone) -> None:
     error = play([tone], 5200) - tone.wave(5200)
-    assert np.max(np.abs(error)) <= 2e-4 * abs(tone.amplitude)
+    assert np.max(np.abs(error)) <= 2e-4 * abs(tone.amplitude) + 1e-37  # subnormal numbers are coarse
 
 
 @settings(max_examples=50, deadline=None)
@@ -86,7 +86,7 @@ def test_tone__outside_its_interval__is_silence_exactly(tone: Tone) -> None:
 @settings(max_examples=50, deadline=None)
 @given(any_tone())
 def test_tone__any__never_passes_its_amplitude(tone: Tone) -> None:
-    assert np.max(np.abs(play([tone], 5200))) <= abs(tone.amplitude) * (1.0 + 1e-6)
+    assert np.max(np.abs(play([tone], 5200))) <= abs(tone.amplitude) * (1.0 + 1e-6) + 1e-44
 
 
 @settings(max_examples=30, deadline=None)
@@ -193,4 +193,4 @@ def test_tone__any_rotation_that_is_valid__stays_within_its_amplitude(
     assert lib.tact_tone_is_valid(ffi.addressof(stimulus.tone, 0)) == 1
     reference = np.empty(300, dtype=np.float32)
     lib.tact_stimulus_run(stimulus, ffi.from_buffer("float[]", reference), 300)
-    assert np.max(np.abs(reference)) <= abs(amplitude) * 1.0002
+    assert np.max(np.abs(reference)) <= abs(amplitude) * 1.0002 + 1e-44
