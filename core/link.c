@@ -82,6 +82,8 @@ static int32_t commit_wired(tact_link *link, uint32_t size, uint8_t *refusal)
     keep_out(link);
     if (link->board->mode == TACT_OFF)
         taken = tact_wired_parse(link->wired, link->upload, size, link->board->channels);
+    for (int32_t c = 0; taken && c < link->board->channels; c++)
+        tact_guard_reset(&link->board->channel[c].guard, link->board->ticks); /* what it saw last was another display */
     let_in(link);
     *refusal = (uint8_t)!taken;
     return taken ? TACT_DONE : TACT_REFUSED;

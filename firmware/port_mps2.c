@@ -7,15 +7,16 @@
  *
  * Over the UART time goes on, as on a real board: the main loop looks for bytes while the interrupt comes and goes. The
  * timer stands still while the display is computed, which no real board does. Where the emulator's time follows the
- * instructions, a sleep until the next interrupt (WFI) would leap there at once, so a free run only dozes: WFE takes one
- * instruction of the board, and leaves the machine to the host meanwhile; for longer where the host is behind. */
+ * instructions, a sleep until the next interrupt (WFI) would leap there at once, so a free run only dozes: WFE is one
+ * instruction of the board and leaves the machine to the host meanwhile, for longer where the host is behind. */
 
 #include "period.h"
 #include "port.h"
 #include "semihosting.h"
 
 enum { CLOCK_HZ = 25000000, RELOAD_MAX = 0xffffff, BREATH = 32, SETTLE = 8192, LONGEST = 65536, STREAM_ROWS = 4096 };
-enum { PATIENCE = 4096, BEHIND_TICKS = 64, BEHIND_ROWS = 256 }; /* looks at a silent UART before sleep; when to doze long */
+enum { PATIENCE = 4096 };                     /* looks at a silent UART before sleep */
+enum { BEHIND_TICKS = 64, BEHIND_ROWS = 256 }; /* a host that is silent for longer, or has fed less ahead, is behind */
 
 #define REGISTER(address) (*(volatile uint32_t *)(address))
 #define SYSTICK_CONTROL REGISTER(0xE000E010u)
@@ -25,7 +26,8 @@ enum { PATIENCE = 4096, BEHIND_TICKS = 64, BEHIND_ROWS = 256 }; /* looks at a si
 #define UART_STATE REGISTER(0x40004004u)
 #define UART_CONTROL REGISTER(0x40004008u)
 #define UART_DIVISOR REGISTER(0x40004010u)
-enum { SYSTICK_ENABLED = 1, SYSTICK_COUNTS = 5, SYSTICK_RUNS = 7, SYSTICK_WRAPPED = 1 << 16, UART_FULL = 1, UART_HAS = 2, UART_BOTH = 3 };
+enum { SYSTICK_ENABLED = 1, SYSTICK_COUNTS = 5, SYSTICK_RUNS = 7, SYSTICK_WRAPPED = 1 << 16 };
+enum { UART_FULL = 1, UART_HAS = 2, UART_BOTH = 3 };
 
 void tact_systick(void);
 

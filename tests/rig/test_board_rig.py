@@ -157,6 +157,14 @@ def test_rig__sensor_fails__raises_and_is_cleared_by_the_next_load(rig):
     assert np.max(np.abs(rig.play(tones(400)).position_v)) > 0.05
 
 
+def test_rig__another_display_wired_after_a_motion__is_no_fault(rig):
+    rig.drive(np.full((700, 3), 0.05) * np.arange(700)[:, None] / 700.0)
+    rig.off()
+    rig.wire(*wired_display_bytes(designed().display, 1))
+    rig.load(designed())
+    assert len(rig.play(np.zeros((300, 3)))) == 300
+
+
 def test_rig__image_flipped__is_refused_and_the_loaded_one_stays(rig):
     before = rig.status().image_crc
     with pytest.raises(BadInput, match="image"):
