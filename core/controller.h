@@ -2,13 +2,17 @@
  *
  *                +---+  v   e  +---+  u'  +-------+  u
  *     r -------->| F |--->(+)->| C |----->| clamp |----> to the D/A, delay_samples later
- *   threshold    +---+     ^-  +-^-+      +---+---+
- *   units                  |     |            |
- *                          y     +---[g1,g2]--+  (u - u') times the gains is added to the states of C's last section
+ *   threshold    +-^-+     ^-  +-^-+      +---+---+
+ *   units          |       |     |            |
+ *                  |       y     |            |
+ *                  +-------------+-----<------+  u - u', where the command is cut
  *
  * Without feedback sections F's output is the command itself. The controller is data: an image fills the table.
  *
- * Anti-windup by back-calculation on the section that integrates, C's last (Astrom & Hagglund 2006, section 3.5).
+ * Anti-windup in two steps. First F and C are conditioned (Hanus, Kinnaert & Henrotte 1987): all their states become
+ * what a reference would have left of which the cut command is the answer, so that the loop stays linear and what is
+ * felt is that reference; it is kept within reference_max (or r). What is still missing then, a force's part, goes by
+ * back-calculation into the section that integrates, C's last (Astrom & Hagglund 2006, section 3.5).
  * A controller whose arithmetic breaks (a NaN or more than TACT_COMMAND_MAX before the clamp, as an unstable one
  * ends) latches `broken` and gives zero until it is reset.
  *
@@ -35,6 +39,8 @@ typedef struct {
     int32_t feedback_count; /* 0: no feedback */
     tact_section prefilter[TACT_PREFILTER_MAX];
     tact_section feedback[TACT_FEEDBACK_MAX];
+    float conditioning;  /* threshold units for a volt: 1 / (product of all b0); 0: none */
+    float reference_max; /* threshold units */
     float anti_windup[2];
     float command_min_v;
     float command_max_v;
@@ -66,16 +72,24 @@ inline int tact_controller_is_sound(float wanted)
     return (wanted < TACT_COMMAND_MAX) & (wanted > -TACT_COMMAND_MAX);
 }
 
-/* What the limits and the anti-windup make of the sections' output u'; last is C's last section, or NULL. */
-inline float tact_controller_limit(const tact_controller *table, tact_controller_state *state, float wanted,
-                                   tact_section_state *last)
+/* The change of reference that would have asked for `excess` volts more, as far as it may go. */
+inline float tact_controller_change(float conditioning, float reference_max, float reference, float excess)
+{
+    const float size = reference < 0.0f ? -reference : reference;
+    const float most = size > reference_max ? size : reference_max;
+    return tact_controller_clamp(reference + conditioning * excess, -most, most) - reference;
+}
+
+/* Anti-windup, where the sections' answer to `reference` was cut by `excess` volts (command less answer). */
+void tact_controller_unwind(const tact_controller *table, tact_controller_state *state, float reference, float excess);
+
+/* What the limits and the anti-windup make of the sections' answer to `reference`. */
+inline float tact_controller_limit(const tact_controller *table, tact_controller_state *state, float reference,
+                                   float wanted)
 {
     const float command = tact_controller_clamp(wanted, table->command_min_v, table->command_max_v);
-    if (last) {
-        const float excess = command - wanted;
-        last->s1 += table->anti_windup[0] * excess;
-        last->s2 += table->anti_windup[1] * excess;
-    }
+    if (command != wanted && table->feedback_count)
+        tact_controller_unwind(table, state, reference, command - wanted);
     state->broken |= !tact_controller_is_sound(wanted);
     state->clamped = command != wanted;
     return state->broken ? 0.0f : command;
@@ -86,15 +100,15 @@ inline float tact_controller_limit(const tact_controller *table, tact_controller
 inline float tact_controller_step(const tact_controller *table, tact_controller_state *state, float reference,
                                   float position_v)
 {
-    float value = tact_finite(reference, TACT_REFERENCE_MAX);
+    const float asked = tact_finite(reference, TACT_REFERENCE_MAX);
+    float value = asked;
     for (int32_t i = 0; i < table->prefilter_count; i++)
         value = tact_section_step(&table->prefilter[i], &state->prefilter[i], value);
-    if (table->feedback_count == 0)
-        return tact_controller_limit(table, state, value, NULL);
-    value = value - position_v;
+    if (table->feedback_count)
+        value = value - position_v;
     for (int32_t i = 0; i < table->feedback_count; i++)
         value = tact_section_step(&table->feedback[i], &state->feedback[i], value);
-    return tact_controller_limit(table, state, value, &state->feedback[table->feedback_count - 1]);
+    return tact_controller_limit(table, state, asked, value);
 }
 
 /* samples of one channel, for tests and benchmarks: no converters, no delay, no device. position_v: any bits. */

@@ -17,6 +17,8 @@
 #include "controller.h"
 #include "section_q31.h"
 
+enum { TACT_Q31_CONDITIONING_SHIFT_MAX = 62 - TACT_Q31_EXTRA };
+
 #define TACT_Q31_PER_VOLT 67108864.0f        /* 2^31 / 32 V */
 #define TACT_Q31_PER_THRESHOLD 2147483.648f  /* 2^31 / 1000 */
 
@@ -25,9 +27,10 @@ typedef struct {
     int32_t feedback_count; /* 0: no feedback */
     tact_section_q31 prefilter[TACT_PREFILTER_MAX];
     tact_section_q31 feedback[TACT_FEEDBACK_MAX];
-    int32_t anti_windup[2]; /* mantissas over 2^(21 + shift), as the sections' coefficients, within 2^30 */
-    uint8_t anti_windup_shift[2];
-    int32_t command_max; /* Q31 of 32 V */
+    int32_t unwinding[3]; /* anti-windup's two gains, and the conditioning: mantissas over 2^(21 + shift), within 2^30 */
+    uint8_t unwinding_shift[3];
+    int32_t reference_max; /* Q31 of 1000 threshold units */
+    int32_t command_max;   /* Q31 of 32 V */
 } tact_controller_q31;
 
 typedef struct {
@@ -47,17 +50,18 @@ inline int32_t tact_q31_of(float value, float scale)
     return scaled > most ? (int32_t)most : scaled < -most ? INT32_MIN : 0;
 }
 
+/* Anti-windup, as tact_controller_unwind(). */
+void tact_controller_q31_unwind(const tact_controller_q31 *table, tact_controller_q31_state *state, int32_t reference,
+                                int64_t excess);
+
 /* The limits and the anti-windup, as tact_controller_limit(). */
 inline int32_t tact_controller_q31_limit(const tact_controller_q31 *table, tact_controller_q31_state *state,
-                                         int32_t wanted, tact_section_q31_state *last)
+                                         int32_t reference, int32_t wanted)
 {
     const int32_t cut = wanted > table->command_max ? table->command_max : wanted;
     const int32_t command = cut < -table->command_max ? -table->command_max : cut;
-    if (last && command != wanted) {
-        const int64_t excess = (int64_t)command - wanted;
-        last->s1 = tact_q31_bounded(last->s1 + ((table->anti_windup[0] * excess) >> table->anti_windup_shift[0]));
-        last->s2 = tact_q31_bounded(last->s2 + ((table->anti_windup[1] * excess) >> table->anti_windup_shift[1]));
-    }
+    if (command != wanted && table->feedback_count)
+        tact_controller_q31_unwind(table, state, reference, (int64_t)command - wanted);
     state->clamped = command != wanted;
     return command;
 }
@@ -66,18 +70,17 @@ inline int32_t tact_controller_q31_limit(const tact_controller_q31 *table, tact_
 inline float tact_controller_q31_step(const tact_controller_q31 *table, tact_controller_q31_state *state,
                                       float reference, float position_v)
 {
-    int32_t value = tact_q31_of(reference, TACT_Q31_PER_THRESHOLD);
+    const int32_t asked = tact_q31_of(reference, TACT_Q31_PER_THRESHOLD);
+    int32_t value = asked;
     for (int32_t i = 0; i < table->prefilter_count; i++)
         value = tact_section_q31_step(&table->prefilter[i], &state->prefilter[i], value);
-    tact_section_q31_state *last = NULL;
     if (table->feedback_count != 0) {
         const int32_t position = tact_q31_of(position_v, TACT_Q31_PER_VOLT);
         value = tact_q31_saturated((int64_t)value - position);
         for (int32_t i = 0; i < table->feedback_count; i++)
             value = tact_section_q31_step(&table->feedback[i], &state->feedback[i], value);
-        last = &state->feedback[table->feedback_count - 1];
     }
-    return (float)tact_controller_q31_limit(table, state, value, last) * (1.0f / TACT_Q31_PER_VOLT);
+    return (float)tact_controller_q31_limit(table, state, asked, value) * (1.0f / TACT_Q31_PER_VOLT);
 }
 
 /* samples of one channel, for tests and benchmarks. */

@@ -81,6 +81,10 @@ static int32_t read_single(tact_reader *reader, tact_controller *table, int32_t 
         if (!in_range(table->anti_windup[i]))
             return TACT_IMAGE_COEFFICIENT;
     }
+    table->conditioning = tact_read_f32(reader);
+    table->reference_max = tact_read_f32(reader);
+    if (!in_range(table->conditioning) || !in_range(table->reference_max) || table->reference_max < 0.0f)
+        return TACT_IMAGE_COEFFICIENT;
     const int32_t refusal = read_sections(reader, table->prefilter, prefilters, 0);
     return refusal ? refusal : read_sections(reader, table->feedback, feedbacks, 1);
 }
@@ -93,15 +97,19 @@ static int32_t read_q31(tact_reader *reader, tact_controller_q31 *table, int32_t
     table->prefilter_count = prefilters;
     table->feedback_count = feedbacks;
     table->command_max = tact_q31_of(limit_v, TACT_Q31_PER_VOLT);
-    for (int i = 0; i < 2; i++)
-        table->anti_windup[i] = tact_read_i32(reader);
+    for (int i = 0; i < 3; i++)
+        table->unwinding[i] = tact_read_i32(reader);
+    table->reference_max = tact_read_i32(reader);
     tact_read_bytes(reader, shift, 4);
-    for (int i = 0; i < 2; i++) {
-        table->anti_windup_shift[i] = shift[i];
-        if (shift[i] < TACT_Q31_SHIFT_MIN || shift[i] > TACT_Q31_SHIFT_MAX || table->anti_windup[i] > most ||
-            table->anti_windup[i] < -most)
+    for (int i = 0; i < 3; i++) {
+        const int32_t greatest = i < 2 ? TACT_Q31_SHIFT_MAX : TACT_Q31_CONDITIONING_SHIFT_MAX;
+        table->unwinding_shift[i] = shift[i];
+        if (shift[i] < TACT_Q31_SHIFT_MIN || shift[i] > greatest || table->unwinding[i] > most ||
+            table->unwinding[i] < -most)
             return TACT_IMAGE_COEFFICIENT;
     }
+    if (table->reference_max < 0)
+        return TACT_IMAGE_COEFFICIENT;
     const int32_t refusal = read_sections_q31(reader, table->prefilter, prefilters, 0);
     return refusal ? refusal : read_sections_q31(reader, table->feedback, feedbacks, 1);
 }

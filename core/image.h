@@ -1,12 +1,13 @@
 /* Image: the controllers of all channels as bytes, checked before any of it is used.
  *
- *     magic "TACI" | version 1 | format | length | rate_hz | delay, channels, 0, 0 | hash of controller.json (32)
+ *     magic "TACI" | version 2 | format | length | rate_hz | delay, channels, 0, 0 | hash of controller.json (32)
  *     then for each channel: name (16) | prefilter sections, feedback sections, 0, 0 | command_limit_v |
- *                            anti-windup | sections
+ *                            unwinding | sections
  *     CRC-32 of all before
  *
- * All little-endian. float32: anti-windup two floats; a section b0 b1 b2 a1 a2 in delta form (section.h). Q31:
- * anti-windup two int32 and four bytes of shifts; a section five int32 and four bytes of shifts (section_q31.h).
+ * All little-endian. Unwinding: anti-windup's two gains, conditioning, reference_max (controller.h): four floats; in Q31
+ * four int32 and four bytes of shifts, the last one 0. A section: b0 b1 b2 a1 a2 in delta form (section.h); in Q31 five
+ * int32 and four bytes of shifts (section_q31.h).
  *
  * Refused: anything truncated, flipped, of another version, rate, delay or number of channels; coefficients that are
  * not numbers or out of range; a prefilter section with a pole on or outside the unit circle, a feedback section with
@@ -27,7 +28,7 @@
 #include "controller_q31.h"
 
 enum { TACT_CHANNELS_MAX = 4, TACT_NAME_SIZE = 16, TACT_HASH_SIZE = 32 };
-enum { TACT_IMAGE_VERSION = 1, TACT_IMAGE_MAGIC = 0x49434154, TACT_IMAGE_MAX = 4096 };
+enum { TACT_IMAGE_VERSION = 2, TACT_IMAGE_MAGIC = 0x49434154, TACT_IMAGE_MAX = 4096 };
 enum { TACT_FLOAT32 = 1, TACT_Q31 = 2 };
 
 typedef enum {

@@ -107,12 +107,11 @@ static inline void put_marked(tact_board_channel *channel, int32_t slot, float c
 }
 
 /* A command of the sections that is beyond its limits, limited; 1 if that is because the arithmetic is broken. */
-SELDOM int put_limited(const tact_board *board, tact_board_channel *channel, float command_v)
+SELDOM int put_limited(const tact_board *board, tact_board_channel *channel, float reference, float command_v)
 {
     const tact_controller *table = channel->single;
     tact_controller_state *state = &channel->controller.single;
-    const int32_t count = table->feedback_count;
-    const float limited_v = tact_controller_limit(table, state, command_v, count ? &state->feedback[count - 1] : NULL);
+    const float limited_v = tact_controller_limit(table, state, reference, command_v);
     put_marked(channel, board->delay_at, board->authority * limited_v, 1);
     channel->broken = state->broken;
     return state->broken;
@@ -124,9 +123,10 @@ typedef int (*runner)(const tact_board *board, tact_board_channel *channel, floa
 static int run_single(const tact_board *board, tact_board_channel *channel, float want, float position_v)
 {
     const tact_controller *table = channel->single;
-    const float command_v = cascade_any(table, &channel->controller.single, board->fade * want, position_v);
+    const float reference = board->fade * want;
+    const float command_v = cascade_any(table, &channel->controller.single, reference, position_v);
     if (!(__builtin_fabsf(command_v) <= table->command_max_v))
-        return put_limited(board, channel, command_v);
+        return put_limited(board, channel, reference, command_v);
     put(channel, board->delay_at, board->authority * command_v);
     return 0;
 }
@@ -199,7 +199,7 @@ static inline int run_designed(tact_board *board, const int32_t *codes, const fl
         if (__builtin_fabsf(command_v) <= channel->command_max_v)
             put(channel, slot, authority * command_v);
         else
-            found |= put_limited(board, channel, command_v);
+            found |= put_limited(board, channel, reference, command_v);
     }
     return found;
 }

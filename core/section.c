@@ -1,6 +1,7 @@
 #include "section.h"
 
 extern inline float tact_section_step(const tact_section *section, tact_section_state *state, float x);
+extern inline float tact_section_shift(const tact_section *section, tact_section_state *state, float x);
 
 void tact_cascade_run(const tact_section *sections, tact_section_state *states, int count, const float *x, float *y,
                       size_t samples)

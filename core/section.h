@@ -53,6 +53,15 @@ inline float tact_section_step(const tact_section *section, tact_section_state *
     return y;
 }
 
+/* What one sample would have left otherwise, had its input been greater by x: into the states. Gives the same of y. */
+inline float tact_section_shift(const tact_section *section, tact_section_state *state, float x)
+{
+    const float y = section->b0 * x;
+    state->s1 += section->b1 * x - section->a1 * y;
+    state->s2 += section->b2 * x - section->a2 * y;
+    return y;
+}
+
 /* samples of x through a cascade of count sections into y (which may be x). */
 void tact_cascade_run(const tact_section *sections, tact_section_state *states, int count, const float *x, float *y,
                       size_t samples);

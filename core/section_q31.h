@@ -72,6 +72,16 @@ inline int32_t tact_section_q31_step(const tact_section_q31 *section, tact_secti
     return y;
 }
 
+/* What one sample would have left otherwise, had its input been greater by x, as tact_section_shift(). */
+inline int32_t tact_section_q31_shift(const tact_section_q31 *section, tact_section_q31_state *state, int32_t x)
+{
+    tact_section_q31_state change = {0, 0};
+    const int32_t y = tact_section_q31_step(section, &change, x);
+    state->s1 = tact_q31_bounded(state->s1 + change.s1);
+    state->s2 = tact_q31_bounded(state->s2 + change.s2);
+    return y;
+}
+
 /* samples of x through a cascade of count sections into y (which may be x). */
 void tact_cascade_q31_run(const tact_section_q31 *sections, tact_section_q31_state *states, int count,
                           const int32_t *x, int32_t *y, size_t samples);

@@ -58,6 +58,14 @@ class FixedSection:
         self.coefficients = [coefficient(m, shift) for m, shift in zip(section.mantissas, shifts, strict=True)]
         self.s1 = self.s2 = REST
 
+    def shift(self, x: APyFixed) -> APyFixed:
+        """What one sample would have left otherwise, had its input been greater by x: a section at rest's own step."""
+        s1, s2 = self.s1, self.s2
+        self.s1 = self.s2 = REST
+        y = self.step(x)
+        self.s1, self.s2 = bounded(s1 + self.s1), bounded(s2 + self.s2)
+        return y
+
     def step(self, x: APyFixed) -> APyFixed:
         b0, b1, b2, a1, a2 = self.coefficients
         y = saturated(self.s1 + down(b0 * x))
@@ -84,25 +92,32 @@ class FixedController:
     feedback: list[FixedSection]
     anti_windup: tuple[tuple[int, int], tuple[int, int]]
     command_v: float
+    conditioning: tuple[int, int]
+    reference_max: int
 
     def step(self, reference: np.float32, position_v: np.float32) -> np.float32:
-        value = fixed_of(finite(reference, 1e6), PER_THRESHOLD)
+        value = asked = fixed_of(finite(reference, 1e6), PER_THRESHOLD)
         for section in self.prefilter:
             value = section.step(value)
         if self.feedback:
             value = saturated(value - fixed_of(finite(position_v, 1e3), PER_VOLT))
             for section in self.feedback:
                 value = section.step(value)
-        return self._limited(value)
+        return self._limited(asked, value)
 
-    def _limited(self, wanted: APyFixed) -> np.float32:
+    def _limited(self, asked: APyFixed, wanted: APyFixed) -> np.float32:
         most = fixed_of(np.float32(self.command_v), PER_VOLT)
         command = min(max(wanted, -most), most)
-        if self.feedback:
+        if self.feedback and command != wanted:
             last, excess = self.feedback[-1], command - wanted
+            most = max(abs(asked), signal(self.reference_max))
+            worth = (coefficient(*self.conditioning) * excess).cast(frac_bits=31, quantization=QuantizationMode.TRN)
+            change = saturated(min(max(asked + worth, -most), most) - asked)
+            for section in (*self.prefilter, *self.feedback):
+                change = section.shift(change)
             first, second = (coefficient(*gain) for gain in self.anti_windup)
-            last.s1 = bounded(last.s1 + down(first * excess))
-            last.s2 = bounded(last.s2 + down(second * excess))
+            last.s1 = bounded(last.s1 + down(first * (excess - change)))
+            last.s2 = bounded(last.s2 + down(second * (excess - change)))
         return np.float32(np.float32(lsb(command)) / np.float32(PER_VOLT))
 
 

@@ -12,6 +12,7 @@ from scipy import signal
 
 from tactuator.digital._core import ffi, lib
 from tactuator.digital.coefficients import delta_coefficients_single
+from tactuator.digital.conditioning import conditioning
 from tactuator.digital.controller import AntiWindup, ChannelController, Limits
 from tactuator.digital.core_tables import controller_table
 from tactuator.errors import BadInput
@@ -42,7 +43,8 @@ def run_numpy(
     feedback = [] if of.feedback_sos is None else sections(delta_coefficients_single(of.feedback_sos, 4, "C"))
     gains = (Single(of.anti_windup.gains[0]), Single(of.anti_windup.gains[1]))
     prefilter = sections(delta_coefficients_single(of.prefilter_sos, 8, "F"))
-    model = ReferenceController(prefilter, feedback, gains, Single(of.limits.command_v))
+    worth = Single(conditioning(of))
+    model = ReferenceController(prefilter, feedback, gains, Single(of.limits.command_v), worth)
     return np.array([model.step(r, y) for r, y in zip(reference, position, strict=True)], np.float32).view(np.uint32)
 
 
@@ -111,12 +113,20 @@ def test_controller__silence_after_sound__comes_to_rest_exactly() -> None:
     assert np.min(np.abs(command[command != 0.0])) > np.finfo(np.float32).tiny  # never a subnormal
 
 
-def test_controller__saturated_for_long__anti_windup_frees_it_at_once() -> None:
+def test_controller__saturated_by_its_reference__conditioning_frees_it_at_once() -> None:
     hold = np.concatenate([np.full(8000, 1e4), np.zeros(4000)]).astype(np.float32)
-    still = np.zeros_like(hold)
+    command = run_core(replace(PAPER, anti_windup=AntiWindup()), hold, np.zeros_like(hold)).view(np.float32)
+    assert np.mean(command[:8000] == 10.0) > 0.99
+    assert np.flatnonzero(np.abs(command[8000:]) < 9.99)[0] <= 1
+
+
+def test_controller__saturated_by_a_force__back_calculation_frees_it() -> None:
+    """What the reference within comfort cannot account for: the position is held 8 V away for two seconds."""
+    held = np.concatenate([np.full(8000, -8.0), np.zeros(4000)]).astype(np.float32)
+    silent = np.zeros_like(held)
     back = []
     for gains in ((0.0, 0.0), (0.05, 0.0005)):
-        command = run_core(replace(PAPER, anti_windup=AntiWindup(gains)), hold, still).view(np.float32)
+        command = run_core(replace(PAPER, anti_windup=AntiWindup(gains)), silent, held).view(np.float32)
         below = np.flatnonzero(command[8000:] < 9.99)
         back.append(below[0] if below.size else 4000)
     assert back[0] == 4000

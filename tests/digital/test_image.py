@@ -50,7 +50,8 @@ def resealed(image, at, content):
     ("at", "content", "refusal"),
     [
         (0, b"XXXX", ImageRefusal.NOT_AN_IMAGE),
-        (4, struct.pack("<H", 2), ImageRefusal.VERSION_UNKNOWN),
+        (4, struct.pack("<H", 1), ImageRefusal.VERSION_UNKNOWN),
+        (4, struct.pack("<H", 3), ImageRefusal.VERSION_UNKNOWN),
         (6, struct.pack("<H", 9), ImageRefusal.FORMAT),
         (12, struct.pack("<f", 8000.0), ImageRefusal.RATE),
         (16, b"\x02", ImageRefusal.DELAY),
@@ -58,7 +59,9 @@ def resealed(image, at, content):
         (68, b"\x09", ImageRefusal.SECTIONS),
         (72, struct.pack("<f", float("nan")), ImageRefusal.LIMIT),
         (84, struct.pack("<f", float("inf")), ImageRefusal.COEFFICIENT),
-        (100, struct.pack("<f", -1e-3), ImageRefusal.UNSTABLE_SECTION),
+        (88, struct.pack("<f", -1.0), ImageRefusal.COEFFICIENT),
+        (92, struct.pack("<f", float("nan")), ImageRefusal.COEFFICIENT),
+        (108, struct.pack("<f", -1e-3), ImageRefusal.UNSTABLE_SECTION),
     ],
 )
 def test_image__one_field_off_but_sealed__is_refused_by_name(at, content, refusal):

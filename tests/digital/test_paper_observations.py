@@ -15,8 +15,11 @@ def proportional(gain: float) -> SimulatedBlock:
     of = display(channel())
     simulation = Simulation(of, seed=6)
     paper = controller(of)
-    sections = np.array([[gain, 0.0, 0.0, 1.0, 0.0, 0.0]])
-    simulation.load(replace(paper, channels=(replace(paper.channels[0], feedback_sos=sections),)))
+    constant = np.array([[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
+    sections = constant * np.array([gain, 1.0, 1.0, 1.0, 1.0, 1.0])
+    simulation.load(
+        replace(paper, channels=(replace(paper.channels[0], prefilter_sos=constant, feedback_sos=sections),))
+    )
     return simulation.play(np.zeros((44_000, 1)))
 
 

@@ -11,6 +11,7 @@ from hypothesis.extra import numpy as hnp
 from scipy import signal
 
 from tactuator.digital._core import ffi, lib
+from tactuator.digital.conditioning import conditioning, reference_max
 from tactuator.digital.controller import AntiWindup, Limits
 from tactuator.digital.image import build_image
 from tactuator.digital.q31 import (
@@ -20,6 +21,7 @@ from tactuator.digital.q31 import (
     VOLTS_FULL_SCALE,
     Q31Section,
     q31_cascade,
+    q31_conditioning,
     q31_row,
     q31_section,
 )
@@ -132,7 +134,10 @@ def fixed_commands(made, reference, position):
     ]
     rows = [q31_row((gain,), bits=30) for gain in channel.anti_windup.gains]
     gains = tuple((mantissas[0], shift) for mantissas, shift in rows)
-    return fixed_point.run(fixed_point.FixedController(*cascades, gains, channel.limits.command_v), reference, position)
+    (worth,), shift = q31_conditioning(conditioning(channel))
+    most = round(2**31 * reference_max(channel) / REFERENCE_FULL_SCALE)
+    limits = (channel.limits.command_v, (worth, shift), most)
+    return fixed_point.run(fixed_point.FixedController(*cascades, gains, *limits), reference, position)
 
 
 def channels_with(**changes):

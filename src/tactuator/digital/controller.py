@@ -18,7 +18,7 @@ from tactuator.signals.systems import SampledSystem
 @dataclass(frozen=True)
 class AntiWindup:
     """Back-calculation gains on the two states of the last feedback section (delta form): state_i += gain_i (clamped
-    u - u)."""
+    u - u), of what conditioning (tactuator.digital.conditioning) leaves of the difference."""
 
     gains: tuple[float, float] = (0.0, 0.0)
 

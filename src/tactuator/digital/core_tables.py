@@ -16,6 +16,7 @@ from tactuator.digital.coefficients import (
     PREFILTER_SECTIONS_MAX,
     delta_coefficients_single,
 )
+from tactuator.digital.conditioning import conditioning, reference_max
 from tactuator.digital.controller import ChannelController
 from tactuator.digital.held_plant import HeldPlant, held_plants
 from tactuator.errors import BadInput
@@ -43,6 +44,8 @@ def controller_table(controller: ChannelController) -> Any:
         table.feedback_count = feedback.shape[0]
         _fill_sections(table.feedback, feedback)
     table.anti_windup[0], table.anti_windup[1] = (float(np.float32(gain)) for gain in controller.anti_windup.gains)
+    table.conditioning = float(np.float32(conditioning(controller)))
+    table.reference_max = float(np.float32(reference_max(controller)))
     table.command_max_v = controller.limits.command_v
     table.command_min_v = -controller.limits.command_v
     if not lib.tact_controller_is_valid(table):

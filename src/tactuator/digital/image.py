@@ -13,19 +13,21 @@ from numpy.typing import NDArray
 
 from tactuator.digital._core import ffi, lib
 from tactuator.digital.coefficients import FEEDBACK_SECTIONS_MAX, PREFILTER_SECTIONS_MAX, delta_coefficients_single
+from tactuator.digital.conditioning import conditioning, reference_max
 from tactuator.digital.controller import ChannelController, Controller
 from tactuator.digital.q31 import (
     REFERENCE_FULL_SCALE,
     VOLTS_FULL_SCALE,
     Q31Section,
     q31_cascade,
+    q31_conditioning,
     q31_row,
 )
 from tactuator.errors import BadInput
 
 Format = Literal["float32", "q31"]
 FORMATS: tuple[Format, ...] = ("float32", "q31")
-_MAGIC, _VERSION = b"TACI", 1
+_MAGIC, _VERSION = b"TACI", 2
 _FORMAT_CODES: dict[str, int] = {"float32": 1, "q31": 2}
 _Q31_RANGE_MAX_V = 15.0
 
@@ -148,7 +150,8 @@ def _float32_channel(channel: ChannelController, rate_hz: float) -> bytes:
     ]
     if channel.feedback_sos is not None:
         rows.append(delta_coefficients_single(channel.feedback_sos, FEEDBACK_SECTIONS_MAX, where + "feedback"))
-    gains = np.array(channel.anti_windup.gains, dtype="<f4").tobytes()
+    unwinding = (*channel.anti_windup.gains, conditioning(channel), reference_max(channel))
+    gains = np.array(unwinding, dtype="<f4").tobytes()
     return _channel_head(channel) + gains + np.concatenate(rows).astype("<f4").tobytes()
 
 
@@ -162,11 +165,13 @@ def _q31_channel(channel: ChannelController, rate_hz: float) -> bytes:
         sections = list(q31_cascade(channel.prefilter_sos, rate_hz, REFERENCE_FULL_SCALE))
         if channel.feedback_sos is not None:
             sections += q31_cascade(channel.feedback_sos, rate_hz, VOLTS_FULL_SCALE)
-        (first,), first_shift = q31_row((channel.anti_windup.gains[0],), bits=30)
-        (second,), second_shift = q31_row((channel.anti_windup.gains[1],), bits=30)
+        first, second = (q31_row((gain,), bits=30) for gain in channel.anti_windup.gains)
+        third = q31_conditioning(conditioning(channel))
     except BadInput as error:
         raise BadInput(f"{where}: {error}") from None
-    gains = struct.pack("<iiBBBB", first, second, first_shift, second_shift, 0, 0)
+    most = min(2**31 - 1, round(2**31 * reference_max(channel) / REFERENCE_FULL_SCALE))
+    mantissas, shifts = zip(*((mantissa, shift) for (mantissa,), shift in (first, second, third)), strict=True)
+    gains = struct.pack("<iiiiBBBB", *mantissas, most, *shifts, 0)
     return _channel_head(channel) + gains + b"".join(_q31_bytes(section) for section in sections)
 
 

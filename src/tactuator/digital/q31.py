@@ -26,6 +26,8 @@ SHIFT_MIN, SHIFT_MAX = 2, 62
 _EXTRA_BITS = 21
 _BOUND_SECONDS = 4.0
 _COEFFICIENT_MAX = 256.0
+_CONDITIONING_MAX = 64.0
+_CONDITIONING_SHIFT_MAX = 62 - _EXTRA_BITS
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,15 @@ def q31_row(values: tuple[float, ...], bits: int = 31) -> tuple[tuple[int, ...],
     limit = 2**bits - 1
     mantissas = (round(math.ldexp(value, _EXTRA_BITS + shift)) for value in values)
     return tuple(max(-limit, min(limit, mantissa)) for mantissa in mantissas), shift
+
+
+def q31_conditioning(threshold_units_per_volt: float) -> tuple[tuple[int, ...], int]:
+    """As `q31_row`: shares of the reference's full scale for one of the command's; 0 where Q31 cannot hold it."""
+    share = threshold_units_per_volt * VOLTS_FULL_SCALE / REFERENCE_FULL_SCALE
+    if not abs(share) < _CONDITIONING_MAX:
+        share = 0.0
+    shift = min(_CONDITIONING_SHIFT_MAX, q31_row((share,), bits=30)[1])
+    return (round(math.ldexp(share, _EXTRA_BITS + shift)),), shift
 
 
 def q31_section(delta: ArrayLike) -> Q31Section:
