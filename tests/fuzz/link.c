@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "crc32.h"
 #include "link.h"
 #include "period.h"
 
@@ -16,8 +17,30 @@ static int32_t trace[ROWS * CHANNELS * 2];
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
+static uint32_t number_at(const uint8_t *bytes)
+{
+    return (uint32_t)bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24;
+}
+
+static void put_number(uint8_t *bytes, uint32_t number)
+{
+    for (int i = 0; i < 4; i++)
+        bytes[i] = (uint8_t)(number >> 8 * i);
+}
+
+/* A commit that names no checksum gets the right one, and so does what is to be committed. */
+static void seal_upload(uint8_t *commit)
+{
+    const uint32_t size = number_at(commit + 1);
+    if (number_at(commit + 5) != 0 || size < 4 || size > TACT_UPLOAD_SIZE)
+        return;
+    const uint32_t crc = tact_crc32(0, link_under_test.upload, size - 4);
+    put_number(link_under_test.upload + size - 4, crc);
+    put_number(commit + 5, crc);
+}
+
 /* Input: pairs of a length and as many bytes of a frame's content, which is sealed before it is sent, so that the
- * fuzzer gets past the checksum; a length of 255 sends what follows as it is. */
+ * fuzzer gets past the checksums; a length of 255 sends what follows as it is. seeds.py writes some. */
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     static uint8_t content[TACT_FRAME_MAX], wire[TACT_WIRE_MAX];
@@ -39,6 +62,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         memcpy(content + 4, data + at + 2, payload);
         if (type == TACT_ASK_EXERCISE && payload >= 8)
             memset(content + 9, 0, 3); /* no endless exercises */
+        if (type == TACT_ASK_COMMIT && payload == 9)
+            seal_upload(content + 4);
         const size_t sealed = tact_frame_seal(content, type, 1, payload);
         const size_t encoded = tact_cobs_encode(content, sealed, wire, sizeof wire);
         for (size_t i = 0; i < encoded; i++)

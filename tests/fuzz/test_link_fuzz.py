@@ -1,10 +1,15 @@
-"""The link's decoder and everything behind it under libFuzzer, address and undefined-behaviour sanitisers."""
+"""The link's decoder and everything behind it under libFuzzer, address and undefined-behaviour sanitisers.
+
+It starts from whole conversations (seeds.py), with tables, images and displays whose checksums link.c puts right.
+"""
 
 import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
+
+from tests.fuzz.seeds import write_seeds
 
 ROOT = Path(__file__).resolve().parents[2]
 LEFT_OUT = ("lanes", "rls", "states", "closed_loop")
@@ -16,11 +21,12 @@ def fuzz(folder: Path, seconds: int) -> str:
     assert clang, "clang is missing: make test installs it"
     sources = [str(path) for path in sorted((ROOT / "core").glob("*.c")) if not path.name.startswith(LEFT_OUT)]
     program, corpus = folder / "fuzz-link", folder / "corpus"
-    corpus.mkdir()
-    flags = ["-std=c99", "-O1", "-g", "-ffp-contract=off", "-fsanitize=fuzzer,address,undefined"]
+    write_seeds(corpus)
+    flags = ["-std=c99", "-O1", "-g", "-ffp-contract=off", "-fsanitize=fuzzer,address,undefined,float-cast-overflow"]
     flags += ["-fno-sanitize-recover=all", "-I", str(ROOT / "core")]
     subprocess.run([clang, *flags, str(ROOT / "tests/fuzz/link.c"), *sources, "-o", program], check=True)
     options = [f"-max_total_time={seconds}", "-max_len=4096", "-seed=1", "-print_final_stats=1"]
+    options += ["-rss_limit_mb=4096"]
     done = subprocess.run([program, corpus, *options], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
     return done.stderr

@@ -158,7 +158,7 @@ def test_rig__sensor_fails__raises_and_is_cleared_by_the_next_load(rig):
 
 
 def test_rig__another_display_wired_after_a_motion__is_no_fault(rig):
-    rig.drive(np.full((700, 3), 0.05) * np.arange(700)[:, None] / 700.0)
+    rig.drive(np.tile(0.4 * np.sin(2.0 * np.pi * np.arange(1000) / 4000.0)[:, None], (1, 3)))
     rig.off()
     rig.wire(*wired_display_bytes(designed().display, 1))
     rig.load(designed())

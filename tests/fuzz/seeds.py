@@ -1,0 +1,96 @@
+"""Seeds for the link's fuzzer: whole conversations with a board, in the form that link.c reads."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from tactuator.digital.image import build_image
+from tactuator.digital.safety import safety_bytes
+from tactuator.digital.wired_display import wired_display_bytes
+from tactuator.rig.commissioning import safety_table
+from tactuator.rig.frames import Frame as LinkFrame
+from tactuator.rig.frames import Request, cobs_encode, frame_bytes
+from tactuator.rig.link import IMAGE, SAFETY, SILENT, STIMULUS, STREAM, WIRED
+from tests.digital.paper_display import channel, controller, display
+
+_PIECE = 240
+_ROWS = 16
+
+
+def frame(request: int, payload: bytes = b"") -> bytes:
+    """Length, type, payload; link.c seals it."""
+    assert len(payload) < 255
+    return bytes([len(payload), request]) + payload
+
+
+def upload(kind: int, content: bytes) -> bytes:
+    """A table in pieces and its commit; a checksum of zero asks link.c to put the right ones in."""
+    pieces = [
+        frame(Request.UPLOAD, struct.pack("<BI", kind, at) + content[at : at + _PIECE])
+        for at in range(0, len(content), _PIECE)
+    ]
+    return b"".join(pieces) + frame(Request.COMMIT, struct.pack("<BII", kind, len(content), 0))
+
+
+def stream(run: int, first: int, channels: int, forces: bool = False) -> bytes:
+    """Rows of a sinusoid."""
+    width = channels * (2 if forces else 1)
+    count = min(_ROWS, (_PIECE - 11) // (4 * width))
+    rows = 30.0 * np.sin(0.1 * np.arange(first, first + count)[:, None] * np.ones(width))
+    return frame(Request.STREAM, struct.pack("<IIHB", run, first, count, forces) + rows.astype("<f4").tobytes())
+
+
+def stimulus(index: int) -> bytes:
+    """One tone of 40 ticks."""
+    turn, ramp = np.exp(0.1j), np.exp(1j * np.pi / 10.0)
+    tone = struct.pack("<III5f", 2, 40, 10, 20.0, turn.real, turn.imag, ramp.real, ramp.imag)
+    return frame(Request.STIMULUS, bytes([index, 1]) + tone)
+
+
+def conversations() -> dict[str, bytes]:
+    """What a board may hear, by name: set up, run from each source, watched, ended."""
+    start = struct.Struct("<IBBB")
+    status, arm, stop, off, clear = (
+        frame(request) for request in (Request.STATUS, Request.ARM, Request.STOP, Request.OFF, Request.CLEAR)
+    )
+    made = {}
+    for names in (("index",), ("index", "thumb", "middle")):
+        of = display(*(channel(name) for name in names))
+        count = len(names)
+        safety = upload(SAFETY, safety_bytes(safety_table(of)))
+        wired = upload(WIRED, wired_display_bytes(of, 1)[0])
+        trace = frame(Request.TRACE, struct.pack("<IIHB", 1, 0, 64, 1))
+        for number_format in ("float32", "q31"):
+            image = upload(IMAGE, build_image(controller(of), number_format, "0" * 64))
+            ready = safety + image + wired + arm
+            rows = b"".join(stream(1, at, count) for at in range(0, 64, min(_ROWS, (_PIECE - 11) // (4 * count))))
+            name = f"{number_format}-{count}"
+            made[f"stream-{name}"] = (
+                ready + frame(Request.START, start.pack(1, STREAM, 0, 1)) + rows + trace + stop * 30
+            )
+            if count == 1:
+                made[f"tones-{name}"] = (
+                    safety + image + wired + stimulus(0) + arm + frame(Request.START, start.pack(1, STIMULUS, 0, 0))
+                    + status * 20 + trace + stop + status * 40 + off
+                )  # fmt: skip
+                made[f"broken-{name}"] = (
+                    ready + frame(Request.START, start.pack(1, SILENT, 0, 0)) + frame(Request.TOUCH, bytes([0, 1]))
+                    + frame(Request.BREAK, bytes([0, 1])) + status * 30 + clear + off
+                    + frame(Request.EXERCISE, struct.pack("<IIB", 1, 100, 1))
+                )  # fmt: skip
+        made[f"driven-{count}"] = (
+            safety + wired + arm + frame(Request.START, start.pack(1, STREAM, 1, 1))
+            + stream(1, 0, count, True) + frame(Request.BENCH, struct.pack("<I", 4)) + stop * 30 + status
+        )  # fmt: skip
+    garbage = b"\xff\x00" + cobs_encode(b"\0" * 300) + frame_bytes(LinkFrame(Request.STATUS, 7, b"")) + b"\xff" * 300
+    return {**made, "raw": garbage + b"\0" + frame_bytes(LinkFrame(Request.ARM, 8, b""))}
+
+
+def write_seeds(folder: Path) -> None:
+    """One file a conversation."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in conversations().items():
+        (folder / name).write_bytes(content)
