@@ -1,11 +1,15 @@
 """The verb `experiment`: one JSON object, or one line and status 2."""
 
+import io
 import json
 
 import pytest
 
 from tactuator.cli.main import main
-from tests.experiment.identifying import protocol_text
+from tactuator.experiment.identification import block_trials
+from tactuator.experiment.protocol_file import parse_identification
+from tactuator.files.controller import write_controller
+from tests.experiment.identifying import controller, items, protocol_text  # noqa: F401
 from tests.experiment.stations import PROTOCOL
 
 SHORT = PROTOCOL.replace("reversals = 6", "reversals = 4").replace("averaged = 4", "averaged = 2")
@@ -83,3 +87,58 @@ def test_observe_thresholds_export__in_turn__give_files_and_objects(capsys, tmp_
     assert main(["experiment", "export", "--store", "lab.db", "--format", "bids", "--out", "bids", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["trials"] > 50
     assert main(["experiment", "thresholds", "--store", "lab.db", "--group", "unknown"]) == 2
+
+
+@pytest.fixture
+def words(tmp_path, controller, items, monkeypatch):
+    """A folder with items, an identification protocol and a controller; work goes on in it."""
+    for path in items.iterdir():
+        (tmp_path / path.name).symlink_to(path)
+    write_controller(tmp_path / "controller.json", controller)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def typed(monkeypatch, *lines: str) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO("".join(f"{line}\n" for line in lines)))
+
+
+IDENTIFY = ["experiment", "identify", "words.toml", "--store", "lab.db", "--controller", "controller.json", "--json"]
+
+
+def test_identify__at_the_terminal__asks_consent_introduces_tells_and_breaks(words, capsys, monkeypatch) -> None:
+    text = protocol_text(training=1, test=1, consent="You may stop.")
+    (words / "words.toml").write_text(text)
+    right = [trial.correct for trial in block_trials(parse_identification(text), 0, 0)]
+    keys = {item.label: item.key for item in parse_identification(text).item}
+    wrong = next(key for label, key in keys.items() if label != right[1])
+    typed(monkeypatch, "y", keys[right[0]], "9", wrong, keys[right[2]], "", "1", "1", "1")
+    assert main(IDENTIFY) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out) == {"subject": "S1", "trials": 6, "store": "lab.db"}
+    order = [
+        "You may stop.",
+        "Block 1 of 2: training, 3 trials.",
+        "right",
+        "'9' is no key of these",
+        f"it was {right[1]}",
+        "Time for a break",
+        "Block 2 of 2: test, 3 trials.",
+    ]
+    assert [place for place in map(said.err.find, order) if place >= 0] == sorted(map(said.err.find, order))
+
+
+def test_identify__no_consent__stores_no_answer(words, capsys, monkeypatch) -> None:
+    (words / "words.toml").write_text(protocol_text(consent="You may stop."))
+    typed(monkeypatch, "n")
+    assert main(IDENTIFY) == 0
+    assert json.loads(capsys.readouterr().out)["trials"] == 0
+
+
+@pytest.mark.parametrize("rig", ["simulated", "in-process"])
+def test_identify__abx_by_script__on_any_rig_with_a_name(words, capsys, rig) -> None:
+    (words / "words.toml").write_text(protocol_text("abx", training=0, test=1))
+    assert main([*IDENTIFY, "--rig", rig, "--scripted-error", "0"]) == 0
+    assert json.loads(capsys.readouterr().out)["trials"] == 12
+    assert main(["experiment", "information", "--store", "lab.db", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["abx"][0]["share_correct"] == 1.0

@@ -5,6 +5,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from tactuator.design.controller import design_controller
+from tactuator.experiment import records
 from tactuator.experiment.attend import attend
 from tactuator.experiment.conduct import Conduct
 from tactuator.experiment.identification import block_trials
@@ -14,8 +15,10 @@ from tactuator.experiment.station import Station
 from tactuator.experiment.store import Store
 from tactuator.experiment.studies import open_session, open_study
 from tactuator.files.display import parse_display
+from tactuator.rig.open import open_rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.speech.waveforms import Component, WaveformSet, write_waveforms
+from tests.experiment.stations import nobody
 
 DISPLAY = {
     "display": {"name": "one finger", "rate_hz": 4000.0, "delay_samples": 1},
@@ -124,3 +127,29 @@ def opened(controller, items, tmp_path):
         return Opened(parse_identification(text), text, items, Station(rig, controller, "simulated"), store), rig, store
 
     return make
+
+
+THREE = ("M-index", "C-index", "L-index")
+
+
+def answer(conduct, response=None, watch=nobody):
+    following = conduct.present(watch)
+    return conduct.answer(records.Answer(response or following.trial.correct, conduct.session.clock.utc()))
+
+
+def go_on(conduct, trials):
+    """Through consent, breaks and introductions; so many answers."""
+    session = conduct.session
+    steps = {"consent": session.give_consent, "break": session.end_break, "introduction": session.introduce}
+    while trials and session.stage != "done":
+        if session.stage == "trial":
+            answer(conduct)
+            trials -= 1
+        else:
+            steps[session.stage]()
+
+
+def opened_station(made):
+    rig = open_rig("simulated", made.display, 0)
+    rig.load(made)
+    return Station(rig, made, "simulated")

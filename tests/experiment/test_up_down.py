@@ -47,7 +47,8 @@ def test_initial_rule__first_reversal_ends_one_down() -> None:
 
 
 def test_simple_up_down__levitts_example__runs_end_where_he_counts_them() -> None:
-    # Levitt (1971), figure 4: trials 1 to 2 are the first run, 2 to 6 the second, 6 to 8 the third.
+    # Levitt (1971), figure 4, as remembered: trials 1 to 2 are the first run, 2 to 6 the second, 6 to 8 the third. The
+    # text of the paper was not at hand; what is certain is that a run is a series of steps in one direction.
     rule = UpDownRule(down=1, up=1, steps_db=(1.0,), reversals=3, averaged=2, average="mid-runs")
     run = UpDown(rule, 0.0)
     turned_at = []

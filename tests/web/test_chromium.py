@@ -141,6 +141,8 @@ def test_page__phone__fits_its_width_and_is_answered_by_touch(shared, browser) -
     assert len(boxes) == len(ForcedChoice(parse_protocol(ONE).paradigm.intervals).responses)
     assert all(box is not None and box["x"] >= 0 and box["x"] + box["width"] <= 360 for box in boxes)
     assert all(box is not None and min(box["width"], box["height"]) >= 44 for box in boxes)
+    assert len({box["y"] for box in boxes}) == 1  # in a row, in the order of time
+    assert [box["x"] for box in boxes] == sorted(box["x"] for box in boxes)
     page.locator(".choice").first.tap()
     page.wait_for_timeout(300)
     assert page.locator("body").get_attribute("data-trial").endswith("/1")  # the next trial of its run

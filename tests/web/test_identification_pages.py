@@ -14,9 +14,8 @@ from tactuator.experiment.protocol_file import parse_identification
 from tactuator.experiment.store import Store
 from tactuator.web.app import build_app
 from tactuator.web.lab import Lab
-from tests.experiment.identifying import Opened, controller, items, protocol_text  # noqa: F401
+from tests.experiment.identifying import THREE, Opened, controller, items, opened_station, protocol_text  # noqa: F401
 from tests.experiment.stations import ObedientClock
-from tests.experiment.test_identification_session import THREE, opened_station
 from tests.web.server import served
 
 TOKEN = "the operator's own"

@@ -10,6 +10,7 @@ class Choices {
     this.choices = choices;
     this.buttons = new Map(choices.map((choice) => [choice.response, this.button(choice, chosen)]));
     const own = intervals.length > 0 && intervals.every((name) => this.buttons.has(name));
+    this.inRow = own || choices.length === 2; // in the order of time, or the first to the left
     this.lamps = (own ? [] : intervals.length ? intervals : [""]).map((name) => make("span", { class: "lamp" }, name));
     this.intervals = own ? intervals.map((name) => this.buttons.get(name)) : intervals.length ? this.lamps : [];
     box.replaceChildren(...this.buttons.values());
@@ -66,10 +67,11 @@ class Choices {
     const height = main.clientHeight - parseFloat(style.paddingTop) - parseFloat(style.paddingBottom)
       - others.reduce((sum, child) => sum + child.offsetHeight + gap, 0);
     const widest = this.widest(), hint = this.box.querySelector("kbd"), keyed = hint !== null && hint.offsetHeight > 0;
-    const tries = SPACINGS_PX.flatMap((spacing) => FONTS_PX.map((font) => [spacing, font]));
+    const tries = (this.inRow ? [this.buttons.size, 1] : [1]).flatMap((least) => SPACINGS_PX.flatMap((spacing) =>
+      FONTS_PX.map((font) => [spacing, font, least])));
     const room = { width, height, widest, keyed };
     let found = null;
-    for (const [spacing, font] of tries) { found = this.best(spacing, font, room); if (found !== null) break; }
+    for (const one of tries) { found = this.best(...one, room); if (found !== null) break; }
     found = found || this.scrolling(room);
     this.columns = found.columns;
     const set = (name, value) => this.box.style.setProperty(name, value);
@@ -77,10 +79,10 @@ class Choices {
     set("--cell-height", `${found.height}px`); set("--font", `${found.font}px`);
   }
 
-  best({ gap, least, margin }, font, { width, height, widest, keyed }) {
+  best({ gap, least, margin }, font, leastColumns, { width, height, widest, keyed }) {
     const count = this.buttons.size, label = Math.ceil(widest * font + Math.max(margin, 0.4 * font)), low = Math.max(least, font * 1.2 + (keyed ? 22 : 8));
     let best = null;
-    for (let columns = 1; columns <= count; columns++) {
+    for (let columns = leastColumns; columns <= count; columns++) {
       const rows = Math.ceil(count / columns);
       const cell = {
         columns, font, gap,
@@ -89,8 +91,7 @@ class Choices {
       };
       if (cell.width < Math.max(least, label) || cell.height < low) continue;
       cell.height = Math.min(cell.height, Math.max(low, Math.round(cell.width / 1.5)));
-      const stacked = count === 2 && rows === 2; // two stand side by side where they can
-      cell.off = Math.abs(Math.log(cell.width / cell.height / 1.5)) + (stacked ? 1 : 0);
+      cell.off = Math.abs(Math.log(cell.width / cell.height / 1.5));
       if (best === null || cell.off < best.off) best = cell;
     }
     return best;
