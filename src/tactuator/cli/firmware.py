@@ -31,7 +31,11 @@ def register(app: typer.Typer) -> None:
     """Add the verb and what it can do."""
     firmware = typer.Typer(help="Programs for boards: build them, compare their bits, count their instructions.")
     app.add_typer(firmware, name="firmware")
+    for add in (_add_program, _add_verify, _add_stream, _add_bench):
+        add(firmware)
 
+
+def _add_program(firmware: typer.Typer) -> None:
     @firmware.command()
     def program(
         board: BoardOption = "mps2-an500",
@@ -45,6 +49,8 @@ def register(app: typer.Typer) -> None:
         result = {"board": board, "processor": find_board(board).describes, "program": str(out)}
         answer(result, as_json, f"{out}: {find_board(board).describes}")
 
+
+def _add_verify(firmware: typer.Typer) -> None:
     @firmware.command()
     def verify(
         board: BoardOption = "mps2-an500",
@@ -62,6 +68,8 @@ def register(app: typer.Typer) -> None:
         if not found.bit_exact:
             raise typer.Exit(1)
 
+
+def _add_stream(firmware: typer.Typer) -> None:
     @firmware.command()
     def stream(
         board: BoardOption = "mps2-an500",
@@ -78,6 +86,8 @@ def register(app: typer.Typer) -> None:
         if not found.holds:
             raise typer.Exit(1)
 
+
+def _add_bench(firmware: typer.Typer) -> None:
     @firmware.command()
     def bench(controller: ControllerOption = None, as_json: AsJson = False) -> None:
         """Count the instructions of one period on every board and in every format."""
