@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.errors import BadInput
-from tactuator.rig.board_finger import BoardFinger
+from tactuator.rig.finger import Finger, anybody_feels, let_feel, take_forces
 from tactuator.rig.link import LinkClient, Mode, RigFault, TraceRows
 
 _ONCE = 128
@@ -46,7 +46,7 @@ class BoardStream:
         lead: int,
         lag: int,
         waits: bool,
-        fingers: Sequence[BoardFinger] = (),
+        fingers: Sequence[Finger] = (),
         sleep: Callable[[float], None] = lambda seconds: None,
     ) -> None:
         self._client, self._run, self._channels = client, run, channels
@@ -82,11 +82,8 @@ class BoardStream:
     def _take_block(self, block: Rows | None) -> bool:
         if block is None:
             return False
-        forces = [finger.take_force(len(block)) for finger in self._fingers]
-        self._rows, self._forces = block, None
-        if any(force is not None for force in forces):
-            whole = [np.zeros(len(block)) if force is None else force for force in forces]
-            self._forces = np.stack(whole, axis=1).astype(np.float32)
+        forces = take_forces(self._fingers, len(block))
+        self._rows, self._forces = block, None if forces is None else forces.astype(np.float32)
         return True
 
     def _feed(self, start: int) -> None:
@@ -132,7 +129,7 @@ class BoardStream:
             self._sleep(_LOOK_S)
             self._look()
             return None
-        felt = any(finger.is_felt for finger in self._fingers)
+        felt = anybody_feels(self._fingers)
         part = self._client.trace(self._run, self._got, self.end - self._got, self._channels, felt)
         if not part.command_code.shape[0]:
             self._look()
@@ -140,8 +137,7 @@ class BoardStream:
         self._got += part.command_code.shape[0]
         self._tick = max(self._tick, self._got)
         if part.felt_mm is not None:
-            for finger, displacement in zip(self._fingers, part.felt_mm.T, strict=True):
-                finger.feel(displacement.astype(np.float64))
+            let_feel(self._fingers, part.felt_mm.astype(np.float64))
         return part
 
     def _look(self) -> int:

@@ -1,0 +1,67 @@
+"""What every finger port has in common: it is pressed, and it is felt."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactuator.errors import BadInput
+
+Feeler = Callable[[NDArray[np.float64]], None]
+Floats = NDArray[np.float64]
+
+
+class Finger:
+    """Forces that are still to come, and who listens to the displacement."""
+
+    def __init__(self) -> None:
+        self._feelers: list[Feeler] = []
+        self._pressed_v: Floats = np.zeros(0)
+
+    def press(self, force_v: ArrayLike) -> None:
+        """A force for the coming samples, shape (n,), in volts of command that would push as hard; then none again.
+
+        It is added to what is still to come of earlier presses.
+        """
+        force = np.atleast_1d(np.asarray(force_v, dtype=np.float64))
+        if force.ndim != 1 or not np.all(np.isfinite(force)):
+            raise BadInput(f"force has shape {force.shape}; allowed: (n,), finite volts of command")
+        pressed = np.zeros(max(force.size, self._pressed_v.size))
+        pressed[: self._pressed_v.size] = self._pressed_v
+        pressed[: force.size] += force
+        self._pressed_v = pressed
+
+    def attach(self, feeler: Feeler) -> None:
+        """Call `feeler(displacement_mm)`, shape (n,), with every stretch that was played: an observer, a dial gauge."""
+        self._feelers.append(feeler)
+
+    def detach(self, feeler: Feeler) -> None:
+        """Take a feeler off again. Raises BadInput if it is not attached."""
+        if feeler not in self._feelers:
+            raise BadInput("that feeler is not attached to this finger port; allowed: one that is")
+        self._feelers.remove(feeler)
+
+
+def take_forces(fingers: Sequence[Finger], count: int) -> Floats | None:
+    """The forces of the coming `count` samples, (count, fingers), which are then over; None where nothing presses."""
+    if not any(finger._pressed_v.size for finger in fingers):
+        return None
+    forces = np.zeros((count, len(fingers)))
+    for column, finger in zip(forces.T, fingers, strict=True):
+        now, finger._pressed_v = finger._pressed_v[:count], finger._pressed_v[count:]
+        column[: now.size] = now
+    return forces
+
+
+def anybody_feels(fingers: Sequence[Finger]) -> bool:
+    """Whether a feeler is attached anywhere."""
+    return any(finger._feelers for finger in fingers)
+
+
+def let_feel(fingers: Sequence[Finger], displacement_mm: Floats) -> None:
+    """The displacement, (n, fingers), to whoever listens; each gets an array of its own."""
+    for column, finger in zip(displacement_mm.T, fingers, strict=True):
+        for feeler in finger._feelers:
+            feeler(column.copy())
