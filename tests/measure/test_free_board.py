@@ -1,0 +1,35 @@
+"""Measuring on a board whose time goes on: a tone is one stream, and what is between blocks is no response."""
+
+import numpy as np
+import pytest
+
+from tactuator.digital.wired_display import wired_display_bytes
+from tactuator.measure.multisine_response import multisine_response
+from tactuator.measure.stepped_sine import stepped_sine
+from tactuator.rig.board import BoardRig
+from tactuator.rig.link import LinkClient
+from tactuator.rig.simulated import SimulatedRig
+from tactuator.rig.transport import InProcess
+from tests.rig.guarded import designed
+
+
+def stepped(rig):
+    return stepped_sine(rig, [20.0, 200.0], 35.0, longest_s=4.0, confidence_db=0.05)
+
+
+def multisine(rig):
+    return multisine_response(rig, [20.0, 55.0], 35.0, np.random.default_rng(2), longest_s=2.0, confidence_db=0.05)
+
+
+@pytest.mark.parametrize("measure", [stepped, multisine])
+def test_measure__free_board__agrees_with_the_simulated_display(measure):
+    made = designed()
+    free = BoardRig(LinkClient(InProcess()), made.display, waits=False, sleep=lambda seconds: None)
+    free.wire(*wired_display_bytes(made.display, 1))
+    free.load(made)
+    simulated = SimulatedRig(made.display, 2)
+    simulated.load(made)
+    for found, wanted in zip(measure(free), measure(simulated), strict=True):
+        bound = found.confidence_db + wanted.confidence_db + 0.03  # float32 on the board
+        assert np.all(np.abs(found.magnitude_db - wanted.magnitude_db) < bound)
+        assert np.all(np.abs(found.phase_rad - wanted.phase_rad) < 0.02)
