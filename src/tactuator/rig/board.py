@@ -28,7 +28,7 @@ REFERENCE_MAX = 1000.0
 LEAD_S = 0.25
 """How far a stream is fed ahead of what is played: what a pause or a stop comes later by."""
 _RECOVERY_S = 0.25
-_SETTLE_TRIES = 2000
+_SETTLE_TRIES, _PROMPT_TRIES = 2000, 100
 _AHEAD_S = 0.5
 _WAITING_LEAD_S = 0.6 * SILENCE_S
 """A board that waits for its stream does so before the link's silence is a fault, however slow the host is."""
@@ -191,11 +191,11 @@ class BoardRig:
     # -- runs ---------------------------------------------------------------------------------------------------------
 
     def _wait(self, reached: Callable[[Status], bool]) -> Status:
-        for _ in range(_SETTLE_TRIES):
+        for attempt in range(_SETTLE_TRIES):
             status = self._client.status()
             if reached(status):
                 return status
-            if not self._waits:
+            if not self._waits or attempt > _PROMPT_TRIES:
                 self._sleep(0.002)
         raise BadInput("the board does not come to rest; allowed: a board whose timer runs")
 
