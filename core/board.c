@@ -2,13 +2,18 @@
 
 extern inline float tact_board_within(float value, float most);
 
-static void empty_queue(tact_board *board)
+static void empty_queue(tact_board_channel *channel)
+{
+    for (int d = 0; d < TACT_BOARD_DELAY_MAX; d++) {
+        channel->delayed[d] = channel->rest_code;
+        channel->delayed_v[d] = 0.0f;
+    }
+}
+
+static void empty_queues(tact_board *board)
 {
     for (int c = 0; c < TACT_CHANNELS_MAX; c++)
-        for (int d = 0; d < TACT_BOARD_DELAY_MAX; d++) {
-            board->channel[c].delayed[d] = board->channel[c].rest_code;
-            board->channel[c].delayed_v[d] = 0.0f;
-        }
+        empty_queue(&board->channel[c]);
 }
 
 void tact_board_reset(tact_board *board, int32_t channels_max, float *stream, uint32_t stream_capacity, int32_t *trace,
@@ -40,8 +45,19 @@ static void leave(tact_board *board, int32_t how)
         board->authority_step = -1.0f / (float)board->safety.quick_ticks;
     if (how == TACT_CUT) {
         board->authority = board->authority_step = 0.0f; /* a soft start that has just begun ends here too */
-        empty_queue(board);
+        empty_queues(board);
     }
+}
+
+/* One channel's command at zero from now on. The others, cut in mid-stroke, would be carried beyond comfort: they fade. */
+static void cut(tact_board *board, tact_board_channel *channel)
+{
+    if (channel->is_cut)
+        return;
+    channel->is_cut = 1;
+    board->cuts++;
+    empty_queue(channel);
+    leave(board, board->cuts < board->channels ? TACT_FADES : TACT_CUT);
 }
 
 static int32_t way_out(int32_t fault)
@@ -63,7 +79,10 @@ static void fail(tact_board *board, int32_t fault, int32_t channel)
         board->fault_channel = channel;
         board->fault_tick = board->ticks;
     }
-    leave(board, way_out(fault));
+    if (way_out(fault) == TACT_CUT)
+        cut(board, &board->channel[channel]);
+    else
+        leave(board, way_out(fault));
 }
 
 void tact_board_fail(tact_board *board, uint32_t faults, int32_t channel)
@@ -137,8 +156,10 @@ int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t dr
         else
             tact_controller_reset(&board->channel[c].controller.single);
         tact_stimulus_rewind(&board->stimulus[c]);
+        board->channel[c].is_cut = 0;
     }
-    empty_queue(board);
+    board->cuts = 0;
+    empty_queues(board);
     board->run = run;
     board->tick = board->stream_at = board->stream_end = 0;
     board->source = source;
@@ -237,7 +258,7 @@ int tact_board_take_safety(tact_board *board, const tact_safety *safety)
         channel->to_code.second = converter->motor_steps_per_v_single;
         channel->rest_code = tact_converter_code(converter, 0.0f);
     }
-    empty_queue(board);
+    empty_queues(board);
     return 1;
 }
 

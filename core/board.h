@@ -7,8 +7,9 @@
  *
  * Readings become volts, the guard looks at them, the controller of the loaded image answers a reference (limited to
  * comfort), the answer is clamped and becomes a code, delay_samples later put out. Sensor and travel faults and
- * arithmetic that broke cut the command at the next latch; comfort fades it out in quick_ticks; a late interrupt, a
- * silent link and a stop fade the reference out, then the command. The first fault latches and is named.
+ * arithmetic that broke cut that channel's command at the next latch; comfort fades all out in quick_ticks; a late
+ * interrupt, a silent link, a stop and another channel's cut fade the reference out, then the command. The first fault
+ * latches and is named.
  *
  * The reference comes from a stream (samples for given ticks of the run, kept in a ring), from the stimulus on the
  * board, or is zero. With `hold` the run waits, without time passing, while the stream is dry: for boards whose
@@ -55,6 +56,7 @@ typedef struct {
     int32_t delayed[TACT_BOARD_DELAY_MAX]; /* its code; TACT_TRACE_... << 24 turn its upper bits over */
     int32_t rest_code;
     int32_t broken;                    /* the command was no number, and nobody has seen to it */
+    int32_t is_cut;                    /* until the next run: nothing is put out any more */
     const tact_safety_channel *safety; /* in the board's table */
     const tact_controller *single;     /* in the board's image */
     const tact_controller_q31 *q31;
@@ -72,6 +74,7 @@ typedef struct {
     float fade, authority; /* of the reference, of the command */
     float fade_step, authority_step;
     int32_t fading; /* one of the two steps is not zero */
+    int32_t cuts;   /* channels that are cut */
     int32_t turn;   /* which channels are compared next: those at turn, turn + turns, ... */
     int32_t delay_at;
     int32_t channels, channels_max; /* in use (the table says), and of the board */

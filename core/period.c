@@ -162,6 +162,18 @@ SELDOM void see_to(tact_board *board)
     }
 }
 
+/* What the filters of a cut channel have said is not heard. */
+SELDOM void silence_cut(tact_board *board)
+{
+    for (int32_t c = 0; c < board->channels; c++) {
+        tact_board_channel *channel = &board->channel[c];
+        if (channel->is_cut) {
+            channel->delayed[board->delay_at] = channel->rest_code;
+            channel->delayed_v[board->delay_at] = 0.0f;
+        }
+    }
+}
+
 SELDOM int run_channels(tact_board *board, const int32_t *codes, const float *wants, runner run)
 {
     const int32_t channels = board->channels, slot = board->delay_at;
@@ -233,6 +245,8 @@ static inline void step_running(tact_board *board, const int32_t *codes)
                                                                : run_single);
     if (found)
         see_to(board);
+    if (board->cuts)
+        silence_cut(board);
     board->tick++;
     if (board->fading)
         tact_board_fade(board);
