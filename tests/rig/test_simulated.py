@@ -49,10 +49,20 @@ def test_play__block_after_block__state_carries_on() -> None:
 def test_trace__command__is_what_the_motor_gets_delayed_by_the_computation() -> None:
     rig = loaded_rig()
     reference = np.zeros((10, 3))
-    reference[0] = 1e4
+    reference[0] = 1e3
     trace = rig.play(reference)
     assert np.all(np.abs(trace.command_v[0]) < 1e-3)
     assert np.all(trace.command_v[1] > 1.0)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e10])
+def test_play__reference_that_is_none__is_told_and_the_output_rests(value: float) -> None:
+    rig = loaded_rig()
+    reference = np.full((50, 3), 10.0)
+    reference[20, 1] = value
+    with pytest.raises(BadInput, match="not finite or beyond 60 dB SL"):
+        rig.play(reference)
+    assert np.max(np.abs(rig.play(np.zeros((10, 3))).command_v)) < 0.1
 
 
 def test_drive__step__reaches_the_motor_at_once_and_the_sensor_later() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import TracebackType
 
 import numpy as np
@@ -18,13 +18,14 @@ from tactuator.files.controller import controller_hash
 from tactuator.plant.display import Display
 from tactuator.rig.board_finger import BoardFinger
 from tactuator.rig.board_stream import BoardStream, Rows
+from tactuator.rig.board_tones import BoardTone, read_run, stimulus_payloads
 from tactuator.rig.commissioning import SILENCE_S, SOFT_START_S, safety_table
 from tactuator.rig.frames import Request
-from tactuator.rig.link import IMAGE, SAFETY, STREAM, WIRED, LinkClient, Mode, RigFault, Status, TraceRows
+from tactuator.rig.link import IMAGE, SAFETY, STIMULUS, STREAM, WIRED, LinkClient, Mode, RigFault, Status, TraceRows
+from tactuator.rig.playable import require_playable
 from tactuator.rig.trace import Trace, join_traces
 from tactuator.rig.transport import LinkDown
 
-REFERENCE_MAX = 1000.0
 LEAD_S = 0.25
 """How far a stream is fed ahead of what is played: what a pause or a stop comes later by."""
 _RECOVERY_S = 0.25
@@ -118,6 +119,33 @@ class BoardRig:
             raise BadInput("the command is not finite; allowed: volts")
         return join_traces(self._traces([rows], True, _AHEAD_S), self.rate_hz, self.channels)
 
+    def play_tones(self, tones: Mapping[str, Sequence[BoardTone]], duration_s: float) -> Trace:
+        """Tones that the board makes itself, by channel, and the trace of them: nothing is streamed but the trace.
+
+        A run of its own, from rest to rest. Raises BadInput for tones that the board does not take, and RigFault.
+        """
+        self._require_image()
+        soft, count = self._soft_ticks, round(duration_s * self.rate_hz)
+        payloads = stimulus_payloads(tones, self.channels, self.rate_hz, soft)
+        self._arm()
+        for payload in payloads:
+            self._client.must(Request.STIMULUS, payload)
+        self._client.start(self._run, STIMULUS, False, False)
+        asked = np.zeros((count, len(self.channels)), dtype=np.float32)
+        for column, name in enumerate(self.channels):
+            asked[:, column] = sum(tone.wave(count, self.rate_hz) for tone in tones.get(name, ()))
+        sleep = (lambda seconds: None) if self._waits else self._sleep
+        parts = read_run(self._client, self._run, soft, count, len(self.channels), self._fingers, sleep)
+        waiting = [asked]
+        try:
+            return join_traces(
+                (self._trace(part, _take(waiting, len(part.flags)), False) for part in parts),
+                self.rate_hz,
+                self.channels,
+            )
+        finally:
+            self.rest()
+
     def rest(self) -> None:
         """Reference faded out, then the command; the board is ARMED or in FAULT afterwards."""
         if self._client.status().mode is Mode.RUNNING:
@@ -206,11 +234,10 @@ class BoardRig:
             raise RigFault(status.fault, status.fault_channel)
         if status.mode is Mode.RUNNING and status.run == self._run and self._drives == drives:
             return
-        self.rest()
-        self._client.must(Request.ARM)
-        self._run, self._drives = max(self._run, status.run) + 1, drives
+        self._arm()
+        self._drives = drives
         self._client.start(self._run, STREAM, drives, self._waits)
-        soft = round(SOFT_START_S * self.rate_hz) + 2
+        soft = self._soft_ticks
         if self._waits:
             silence = np.zeros((soft, len(self.channels)), dtype=np.float32)
             for _ in self._streaming(_WAITING_LEAD_S, felt=False).play([silence]):
@@ -218,6 +245,17 @@ class BoardRig:
             self._at = soft
         else:
             self._wait(lambda now: now.tick > soft or now.mode is Mode.FAULT)
+
+    def _arm(self) -> None:
+        """At rest, and ready for a run of another number."""
+        self.rest()
+        self._client.must(Request.ARM)
+        self._run = max(self._run, self._client.status().run) + 1
+
+    @property
+    def _soft_ticks(self) -> int:
+        """Ticks of a run until its soft start is over."""
+        return round(SOFT_START_S * self.rate_hz) + 2
 
     def _streaming(self, lead_s: float, felt: bool = True) -> BoardStream:
         fingers = self._fingers if felt else ()
@@ -260,11 +298,11 @@ class BoardRig:
 
     def _checked(self, reference: ArrayLike) -> Rows:
         rows: Rows = block_samples(reference, len(self.channels), "reference", np.float32)
-        if not np.all(np.abs(rows) <= REFERENCE_MAX):
+        try:
+            require_playable(rows)
+        except BadInput:
             self.rest()
-            raise BadInput(
-                "the reference is not finite or beyond 60 dB SL; allowed: finite, at most 1000 threshold units"
-            )
+            raise
         return rows
 
 

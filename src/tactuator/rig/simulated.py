@@ -12,6 +12,7 @@ from tactuator.digital.simulation import SimulatedBlock, Simulation, block_sampl
 from tactuator.errors import BadInput
 from tactuator.plant.display import Display
 from tactuator.rig.finger import Finger, let_feel, take_forces
+from tactuator.rig.playable import require_playable
 from tactuator.rig.trace import Trace
 
 
@@ -56,8 +57,16 @@ class SimulatedRig:
         self._simulation.load(controller)
 
     def play(self, reference: ArrayLike) -> Trace:
-        """Reference (n, channels), threshold units, through the loaded controller; state carries on."""
+        """Reference (n, channels), threshold units, through the loaded controller; state carries on.
+
+        Raises BadInput, the output at rest, for a reference that is not finite or beyond 60 dB SL.
+        """
         samples = block_samples(np.array(reference), len(self._ports), "reference", np.float64)  # the trace's own
+        try:
+            require_playable(samples)
+        except BadInput:
+            self.rest()
+            raise
         return self._trace(self._simulation.play(samples, take_forces(self._ports, samples.shape[0])), samples)
 
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
