@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from tactuator.digital._core import ffi, lib
 from tactuator.digital.safety import Fault
+from tactuator.rig.emulated import in_process_rig
 from tests.rig.guarded import SENSORS, Guarded, designed, spoilt
 
 TRAVEL_MM = 12.5
@@ -187,6 +188,16 @@ def test_frozen__a_reading_that_stays__is_a_fault_unless_it_may_for_ever(safety,
     state.last_code = state.compared_code = 1000
     assert lib.tact_guard_compare(table, state, 49) == 0
     assert lib.tact_guard_compare(table, state, lib.TACT_SAFETY_NEVER + 1) == faults
+
+
+@pytest.mark.parametrize("touched", [False, True])
+@pytest.mark.parametrize("press_v", [0.1, 0.3, 0.7, 1.5])
+def test_use__finger_presses_and_lets_go__trips_nothing(press_v, touched):
+    with in_process_rig(designed().display, 1) as rig:
+        rig.load(designed())
+        rig.finger("index").touch("finger" if touched else None)
+        rig.finger("index").press(np.concatenate([np.zeros(400), np.full(1200, press_v), np.zeros(400)]))
+        assert np.max(np.abs(rig.play(np.zeros((2400, 3))).position_v)) > 0.01
 
 
 def test_use__50_db_sl_with_and_without_finger__trips_nothing():

@@ -22,7 +22,9 @@ COMFORT_TOLERANCE_DB = 1.0
 OBSERVER_RAD_S = 125.0
 FROZEN_S, FROZEN_MOST_S, FROZEN_CHANCE = 0.0125, 0.05, 1e-12
 STOP_SHARE, OPEN_SHARE, DISAGREEMENT_SHARE = 0.85, 1.15, 0.14
-REVERSAL_NOISES = 8.0
+REVERSAL_NOISES = 200.0
+"""A finger that presses moves the sensor against the motor, too: at 8 a tenth of a volt's worth of it was taken for a
+reversed sensor."""
 _NOWHERE = Observer(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
