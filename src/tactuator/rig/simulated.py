@@ -61,13 +61,14 @@ class SimulatedRig:
 
         Raises BadInput, the output at rest, for a reference that is not finite or beyond 60 dB SL.
         """
-        samples = block_samples(np.array(reference), len(self._ports), "reference", np.float64)  # the trace's own
+        rows = block_samples(reference, len(self._ports), "reference", np.float32)
         try:
-            require_playable(samples)
+            require_playable(rows)
         except BadInput:
             self.rest()
             raise
-        return self._trace(self._simulation.play(samples, take_forces(self._ports, samples.shape[0])), samples)
+        asked = np.array(reference, dtype=np.float64).reshape(rows.shape)  # the trace's own
+        return self._trace(self._simulation.play(rows, take_forces(self._ports, len(rows))), asked)
 
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
         """See Rig.stream: each block is asked for when the one before has been played."""
@@ -75,8 +76,8 @@ class SimulatedRig:
 
     def drive(self, command_v: ArrayLike) -> Trace:
         """Command (n, channels), volts, straight to the motors: no controller, no computing delay."""
-        samples = block_samples(command_v, len(self._ports), "command", np.float64)
-        block = self._simulation.drive(samples, take_forces(self._ports, samples.shape[0]))
+        rows = block_samples(command_v, len(self._ports), "command", np.float32)
+        block = self._simulation.drive(rows, take_forces(self._ports, len(rows)))
         return self._trace(block, np.zeros(block.command_v.shape))
 
     def rest(self, settle_s: float = 1.0) -> None:
