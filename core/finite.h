@@ -23,7 +23,7 @@ int tact_finite_is_ieee(void);
 /* x within +/- limit; NaN and anything closer to zero than TACT_TINY become +0. */
 inline float tact_finite(float x, float limit)
 {
-    const float whole = (x >= TACT_TINY) | (x <= -TACT_TINY) ? x : 0.0f; /* NaN fails both */
+    const float whole = ((x >= TACT_TINY) | (x <= -TACT_TINY)) ? x : 0.0f; /* NaN fails both */
     const float below = whole > limit ? limit : whole;
     return below < -limit ? -limit : below;
 }
