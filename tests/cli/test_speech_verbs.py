@@ -220,6 +220,19 @@ def test_waveforms_identify_information__from_nothing_to_bits(run, tmp_path, mad
         "experiment", "identify", figures["protocol"], "--store", tmp_path / "lab.db", "--scripted-error", "0.1"
     )
     assert (status, figures["trials"]) == (0, 7 * (2 + 4))
+    again = (
+        "experiment",
+        "identify",
+        tmp_path / "set" / "protocol.toml",
+        "--store",
+        tmp_path / "lab.db",
+        "--scripted-error",
+        "0.1",
+    )
+    status, done, _ = run(*again, "--display", made / "display.toml", controller=False)  # designed for it; all is done
+    assert (status, done["trials"]) == (0, 0)
+    status, _, err = run(*again, "--display", tmp_path / "none.toml", controller=False)
+    assert (status, "none.toml" in err) == (2, True)
     status, figures, _ = run("experiment", "information", "--store", tmp_path / "lab.db", controller=False)
     assert status == 0
     (result,) = figures["results"]

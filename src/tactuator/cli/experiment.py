@@ -10,6 +10,7 @@ from rich.table import Table
 
 from tactuator.cli import experiment_identification
 from tactuator.cli.answer import answer, plain, progress
+from tactuator.cli.controllers import ControllerOption, DisplayOption
 from tactuator.cli.experiment_results import results
 from tactuator.cli.experiment_serve import serve
 from tactuator.cli.experiment_station import opened_station
@@ -71,7 +72,6 @@ def simulate_command(
 
 ProtocolFile = Annotated[Path, typer.Argument(help="Protocol file (TOML).", metavar="PROTOCOL")]
 StoreFile = Annotated[Path, typer.Option("--store", help="Database of the experiment (SQLite).")]
-ControllerFile = Annotated[Path | None, typer.Option(help="controller.json; default: the paper's display and C.")]
 
 
 @experiment.command("serve")
@@ -79,7 +79,8 @@ def serve_command(
     protocol: ProtocolFile,
     store: StoreFile,
     rig: RigOption = "simulated",
-    controller: ControllerFile = None,
+    display: DisplayOption = None,
+    controller: ControllerOption = None,
     host: Annotated[
         str, typer.Option(help="Address to listen at; another than loopback lets others in.")
     ] = "127.0.0.1",
@@ -91,8 +92,11 @@ def serve_command(
     auto_start: Annotated[bool, typer.Option("--auto-start", help="Subjects may begin without the operator.")] = False,
     seed: Seed = 0,
 ) -> None:
-    """Serve the study to browsers: one page for every subject, one for the operator."""
-    with opened_station(rig, controller, seed, speed or None) as place:
+    """Serve the study to browsers: one page for every subject, one for the operator.
+
+    Without a display or controller file: the paper's display and C.
+    """
+    with opened_station(rig, display, controller, seed, speed or None) as place:
         serve(protocol, store, place, host, port, operator_token, auto_start)
 
 
@@ -101,14 +105,15 @@ def observe_command(
     protocol: ProtocolFile,
     store: StoreFile,
     rig: RigOption = "simulated",
-    controller: ControllerFile = None,
+    display: DisplayOption = None,
+    controller: ControllerOption = None,
     load: Annotated[str | None, typer.Option(help="Load on the display's port while a finger is there.")] = "finger",
     seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:
     """Let simulated subjects go through the study at the simulated display; they feel what the loop makes of it."""
     read, text = read_protocol(protocol)
-    with opened_station(rig, controller, seed, None) as place, progress() as bars:
+    with opened_station(rig, display, controller, seed, None) as place, progress() as bars:
         touchable(place.rig, place.name)
         curve = place.controller.display.channels[0].threshold.curve
         observers = simulated_observers(curve, len(read.subject), seed, place.band_hz)

@@ -13,6 +13,7 @@ from rich.console import Console, Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
+from tactuator.cli.controllers import ControllerOption, DisplayOption
 from tactuator.cli.experiment_station import opened_station
 from tactuator.cli.options import AsJson, Seed
 from tactuator.cli.result_table import shown
@@ -48,9 +49,8 @@ def identify(
     subject: Annotated[
         str | None, typer.Option("--subject", help="Code of the subject; default: the only one.")
     ] = None,
-    controller: Annotated[
-        Path | None, typer.Option("--controller", help="controller.json; default: the paper's display and C.")
-    ] = None,
+    display: DisplayOption = None,
+    controller: ControllerOption = None,
     rig: RigOption = "simulated",
     scripted_error: Annotated[
         float | None, typer.Option("--scripted-error", help="A script answers for the subject, wrong at this rate.")
@@ -63,7 +63,7 @@ def identify(
     code = _subject(read, subject)
     scripted = None if scripted_error is None else ErringRespondent(scripted_error, np.random.default_rng([seed, 7]))
     speed = 1.0 if scripted_error is None else None
-    with opened_station(rig, controller, seed, speed) as place:
+    with opened_station(rig, display, controller, seed, speed) as place:
         task, clock = IdentificationTask.load(read, protocol.parent, place), SystemClock()
         database = Store(store)
         try:
