@@ -15,6 +15,7 @@ from tactuator.cli.answer import answer, progress
 from tactuator.cli.controllers import ControllerOption, DisplayOption, chosen_controller
 from tactuator.cli.options import AsJson, Seed
 from tactuator.cli.rigs import RigOption, opened_rig
+from tactuator.digital.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.files.controller import controller_hash
 from tactuator.files.response import write_responses
@@ -24,6 +25,9 @@ from tactuator.rig.protocol import Rig
 from tactuator.signals.response import Response
 
 METHODS = ("stepped", "multisine")
+POINTS = 30
+
+Frequencies = np.ndarray[tuple[int], np.dtype[np.float64]]
 
 
 def register(app: typer.Typer) -> None:
@@ -52,26 +56,20 @@ def register(app: typer.Typer) -> None:
         if method not in METHODS:
             raise BadInput(f"method {method!r}; allowed: {', '.join(METHODS)}")
         made = chosen_controller(display, controller)
-        low, high = made.display.channels[0].threshold.band_hz
-        wanted = np.geomspace(low, high, 30) if frequency is None else frequencies(frequency)
-        with opened_rig(rig, made, seed) as opened, progress() as bar:
+        wanted = _over_the_band(made) if frequency is None else frequencies(frequency)
+        asked: dict[str, Any] = {
+            "channels": channel,
+            "load": load,
+            "confidence_db": confidence_db,
+            "longest_s": longest_s,
+            "mains_hz": mains_hz or None,
+            "controller_hash": controller_hash(made),
+        }
+        with opened_rig(rig, made, seed) as opened:
             touch_all(opened, made.display.channels, load)
             opened.load(made)
-            asked: dict[str, Any] = {
-                "channels": channel,
-                "load": load,
-                "confidence_db": confidence_db,
-                "longest_s": longest_s,
-                "mains_hz": mains_hz or None,
-                "controller_hash": controller_hash(made),
-            }
             if method == "stepped":
-                task = bar.add_task("response", total=wanted.size)
-
-                def show(done: int, total: int) -> None:
-                    bar.update(task, completed=done, total=total)
-
-                responses = stepped_sine(opened, wanted, level_db_sl, progress=show, **asked)
+                responses = _stepped(opened, wanted, level_db_sl, asked)
             else:
                 responses = multisine_response(opened, wanted, level_db_sl, np.random.default_rng(seed), **asked)
         if out is not None:
@@ -82,7 +80,23 @@ def register(app: typer.Typer) -> None:
             raise typer.Exit(1)
 
 
-def frequencies(text: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _over_the_band(made: Controller) -> Frequencies:
+    low, high = made.display.channels[0].threshold.band_hz
+    return np.geomspace(low, high, POINTS)
+
+
+def _stepped(rig: Rig, wanted: Frequencies, level_db_sl: float, asked: dict[str, Any]) -> tuple[Response, ...]:
+    """Frequency by frequency, with a bar."""
+    with progress() as bar:
+        task = bar.add_task("response", total=wanted.size)
+
+        def show(done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total)
+
+        return stepped_sine(rig, wanted, level_db_sl, progress=show, **asked)
+
+
+def frequencies(text: str) -> Frequencies:
     """Numbers with commas between; BadInput otherwise."""
     try:
         return np.array([float(cell) for cell in text.split(",") if cell.strip()], dtype=np.float64)
