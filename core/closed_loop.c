@@ -87,7 +87,7 @@ static int32_t order_of(const tact_closed_loop *loop)
     return tact_display_plant(loop->display, &loop->display_state)->order;
 }
 
-void tact_closed_loop_play(tact_closed_loop *loops, int channels, const float *reference, const double *force_v,
+void tact_closed_loop_play(tact_closed_loop *loops, int channels, const double *reference, const double *force_v,
                            const tact_trace *trace, size_t samples)
 {
     size_t at = 0;
@@ -96,20 +96,20 @@ void tact_closed_loop_play(tact_closed_loop *loops, int channels, const float *r
             const int32_t order = order_of(&loops[c]);
             const double force = force_v ? force_v[at] : 0.0;
             if (order == 2)
-                play_sample(2, &loops[c], reference[at], force, trace, at);
+                play_sample(2, &loops[c], (float)reference[at], force, trace, at);
             else
-                play_sample(order, &loops[c], reference[at], force, trace, at);
+                play_sample(order, &loops[c], (float)reference[at], force, trace, at);
         }
 }
 
-void tact_closed_loop_drive(tact_closed_loop *loops, int channels, const float *command_v, const double *force_v,
+void tact_closed_loop_drive(tact_closed_loop *loops, int channels, const double *command_v, const double *force_v,
                             const tact_trace *trace, size_t samples)
 {
     for (int c = 0; c < channels; c++) {
         const int32_t order = order_of(&loops[c]);
         for (size_t k = 0; k < samples; k++) {
             const size_t at = k * (size_t)channels + (size_t)c;
-            drive_sample(order, &loops[c], command_v[at], force_v ? force_v[at] : 0.0, trace, at);
+            drive_sample(order, &loops[c], (float)command_v[at], force_v ? force_v[at] : 0.0, trace, at);
         }
     }
 }

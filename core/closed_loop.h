@@ -45,12 +45,13 @@ typedef struct {
 /* Controller states and the computing delay to zero command; the device stays as it is. */
 void tact_closed_loop_rest(tact_closed_loop *loop);
 
-/* samples through the loops: reference in threshold units; force_v (may be NULL) in volts of command. */
-void tact_closed_loop_play(tact_closed_loop *loops, int channels, const float *reference, const double *force_v,
+/* samples through the loops: reference in threshold units, which the controller gets in single precision; force_v (may
+ * be NULL) in volts of command. */
+void tact_closed_loop_play(tact_closed_loop *loops, int channels, const double *reference, const double *force_v,
                            const tact_trace *trace, size_t samples);
 
 /* samples straight to the D/A, without controller and computing delay. */
-void tact_closed_loop_drive(tact_closed_loop *loops, int channels, const float *command_v, const double *force_v,
+void tact_closed_loop_drive(tact_closed_loop *loops, int channels, const double *command_v, const double *force_v,
                             const tact_trace *trace, size_t samples);
 
 #endif

@@ -56,8 +56,7 @@ static int is_batch(const tact_closed_loop *loops, size_t left)
 /* One loop in chunks on the stack, its columns copied to and from the caller's arrays. */
 static void run_single(const tact_lanes_job *job, tact_closed_loop *loop)
 {
-    float reference[CHUNK];
-    double force_v[CHUNK], command_v[CHUNK], position_v[CHUNK], displacement_mm[CHUNK];
+    double reference[CHUNK], force_v[CHUNK], command_v[CHUNK], position_v[CHUNK], displacement_mm[CHUNK];
     uint8_t saturated[CHUNK], broken[CHUNK];
     const tact_trace columns = {command_v, position_v, displacement_mm, saturated, broken};
     for (size_t k = 0; k < job->samples; k += CHUNK) {
@@ -104,7 +103,7 @@ static void run_batch(int kernel, const tact_lanes_job *job, tact_closed_loop *l
     tact_lanes_run_baseline(job, loops);
 }
 
-int tact_lanes_play(int kernel, tact_closed_loop *loops, size_t count, const float *reference,
+int tact_lanes_play(int kernel, tact_closed_loop *loops, size_t count, const double *reference,
                     size_t reference_columns, const double *force_v, const tact_trace *trace, tact_metrics *metrics,
                     const tact_probe *probe, size_t samples)
 {

@@ -47,7 +47,7 @@ int tact_lanes_available(int kernel);
  * or count; force_v (may be NULL): (samples, count). trace (may be NULL): as in closed_loop.h, (samples, count).
  * metrics (may be NULL): one for each loop, added to. probe (may be NULL). Gives the kernel used, or 0 if the one asked
  * for cannot run here. */
-int tact_lanes_play(int kernel, tact_closed_loop *loops, size_t count, const float *reference,
+int tact_lanes_play(int kernel, tact_closed_loop *loops, size_t count, const double *reference,
                     size_t reference_columns, const double *force_v, const tact_trace *trace, tact_metrics *metrics,
                     const tact_probe *probe, size_t samples);
 

@@ -16,7 +16,7 @@
 
 typedef struct {
     size_t first, count, samples; /* first loop of the batch, loops in all */
-    const float *reference;
+    const double *reference;
     size_t reference_columns;
     const double *force_v;
     const tact_trace *trace;

@@ -79,8 +79,7 @@ static void run(int kernel, int order, int unstable, int delay_samples)
     static tact_display display;
     static tact_plant plants[2];
     static tact_closed_loop loops[LOOPS];
-    static float reference[LOOPS * SAMPLES];
-    static double force_v[LOOPS * SAMPLES], outputs[3][LOOPS * SAMPLES];
+    static double reference[LOOPS * SAMPLES], force_v[LOOPS * SAMPLES], outputs[3][LOOPS * SAMPLES];
     static uint8_t flags[2][LOOPS * SAMPLES];
     static tact_metrics metrics[LOOPS];
     make_controller(&controller, unstable);
@@ -94,7 +93,7 @@ static void run(int kernel, int order, int unstable, int delay_samples)
         loops[i].display_state.touched = (int32_t)(i & 1u);
     }
     for (int i = 0; i < LOOPS * SAMPLES; i++) {
-        reference[i] = hostile();
+        reference[i] = (double)hostile() * (i & 1 ? 1.0 : 1e30);
         force_v[i] = (double)hostile() * 1e30;
     }
     const tact_trace trace = {outputs[0], outputs[1], outputs[2], flags[0], flags[1]};

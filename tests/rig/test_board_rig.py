@@ -79,6 +79,13 @@ def rig(request):
         yield made
 
 
+def begin(rig):
+    """The display as it was in the beginning, and the controller: no test leans on the one before."""
+    rig.off()
+    rig.wire(*wired_display_bytes(designed().display, 1))
+    rig.load(designed())
+
+
 def tones(count=1200):
     time_s = np.arange(count) / 4000.0
     return np.stack([100.0 * np.sin(2.0 * np.pi * f * time_s) for f in (7.0, 53.0, 201.0)], axis=1)
@@ -93,7 +100,7 @@ def expected():
 
 def test_rig__two_blocks__are_bit_for_bit_those_of_this_machine(rig, expected):
     assert isinstance(rig, Rig)
-    rig.load(designed())
+    begin(rig)
     for block, wanted in zip((tones(), tones(500)), expected, strict=True):
         trace = rig.play(block)
         assert np.array_equal(trace.position_v, wanted.position_v)
@@ -101,9 +108,7 @@ def test_rig__two_blocks__are_bit_for_bit_those_of_this_machine(rig, expected):
 
 
 def test_rig__stream__is_bit_for_bit_what_the_blocks_are(rig, expected):
-    rig.off()
-    rig.wire(*wired_display_bytes(designed().display, 1))  # the display as it was in the beginning
-    rig.load(designed())
+    begin(rig)
     blocks = np.array_split(np.concatenate([tones(), tones(500)]), 9)
     found = join_traces(rig.stream(iter(blocks)), rig.rate_hz, rig.channels)
     wanted = join_traces(expected, rig.rate_hz, rig.channels)
@@ -113,13 +118,14 @@ def test_rig__stream__is_bit_for_bit_what_the_blocks_are(rig, expected):
 
 
 def test_rig__stream_left_early__goes_on_in_the_next(rig):
-    rig.load(designed())
+    begin(rig)
     next(rig.stream(tones(400) for _ in range(20)))
     assert len(rig.play(tones(300))) == 300
     assert rig.status().mode is Mode.RUNNING
 
 
 def test_rig__touched_and_pressed__is_felt(rig):
+    begin(rig)
     finger, felt = rig.finger("index"), []
     finger.attach(felt.append)
     finger.touch("finger")
@@ -139,6 +145,7 @@ def test_rig__driven__moves_without_a_controller(rig):
 
 @pytest.mark.parametrize("value", [np.nan, 1e10])
 def test_rig__reference_that_is_none__is_told_and_the_output_rests(rig, value):
+    begin(rig)
     rows = tones(50)
     rows[3, 1] = value
     with pytest.raises(BadInput, match="not finite or beyond 60 dB SL"):
@@ -147,6 +154,7 @@ def test_rig__reference_that_is_none__is_told_and_the_output_rests(rig, value):
 
 
 def test_rig__sensor_fails__raises_and_is_cleared_by_the_next_load(rig):
+    begin(rig)
     rig.play(tones(200))
     rig.finger("thumb").break_sensor("open")
     with pytest.raises(RigFault, match="sensor open"):
@@ -159,13 +167,12 @@ def test_rig__sensor_fails__raises_and_is_cleared_by_the_next_load(rig):
 
 def test_rig__another_display_wired_after_a_motion__is_no_fault(rig):
     rig.drive(np.tile(0.4 * np.sin(2.0 * np.pi * np.arange(1000) / 4000.0)[:, None], (1, 3)))
-    rig.off()
-    rig.wire(*wired_display_bytes(designed().display, 1))
-    rig.load(designed())
+    begin(rig)
     assert len(rig.play(np.zeros((300, 3)))) == 300
 
 
 def test_rig__image_flipped__is_refused_and_the_loaded_one_stays(rig):
+    begin(rig)
     before = rig.status().image_crc
     with pytest.raises(BadInput, match="image"):
         rig.load_image(b"TACI" + bytes(60))

@@ -132,17 +132,17 @@ class ManyLoops:
         into.display_state.touched = loads.index(loop.load)
         lib.tact_closed_loop_rest(ffi.addressof(self._loops, index))
 
-    def _reference(self, reference: ArrayLike) -> NDArray[np.float32]:
+    def _reference(self, reference: ArrayLike) -> NDArray[np.float64]:
         array = np.asarray(reference)
         columns = 1 if array.ndim == 1 or array.shape[1:] == (1,) else len(self)
-        return block_samples(array, columns, "reference", np.float32)
+        return block_samples(array, columns, "reference")
 
     def _run(self, reference: ArrayLike, force_v: ArrayLike | None, trace: Any, sums: Any, probe: Any) -> None:
         check_arithmetic()
         inputs = self._reference(reference)
         forces = ffi.NULL
         if force_v is not None:
-            force = block_samples(force_v, len(self), "force", np.float64)
+            force = block_samples(force_v, len(self), "force")
             if force.shape[0] != inputs.shape[0]:
                 raise BadInput(f"force has {force.shape[0]} samples; allowed: {inputs.shape[0]}, as the reference has")
             forces = ffi.from_buffer("double[]", force)
@@ -150,7 +150,7 @@ class ManyLoops:
             self._kernel,
             self._loops,
             len(self),
-            ffi.from_buffer("float[]", inputs),
+            ffi.from_buffer("double[]", inputs),
             inputs.shape[1],
             forces,
             trace,

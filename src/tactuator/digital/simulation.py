@@ -126,15 +126,15 @@ class Simulation:
     def _run(self, step: Any, samples: ArrayLike, name: str, force_v: ArrayLike | None) -> SimulatedBlock:
         check_arithmetic()
         count = len(self._loops)
-        inputs = block_samples(samples, count, name, np.float32)
+        inputs = block_samples(samples, count, name)
         forces = ffi.NULL
         if force_v is not None:
-            force = block_samples(force_v, count, "force", np.float64)
+            force = block_samples(force_v, count, "force")
             if force.shape != inputs.shape:
                 raise BadInput(f"force has {force.shape[0]} samples; allowed: {inputs.shape[0]}, as the {name} has")
             forces = ffi.from_buffer("double[]", force)
         block, trace = empty_block(inputs.shape[0], count)
-        step(self._loops, count, ffi.from_buffer("float[]", inputs), forces, trace, inputs.shape[0])
+        step(self._loops, count, ffi.from_buffer("double[]", inputs), forces, trace, inputs.shape[0])
         return block
 
 
@@ -162,7 +162,7 @@ def check_arithmetic() -> None:
         )
 
 
-def block_samples(samples: ArrayLike, channels: int, name: str, dtype: type) -> NDArray[Any]:
+def block_samples(samples: ArrayLike, channels: int, name: str) -> Samples:
     """`samples` as a contiguous array (n, channels); a vector is taken where there is one channel. BadInput if not."""
     array = np.asarray(samples)
     if array.ndim == 1 and channels == 1:
@@ -171,7 +171,4 @@ def block_samples(samples: ArrayLike, channels: int, name: str, dtype: type) -> 
         raise BadInput(f"{name} has shape {array.shape}; allowed: (samples, {channels})")
     if array.dtype.kind not in "fiub":
         raise BadInput(f"{name} holds {array.dtype}; allowed: real numbers")
-    if array.dtype == dtype:
-        return np.ascontiguousarray(array)
-    with np.errstate(over="ignore"):
-        return np.ascontiguousarray(array, dtype=dtype)
+    return np.ascontiguousarray(array, dtype=np.float64)

@@ -22,7 +22,7 @@ from tactuator.rig.board_tones import BoardTone, read_run, stimulus_payloads
 from tactuator.rig.commissioning import SILENCE_S, SOFT_START_S, safety_table
 from tactuator.rig.frames import Request
 from tactuator.rig.link import IMAGE, SAFETY, STIMULUS, STREAM, WIRED, LinkClient, Mode, RigFault, Status, TraceRows
-from tactuator.rig.playable import require_playable
+from tactuator.rig.playable import take_reference
 from tactuator.rig.trace import Trace, join_traces
 from tactuator.rig.transport import LinkDown
 
@@ -113,7 +113,9 @@ class BoardRig:
 
     def drive(self, command_v: ArrayLike) -> Trace:
         """Command (n, channels), volts, to the motors without controller; the guard watches."""
-        rows: Rows = block_samples(command_v, len(self.channels), "command", np.float32)
+        wanted_v = block_samples(command_v, len(self.channels), "command")
+        with np.errstate(over="ignore"):
+            rows: Rows = wanted_v.astype(np.float32)
         if not np.all(np.isfinite(rows)):
             self.rest()
             raise BadInput("the command is not finite; allowed: volts")
@@ -297,13 +299,12 @@ class BoardRig:
         return Trace(self.rate_hz, self.channels, reference, command, position, part.flags != 0)
 
     def _checked(self, reference: ArrayLike) -> Rows:
-        rows: Rows = block_samples(reference, len(self.channels), "reference", np.float32)
+        rows = block_samples(reference, len(self.channels), "reference")
         try:
-            require_playable(rows)
+            return take_reference(rows).astype(np.float32)
         except BadInput:
             self.rest()
             raise
-        return rows
 
 
 def _take(blocks: list[Rows], count: int) -> Rows:

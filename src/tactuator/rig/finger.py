@@ -62,6 +62,6 @@ def anybody_feels(fingers: Sequence[Finger]) -> bool:
 
 def let_feel(fingers: Sequence[Finger], displacement_mm: Floats) -> None:
     """The displacement, (n, fingers), to whoever listens; each gets an array of its own."""
-    for column, finger in zip(displacement_mm.T, fingers, strict=True):
+    for index, finger in enumerate(fingers):
         for feeler in finger._feelers:
-            feeler(column.copy())
+            feeler(displacement_mm[:, index].copy())

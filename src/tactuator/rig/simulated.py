@@ -12,7 +12,7 @@ from tactuator.digital.simulation import SimulatedBlock, Simulation, block_sampl
 from tactuator.errors import BadInput
 from tactuator.plant.display import Display
 from tactuator.rig.finger import Finger, let_feel, take_forces
-from tactuator.rig.playable import require_playable
+from tactuator.rig.playable import take_reference
 from tactuator.rig.trace import Trace
 
 
@@ -61,14 +61,13 @@ class SimulatedRig:
 
         Raises BadInput, the output at rest, for a reference that is not finite or beyond 60 dB SL.
         """
-        rows = block_samples(reference, len(self._ports), "reference", np.float32)
+        rows = block_samples(reference, len(self._ports), "reference")
         try:
-            require_playable(rows)
+            own = take_reference(rows)
         except BadInput:
             self.rest()
             raise
-        asked = np.array(reference, dtype=np.float64).reshape(rows.shape)  # the trace's own
-        return self._trace(self._simulation.play(rows, take_forces(self._ports, len(rows))), asked)
+        return self._trace(self._simulation.play(rows, take_forces(self._ports, len(rows))), own)
 
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
         """See Rig.stream: each block is asked for when the one before has been played."""
@@ -76,7 +75,7 @@ class SimulatedRig:
 
     def drive(self, command_v: ArrayLike) -> Trace:
         """Command (n, channels), volts, straight to the motors: no controller, no computing delay."""
-        rows = block_samples(command_v, len(self._ports), "command", np.float32)
+        rows = block_samples(command_v, len(self._ports), "command")
         block = self._simulation.drive(rows, take_forces(self._ports, len(rows)))
         return self._trace(block, np.zeros(block.command_v.shape))
 

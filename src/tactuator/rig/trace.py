@@ -30,6 +30,8 @@ class Trace:
 
     def __post_init__(self) -> None:
         shape = (self.reference.shape[0], len(self.channels))
+        if shape == self.reference.shape == self.command_v.shape == self.position_v.shape == self.saturated.shape:
+            return
         for name in ("reference", "command_v", "position_v", "saturated"):
             if getattr(self, name).shape != shape:
                 raise BadInput(f"trace: {name} has shape {getattr(self, name).shape}; allowed: {shape}")
