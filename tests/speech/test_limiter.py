@@ -10,7 +10,7 @@ from tactuator.speech.direct import band_limit_kernel
 from tactuator.speech.envelope import ATTACK_DB_PER_MS, RELEASE_DB_PER_MS, reduction_envelope
 from tactuator.speech.filterbank import filter_bank
 from tactuator.speech.limiter import Limiter
-from tactuator.speech.present import blocks_of, felt_of, with_silence
+from tactuator.speech.present import blocks_of, felt_of
 
 RATE = 4000
 TIME = np.arange(14 * RATE) / RATE
@@ -39,7 +39,8 @@ def on_the_display(controller, reference, load):
         return traces[-1]
 
     rig.play = listened
-    displacement = np.concatenate([d for _, d in felt_of(rig, with_silence(blocks_of(reference, RATE), rig))])
+    silence = np.zeros((4 * RATE, len(rig.channels)))  # a slow loop's last tenths of a millimetre go in seconds
+    displacement = np.concatenate([d for _, d in felt_of(rig, [*blocks_of(reference, RATE), silence])])
     size = len(displacement) + 4 * RATE
     frequency = np.fft.rfftfreq(size, 1 / RATE)
     weight = 1.0 / controller.display.channels[0].threshold.curve.displacement_mm(frequency)
