@@ -69,9 +69,9 @@ def test_judge__load_that_makes_the_loop_unstable__says_so() -> None:
 
 
 def test_judge__another_display__refused() -> None:
-    with pytest.raises(BadInput, match="the display has index, thumb, middle"):
+    with pytest.raises(BadInput, match="is for channels index; allowed: index, thumb, middle, as the display has"):
         judge(paper_controller(), three_fingers())
-    with pytest.raises(BadInput, match="rate_hz 4000, the display 8000"):
+    with pytest.raises(BadInput, match="is for 4000 Hz and a delay of 1; allowed: 8000 Hz and 1, as the display has"):
         judge(paper_controller(), replace(paper_alone(), rate_hz=8000.0))
 
 

@@ -1,94 +1,23 @@
-"""One suite for every board that can run: in this process, in the emulator, at a port, behind a lossy line."""
-
-from contextlib import contextmanager
+"""What every board does beyond every rig: the same bits, images, tables, faults."""
 
 import numpy as np
 import pytest
 
-from tactuator.digital.wired_display import wired_display_bytes
 from tactuator.errors import BadInput
-from tactuator.rig.board import BoardRig
 from tactuator.rig.emulated import emulated_rig, in_process_rig, wired_rig
-from tactuator.rig.link import LinkClient, Mode, RigFault
+from tactuator.rig.link import Mode, RigFault
 from tactuator.rig.open import open_rig
 from tactuator.rig.protocol import Rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.trace import join_traces
-from tactuator.rig.transport import InProcess
-from tests.rig.emulated_ports import socket_board
+from tests.rig.every_rig import BOARDS, begin, tones
 from tests.rig.guarded import designed
 
 
-class Lossy(InProcess):
-    """Frames lost, spoilt, doubled, cut and kept back, by a seed."""
-
-    def __init__(self, seed=1):
-        super().__init__()
-        self.rng = np.random.default_rng(seed)
-        self.kept = b""
-
-    def send(self, content):
-        chance = self.rng.random()
-        if chance < 0.04:
-            return
-        if chance < 0.08:
-            content = content[: len(content) // 2] + b"\x00"
-        elif chance < 0.12:
-            spoilt = bytearray(content)
-            spoilt[self.rng.integers(len(spoilt))] ^= 1 << int(self.rng.integers(8))
-            content = bytes(spoilt)
-        elif chance < 0.2:
-            content = content + content
-        elif chance < 0.25:
-            content, self.kept = self.kept + content, content
-        elif chance < 0.3:
-            content = bytes(self.rng.integers(0, 256, 40, dtype=np.uint8)) + b"\0" + content
-        super().send(content)
-
-    def receive(self, timeout_s):
-        content = super().receive(timeout_s)
-        return b"" if self.rng.random() < 0.03 else content
-
-
-def lossy_rig(display):
-    transport = Lossy()
-    client = LinkClient(transport, 0.01)
-    rig = BoardRig(client, display)
-    content, loads = wired_display_bytes(display, 1)
-    rig.wire(content, loads)
-    return rig
-
-
-@contextmanager
-def socket_rig(display):
-    with socket_board() as (url, _), open_rig(f"board:{url}", display, 1) as rig:
-        yield rig
-
-
-RIGS = {
-    "in-process": lambda display: in_process_rig(display, 1),
-    "lossy": lossy_rig,
-    "emulated:mps2-an500": lambda display: emulated_rig("mps2-an500", display, 1),
-    "board:socket": socket_rig,
-}
-
-
-@pytest.fixture(scope="module", params=list(RIGS))
+@pytest.fixture(scope="module", params=list(BOARDS))
 def rig(request):
-    with RIGS[request.param](designed().display) as made:
+    with BOARDS[request.param](designed().display) as made:
         yield made
-
-
-def begin(rig):
-    """The display as it was in the beginning, and the controller: no test leans on the one before."""
-    rig.off()
-    rig.wire(*wired_display_bytes(designed().display, 1))
-    rig.load(designed())
-
-
-def tones(count=1200):
-    time_s = np.arange(count) / 4000.0
-    return np.stack([100.0 * np.sin(2.0 * np.pi * f * time_s) for f in (7.0, 53.0, 201.0)], axis=1)
 
 
 @pytest.fixture(scope="module")
@@ -122,35 +51,6 @@ def test_rig__stream_left_early__goes_on_in_the_next(rig):
     next(rig.stream(tones(400) for _ in range(20)))
     assert len(rig.play(tones(300))) == 300
     assert rig.status().mode is Mode.RUNNING
-
-
-def test_rig__touched_and_pressed__is_felt(rig):
-    begin(rig)
-    finger, felt = rig.finger("index"), []
-    finger.attach(felt.append)
-    finger.touch("finger")
-    finger.press(np.full(200, 0.5))
-    rig.play(np.zeros((400, 3)))
-    finger.touch(None)
-    finger.detach(felt.append)
-    assert np.concatenate(felt).size == 400
-    assert np.max(np.abs(np.concatenate(felt))) > 0.05
-
-
-def test_rig__driven__moves_without_a_controller(rig):
-    trace = rig.drive(np.full((400, 3), 0.1))
-    assert np.all(np.abs(trace.command_v[-1] - 0.1) < 1e-3)
-    assert np.all(trace.position_v[-1] > 0.05)
-
-
-@pytest.mark.parametrize("value", [np.nan, 1e10])
-def test_rig__reference_that_is_none__is_told_and_the_output_rests(rig, value):
-    begin(rig)
-    rows = tones(50)
-    rows[3, 1] = value
-    with pytest.raises(BadInput, match="not finite or beyond 60 dB SL"):
-        rig.play(rows)
-    assert rig.status().at_rest
 
 
 def test_rig__sensor_fails__raises_and_is_cleared_by_the_next_load(rig):

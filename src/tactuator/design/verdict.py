@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from tactuator.design.family import UNLOADED, Member, plant_family
 from tactuator.digital.controller import ChannelController, Controller
-from tactuator.errors import BadInput
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.loop.margins import margins
 from tactuator.plant.display import Channel, Display
@@ -71,7 +70,7 @@ def judge(controller: Controller, display: Display | None = None) -> Verdict:
     display's channels, rate or delay are not the controller's.
     """
     shown = controller.display if display is None else display
-    _require_alike(controller, shown)
+    controller.require_runs(shown)
     figures: dict[str, dict[str, dict[str, dict[str, Any]]]] = {number: {} for number in _NAMES}
     for channel in shown.channels:
         judged = _judge_channel(controller.channel(channel.name), channel, shown)
@@ -87,19 +86,6 @@ def judge(controller: Controller, display: Display | None = None) -> Verdict:
 
 def _all_met(by_load: dict[str, dict[str, Any]]) -> bool:
     return all(figures["met"] for figures in by_load.values())
-
-
-def _require_alike(controller: Controller, display: Display) -> None:
-    mine = tuple(channel.name for channel in controller.channels)
-    theirs = tuple(channel.name for channel in display.channels)
-    if mine != theirs:
-        raise BadInput(f"controller is for channels {', '.join(mine)}; the display has {', '.join(theirs)}")
-    for key in ("rate_hz", "delay_samples"):
-        if getattr(controller, key) != getattr(display, key):
-            raise BadInput(
-                f"controller has {key} {getattr(controller, key):g}, the display {getattr(display, key):g}; "
-                "allowed: the same of both"
-            )
 
 
 def _judge_channel(own: ChannelController, channel: Channel, display: Display) -> dict[str, dict[str, dict[str, Any]]]:

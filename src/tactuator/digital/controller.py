@@ -90,6 +90,18 @@ class Controller:
         """Computing delay from A/D to D/A."""
         return self.display.delay_samples
 
+    def require_runs(self, display: Display) -> None:
+        """Raises BadInput if `display` has other channels, another rate or another computing delay."""
+        names = ", ".join(channel.name for channel in display.channels)
+        mine = ", ".join(channel.name for channel in self.channels)
+        if mine != names:
+            raise BadInput(f"controller is for channels {mine}; allowed: {names}, as the display has")
+        if (self.rate_hz, self.delay_samples) != (display.rate_hz, display.delay_samples):
+            raise BadInput(
+                f"controller is for {self.rate_hz:g} Hz and a delay of {self.delay_samples}; "
+                f"allowed: {display.rate_hz:g} Hz and {display.delay_samples}, as the display has"
+            )
+
     def channel(self, name: str) -> ChannelController:
         """The controller of that channel; BadInput if there is none."""
         for channel in self.channels:

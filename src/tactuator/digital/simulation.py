@@ -71,16 +71,7 @@ class Simulation:
 
     def load(self, controller: Controller) -> None:
         """Load the controller of every channel; its states start at zero, the device goes on as it is."""
-        mine, theirs = self.display, controller.display
-        names = tuple(channel.name for channel in mine.channels)
-        if tuple(channel.name for channel in controller.channels) != names:
-            got = ", ".join(channel.name for channel in controller.channels)
-            raise BadInput(f"controller is for channels {got}; allowed: {', '.join(names)}")
-        if (theirs.rate_hz, theirs.delay_samples) != (mine.rate_hz, mine.delay_samples):
-            raise BadInput(
-                f"controller is for {theirs.rate_hz:g} Hz and a delay of {theirs.delay_samples}; "
-                f"allowed: {mine.rate_hz:g} Hz and {mine.delay_samples}, as the display has"
-            )
+        controller.require_runs(self.display)
         self._controllers = [controller_table(channel) for channel in controller.channels]
         for loop, table in zip(self._loops, self._controllers, strict=True):
             loop.controller = table

@@ -22,7 +22,7 @@ from tactuator.rig.board_tones import BoardTone, read_run, stimulus_payloads
 from tactuator.rig.commissioning import SILENCE_S, SOFT_START_S, safety_table
 from tactuator.rig.frames import Request
 from tactuator.rig.link import IMAGE, SAFETY, STIMULUS, STREAM, WIRED, LinkClient, Mode, RigFault, Status, TraceRows
-from tactuator.rig.playable import take_reference
+from tactuator.rig.playable import Samples, take_command, take_reference
 from tactuator.rig.trace import Trace, join_traces
 from tactuator.rig.transport import LinkDown
 
@@ -86,9 +86,7 @@ class BoardRig:
 
     def load(self, controller: Controller) -> None:
         """Make the controller the one that runs, from rest. Raises BadInput if it is not for this rig."""
-        if tuple(channel.name for channel in controller.channels) != self.channels:
-            got = ", ".join(channel.name for channel in controller.channels)
-            raise BadInput(f"controller is for channels {got}; allowed: {', '.join(self.channels)}")
+        controller.require_runs(self._display)
         self.load_image(build_image(controller, self._format, controller_hash(controller)))
 
     def load_image(self, image: bytes) -> None:
@@ -104,21 +102,16 @@ class BoardRig:
         a board whose time goes on, and RigFault if the guard ends the run.
         """
         self._require_image()
-        return join_traces(self._traces([self._checked(reference)], False, _AHEAD_S), self.rate_hz, self.channels)
+        return join_traces(self._traces([self._playable(reference)], False, _AHEAD_S), self.rate_hz, self.channels)
 
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
         """See Rig.stream; a block is played LEAD_S after it was asked for. Raises as `play` does."""
         self._require_image()
-        return self._traces((self._checked(block) for block in blocks), False, self._lead_s)
+        return self._traces((self._playable(block) for block in blocks), False, self._lead_s)
 
     def drive(self, command_v: ArrayLike) -> Trace:
         """Command (n, channels), volts, to the motors without controller; the guard watches."""
-        wanted_v = block_samples(command_v, len(self.channels), "command")
-        with np.errstate(over="ignore"):
-            rows: Rows = wanted_v.astype(np.float32)
-        if not np.all(np.isfinite(rows)):
-            self.rest()
-            raise BadInput("the command is not finite; allowed: volts")
+        rows = self._taken(take_command, command_v, "command")
         return join_traces(self._traces([rows], True, _AHEAD_S), self.rate_hz, self.channels)
 
     def play_tones(self, tones: Mapping[str, Sequence[BoardTone]], duration_s: float) -> Trace:
@@ -298,10 +291,13 @@ class BoardRig:
         reference = np.zeros(command.shape) if drives else asked.astype(np.float64)
         return Trace(self.rate_hz, self.channels, reference, command, position, part.flags != 0)
 
-    def _checked(self, reference: ArrayLike) -> Rows:
-        rows = block_samples(reference, len(self.channels), "reference")
+    def _playable(self, reference: ArrayLike) -> Rows:
+        return self._taken(take_reference, reference, "reference")
+
+    def _taken(self, take: Callable[[Samples], Samples], samples: ArrayLike, name: str) -> Rows:
+        rows = block_samples(samples, len(self.channels), name)
         try:
-            return take_reference(rows).astype(np.float32)
+            return take(rows).astype(np.float32)
         except BadInput:
             self.rest()
             raise

@@ -93,11 +93,11 @@ class TraceRows:
 class LinkClient:
     """Requests over a transport. Each is sent again until its answer comes; all may be carried out twice."""
 
-    def __init__(self, transport: Transport, answer_s: float = _ANSWER_S) -> None:
+    def __init__(self, transport: Transport, answer_s: float = _ANSWER_S, tries: int = _TRIES) -> None:
         self._transport = transport
         self._reader = FrameReader()
         self._sequence = 0
-        self._answer_s = answer_s
+        self._answer_s, self._tries = answer_s, tries
 
     @property
     def dropped(self) -> int:
@@ -112,7 +112,7 @@ class LinkClient:
         """The outcome of a request, and what the answer holds besides. Raises LinkDown if none comes."""
         self._sequence = (self._sequence + 1) & 0xFFFF
         frame = frame_bytes(Frame(request, self._sequence, payload))
-        for _ in range(_TRIES):
+        for _ in range(self._tries):
             self._transport.send(frame)
             answer = self._answer(request, self._answer_s * patience)
             if answer is not None:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tactuator.digital.controller import Controller
 from tactuator.digital.simulation import SimulatedBlock, Simulation, block_samples
 from tactuator.errors import BadInput
 from tactuator.plant.display import Display
 from tactuator.rig.finger import Finger, let_feel, take_forces
-from tactuator.rig.playable import take_reference
+from tactuator.rig.playable import Samples, take_command, take_reference
 from tactuator.rig.trace import Trace
 
 
@@ -61,21 +61,19 @@ class SimulatedRig:
 
         Raises BadInput, the output at rest, for a reference that is not finite or beyond 60 dB SL.
         """
-        rows = block_samples(reference, len(self._ports), "reference")
-        try:
-            own = take_reference(rows)
-        except BadInput:
-            self.rest()
-            raise
-        return self._trace(self._simulation.play(rows, take_forces(self._ports, len(rows))), own)
+        own = self._taken(take_reference, reference, "reference")
+        return self._trace(self._simulation.play(own, take_forces(self._ports, len(own))), own)
 
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
         """See Rig.stream: each block is asked for when the one before has been played."""
         return (self.play(block) for block in blocks)
 
     def drive(self, command_v: ArrayLike) -> Trace:
-        """Command (n, channels), volts, straight to the motors: no controller, no computing delay."""
-        rows = block_samples(command_v, len(self._ports), "command")
+        """Command (n, channels), volts, straight to the motors: no controller, no computing delay.
+
+        Raises BadInput, the output at rest, for a command that is not finite.
+        """
+        rows = self._taken(take_command, command_v, "command")
         block = self._simulation.drive(rows, take_forces(self._ports, len(rows)))
         return self._trace(block, np.zeros(block.command_v.shape))
 
@@ -91,6 +89,14 @@ class SimulatedRig:
             raise BadInput(f"channel {channel!r} is not there; allowed: {', '.join(self.channels)}")
         return self._ports[self.channels.index(channel)]
 
-    def _trace(self, block: SimulatedBlock, reference: NDArray[np.float64]) -> Trace:
+    def _taken(self, take: Callable[[Samples], Samples], samples: ArrayLike, name: str) -> Samples:
+        rows = block_samples(samples, len(self._ports), name)
+        try:
+            return take(rows)
+        except BadInput:
+            self.rest()
+            raise
+
+    def _trace(self, block: SimulatedBlock, reference: Samples) -> Trace:
         let_feel(self._ports, block.displacement_mm)
         return Trace(self.rate_hz, self.channels, reference, block.command_v, block.position_v, block.saturated)

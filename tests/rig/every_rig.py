@@ -1,0 +1,98 @@
+"""Every rig that can run here, each with the example display on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+
+import numpy as np
+
+from tactuator.digital.wired_display import wired_display_bytes
+from tactuator.plant.display import Display
+from tactuator.rig.board import BoardRig
+from tactuator.rig.emulated import emulated_rig, in_process_rig
+from tactuator.rig.link import LinkClient
+from tactuator.rig.open import open_rig
+from tactuator.rig.simulated import SimulatedRig
+from tactuator.rig.transport import InProcess
+from tests.rig.emulated_ports import socket_board
+from tests.rig.guarded import designed
+
+SEED = 1
+
+
+class Lossy(InProcess):
+    """Frames lost, spoilt, doubled, cut and kept back, by a seed."""
+
+    def __init__(self, seed: int = 1) -> None:
+        super().__init__()
+        self.rng = np.random.default_rng(seed)
+        self.kept = b""
+
+    def send(self, content: bytes) -> None:
+        chance = self.rng.random()
+        if chance < 0.04:
+            return
+        if chance < 0.08:
+            content = content[: len(content) // 2] + b"\x00"
+        elif chance < 0.12:
+            spoilt = bytearray(content)
+            spoilt[self.rng.integers(len(spoilt))] ^= 1 << int(self.rng.integers(8))
+            content = bytes(spoilt)
+        elif chance < 0.2:
+            content = content + content
+        elif chance < 0.25:
+            content, self.kept = self.kept + content, content
+        elif chance < 0.3:
+            content = bytes(self.rng.integers(0, 256, 40, dtype=np.uint8)) + b"\0" + content
+        super().send(content)
+
+    def receive(self, timeout_s: float) -> bytes:
+        content = super().receive(timeout_s)
+        return b"" if self.rng.random() < 0.03 else content
+
+
+@contextmanager
+def _simulated(display: Display) -> Iterator[SimulatedRig]:
+    yield SimulatedRig(display, SEED)
+
+
+def _lossy(display: Display) -> BoardRig:
+    rig = BoardRig(LinkClient(Lossy(), 0.01, tries=20), display)
+    rig.wire(*wired_display_bytes(display, SEED))
+    return rig
+
+
+@contextmanager
+def _at_a_socket(display: Display) -> Iterator[BoardRig]:
+    with socket_board() as (url, _):
+        rig = open_rig(f"board:{url}", display, SEED)
+        assert isinstance(rig, BoardRig)
+        with rig:
+            yield rig
+
+
+BOARDS: dict[str, Callable[[Display], AbstractContextManager[BoardRig]]] = {
+    "in-process": lambda display: in_process_rig(display, SEED),
+    "lossy": _lossy,
+    "emulated:mps2-an500": lambda display: emulated_rig("mps2-an500", display, SEED),
+    "emulated:mps2-an386": lambda display: emulated_rig("mps2-an386", display, SEED),
+    "board:socket": _at_a_socket,
+}
+RIGS: dict[str, Callable[[Display], AbstractContextManager[SimulatedRig | BoardRig]]] = {
+    "simulated": _simulated,
+    **BOARDS,
+}
+
+
+def begin(rig: BoardRig) -> None:
+    """The display as it was in the beginning, and the controller."""
+    rig.off()
+    rig.wire(*wired_display_bytes(designed().display, SEED))
+    rig.load(designed())
+
+
+def tones(count: int = 1200) -> np.ndarray:
+    """100 threshold units at 7, 53 and 201 Hz, one to a channel."""
+    time_s = np.arange(count) / 4000.0
+    return np.stack([100.0 * np.sin(2.0 * np.pi * f * time_s) for f in (7.0, 53.0, 201.0)], axis=1)

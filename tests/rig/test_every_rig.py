@@ -1,0 +1,246 @@
+"""One suite for every rig: what the protocol promises, and what each refuses in the same words."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from tactuator.digital.controller import Controller
+from tactuator.errors import BadInput
+from tactuator.measure.multisine_response import multisine_response
+from tactuator.rig.board import BoardRig
+from tactuator.rig.protocol import Rig
+from tactuator.rig.simulated import SimulatedRig
+from tactuator.rig.trace import join_traces
+from tests.digital import paper_display
+from tests.rig.every_rig import RIGS, SEED, begin, tones
+from tests.rig.guarded import designed
+
+AnyRig = SimulatedRig | BoardRig
+
+
+@pytest.fixture(scope="module", params=list(RIGS))
+def opened(request):
+    with RIGS[request.param](designed().display) as rig:
+        yield rig
+
+
+@pytest.fixture
+def rig(opened):
+    """As if it had just been opened, with its controller: no test leans on the one before."""
+    if isinstance(opened, BoardRig):
+        begin(opened)
+        return opened
+    fresh = SimulatedRig(designed().display, SEED)
+    fresh.load(designed())
+    return fresh
+
+
+def at_rest(rig: AnyRig) -> bool:
+    """Whether the motors get nothing; of a simulated display, what was still to come out of its computing delay."""
+    if isinstance(rig, BoardRig):
+        return rig.status().at_rest
+    return bool(np.max(np.abs(rig.play(np.zeros((1, 3))).command_v)) < 1e-3)
+
+
+def test_rig__opened__is_one_at_the_displays_rate_with_its_channels(rig: AnyRig) -> None:
+    assert isinstance(rig, Rig)
+    assert rig.rate_hz == 4000.0
+    assert rig.channels == ("index", "thumb", "middle")
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_play__before_any_controller__is_refused(name: str) -> None:
+    with RIGS[name](designed().display) as rig:
+        with pytest.raises(BadInput, match="no controller is loaded; allowed: load one before playing a reference"):
+            rig.play(tones(10))
+        with pytest.raises(BadInput, match="no controller is loaded"):
+            list(rig.stream([tones(10)]))
+
+
+def test_play__three_tones__trace_has_every_sample_in_the_steps_of_the_converters(rig: AnyRig) -> None:
+    trace = rig.play(tones())
+    assert (len(trace), trace.channels, trace.rate_hz) == (1200, rig.channels, 4000.0)
+    np.testing.assert_allclose(trace.reference, tones(), rtol=2.0**-23, atol=1e-30)
+    for index, channel in enumerate(designed().display.channels):
+        step_v = channel.converter.step_v
+        for volts in (trace.command_v[:, index] - channel.converter.offset_v, trace.position_v[:, index]):
+            codes = volts / step_v
+            np.testing.assert_allclose(codes, np.round(codes), atol=0.01)
+            assert np.max(np.abs(codes)) > 20.0
+    assert not trace.saturated.any()
+
+
+def test_play__tone__is_felt_as_the_simulated_display_says(rig: AnyRig) -> None:
+    reference = tones(4000)
+    plain = SimulatedRig(designed().display, 3)
+    plain.load(designed())
+    got, wanted = (np.fft.rfft(each.play(reference).position_v[2000:], axis=0) for each in (rig, plain))
+    for column, line in enumerate((None, 26.5, 100.5)):
+        if line is not None:  # 53 and 201 Hz lie between lines of 2 Hz; the neighbours tell
+            rows = [int(line - 0.5), int(line + 0.5)]
+            np.testing.assert_allclose(np.abs(got[rows, column]), np.abs(wanted[rows, column]), rtol=0.03)
+
+
+def test_play__two_blocks__are_one_cut_in_two(rig: AnyRig) -> None:
+    """Time stands still between blocks: the second begins where the first ended."""
+    traces = [rig.play(part) for part in (tones()[:700], tones()[700:])]
+    cut = join_traces(traces, rig.rate_hz, rig.channels)
+    before, after = cut.command_v[699], cut.command_v[700]
+    steps = np.abs(np.diff(cut.command_v, axis=0))
+    assert np.all(np.abs(after - before) <= np.max(steps[100:690], axis=0))
+    assert len(cut) == 1200
+
+
+def test_stream__blocks_of_any_length__is_the_reference_without_a_gap(rig: AnyRig) -> None:
+    blocks = [tones()[:1], tones()[1:1], tones()[1:500], tones()[500:]]
+    whole = join_traces(rig.stream(iter(blocks)), rig.rate_hz, rig.channels)
+    np.testing.assert_allclose(whole.reference, tones(), rtol=2.0**-23, atol=1e-30)
+
+
+def test_play__nothing_at_all__is_an_empty_trace(rig: AnyRig) -> None:
+    assert len(rig.play(np.zeros((0, 3)))) == 0
+    assert len(rig.drive(np.zeros((0, 3)))) == 0
+    assert list(rig.stream([])) == []
+
+
+def test_play__numbers_of_any_kind_and_layout__are_taken_alike(rig: AnyRig) -> None:
+    layouts = (np.ndarray.tolist, np.asfortranarray, lambda rows: np.repeat(rows, 2, axis=0)[::2])
+    for kind, layout in product((float, np.float32, np.int16, bool), layouts):
+        reference = (np.arange(24).reshape(8, 3) % 5).astype(kind)
+        trace = rig.play(layout(reference))
+        assert np.array_equal(trace.reference, reference.astype(float))
+        assert trace.reference.dtype == np.float64
+        assert not np.shares_memory(trace.reference, reference)
+
+
+def test_play__reference_that_is_none__is_told_and_the_output_rests(rig: AnyRig) -> None:
+    told = "not finite or beyond 60 dB SL; allowed: finite, at most 1000 threshold units"
+    rig.play(tones(200))
+    for value in (np.nan, np.inf, -np.inf, 1000.01, 1e10, 1e300):
+        rows = tones(50)
+        rows[3, 1] = value
+        with pytest.raises(BadInput, match=told):
+            rig.play(rows)
+        assert at_rest(rig)
+
+
+def test_stream__bad_block_after_good_ones__is_told_and_the_output_rests(rig: AnyRig) -> None:
+    with pytest.raises(BadInput, match="not finite or beyond 60 dB SL"):
+        list(rig.stream([tones(300), np.full((10, 3), np.nan)]))
+    assert at_rest(rig)
+
+
+def test_drive__command_that_is_none__is_told_and_the_output_rests(rig: AnyRig) -> None:
+    for value in (np.nan, np.inf, 1e39):
+        with pytest.raises(BadInput, match="the command is not finite; allowed: volts"):
+            rig.drive(np.full((50, 3), value))
+        assert at_rest(rig)
+
+
+NO_BLOCKS = [
+    (np.zeros((10, 2)), r"has shape \(10, 2\); allowed: \(samples, 3\)"),
+    (np.zeros(30), r"has shape \(30,\); allowed: \(samples, 3\)"),
+    (np.zeros((1, 10, 3)), r"has shape \(1, 10, 3\); allowed: \(samples, 3\)"),
+    (np.zeros((10, 3), dtype=complex), "holds complex128; allowed: real numbers"),
+    (np.full((10, 3), None), "holds object; allowed: real numbers"),
+    ([["a", "b", "c"]], "holds <U1; allowed: real numbers"),
+]
+
+
+def test_play_and_drive__what_is_no_block__is_refused_and_the_run_goes_on(rig: AnyRig) -> None:
+    for rows, said in NO_BLOCKS:
+        with pytest.raises(BadInput, match="reference " + said):
+            rig.play(rows)
+        with pytest.raises(BadInput, match="command " + said):
+            rig.drive(rows)
+    assert len(rig.play(tones(20))) == 20
+
+
+def test_drive__constant__reaches_the_motor_and_then_the_sensor(rig: AnyRig) -> None:
+    trace = rig.drive(np.full((400, 3), 0.1))
+    assert np.all(np.abs(trace.command_v[-1] - 0.1) < 1e-3)
+    assert np.all(trace.position_v[-1] > 0.05)
+    assert not trace.reference.any()
+
+
+def test_load__controller_of_other_channels__is_refused_and_the_loaded_one_plays(rig: AnyRig) -> None:
+    of = paper_display.display(paper_display.channel())
+    with pytest.raises(BadInput, match="controller is for channels index; allowed: index, thumb, middle"):
+        rig.load(paper_display.controller(of))
+    assert len(rig.play(tones(20))) == 20
+
+
+def test_load__controller_of_another_rate__is_refused(rig: AnyRig) -> None:
+    of = replace(designed().display, rate_hz=8000.0)
+    with pytest.raises(
+        BadInput, match="controller is for 8000 Hz and a delay of 1; allowed: 4000 Hz and 1, as the display has"
+    ):
+        rig.load(Controller(of, designed().channels))
+
+
+def test_rest__in_the_middle_of_a_tone__leaves_nothing_on_the_motors(rig: AnyRig) -> None:
+    rig.play(tones(333))
+    rig.rest()
+    assert at_rest(rig)
+
+
+def test_finger__pressed__is_felt_where_and_while_it_presses(rig: AnyRig) -> None:
+    felt: dict[str, list] = {"index": [], "middle": []}
+    for name, pieces in felt.items():
+        rig.finger(name).attach(pieces.append)
+    rig.finger("middle").press(np.full(300, 0.5))
+    rig.play(np.zeros((200, 3)))
+    rig.play(np.zeros((200, 3)))
+    for name, pieces in felt.items():
+        rig.finger(name).detach(pieces.append)
+    index, middle = (np.concatenate(felt[name]) for name in ("index", "middle"))
+    assert index.size == middle.size == 400
+    assert np.max(np.abs(index)) < 0.02 < 0.05 < np.max(np.abs(middle[:300]))
+    before = middle.size
+    rig.play(np.zeros((20, 3)))
+    assert np.concatenate(felt["middle"]).size == before
+
+
+def test_finger__touched__takes_level_at_high_frequencies(rig: AnyRig) -> None:
+    felt: list = []
+    reference = np.zeros((1600, 3))
+    reference[:, 2] = 30.0 * np.sin(2.0 * np.pi * 200.0 * np.arange(1600) / 4000.0)
+    rig.finger("middle").attach(felt.append)
+    levels = []
+    for load in (None, "finger"):
+        rig.finger("middle").touch(load)
+        rig.play(reference)
+        whole = np.concatenate(felt)[-1200:]
+        levels.append(abs(np.mean(whole * np.exp(-2j * np.pi * 200.0 * np.arange(1200) / 4000.0))))
+        felt.clear()
+    rig.finger("middle").touch(None)
+    rig.finger("middle").detach(felt.append)
+    assert 0.5 < 20.0 * np.log10(levels[0] / levels[1]) < 12.0
+
+
+def test_finger__of_no_channel_or_under_no_load_or_pressed_by_nothing__is_refused(rig: AnyRig) -> None:
+    with pytest.raises(BadInput, match="channel 'ring' is not there; allowed: index, thumb, middle"):
+        rig.finger("ring")
+    with pytest.raises(BadInput, match="load 'glove' is not described; allowed: None, finger"):
+        rig.finger("index").touch("glove")
+    for force in ([[0.1, 0.2]], [np.nan]):
+        with pytest.raises(BadInput, match=r"allowed: \(n,\), finite volts of command"):
+            rig.finger("index").press(force)
+    with pytest.raises(BadInput, match="not attached"):
+        rig.finger("index").detach(print)
+
+
+def test_measure__multisine__is_the_response_of_the_simulated_display(rig: AnyRig) -> None:
+    plain = SimulatedRig(designed().display, 2)
+    plain.load(designed())
+    measured = [
+        multisine_response(
+            each, [55.0, 200.0], 35.0, np.random.default_rng(2), settle_s=0.5, longest_s=0.5, confidence_db=0.3
+        )
+        for each in (rig, plain)
+    ]
+    for found, wanted in zip(*measured, strict=True):
+        bound = found.confidence_db + wanted.confidence_db + 0.03  # float32 on the board
+        assert np.all(np.abs(found.magnitude_db - wanted.magnitude_db) < bound)
