@@ -22,18 +22,20 @@ SEED = 1
 
 
 class Lossy(InProcess):
-    """Frames lost, spoilt, doubled, cut and kept back, by a seed."""
+    """Frames lost, spoilt, doubled, cut, and overtaken by the next few, by a seed."""
 
     def __init__(self, seed: int = 1) -> None:
         super().__init__()
         self.rng = np.random.default_rng(seed)
-        self.kept = b""
+        self.overtaken: list[bytes] = []
 
     def send(self, content: bytes) -> None:
         chance = self.rng.random()
-        if chance < 0.04:
-            return
-        if chance < 0.08:
+        late = self.overtaken.pop(0) if len(self.overtaken) == 3 else b""
+        self.overtaken.append(content if 0.2 < chance < 0.25 else b"")
+        if chance < 0.04 or 0.2 < chance < 0.25:
+            content = b""
+        elif chance < 0.08:
             content = content[: len(content) // 2] + b"\x00"
         elif chance < 0.12:
             spoilt = bytearray(content)
@@ -41,11 +43,10 @@ class Lossy(InProcess):
             content = bytes(spoilt)
         elif chance < 0.2:
             content = content + content
-        elif chance < 0.25:
-            content, self.kept = self.kept + content, content
         elif chance < 0.3:
             content = bytes(self.rng.integers(0, 256, 40, dtype=np.uint8)) + b"\0" + content
-        super().send(content)
+        if content + late:
+            super().send(content + late)
 
     def receive(self, timeout_s: float) -> bytes:
         content = super().receive(timeout_s)
