@@ -59,6 +59,8 @@ static int32_t commit_image(tact_link *link, uint32_t size, uint8_t *refusal)
     keep_out(link);
     const int taken = tact_board_take_image(board, &link->image);
     let_in(link);
+    if (taken) /* its states were another controller's, in another arithmetic perhaps */
+        tact_exercise_begin(&link->exercise, &board->image, 0);
     return taken ? TACT_DONE : TACT_NOT_IN_THIS_MODE;
 }
 

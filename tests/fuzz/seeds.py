@@ -81,6 +81,9 @@ def conversations() -> dict[str, bytes]:
                     + frame(Request.BREAK, bytes([0, 1])) + status * 30 + clear + off
                     + frame(Request.EXERCISE, struct.pack("<IIB", 1, 100, 1))
                 )  # fmt: skip
+        exercises = [frame(Request.EXERCISE, struct.pack("<IIB", 1, 100, restart)) for restart in (1, 0)]
+        images = [upload(IMAGE, build_image(controller(of), each, "0" * 64)) for each in ("float32", "q31")]
+        made[f"exercises-{count}"] = safety + images[0] + exercises[0] + images[1] + exercises[1]
         made[f"driven-{count}"] = (
             safety + wired + arm + frame(Request.START, start.pack(1, STREAM, 1, 1))
             + stream(1, 0, count, True) + frame(Request.BENCH, struct.pack("<I", 4)) + stop * 30 + status
