@@ -96,14 +96,24 @@ void tact_board_fail(tact_board *board, uint32_t faults, int32_t channel)
             fail(board, fault, channel);
 }
 
+/* The soft start's first half is the command's, its second the reference's: with both at once, what is felt would not be
+ * an answer to the reference. */
+static float soft_step(const tact_board *board)
+{
+    return 2.0f / (float)board->safety.soft_start_ticks;
+}
+
 void tact_board_fade(tact_board *board)
 {
     board->fade += board->fade_step;
     board->authority += board->authority_step;
     if (board->fade >= 1.0f)
         board->fade = 1.0f, board->fade_step = 0.0f;
-    if (board->authority >= 1.0f)
+    if (board->authority >= 1.0f) {
         board->authority = 1.0f, board->authority_step = 0.0f;
+        if (board->leaving == TACT_STAYS && board->fade == 0.0f)
+            board->fade_step = soft_step(board);
+    }
     if (board->leaving != TACT_STAYS && board->fade <= 0.0f) {
         board->fade = board->fade_step = 0.0f;
         leave(board, TACT_RAMPS);
@@ -143,11 +153,14 @@ int tact_board_arm(tact_board *board)
     return 1;
 }
 
+/* A run's number is one of the next few, so that none that was spoilt can use them up. */
+enum { RUNS_AHEAD = 1 << 16 };
+
 int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t drives, int32_t holds)
 {
     if (board->mode == TACT_RUNNING && board->run == run)
         return 1;
-    if (board->mode != TACT_ARMED || run <= board->run || (!drives && board->image.format == 0) ||
+    if (board->mode != TACT_ARMED || run - board->run - 1u >= RUNS_AHEAD || (!drives && board->image.format == 0) ||
         (holds && !board->allows_hold))
         return 0;
     for (int32_t c = 0; c < board->channels; c++) {
@@ -169,7 +182,8 @@ int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t dr
     board->silence = 0;
     board->leaving = TACT_STAYS;
     board->fade = board->authority = 0.0f;
-    board->fade_step = board->authority_step = 1.0f / (float)board->safety.soft_start_ticks;
+    board->fade_step = 0.0f;
+    board->authority_step = soft_step(board);
     board->fading = 1;
     board->mode = TACT_RUNNING;
     return 1;
@@ -232,7 +246,8 @@ static float reachable(const tact_safety_channel *safety)
     const float step_v = converter->motor_step_v_single < 0.0f ? -converter->motor_step_v_single
                                                                : converter->motor_step_v_single;
     const float offset_v = converter->offset_v_single < 0.0f ? -converter->offset_v_single : converter->offset_v_single;
-    const float reach_v = (float)converter->code_max * step_v - offset_v;
+    /* float32 tells the last codes of more than 20 bits no more apart; one too many would come out with its sign turned */
+    const float reach_v = (float)(converter->code_max - (converter->code_max >> 19)) * step_v - offset_v;
     return safety->command_max_v < reach_v ? safety->command_max_v : reach_v;
 }
 

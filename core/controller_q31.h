@@ -1,7 +1,7 @@
 /* One channel's controller in Q31: the diagram of controller.h in integers.
  *
  *     reference   full scale 1000 threshold units (60 dB SL)      1 LSB = 4.7e-7
- *     y, v, e, u  full scale 32 V                                 1 LSB = 15 nV
+ *     y, v, e, u  full scale 512 V                                1 LSB = 0.24 uV
  *
  * Between sections each image sets its own full scales (powers of two, in the coefficients), so that nothing saturates
  * for a reference up to full scale and a position within the converters' range. Floats appear only at the edges.
@@ -19,7 +19,7 @@
 
 enum { TACT_Q31_CONDITIONING_SHIFT_MAX = 62 - TACT_Q31_EXTRA };
 
-#define TACT_Q31_PER_VOLT 67108864.0f        /* 2^31 / 32 V */
+#define TACT_Q31_PER_VOLT 4194304.0f         /* 2^31 / 512 V: conditioning needs the command before its limits */
 #define TACT_Q31_PER_THRESHOLD 2147483.648f  /* 2^31 / 1000 */
 
 typedef struct {
@@ -30,7 +30,7 @@ typedef struct {
     int32_t unwinding[3]; /* anti-windup's two gains, and the conditioning: mantissas over 2^(21 + shift), within 2^30 */
     uint8_t unwinding_shift[3];
     int32_t reference_max; /* Q31 of 1000 threshold units */
-    int32_t command_max;   /* Q31 of 32 V */
+    int32_t command_max;   /* Q31 of 512 V */
 } tact_controller_q31;
 
 typedef struct {

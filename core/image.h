@@ -1,6 +1,6 @@
 /* Image: the controllers of all channels as bytes, checked before any of it is used.
  *
- *     magic "TACI" | version 2 | format | length | rate_hz | delay, channels, 0, 0 | hash of controller.json (32)
+ *     magic "TACI" | version 3 | format | length | rate_hz | delay, channels, 0, 0 | hash of controller.json (32)
  *     then for each channel: name (16) | prefilter sections, feedback sections, 0, 0 | command_limit_v |
  *                            unwinding | sections
  *     CRC-32 of all before
@@ -28,7 +28,7 @@
 #include "controller_q31.h"
 
 enum { TACT_CHANNELS_MAX = 4, TACT_NAME_SIZE = 16, TACT_HASH_SIZE = 32 };
-enum { TACT_IMAGE_VERSION = 2, TACT_IMAGE_MAGIC = 0x49434154, TACT_IMAGE_MAX = 4096 };
+enum { TACT_IMAGE_VERSION = 3, TACT_IMAGE_MAGIC = 0x49434154, TACT_IMAGE_MAX = 4096 };
 enum { TACT_FLOAT32 = 1, TACT_Q31 = 2 };
 
 typedef enum {

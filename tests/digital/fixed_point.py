@@ -20,7 +20,7 @@ SIGNAL = {"int_bits": 1, "frac_bits": 31}
 STATE = {"int_bits": 12, "frac_bits": 52}
 MOST = APyFixed(2**61, **STATE)
 REST = APyFixed(0, **STATE)
-PER_VOLT, PER_THRESHOLD = 2.0**26, float(np.float32(2147483.648))
+PER_VOLT, PER_THRESHOLD = 2.0**22, float(np.float32(2147483.648))
 
 
 def signal(lsb: int) -> APyFixed:

@@ -50,8 +50,8 @@ def resealed(image, at, content):
     ("at", "content", "refusal"),
     [
         (0, b"XXXX", ImageRefusal.NOT_AN_IMAGE),
-        (4, struct.pack("<H", 1), ImageRefusal.VERSION_UNKNOWN),
-        (4, struct.pack("<H", 3), ImageRefusal.VERSION_UNKNOWN),
+        (4, struct.pack("<H", 2), ImageRefusal.VERSION_UNKNOWN),
+        (4, struct.pack("<H", 4), ImageRefusal.VERSION_UNKNOWN),
         (6, struct.pack("<H", 9), ImageRefusal.FORMAT),
         (12, struct.pack("<f", 8000.0), ImageRefusal.RATE),
         (16, b"\x02", ImageRefusal.DELAY),

@@ -72,7 +72,7 @@ def core(sections, samples):
 @given(st.lists(words, min_size=1, max_size=80), st.sampled_from([4000.0, 32000.0]))
 @settings(max_examples=60, deadline=None)
 def test_section_q31__any_samples__are_apytypes_bits(samples, rate_hz):
-    for sos, full in ((prefilter_sections(0.004, rate_hz), 1000.0), (feedback_sections(rate_hz), 32.0)):
+    for sos, full in ((prefilter_sections(0.004, rate_hz), 1000.0), (feedback_sections(rate_hz), VOLTS_FULL_SCALE)):
         sections = q31_cascade(sos, rate_hz, full)
         assert core(sections, samples) == fixed(sections, samples)
 
@@ -85,7 +85,7 @@ def test_section_q31__any_coefficients_even_unstable__are_apytypes_bits(sections
 
 @pytest.mark.parametrize("samples", ADVERSARIAL.values(), ids=ADVERSARIAL)
 def test_section_q31__adversarial_samples__are_apytypes_bits(samples):
-    for sos, full in ((prefilter_sections(0.004), 1000.0), (feedback_sections(), 32.0)):
+    for sos, full in ((prefilter_sections(0.004), 1000.0), (feedback_sections(), VOLTS_FULL_SCALE)):
         sections = q31_cascade(sos, 4000.0, full)
         assert core(sections, samples) == fixed(sections, samples)
 
@@ -179,13 +179,13 @@ def test_controller_q31__tones_saturation_and_silence__is_apytypes_bits():
     assert np.any(np.abs(ours.view(np.float32)) == 0.5)
 
 
-def test_section_q31__slow_prefilter__follows_the_double_filter_to_nanovolts():
+def test_section_q31__slow_prefilter__follows_the_double_filter_to_a_dozen_last_bits():
     sos = prefilter_sections(0.004)
     rng = np.random.default_rng(1)
     reference = rng.uniform(-500.0, 500.0, 4000)
     samples = np.round(reference / 1000.0 * 2**31).astype(np.int64).tolist()
-    got = np.array(core(q31_cascade(sos, 4000.0, 1000.0), samples)) * 32.0 / 2**31
-    assert np.max(np.abs(got - signal.sosfilt(sos, reference))) < 200e-9
+    got = np.array(core(q31_cascade(sos, 4000.0, 1000.0), samples)) * VOLTS_FULL_SCALE / 2**31
+    assert np.max(np.abs(got - signal.sosfilt(sos, reference))) < 3.2e-6
 
 
 def test_row__too_large__is_refused():

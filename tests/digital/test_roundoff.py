@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tactuator.digital.coefficients import delta_coefficients
+from tactuator.digital.direct_forms import FULL_SCALE_V
 from tactuator.digital.discretise import zero_order_hold
 from tactuator.digital.number_format import FORMATS, Written
 from tactuator.digital.q31 import REFERENCE_FULL_SCALE, VOLTS_FULL_SCALE, full_scales
@@ -17,7 +18,7 @@ from tactuator.plant.display import Display
 from tests.digital.paper_display import channel, controller, display, lock_in, tone
 
 BY_NAME = {each.name: each for each in FORMATS}
-LSB_V = VOLTS_FULL_SCALE / 2**31
+LSB_V = FULL_SCALE_V / 2**31
 
 
 def sampled(of: Display) -> Callable[[NDArray[np.float64]], NDArray[np.complex128]]:
@@ -142,14 +143,15 @@ class NoiseModel:
 
     def std(self, kind: str, reference: Power) -> float:
         """Of y's error."""
+        volts = VOLTS_FULL_SCALE if kind == "delta" else FULL_SCALE_V
         own, power = controller(self.of).channels[0], np.zeros(self.grid.size)
         for rows, sos, behind, full in (
             (self.written.prefilter, own.prefilter_sos, self.from_error, REFERENCE_FULL_SCALE),
-            (self.written.feedback, own.feedback_sos, self.from_command, VOLTS_FULL_SCALE),
+            (self.written.feedback, own.feedback_sos, self.from_command, volts),
         ):
             largest = np.max(np.abs(delta_coefficients(sos)[:, :3]), axis=1) if kind == "delta" else None
-            power += self.sections(rows, behind, full_scales(sos, self.of.rate_hz, full, largest), kind)
-        power += np.abs(self.from_error * LSB_V) ** 2
+            power += self.sections(rows, behind, full_scales(sos, self.of.rate_hz, full, largest, volts), kind)
+        power += np.abs(self.from_error * volts / 2**31) ** 2
         if kind == "delta":
             power += self.edges(reference)
         return float(np.sqrt(np.mean(power) / 12.0))

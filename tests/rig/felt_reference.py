@@ -28,6 +28,11 @@ class FeltReference:
         self._designed = self.response(None)
         self._kernel = np.cos(np.pi * self._frequency_hz / controller.rate_hz) ** 2  # (1, 2, 1)/4 about its middle
 
+    @property
+    def inverse(self) -> NDArray[np.complex128]:
+        """Of y's transform: what makes the felt reference of it."""
+        return np.asarray(self._kernel / self._designed)
+
     def response(self, load: str | None) -> NDArray[np.complex128]:
         """H at the transform's frequencies, under a load of the display file or none."""
         described = self._controller.display.channels[self._channel]
@@ -45,7 +50,7 @@ class FeltReference:
         """Threshold units, from displacement (n,), which begins at rest; its last samples are not judged."""
         position_v = self._controller.display.channels[self._channel].sensor_gain_v_per_mm * displacement_mm
         fade = position_v[-1] * (0.5 + 0.5 * np.cos(np.pi * np.arange(TAIL) / TAIL))
-        spectrum = np.fft.rfft(np.concatenate([position_v, fade]), SIZE) * self._kernel / self._designed
+        spectrum = np.fft.rfft(np.concatenate([position_v, fade]), SIZE) * self.inverse
         return np.asarray(np.fft.irfft(spectrum, SIZE)[: len(displacement_mm) - 6])
 
     def worst_reference(self, load: str) -> Samples:

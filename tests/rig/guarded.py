@@ -16,7 +16,7 @@ from tactuator.digital.wired_display import wired_display_bytes
 from tactuator.plant.display import Display
 from tactuator.rig.board import BoardRig
 from tactuator.rig.frames import Request
-from tactuator.rig.link import IMAGE, STREAM, LinkClient
+from tactuator.rig.link import IMAGE, STREAM, LinkClient, Mode
 from tactuator.rig.transport import InProcess
 from tactuator.study.plan import paper_display
 
@@ -54,17 +54,44 @@ class Run:
 class Guarded:
     """`controller` on an in-process board; `drives`: the stream goes straight to the motors."""
 
-    def __init__(self, controller: Controller, drives: bool = False, seed: int = 1) -> None:
+    def __init__(
+        self, controller: Controller, drives: bool = False, seed: int = 1, number_format: str = "float32"
+    ) -> None:
         self.display: Display = controller.display
         self.transport = InProcess()
         self.rig = BoardRig(LinkClient(self.transport), self.display)
         content, loads = wired_display_bytes(self.display, seed)
         self.rig.wire(content, loads)
-        self.rig.client.upload(IMAGE, build_image(controller, "float32", "0" * 64))
+        self.rig.client.upload(IMAGE, build_image(controller, number_format, "0" * 64))
         self.rig.client.must(Request.ARM)
         self.board, self.wired = self.transport.board, self.transport.wired
-        assert lib.tact_board_start(self.board, 1, STREAM, drives, 0)
-        self.fed = 0
+        self.drives = drives
+        self.start()
+
+    def start(self) -> None:
+        """A run, from ARMED."""
+        assert lib.tact_board_start(self.board, self.board.run + 1, STREAM, self.drives, 0)
+
+    def leave(self) -> None:
+        """To ARMED, in its own time."""
+        assert lib.tact_board_stop(self.board)
+
+    def restart(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Stopped, and started again as soon as that is allowed; what moved until then while `rows` go on."""
+        self.leave()
+        moved = []
+        for row in rows:
+            if self.mode is not Mode.RUNNING:
+                break
+            moved.append(self.run(row[None, :]).displacement_mm)
+        if self.mode is Mode.ARMED:
+            self.start()
+        return np.concatenate(moved)
+
+    @property
+    def mode(self) -> Mode:
+        """Of the board."""
+        return Mode(self.board.mode)
 
     def touch(self, yes: bool) -> None:
         """A finger on every channel, or none."""

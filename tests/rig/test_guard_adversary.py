@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tactuator.rig.link import Mode
 from tests.rig.felt_reference import FeltReference
 from tests.rig.guarded import SENSORS, Guarded, designed
 
@@ -51,16 +52,19 @@ def adversary(rng: np.random.Generator, count: int) -> Rows:
 
 def judge_comfort(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    guarded = Guarded(designed(), seed=seed)
+    guarded = Guarded(designed(), seed=seed, number_format=("float32", "q31")[seed % 2])
     moved = []
     stretches = int(rng.integers(2, 5))
     for stretch in range(stretches):
-        if rng.random() < 0.5:
-            guarded.touch(bool(rng.integers(2)))
         ends = stretch == stretches - 1
         late, silent = (ends and rng.random() < 0.3 for _ in range(2))
         rows = adversary(rng, int(rng.integers(500, 1800)))
-        moved.append(guarded.run(rows, lateness=100 * late, heard=not silent).displacement_mm)
+        for piece in np.split(rows, np.sort(rng.integers(0, len(rows), rng.integers(0, 3)))):
+            if rng.random() < 0.5:
+                guarded.touch(bool(rng.integers(2)))
+            moved.append(guarded.run(piece, lateness=100 * late, heard=not silent).displacement_mm)
+        if not ends and guarded.mode is Mode.RUNNING and rng.random() < 0.3:
+            moved.append(guarded.restart(rows))
     displacement = np.concatenate(moved)
     assert np.max(np.abs(displacement)) < TRAVEL_MM
     for channel in range(3):

@@ -59,12 +59,16 @@ class _FixedSection:
         return np.array([*b, 1.0, *(math.ldexp(value, -self.a_bits) for value in self.a)])
 
 
+FULL_SCALE_V = 32.0
+"""Of the fixed-point direct forms' output; coarse words have none to spare."""
+
+
 class FixedSections:
     """A cascade in words of `bits` (sign included), full_scale_in at its input, 32 V at its output."""
 
     def __init__(self, sos: Sections, rate_hz: float, full_scale_in: float, bits: int, fed_back: bool) -> None:
         sections = check_sections(sos)
-        scales = full_scales(sections, rate_hz, full_scale_in)
+        scales = full_scales(sections, rate_hz, full_scale_in, full_scale_out=FULL_SCALE_V)
         self._sections = [_fixed(row / row[3], scales[i] / scales[i + 1], bits) for i, row in enumerate(sections)]
         self._gain = scales[-1] / scales[0]
         self._most, self._fed_back = 2 ** (bits - 1), fed_back

@@ -27,7 +27,7 @@ from tactuator.errors import BadInput
 
 Format = Literal["float32", "q31"]
 FORMATS: tuple[Format, ...] = ("float32", "q31")
-_MAGIC, _VERSION = b"TACI", 2
+_MAGIC, _VERSION = b"TACI", 3
 _FORMAT_CODES: dict[str, int] = {"float32": 1, "q31": 2}
 _Q31_RANGE_MAX_V = 15.0
 
@@ -131,6 +131,11 @@ def read_image_header(image: bytes) -> ImageHeader:
     refusal = check_image(image, rate_hz, delay, channels)
     if refusal is not ImageRefusal.GOOD:
         raise BadInput(f"image: {REASONS[refusal]}")
+    if not (0.0 < rate_hz < float("inf") and 1 <= delay <= lib.TACT_BOARD_DELAY_MAX):
+        raise BadInput(
+            f"image: it is for {rate_hz:g} Hz and a delay of {delay}; "
+            f"allowed: above 0 Hz, a delay of 1 to {lib.TACT_BOARD_DELAY_MAX}"
+        )
     number_format: Format = "float32" if code == _FORMAT_CODES["float32"] else "q31"
     (crc,) = struct.unpack_from("<I", image, len(image) - 4)
     return ImageHeader(number_format, rate_hz, delay, channels, image[20:52].hex(), crc)

@@ -14,7 +14,7 @@ import numpy as np
 
 from tactuator.digital._core import ffi, lib
 from tactuator.digital.controller import Controller
-from tactuator.digital.direct_forms import FixedSections, SingleSections, saturated
+from tactuator.digital.direct_forms import FULL_SCALE_V, FixedSections, SingleSections, saturated
 from tactuator.digital.image import build_image
 from tactuator.digital.q31 import REFERENCE_FULL_SCALE, VOLTS_FULL_SCALE, q31_cascade
 from tactuator.digital.quantised import Rows, quantised_rows
@@ -72,14 +72,14 @@ def _fixed_biquads(bits: int, fed_back: bool) -> Callable[[Controller, int], Wri
     def write(controller: Controller, index: int) -> Written:
         channel, rate = controller.channels[index], controller.rate_hz
         full = 2 ** (bits - 1)
-        per_unit, per_volt = full / REFERENCE_FULL_SCALE, full / VOLTS_FULL_SCALE
+        per_unit, per_volt = full / REFERENCE_FULL_SCALE, full / FULL_SCALE_V
         most = round(channel.limits.command_v * per_volt)
 
         def made() -> tuple[FixedSections, FixedSections | None]:
             prefilter = FixedSections(channel.prefilter_sos, rate, REFERENCE_FULL_SCALE, bits, fed_back)
             if channel.feedback_sos is None:
                 return prefilter, None
-            return prefilter, FixedSections(channel.feedback_sos, rate, VOLTS_FULL_SCALE, bits, fed_back)
+            return prefilter, FixedSections(channel.feedback_sos, rate, FULL_SCALE_V, bits, fed_back)
 
         def start() -> Step:
             prefilter, feedback = made()

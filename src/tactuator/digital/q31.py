@@ -2,7 +2,8 @@
 
     c = mantissa / 2^(21 + shift)      (core/section_q31.h)
 
-References have a full scale of 1000 threshold units (60 dB SL), volts one of 32 V. Between sections each signal gets a
+References have a full scale of 1000 threshold units (60 dB SL), volts one of 512 V: the
+command is known before its limits, as conditioning needs it (decision 0506). Between sections each signal gets a
 power of two for a full scale, so that it does not saturate: the sum of the magnitudes of the impulse response up
 to there, times the greatest input, bounds it.
 """
@@ -21,7 +22,7 @@ from tactuator.errors import BadInput
 from tactuator.signals.sections import check_sections
 
 REFERENCE_FULL_SCALE = 1000.0
-VOLTS_FULL_SCALE = 32.0
+VOLTS_FULL_SCALE = 512.0
 SHIFT_MIN, SHIFT_MAX = 2, 62
 _EXTRA_BITS = 21
 _BOUND_SECONDS = 4.0
@@ -79,7 +80,7 @@ def q31_section(delta: ArrayLike) -> Q31Section:
 
 
 def q31_cascade(sos: ArrayLike, rate_hz: float, full_scale_in: float) -> tuple[Q31Section, ...]:
-    """A cascade (n, 6) with full_scale_in at its input and 32 V at its output.
+    """A cascade (n, 6) with full_scale_in at its input and 512 V at its output.
 
     Raises BadInput for a coefficient that Q31 cannot hold, or an unstable section before the last.
     """
@@ -95,6 +96,7 @@ def full_scales(
     rate_hz: float,
     full_scale_in: float,
     largest: NDArray[np.float64] | None = None,
+    full_scale_out: float = VOLTS_FULL_SCALE,
 ) -> NDArray[np.float64]:
     """Of the input, of what is between the sections (powers of two), and of the output: shape (n + 1,).
 
@@ -111,6 +113,6 @@ def full_scales(
             raise BadInput("a section before the last has a pole on or outside the unit circle; allowed in Q31: none")
         impulse = signal.sosfilt(section[None, :], impulse)
         bound = max(float(np.sum(np.abs(impulse))), 2.0**-20)
-        most = 0.5 * _COEFFICIENT_MAX * VOLTS_FULL_SCALE / max(float(next_one), 2.0**-20)
+        most = 0.5 * _COEFFICIENT_MAX * full_scale_out / max(float(next_one), 2.0**-20)
         between.append(2.0 ** min(math.ceil(math.log2(bound)), math.floor(math.log2(most))))
-    return np.array([full_scale_in, *between, VOLTS_FULL_SCALE])
+    return np.array([full_scale_in, *between, full_scale_out])

@@ -155,11 +155,15 @@ def check_arithmetic() -> None:
 
 def block_samples(samples: ArrayLike, channels: int, name: str) -> Samples:
     """`samples` as a contiguous array (n, channels); a vector is taken where there is one channel. BadInput if not."""
-    array = np.asarray(samples)
+    try:
+        array = np.asarray(samples)
+    except ValueError:
+        raise BadInput(f"{name} has rows of unequal length; allowed: (samples, {channels})") from None
     if array.ndim == 1 and channels == 1:
         array = array[:, None]
     if array.ndim != 2 or array.shape[1] != channels:
         raise BadInput(f"{name} has shape {array.shape}; allowed: (samples, {channels})")
     if array.dtype.kind not in "fiub":
         raise BadInput(f"{name} holds {array.dtype}; allowed: real numbers")
-    return np.ascontiguousarray(array, dtype=np.float64)
+    whole = np.ascontiguousarray(array, dtype=np.float64)
+    return whole if whole.flags.aligned else whole.copy()

@@ -18,8 +18,8 @@ from tactuator.files.controller import controller_hash
 from tactuator.plant.display import Display
 from tactuator.rig.board_finger import BoardFinger
 from tactuator.rig.board_stream import BoardStream, Rows
-from tactuator.rig.board_tones import BoardTone, read_run, stimulus_payloads
-from tactuator.rig.commissioning import SILENCE_S, SOFT_START_S, safety_table
+from tactuator.rig.board_tones import LONGEST_S, BoardTone, read_run, stimulus_payloads
+from tactuator.rig.commissioning import SILENCE_S, safety_table, soft_ticks
 from tactuator.rig.frames import Request
 from tactuator.rig.link import IMAGE, SAFETY, STIMULUS, STREAM, WIRED, LinkClient, Mode, RigFault, Status, TraceRows
 from tactuator.rig.playable import Samples, take_command, take_reference
@@ -120,6 +120,8 @@ class BoardRig:
         A run of its own, from rest to rest. Raises BadInput for tones that the board does not take, and RigFault.
         """
         self._require_image()
+        if not 0.0 <= duration_s <= LONGEST_S:
+            raise BadInput(f"tones for {duration_s:g} s; allowed: up to {LONGEST_S:g} s")
         soft, count = self._soft_ticks, round(duration_s * self.rate_hz)
         payloads = stimulus_payloads(tones, self.channels, self.rate_hz, soft)
         self._arm()
@@ -245,12 +247,12 @@ class BoardRig:
         """At rest, and ready for a run of another number."""
         self.rest()
         self._client.must(Request.ARM)
-        self._run = max(self._run, self._client.status().run) + 1
+        self._run = (self._client.status().run + 1) & 0xFFFFFFFF
 
     @property
     def _soft_ticks(self) -> int:
         """Ticks of a run until its soft start is over."""
-        return round(SOFT_START_S * self.rate_hz) + 2
+        return soft_ticks(self.rate_hz)
 
     def _streaming(self, lead_s: float, felt: bool = True) -> BoardStream:
         fingers = self._fingers if felt else ()
@@ -277,7 +279,7 @@ class BoardRig:
                 self._at = stream.end
         except LinkDown:
             raise
-        except BadInput:
+        except (Exception, KeyboardInterrupt):  # of the blocks' own making, too
             self.rest()
             raise
 

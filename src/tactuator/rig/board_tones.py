@@ -18,6 +18,10 @@ TONES_MAX = 8
 _LOOK_S = 0.002
 
 
+LONGEST_S = 3600.0
+"""Of what a board makes itself; far below what its counts of ticks hold."""
+
+
 @dataclass(frozen=True)
 class BoardTone:
     """A sinusoid that begins at zero, with raised-cosine ramps. amplitude: threshold units, peak; start_s: after the
@@ -35,10 +39,10 @@ class BoardTone:
                 f"tone of {self.frequency_hz:g} Hz at {self.amplitude:g} threshold units; "
                 f"allowed: above 0 Hz, at most {REFERENCE_MAX:g} (60 dB SL)"
             )
-        if not (self.start_s >= 0.0 and 0.0 <= 2.0 * self.ramp_s <= self.duration_s < 1e5):
+        if not (0.0 <= self.start_s <= LONGEST_S and 0.0 <= 2.0 * self.ramp_s <= self.duration_s <= LONGEST_S):
             raise BadInput(
                 f"tone from {self.start_s:g} s for {self.duration_s:g} s with ramps of {self.ramp_s:g} s; "
-                "allowed: from 0 s on, ramps of at most half of it"
+                f"allowed: from 0 s on, ramps of at most half of it, up to {LONGEST_S:g} s"
             )
 
     def wave(self, count: int, rate_hz: float) -> NDArray[np.float64]:

@@ -17,8 +17,10 @@ from tactuator.plant.display import Channel, Display
 from tactuator.signals.decibels import from_db
 
 LATENESS_MAX = 0.25
-SILENCE_S, SOFT_START_S, FADE_S, RAMP_S, QUICK_S = 0.2, 0.1, 0.08, 0.08, 0.04
+SILENCE_S, SOFT_START_S, FADE_S, RAMP_S, QUICK_S = 0.2, 0.1, 0.05, 0.05, 0.04
 COMFORT_TOLERANCE_DB = 1.0
+LIFTED_DB = 0.5
+"""Below comfort, for the reference: what a finger that is taken off at the worst moment adds (docs/safety.md)."""
 OBSERVER_RAD_S = 125.0
 FROZEN_S, FROZEN_MOST_S, FROZEN_CHANCE = 0.0125, 0.05, 1e-12
 STOP_SHARE, OPEN_SHARE, DISAGREEMENT_SHARE = 0.85, 1.15, 0.14
@@ -41,6 +43,11 @@ def safety_table(display: Display) -> SafetyTable:
     return SafetyTable(
         rate, display.delay_samples, LATENESS_MAX, silence, soft_start, fade, ramp, quick, turns(display), channels
     )
+
+
+def soft_ticks(rate_hz: float) -> int:
+    """Ticks of a run until its soft start is surely over: two ramps, each up to a tick longer by rounding."""
+    return round(SOFT_START_S * rate_hz) + 4
 
 
 def turns(display: Display) -> int:
@@ -113,7 +120,7 @@ def _channel(display: Display, channel: Channel) -> ChannelSafety:
         stop_max_v=STOP_SHARE * travel_v if watched else code_max * converter.step_v,
         stop_lead=1.0 / lost if watched else 0.0,
         command_max_v=converter.range_v,
-        reference_max=comfort,
+        reference_max=comfort / float(from_db(LIFTED_DB)),
         comfort_max=comfort * float(from_db(COMFORT_TOLERANCE_DB)),
         disagreement_v=DISAGREEMENT_SHARE * travel_v if watched else NEVER,
         reversal_power=reversal_power(channel, rate / turns(display)) if watched else NEVER,

@@ -25,7 +25,10 @@ class Finger:
 
         It is added to what is still to come of earlier presses.
         """
-        force = np.atleast_1d(np.asarray(force_v, dtype=np.float64))
+        force = np.atleast_1d(np.asarray(force_v))
+        if force.dtype.kind not in "fiub":
+            raise BadInput(f"force holds {force.dtype}; allowed: (n,), finite volts of command")
+        force = force.astype(np.float64)
         if force.ndim != 1 or not np.all(np.isfinite(force)):
             raise BadInput(f"force has shape {force.shape}; allowed: (n,), finite volts of command")
         pressed = np.zeros(max(force.size, self._pressed_v.size))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import struct
+import time
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -93,11 +95,17 @@ class TraceRows:
 class LinkClient:
     """Requests over a transport. Each is sent again until its answer comes; all may be carried out twice."""
 
-    def __init__(self, transport: Transport, answer_s: float = _ANSWER_S, tries: int = _TRIES) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        answer_s: float = _ANSWER_S,
+        tries: int = _TRIES,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._transport = transport
         self._reader = FrameReader()
         self._sequence = 0
-        self._answer_s, self._tries = answer_s, tries
+        self._answer_s, self._tries, self._clock = answer_s, tries, clock
 
     @property
     def dropped(self) -> int:
@@ -120,13 +128,16 @@ class LinkClient:
         raise LinkDown(f"the board does not answer ({request.name.lower()}); allowed: a board that runs the firmware")
 
     def _answer(self, request: Request, timeout_s: float) -> Frame | None:
+        end_s = self._clock() + timeout_s  # a port that chatters is no answer
         while True:
-            content = self._transport.receive(timeout_s)
+            content = self._transport.receive(max(end_s - self._clock(), 0.0))
             if not content:
                 return None
             for frame in self._reader.feed(content):
                 if (frame.type, frame.sequence) == (request | ANSWER, self._sequence) and frame.payload:
                     return frame
+            if self._clock() > end_s:
+                return None
 
     def must(self, request: Request, payload: bytes = b"", patience: float = 1.0) -> bytes:
         """As `ask`; raises RigFault or BadInput unless it was done."""

@@ -14,7 +14,7 @@ from tactuator.digital.wired_display import wired_display_bytes
 from tactuator.errors import BadInput
 from tactuator.rig.board import BoardRig
 from tactuator.rig.board_stream import StreamDry
-from tactuator.rig.commissioning import LATENESS_MAX, SOFT_START_S
+from tactuator.rig.commissioning import LATENESS_MAX, soft_ticks
 from tactuator.rig.emulated import in_process_rig
 from tactuator.rig.emulator import EmulatorUart
 from tactuator.rig.link import LinkClient, RigFault
@@ -23,6 +23,7 @@ from tactuator.rig.trace import Trace, join_traces
 INSTRUCTION_NS = 8
 """125 million instructions a second: what a Cortex-M4F at 168 MHz does at 1.34 clocks an instruction."""
 _LONGEST_NS = 1 << 10
+_LONGEST_S = 600.0
 _LEAD_S, _BLOCK_S, _ANSWER_S = 0.8, 0.05, 20.0
 _RMS = 20.0
 
@@ -71,9 +72,9 @@ def try_streaming(
     """
     if instruction_ns not in [1 << shift for shift in range(11)]:
         raise BadInput(f"{instruction_ns} ns an instruction; allowed: 1, 2, 4, ... {_LONGEST_NS}")
+    if not 1.0 <= duration_s * controller.rate_hz <= _LONGEST_S * controller.rate_hz:
+        raise BadInput(f"duration is {duration_s:g} s; allowed: one sample to {_LONGEST_S:g} s")
     samples = round(duration_s * controller.rate_hz)
-    if samples < 1:
-        raise BadInput(f"duration is {duration_s:g} s; allowed: one sample at least")
     shape = (samples, len(controller.channels))
     rows = (_RMS * np.random.default_rng(seed).standard_normal(shape)).astype(np.float32)
     uart = EmulatorUart(board, f"shift={instruction_ns.bit_length() - 1},sleep=off")
@@ -112,7 +113,7 @@ def _streamed(rig: BoardRig, rows: Rows) -> tuple[Trace, int, str]:
 def _is_ours(trace: Trace, controller: Controller, rows: Rows, first: int, seed: int) -> bool:
     with in_process_rig(controller.display, seed) as rig:
         rig.load(controller)
-        soft = round(SOFT_START_S * rig.rate_hz) + 2
+        soft = soft_ticks(rig.rate_hz)
         rig.play(np.zeros((first - soft, rows.shape[1])))
         ours = join_traces(rig.stream(_blocks(rows, rig.rate_hz)), rig.rate_hz, rig.channels)
     names = ("reference", "command_v", "position_v", "saturated")

@@ -11,7 +11,7 @@ from tactuator.digital.controller import Controller
 from tactuator.digital.image import FORMATS
 from tactuator.errors import BadInput
 from tactuator.rig.board import BoardRig
-from tactuator.rig.commissioning import SOFT_START_S
+from tactuator.rig.commissioning import soft_ticks
 from tactuator.rig.emulated import emulated_rig, in_process_rig
 from tactuator.rig.frames import Request
 from tactuator.rig.link import STREAM
@@ -74,7 +74,7 @@ def _digests(rig: BoardRig, controller: Controller, samples: int, seed: int) -> 
 
 def count_instructions(board: str, controller: Controller, number_format: str) -> PeriodCost:
     """Deterministic: the emulator's clock counts instructions. With a stream of tones, after the soft start."""
-    soft = round(SOFT_START_S * controller.rate_hz) + 2
+    soft = soft_ticks(controller.rate_hz)
     time_s = np.arange(soft + _BENCH_TICKS) / controller.rate_hz
     count = len(controller.channels)
     rows = np.stack([_LEVEL * np.sin(2.0 * np.pi * _TONES_HZ[c % 4] * time_s + 0.5) for c in range(count)], axis=1)

@@ -1,0 +1,138 @@
+"""What rigs and the link refuse or survive, found by those who tried to break them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactuator.digital._core import lib
+from tactuator.digital.simulation import block_samples
+from tactuator.errors import BadInput
+from tactuator.rig.board_tones import BoardTone
+from tactuator.rig.emulated import in_process_rig
+from tactuator.rig.link import STREAM, LinkClient, Mode
+from tactuator.rig.simulated import SimulatedRig
+from tactuator.rig.streaming_trial import try_streaming
+from tactuator.rig.transport import LinkDown
+from tests.rig.guarded import SENSORS, Guarded, designed
+
+
+@pytest.mark.parametrize("polarity", [1, -1])
+@pytest.mark.parametrize("bits", [12, 16, 20, 23, 24])
+def test_drive__command_at_its_limit__keeps_its_sign(bits: int, polarity: int) -> None:
+    """24 bits: a code one beyond the last came out as the first."""
+    made = designed().display
+    channels = []
+    for channel in made.channels:
+        converter = replace(channel.converter, bits=bits, polarity=polarity, offset_v=0.0)
+        channels.append(replace(channel, converter=converter))
+    of = replace(made, channels=tuple(channels))
+    for volts in (9.99, 10.0, 50.0, -9.99, -10.0, -50.0):
+        with in_process_rig(of, 1) as rig:
+            ours = rig.drive(np.full((6, 3), volts)).command_v[-1]
+        wanted = SimulatedRig(of, 1).drive(np.full((6, 3), volts)).command_v[-1]
+        np.testing.assert_allclose(ours, wanted, atol=max(2e-4, 40.0 / 2**bits))
+
+
+def test_start__number_far_ahead__is_refused_and_uses_up_none() -> None:
+    with in_process_rig(designed().display, 1) as rig:
+        rig.load(designed())
+        rig.rest()
+        board = rig.client._transport.board
+        assert lib.tact_board_arm(board)
+        for run in (0, 0xFFFFFFFF, 0x80000000, 70000):
+            assert not lib.tact_board_start(board, run, STREAM, 0, 1)
+        board.run = 0xFFFFFFFE
+        assert len(rig.play(np.zeros((20, 3)))) == 20
+        rig.rest()
+        assert len(rig.play(np.zeros((20, 3)))) == 20
+        assert rig.status().run == 0
+
+
+class Chatter:
+    """A port that speaks all the time and never answers."""
+
+    def __init__(self) -> None:
+        self.now_s, self.sent = 0.0, 0
+
+    def send(self, content: bytes) -> None:
+        self.sent += 1
+
+    def receive(self, timeout_s: float) -> bytes:
+        self.now_s += min(0.1, max(timeout_s, 1e-3))
+        return b"T=21.3 C\r\n"
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def test_ask__port_that_chatters__is_given_up() -> None:
+    port = Chatter()
+    client = LinkClient(port, answer_s=2.0, tries=3, clock=lambda: port.now_s)
+    with pytest.raises(LinkDown, match="the board does not answer"):
+        client.status()
+    assert port.sent == 3
+    assert port.now_s == pytest.approx(6.0, abs=0.5)
+
+
+def test_block_samples__rows_of_unequal_length__are_refused() -> None:
+    with pytest.raises(BadInput, match="reference has rows of unequal length; allowed"):
+        block_samples([[1, 2, 3], [1, 2]], 3, "reference")
+
+
+def test_block_samples__numbers_that_are_not_aligned__are_copied() -> None:
+    raw = np.zeros(8 * 6 + 1, dtype=np.uint8)[1:].view(np.float64).reshape(2, 3)
+    assert not raw.flags.aligned
+    assert block_samples(raw, 3, "reference").flags.aligned
+
+
+@pytest.mark.parametrize("force", ["a", 1j, None])
+def test_press__no_number__is_refused(force) -> None:
+    with pytest.raises(BadInput, match="force holds"):
+        SimulatedRig(designed().display).finger("index").press(force)
+
+
+@pytest.mark.parametrize("seconds", [np.nan, np.inf, -1.0, 1e9])
+def test_play_tones__time_that_is_none__is_refused(seconds: float) -> None:
+    with in_process_rig(designed().display, 1) as rig:
+        rig.load(designed())
+        with pytest.raises(BadInput, match="tones for"):
+            rig.play_tones({}, seconds)
+        with pytest.raises(BadInput, match="tone from"):
+            BoardTone(40.0, 100.0, start_s=seconds, duration_s=0.5)
+
+
+@pytest.mark.parametrize("seconds", [np.nan, np.inf, 1e12, 0.0, -1.0])
+def test_try_streaming__time_that_is_none__is_refused(seconds: float) -> None:
+    with pytest.raises(BadInput, match="duration is"):
+        try_streaming("mps2-an500", designed(), seconds)
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError, KeyboardInterrupt])
+def test_stream__blocks_that_fail__leave_the_output_at_rest(error: type[BaseException]) -> None:
+    def blocks():
+        yield np.full((2000, 3), 100.0)
+        raise error
+
+    with in_process_rig(designed().display, 1) as rig:
+        rig.load(designed())
+        with pytest.raises(error):
+            list(rig.stream(blocks()))
+        assert rig.status().mode is Mode.ARMED
+        assert rig.status().at_rest
+
+
+@pytest.mark.parametrize("sensor", SENSORS[1:])
+@pytest.mark.parametrize("seed", range(4))
+def test_sensor_fault__any_moment__all_commands_at_zero_within_250_ms_of_it(sensor: str, seed: int) -> None:
+    """From the fault itself, not from its notice: 132 ms of a reversed sensor in silence, then two ramps."""
+    rng = np.random.default_rng(seed)
+    guarded = Guarded(designed(), seed=seed)
+    guarded.touch(bool(seed & 1))
+    time_s = np.arange(3000) / 4000.0
+    level = 0.0 if seed < 2 else 10.0 ** rng.uniform(0.0, 2.5)
+    rows = level * np.sin(2.0 * np.pi * 10.0 ** rng.uniform(0.0, 2.3, 3) * time_s[:, None])
+    guarded.run(rows[: rng.integers(410, 1500)])
+    guarded.break_sensor(sensor, int(rng.integers(3)))
+    command_v = guarded.run(rows[1500:]).command_v
+    assert np.max(np.abs(command_v[1000:])) < 1e-3
