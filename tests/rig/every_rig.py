@@ -77,12 +77,12 @@ BOARDS: dict[str, Callable[[Display], AbstractContextManager[BoardRig]]] = {
     "in-process": lambda display: in_process_rig(display, SEED),
     "lossy": _lossy,
     "emulated:mps2-an500": lambda display: emulated_rig("mps2-an500", display, SEED),
-    "emulated:mps2-an386": lambda display: emulated_rig("mps2-an386", display, SEED),
     "board:socket": _at_a_socket,
 }
 RIGS: dict[str, Callable[[Display], AbstractContextManager[SimulatedRig | BoardRig]]] = {
     "simulated": _simulated,
     **BOARDS,
+    "emulated:mps2-an386": lambda display: emulated_rig("mps2-an386", display, SEED),
 }
 
 

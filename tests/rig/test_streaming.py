@@ -10,6 +10,7 @@ from tactuator.digital.wired_display import wired_display_bytes
 from tactuator.errors import BadInput
 from tactuator.rig.board import LEAD_S, BoardRig
 from tactuator.rig.board_stream import StreamDry
+from tactuator.rig.commissioning import soft_ticks
 from tactuator.rig.emulated import in_process_rig
 from tactuator.rig.link import LinkClient, Mode, RigFault
 from tactuator.rig.open import open_rig
@@ -22,7 +23,7 @@ from tests.rig.emulated_ports import serial_board, socket_board
 from tests.rig.guarded import designed
 
 RATE_HZ = 4000.0
-SOFT = 402
+SOFT = soft_ticks(4000.0)
 
 
 def free_rig(transport=None):
