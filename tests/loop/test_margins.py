@@ -149,3 +149,11 @@ def test_str__margins__reads_as_a_line() -> None:
     text = str(margins(sampled_paper_loop(4000.0)))
     assert "phase margin 55.83 deg" in text
     assert "\n" not in text
+
+
+@pytest.mark.parametrize("rate_hz", [1250.0, 2500.0, 5000.0, 40_000.0])
+def test_margins__sign_that_only_rounding_tells__is_no_crash(rate_hz: float) -> None:
+    """A point of the grid where a function is zero but for rounding, told one way there and another here."""
+    found, near = margins(sampled_paper_loop(rate_hz)), margins(sampled_paper_loop(rate_hz * 1.001))
+    assert found.phase_margin_deg == pytest.approx(near.phase_margin_deg, abs=0.5)
+    assert found.crossover_hz == pytest.approx(near.crossover_hz, rel=0.01)

@@ -20,8 +20,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     target = Path(path)
     _check_parent(target)
-    if target.is_dir():
-        raise BadInput(f"{path} is a folder; allowed: the name of a file")
+    if target.exists() and not target.is_file():
+        raise BadInput(f"{path} is a folder or a device; allowed: the name of a file")
     handle, name = tempfile.mkstemp(prefix=f".{target.stem}-", suffix=target.suffix, dir=target.parent)
     os.close(handle)
     beside = Path(name)

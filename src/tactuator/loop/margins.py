@@ -166,10 +166,15 @@ def _crossings(function: Callable[[float], float], grid: Array, values: Array) -
     """Frequencies where `function` changes its sign, given its values on the grid."""
     signs = np.signbit(values)
     places = np.flatnonzero(signs[1:] != signs[:-1])
-    return [
-        float(np.exp(optimize.brentq(lambda x: function(float(np.exp(x))), *np.log(grid[[i, i + 1]]), xtol=1e-13)))
-        for i in places
-    ]
+    return [_crossing(lambda x: function(float(np.exp(x))), *np.log(grid[[i, i + 1]]).tolist()) for i in places]
+
+
+def _crossing(function: Callable[[float], float], low: float, high: float) -> float:
+    """Between two logarithms of frequency; at one of them where it is zero there but for rounding."""
+    at_low, at_high = function(low), function(high)
+    if np.signbit(at_low) == np.signbit(at_high):
+        return float(np.exp(low if abs(at_low) < abs(at_high) else high))
+    return float(np.exp(optimize.brentq(function, low, high, xtol=1e-13)))
 
 
 def _phase_margin(loop: FeedbackLoop, grid: Array, response: NDArray[np.complex128]) -> tuple[float, float, float]:

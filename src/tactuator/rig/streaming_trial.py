@@ -87,7 +87,7 @@ def try_streaming(
         host_s, after = time.monotonic() - begun_s, (uart.sent, uart.received)
         status = client.status()
         first = rig.fed_to - samples
-        board_s = status.tick / rig.rate_hz
+        board_s = max(status.tick, 1) / rig.rate_hz
     to_board, from_board = ((late - early) / board_s for late, early in zip(after, before, strict=True))
     return StreamingTrial(
         board, 1e9 / instruction_ns, rig.rate_hz, len(rig.channels), samples, len(trace), status.late, LATENESS_MAX,
