@@ -5,8 +5,8 @@
               is added to the next sum (Thong & Liu 1977: error spectrum shaping)
 
 Fixed point has 1000 threshold units and 32 V for full scales at its ends and a power of two between sections, as Q31
-has on a board (tactuator.digital.q31); b shares a power of two within a section, a has all but two bits behind the
-point.
+has on a board but for its 512 V (tactuator.digital.q31); b shares a power of two within a section, a has all but two
+bits behind the point.
 """
 
 from __future__ import annotations
