@@ -48,7 +48,7 @@ contract:
 	$(BIN)/lint-imports --no-logo 2>&1 || $(BIN)/lint-imports
 
 core-warnings: # each file by itself, so that a header that leans on another shows
-	for file in $(wildcard core/*.c); do $(CC) $(CORE_FLAGS) -c $$file -o /dev/null || exit 1; done
+	for file in $$(find core -name '*.c'); do $(CC) $(CORE_FLAGS) -Icore -c $$file -o /dev/null || exit 1; done
 
 soak: install-test ## the hours: fuzzing and long properties
 	$(TEST_ENV) HYPOTHESIS_PROFILE=soak $(BIN)/python -m pytest -m soak -n $(WORKERS) $(ARGS)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from setuptools import setup
 
-CORE = "src/tactuator/digital/_core_build.py"
+CORE = "src/tactuator/runtime/_core_build.py"
 
 setup(
     cffi_modules=[f"{CORE}:ffibuilder"] if (Path(__file__).parent / CORE).exists() else [],

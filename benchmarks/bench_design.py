@@ -13,17 +13,17 @@ from typing import Any
 import numpy as np
 from scipy import optimize
 
-from tactuator.design import paper
-from tactuator.design.controller import design_controller
-from tactuator.design.family import sampled_plant
-from tactuator.design.prefilter import fit_prefilter, prefilter_goal
-from tactuator.digital.discretise import bilinear
+from tactuator.display.description import Channel, Display, Threshold
+from tactuator.display.load import Load
+from tactuator.display.requirements import FeedbackRequirements
 from tactuator.perception.library import curve
-from tactuator.plant.display import Channel, Display, Threshold
-from tactuator.plant.load import Load
-from tactuator.plant.requirements import FeedbackRequirements
 from tactuator.signals.decibels import db
+from tactuator.signals.discretise import bilinear
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.synthesis import paper
+from tactuator.synthesis.design import design_controller
+from tactuator.synthesis.family import sampled_plant
+from tactuator.synthesis.prefilter.fit import fit_prefilter, prefilter_goal
 
 RATE_HZ = 4000.0
 POLES = 8

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from scipy import optimize, signal
 
-from tactuator.identify.core import recursive_least_squares
-from tactuator.identify.identification import identify
+from tactuator.display.description import Channel, Display, Threshold
+from tactuator.identification.estimate.loops import recursive_least_squares
+from tactuator.identification.identify import identify
 from tactuator.perception.library import curve
-from tactuator.plant.display import Channel, Display, Threshold
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.excitation import paper_mix
 from tactuator.signals.record import Record

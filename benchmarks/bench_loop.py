@@ -21,14 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from tactuator.digital._core import ffi, lib
-from tactuator.digital.controller import AntiWindup, ChannelController, Controller, Limits
-from tactuator.digital.discretise import bilinear, zero_order_hold
-from tactuator.digital.lanes import Loop, ManyLoops, kernels_available
-from tactuator.digital.simulation import Simulation, empty_block
+from tactuator.display.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.display.description import Channel, Display, Threshold
 from tactuator.perception.library import curve
-from tactuator.plant.display import Channel, Display, Threshold
 from tactuator.rig.simulated import SimulatedRig
+from tactuator.runtime._core import ffi, lib
+from tactuator.runtime.many_loops import Loop, ManyLoops, kernels_available
+from tactuator.runtime.simulation import Simulation, empty_block
+from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.systems import ContinuousSystem
 
 RATE_HZ = 4000.0

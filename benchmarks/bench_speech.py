@@ -16,11 +16,11 @@ import numpy as np
 import soundfile
 from scipy import signal
 
-from tactuator.design.controller import design_controller
 from tactuator.files.display import parse_display
-from tactuator.speech.coding_file import NAMED
+from tactuator.speech.coding.file import NAMED
 from tactuator.speech.job import RenderJob, render_file
 from tactuator.speech.synthesis import sample_path
+from tactuator.synthesis.design import design_controller
 
 MINUTES = 10.0
 DISPLAY = """

@@ -23,10 +23,10 @@ from typing import Any
 import numpy as np
 from websockets.sync.client import ClientConnection, connect
 
-from tactuator.design.controller import design_controller
 from tactuator.files.controller import write_controller
 from tactuator.files.display import parse_display
 from tactuator.speech.waveforms import Component, WaveformSet, write_waveforms
+from tactuator.synthesis.design import design_controller
 
 TRIALS, ROUNDS = 200, 10
 GOAL_MS = 20.0

@@ -2,7 +2,7 @@
 
 #include "port.h"
 
-#include "period.h"
+#include "board/period.h"
 
 enum { CHANNELS = 3, STREAM_ROWS = 4096, TRACE_ROWS = 4096, CHUNK = 512 };
 

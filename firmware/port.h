@@ -9,8 +9,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "board.h"
-#include "link.h"
+#include "board/board.h"
+#include "link/link.h"
 
 /* Clocks, converters at rest, link; called once, before anything else. May set link->wired, link->bench. */
 void tact_port_begin(tact_board *board, tact_link *link);

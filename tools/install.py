@@ -30,7 +30,7 @@ UV = VENV / "bin" / "uv"
 PACKAGES_STAMP = VENV / "packages.stamp"
 BUILD_STAMP = VENV / "build.stamp"
 LOCKS = {"run": ROOT / "requirements" / "run.txt", "test": ROOT / "requirements" / "test.txt"}
-BUILD_SOURCES = ("pyproject.toml", "setup.py", "src/tactuator/digital/_core_build.py", "core")
+BUILD_SOURCES = ("pyproject.toml", "setup.py", "src/tactuator/runtime/_core_build.py", "core")
 
 
 def say(text):
@@ -240,7 +240,7 @@ def build():
         else:
             run([PYTHON, "-m", "pip", "install", *offline, "--no-index", "-e", ROOT])
         # A function that is declared and nowhere defined shows only now.
-        run([PYTHON, "-c", "import tactuator.digital._core"])
+        run([PYTHON, "-c", "import tactuator.runtime._core"])
     except subprocess.CalledProcessError:
         sys.exit("the build failed (the compiler's words are above)")
     write_stamp(BUILD_STAMP, wanted)

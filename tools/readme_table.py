@@ -3,11 +3,11 @@
 import re
 from pathlib import Path
 
-from tactuator.study.comparison import comparison, markdown
-from tactuator.study.plan import Plan, paper_display
-from tactuator.study.plates import plates
-from tactuator.study.run import run_study
-from tactuator.study.speech import check_speech
+from tactuator.paper.comparison import comparison, markdown
+from tactuator.paper.plan import Plan, paper_display
+from tactuator.paper.plates import plates
+from tactuator.paper.run import run_study
+from tactuator.paper.speech import check_speech
 
 README = Path(__file__).resolve().parent.parent / "README.md"
 PICTURE = README.parent / "docs" / "figures" / "equality.svg"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tactuator.files.controller import read_controller, write_controller
-from tests.digital.paper_display import changed, channel, controller, display, louder
+from tests.runtime.paper_display import changed, channel, controller, display, louder
 
 
 def paper_file(folder: Path) -> str:

@@ -6,11 +6,11 @@ import json
 import pytest
 
 from tactuator.cli.main import main
-from tactuator.experiment.identification import block_trials
-from tactuator.experiment.protocol_file import parse_identification
+from tactuator.experiment.protocol.file import parse_identification
+from tactuator.experiment.session.identification_plan import block_trials
 from tactuator.files.controller import write_controller
-from tests.experiment.identifying import controller, items, protocol_text  # noqa: F401
-from tests.experiment.stations import PROTOCOL
+from tests.experiment.session.apparatuses import PROTOCOL
+from tests.experiment.session.identifying import controller, items, protocol_text  # noqa: F401
 
 SHORT = PROTOCOL.replace("reversals = 6", "reversals = 4").replace("averaged = 4", "averaged = 2")
 

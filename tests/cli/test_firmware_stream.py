@@ -6,7 +6,7 @@ import pytest
 
 from tactuator.cli import main
 from tactuator.files.controller import write_controller
-from tests.rig.guarded import designed
+from tests.rig.guard.guarded import designed
 
 
 @pytest.fixture(scope="module")

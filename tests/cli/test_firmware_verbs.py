@@ -8,14 +8,15 @@ from pathlib import Path
 import pytest
 
 from tactuator.cli import main
+from tactuator.display.description import Display
 from tactuator.files.controller import write_controller
-from tactuator.plant.display import Display
-from tactuator.rig import emulator, firmware
-from tactuator.rig.firmware import BOARDS, build_firmware
-from tactuator.rig.trials import BitComparison
+from tactuator.rig import program
+from tactuator.rig.board_check.bit_comparison import BitComparison
+from tactuator.rig.program import BOARDS, build_firmware
+from tactuator.rig.transport import emulator
 from tests.cli.controller_files import paper_file
 from tests.cli.refusals import refused
-from tests.digital.paper_display import channel, controller, display
+from tests.runtime.paper_display import channel, controller, display
 
 
 @pytest.fixture
@@ -102,11 +103,11 @@ def test_firmware__no_compiler__says_what_to_install(
 ) -> None:
     cache = tmp_path / "cache"
     cache.mkdir()
-    monkeypatch.setattr(firmware, "_cache", lambda: cache)
+    monkeypatch.setattr(program, "_cache", lambda: cache)
     monkeypatch.setenv("PATH", "")
     told = [word.replace("FOLDER", str(tmp_path)) for word in verb]
     told += ["--controller", made] if "program" not in told else []
-    words = f"{firmware.COMPILER} is missing; allowed: install it with `make install-boards`"
+    words = f"{program.COMPILER} is missing; allowed: install it with `make install-boards`"
     refused(["firmware", *told], words, capsys, tmp_path)
 
 
@@ -126,8 +127,8 @@ def test_firmware__sources_that_do_not_compile__are_refused_and_leave_nothing(
 ) -> None:
     cache = tmp_path / "cache"
     cache.mkdir()
-    monkeypatch.setattr(firmware, "_cache", lambda: cache)
-    monkeypatch.setattr(firmware, "FLAGS", (*firmware.FLAGS, "-include", "there-is-no-such-header.h"))
+    monkeypatch.setattr(program, "_cache", lambda: cache)
+    monkeypatch.setattr(program, "FLAGS", (*program.FLAGS, "-include", "there-is-no-such-header.h"))
     refused(["firmware", "program", "--out", str(tmp_path / "f.elf")], "does not compile", capsys, tmp_path)
 
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from tactuator.cli import main
-from tactuator.digital.controller import Limits
-from tactuator.digital.image import sealed
+from tactuator.display.controller import Limits
 from tactuator.files.controller import controller_hash, read_controller, write_controller
+from tactuator.runtime.image import sealed
 from tests.cli.controller_files import paper_file, spoilt, unstable
 from tests.cli.refusals import refused
-from tests.digital.paper_display import channel, controller, display
+from tests.runtime.paper_display import channel, controller, display
 
 
 @pytest.fixture

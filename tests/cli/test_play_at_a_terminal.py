@@ -12,7 +12,7 @@ import pytest
 
 from tactuator.files.controller import write_controller
 from tactuator.files.reference import ReferenceHead, write_reference
-from tests.rig.guarded import designed
+from tests.rig.guard.guarded import designed
 
 LONGEST_S = 120.0
 

@@ -14,11 +14,11 @@ import pytest
 import soundfile
 
 from tactuator.cli import main
-from tactuator.design.controller import design_controller
 from tactuator.files.controller import write_controller
 from tactuator.files.display import parse_display
 from tactuator.files.reference import open_reference
 from tactuator.speech.synthesis import sample_path
+from tactuator.synthesis.design import design_controller
 
 PROGRAM = [sys.executable, "-c", "import sys; from tactuator.cli import main; sys.exit(main())"]
 DISPLAY = """

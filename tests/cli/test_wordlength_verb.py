@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from tactuator.cli import main
-from tactuator.digital.controller import Limits
-from tactuator.digital.number_format import FORMATS
+from tactuator.display.controller import Limits
+from tactuator.wordlength.formats import FORMATS
 from tests.cli.controller_files import paper_file, spoilt, unstable
 from tests.cli.refusals import refused
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactuator.digital.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.display.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.display.description import Channel, Display, Threshold
 from tactuator.errors import BadInput
 from tactuator.files.controller import controller_document, controller_hash, read_controller, write_controller
 from tactuator.perception.library import curve
-from tactuator.plant.display import Channel, Display, Threshold
 from tactuator.signals.systems import ContinuousSystem
 
 MOTOR = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])

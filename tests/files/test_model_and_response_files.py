@@ -4,12 +4,12 @@ import h5py
 import numpy as np
 import pytest
 
+from tactuator.display.plant_model import PlantModel
 from tactuator.errors import BadInput
 from tactuator.files.display import parse_display
 from tactuator.files.model import read_model, write_model
 from tactuator.files.pairs import read_pairs
 from tactuator.files.response import read_responses, write_responses
-from tactuator.identify.model import PlantModel
 from tactuator.signals.response import Response
 
 

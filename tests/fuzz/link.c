@@ -3,9 +3,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "crc32.h"
-#include "link.h"
-#include "period.h"
+#include "wire/crc32.h"
+#include "link/link.h"
+#include "board/period.h"
 
 enum { CHANNELS = 3, ROWS = 64 };
 

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from tactuator.digital.image import build_image
-from tactuator.digital.safety import safety_bytes
-from tactuator.digital.wired_display import wired_display_bytes
-from tactuator.rig.commissioning import safety_table
-from tactuator.rig.frames import Frame as LinkFrame
-from tactuator.rig.frames import Request, cobs_encode, frame_bytes
-from tactuator.rig.link import IMAGE, SAFETY, SILENT, STIMULUS, STREAM, WIRED
-from tests.digital.paper_display import channel, controller, display
+from tactuator.rig.board.commissioning import safety_table
+from tactuator.rig.board.frames import Frame as LinkFrame
+from tactuator.rig.board.frames import Request, cobs_encode, frame_bytes
+from tactuator.rig.board.link import IMAGE, SAFETY, SILENT, STIMULUS, STREAM, WIRED
+from tactuator.runtime.image import build_image
+from tactuator.runtime.safety_table import safety_bytes
+from tactuator.runtime.simulated_board import wired_display_bytes
+from tests.runtime.paper_display import channel, controller, display
 
 _PIECE = 240
 _ROWS = 16

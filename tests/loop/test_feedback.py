@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from tactuator.design import paper
-from tactuator.digital.discretise import bilinear, zero_order_hold
 from tactuator.loop.feedback import FeedbackLoop, TwoDegreeLoop
 from tactuator.loop.stability import UnstableLoop
+from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.synthesis import paper
 
 
 def paper_loop(rate_hz: float) -> TwoDegreeLoop:

@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactuator.design import paper
-from tactuator.digital.discretise import bilinear, zero_order_hold
 from tactuator.errors import BadInput
 from tactuator.loop.feedback import FeedbackLoop
 from tactuator.loop.margins import Margins, analysis_grid_hz, margins
 from tactuator.loop.stability import UnstableLoop
+from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.synthesis import paper
 
 UNITY = ContinuousSystem(np.empty(0), np.empty(0), 1.0)
 

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactuator.design import paper
-from tactuator.digital.discretise import bilinear, zero_order_hold
 from tactuator.errors import BadInput
 from tactuator.loop.stability import closed_poles, closed_roots, is_stable
+from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.synthesis import paper
 
 
 def exact_roots(zeros: list[complex], poles: list[complex], gain: float) -> np.ndarray:

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactuator.digital.controller import AntiWindup, ChannelController, Controller, Limits
-from tactuator.digital.discretise import bilinear, zero_order_hold
+from tactuator.display.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.display.description import Channel, Display, Environment, Threshold
+from tactuator.display.load import Load
 from tactuator.perception.library import curve
-from tactuator.plant.display import Channel, Display, Environment, Threshold
-from tactuator.plant.load import Load
+from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.systems import ContinuousSystem
 
 RATE_HZ = 4000.0

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from tactuator.digital.wired_display import wired_display_bytes
 from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.stepped_sine import stepped_sine
-from tactuator.rig.board import BoardRig
-from tactuator.rig.link import LinkClient
+from tactuator.rig.board.link import LinkClient
+from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.transport import InProcess
-from tests.rig.guarded import designed
+from tactuator.rig.transport.transport import InProcess
+from tactuator.runtime.simulated_board import wired_display_bytes
+from tests.rig.guard.guarded import designed
 
 
 def stepped(rig):

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tactuator.display.description import Converter
 from tactuator.errors import BadInput
 from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.stepped_sine import stepped_sine
-from tactuator.plant.display import Converter
 from tactuator.rig.simulated import SimulatedRig
 from tests.measure.loops import RATE_HZ, controller, display, full, loop_response, quiet
 

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from tactuator.design import paper
-from tactuator.design.family import plant_family
-from tactuator.digital.discretise import bilinear
 from tactuator.errors import BadInput
 from tactuator.loop.feedback import FeedbackLoop
-from tactuator.report.design import design_plates, save_design_plates
-from tactuator.report.nichols import NicholsInput, nichols_plate
 from tactuator.report.plate import Plate
-from tests.design.displays import channel, paper_controller, three_finger_controller
+from tactuator.report.plates.design import design_plates, save_design_plates
+from tactuator.report.plates.nichols import NicholsInput, nichols_plate
+from tactuator.signals.discretise import bilinear
+from tactuator.synthesis import paper
+from tactuator.synthesis.family import plant_family
+from tests.synthesis.displays import channel, paper_controller, three_finger_controller
 
 
 def paper_chart() -> Plate:

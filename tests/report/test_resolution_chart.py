@@ -8,10 +8,10 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
-from tactuator.digital.resolution import MOST_BITS, BitsNeeded
 from tactuator.errors import BadInput
 from tactuator.report.plate import Plate
-from tactuator.report.resolution import resolution_plate, save_resolution
+from tactuator.report.plates.resolution import resolution_plate, save_resolution
+from tactuator.wordlength.bits import MOST_BITS, BitsNeeded
 
 RATES_HZ = (4000.0, 8000.0, 16000.0, 32000.0)
 BEGINNINGS = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}

@@ -35,7 +35,7 @@ def test_source_distribution__built_elsewhere__gives_a_wheel_with_core_and_data(
     with zipfile.ZipFile(packed("wheel", source, tmp_path)) as archive:
         archive.extractall(unpacked)
     script = (
-        "import tactuator.digital._core as core; from tactuator.perception.library import curve; print(core.__file__)"
+        "import tactuator.runtime._core as core; from tactuator.perception.library import curve; print(core.__file__)"
     )
     done = subprocess.run(
         [sys.executable, "-c", script + "; curve('bolanowski-1988')"],

@@ -25,9 +25,10 @@ def tree(tmp_path, monkeypatch):
     (tmp_path / ".venv/bin/python").touch()
     (tmp_path / "setup.py").touch()
     (tmp_path / "pyproject.toml").touch()
-    (tmp_path / "core/section.c").write_text("int a;")
-    (tmp_path / "src/tactuator/digital").mkdir(parents=True)
-    (tmp_path / "src/tactuator/digital/_core_build.py").touch()
+    (tmp_path / "core/arithmetic").mkdir()
+    (tmp_path / "core/arithmetic/section.c").write_text("int a;")
+    (tmp_path / "src/tactuator/runtime").mkdir(parents=True)
+    (tmp_path / "src/tactuator/runtime/_core_build.py").touch()
     monkeypatch.setattr(install, "ROOT", tmp_path)
     monkeypatch.setattr(install, "LOCKS", locks)
     monkeypatch.setattr(install, "VENV", tmp_path / ".venv")
@@ -76,7 +77,9 @@ def test_packages_wanted__broken_off_before__starts_anew(tree):
     assert install.packages_wanted("run", install.read_stamp()) == ("run", "anew")
 
 
-@pytest.mark.parametrize("name", ["core/section.c", "pyproject.toml", "src/tactuator/digital/_core_build.py"])
+@pytest.mark.parametrize(
+    "name", ["core/arithmetic/section.c", "pyproject.toml", "src/tactuator/runtime/_core_build.py"]
+)
 def test_sources_hash__anything_the_build_reads_changes__changes(tree, name):
     before = install.sources_hash()
     (tree / name).write_text("other")

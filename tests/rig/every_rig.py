@@ -7,16 +7,16 @@ from contextlib import AbstractContextManager, contextmanager
 
 import numpy as np
 
-from tactuator.digital.wired_display import wired_display_bytes
-from tactuator.plant.display import Display
-from tactuator.rig.board import BoardRig
-from tactuator.rig.emulated import emulated_rig, in_process_rig
-from tactuator.rig.link import LinkClient
+from tactuator.display.description import Display
+from tactuator.rig.board.link import LinkClient
+from tactuator.rig.board.rig import BoardRig
+from tactuator.rig.boards import emulated_rig, in_process_rig
 from tactuator.rig.open import open_rig
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.transport import InProcess
-from tests.rig.emulated_ports import socket_board
-from tests.rig.guarded import designed
+from tactuator.rig.transport.transport import InProcess
+from tactuator.runtime.simulated_board import wired_display_bytes
+from tests.rig.board.emulated_ports import socket_board
+from tests.rig.guard.guarded import designed
 
 SEED = 1
 

@@ -6,16 +6,16 @@ from itertools import product
 import numpy as np
 import pytest
 
-from tactuator.digital.controller import Controller
+from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.measure.multisine_response import multisine_response
-from tactuator.rig.board import BoardRig
-from tactuator.rig.protocol import Rig
+from tactuator.rig.board.rig import BoardRig
+from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.trace import join_traces
-from tests.digital import paper_display
 from tests.rig.every_rig import RIGS, SEED, begin, tones
-from tests.rig.guarded import designed
+from tests.rig.guard.guarded import designed
+from tests.runtime import paper_display
 
 AnyRig = SimulatedRig | BoardRig
 

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactuator.digital._core import lib
-from tactuator.digital.simulation import block_samples
 from tactuator.errors import BadInput
-from tactuator.rig.board_tones import BoardTone
-from tactuator.rig.emulated import in_process_rig
-from tactuator.rig.link import STREAM, LinkClient, Mode
+from tactuator.rig.board.link import STREAM, LinkClient, Mode
+from tactuator.rig.board.tones import BoardTone
+from tactuator.rig.board_check.streaming_trial import try_streaming
+from tactuator.rig.boards import in_process_rig
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.streaming_trial import try_streaming
-from tactuator.rig.transport import LinkDown
-from tests.rig.guarded import SENSORS, Guarded, designed
+from tactuator.rig.transport.transport import LinkDown
+from tactuator.runtime._core import lib
+from tactuator.runtime.simulation import block_samples
+from tests.rig.guard.guarded import SENSORS, Guarded, designed
 
 
 @pytest.mark.parametrize("polarity", [1, -1])

@@ -8,7 +8,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.trace import Trace
-from tests.digital.paper_display import channel, controller, display, lock_in, tone
+from tests.runtime.paper_display import channel, controller, display, lock_in, tone
 
 
 def loaded_rig(seed: int = 0) -> SimulatedRig:

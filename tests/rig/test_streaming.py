@@ -5,22 +5,22 @@ import time
 import numpy as np
 import pytest
 
-from tactuator.digital.safety import Fault
-from tactuator.digital.wired_display import wired_display_bytes
 from tactuator.errors import BadInput
-from tactuator.rig.board import LEAD_S, BoardRig
-from tactuator.rig.board_stream import StreamDry
-from tactuator.rig.commissioning import soft_ticks
-from tactuator.rig.emulated import in_process_rig
-from tactuator.rig.link import LinkClient, Mode, RigFault
+from tactuator.rig.board.commissioning import soft_ticks
+from tactuator.rig.board.link import LinkClient, Mode, RigFault
+from tactuator.rig.board.rig import LEAD_S, BoardRig
+from tactuator.rig.board.stream import StreamDry
+from tactuator.rig.board_check.streaming_trial import try_streaming
+from tactuator.rig.boards import in_process_rig
 from tactuator.rig.open import open_rig
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.socket_link import connect
-from tactuator.rig.streaming_trial import try_streaming
 from tactuator.rig.trace import join_traces, recut_traces
-from tactuator.rig.transport import InProcess, LinkDown
-from tests.rig.emulated_ports import serial_board, socket_board
-from tests.rig.guarded import designed
+from tactuator.rig.transport.socket import connect
+from tactuator.rig.transport.transport import InProcess, LinkDown
+from tactuator.runtime.safety_table import Fault
+from tactuator.runtime.simulated_board import wired_display_bytes
+from tests.rig.board.emulated_ports import serial_board, socket_board
+from tests.rig.guard.guarded import designed
 
 RATE_HZ = 4000.0
 SOFT = soft_ticks(4000.0)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactuator.design.controller import design_controller
-from tactuator.digital.controller import Controller
+from tactuator.display.controller import Controller
 from tactuator.files.display import parse_display
+from tactuator.synthesis.design import design_controller
 
 CHANNELS = (
     ("index", 0.19898, [2875.0], [1.0, 94.0, 290.0], (0.12, 31.0, 360.0)),

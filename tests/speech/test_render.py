@@ -8,8 +8,8 @@ import soundfile
 
 from tactuator.errors import BadInput
 from tactuator.files.reference import content_sha256, open_reference
-from tactuator.speech.coding_file import NAMED
-from tactuator.speech.direct import DirectCoding
+from tactuator.speech.coding.direct import DirectCoding
+from tactuator.speech.coding.file import NAMED
 from tactuator.speech.job import RenderJob, render_file
 from tactuator.speech.level import LevelMeter
 from tactuator.speech.render import render_array, rendering

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from tactuator.errors import BadInput
-from tactuator.speech.direct import DirectCoding, band_limit_kernel
-from tactuator.speech.filterbank import band_kernel, filter_bank, filter_columns
+from tactuator.speech.coding.direct import DirectCoding, band_limit_kernel
+from tactuator.speech.coding.filterbank import band_kernel, filter_bank, filter_columns
 from tactuator.speech.resampling import resample
 
 

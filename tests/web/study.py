@@ -15,19 +15,19 @@ from typing import Any
 from playwright.sync_api import Page, expect
 
 from tactuator.cli.main import main
-from tactuator.digital.controller import Controller
-from tactuator.experiment.plan import plan_runs, run_seed
-from tactuator.experiment.procedure import Placement
-from tactuator.experiment.protocol_file import read_protocol
+from tactuator.display.controller import Controller
+from tactuator.experiment.procedure.procedure import Placement
+from tactuator.experiment.protocol.file import read_protocol
+from tactuator.experiment.protocol.plan import plan_runs, run_seed
 from tactuator.files.controller import write_controller
-from tests.experiment.stations import response_of
+from tests.experiment.session.apparatuses import response_of
 
 ASKED = ".choice[aria-disabled=false]"
 """A response button while an answer is asked for."""
 
 
 FORKS = multiprocessing.get_context("forkserver")
-FORKS.set_forkserver_preload(["tactuator.cli.experiment"])  # a server comes up in the time of a fork
+FORKS.set_forkserver_preload(["tactuator.cli.experiment.verbs"])  # a server comes up in the time of a fork
 
 
 def _serve(arguments: list[str], told: Connection) -> None:

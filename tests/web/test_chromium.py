@@ -3,13 +3,13 @@
 import pytest
 from sqlalchemy import select
 
-from tactuator.experiment import schema
-from tactuator.experiment.protocol_file import parse_protocol
-from tactuator.experiment.store import Store
-from tactuator.experiment.stored_runs import detection_runs
-from tactuator.experiment.thresholds import thresholds
-from tactuator.experiment.trial import ForcedChoice
-from tests.experiment.stations import PROTOCOL, ObedientClock, answer_one, begin, controller
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.result.thresholds import thresholds
+from tactuator.experiment.store import schema
+from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.stored_runs import detection_runs
+from tactuator.experiment.trial.trial import ForcedChoice
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, controller
 from tests.web.study import Subject, asked, kills_and_finish, started, visible, watch_errors
 
 ONE = PROTOCOL[: PROTOCOL.rindex("[[subject]]")]

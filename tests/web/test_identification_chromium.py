@@ -9,11 +9,11 @@ from playwright.sync_api import Page
 from sqlalchemy import select
 
 from tactuator.cli.main import main
-from tactuator.experiment import schema
-from tactuator.experiment.identification import block_trials
-from tactuator.experiment.protocol_file import parse_identification
-from tactuator.experiment.store import Store
-from tests.experiment.identifying import controller, items, protocol_text, scripted_answer  # noqa: F401
+from tactuator.experiment.protocol.file import parse_identification
+from tactuator.experiment.session.identification_plan import block_trials
+from tactuator.experiment.store import schema
+from tactuator.experiment.store.store import Store
+from tests.experiment.session.identifying import controller, items, protocol_text, scripted_answer  # noqa: F401
 from tests.web.study import (
     ASKED,
     Server,

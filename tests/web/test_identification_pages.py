@@ -8,14 +8,14 @@ import pytest
 from sqlalchemy import func, select
 
 from tactuator.errors import BadInput
-from tactuator.experiment import schema
-from tactuator.experiment.identification import block_trials
-from tactuator.experiment.protocol_file import parse_identification
-from tactuator.experiment.store import Store
+from tactuator.experiment.protocol.file import parse_identification
+from tactuator.experiment.session.identification_plan import block_trials
+from tactuator.experiment.store import schema
+from tactuator.experiment.store.store import Store
 from tactuator.web.app import build_app
 from tactuator.web.lab import Lab
-from tests.experiment.identifying import THREE, Opened, controller, items, opened_station, protocol_text  # noqa: F401
-from tests.experiment.stations import ObedientClock
+from tests.experiment.session.apparatuses import ObedientClock
+from tests.experiment.session.identifying import THREE, Opened, controller, items, opened_station, protocol_text  # noqa: F401
 from tests.web.server import served
 
 TOKEN = "the operator's own"

@@ -4,14 +4,14 @@ import pytest
 from sqlalchemy import func, select
 from websockets.exceptions import ConnectionClosed
 
-from tactuator.experiment import records, schema
-from tactuator.experiment.detection_task import DetectionTask
-from tactuator.experiment.protocol_file import parse_protocol
-from tactuator.experiment.store import Store, StoreFault
-from tactuator.experiment.studies import open_study
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.session.detection_task import DetectionTask
+from tactuator.experiment.session.studies import open_study
+from tactuator.experiment.store import records, schema
+from tactuator.experiment.store.store import Store, StoreFault
 from tactuator.web.app import FORBIDDEN, UNKNOWN, build_app
 from tactuator.web.lab import Lab
-from tests.experiment.stations import PROTOCOL, ObedientClock, station, tokens
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, station, tokens
 from tests.web.server import served
 
 TOKEN = "the operator's own"

@@ -8,8 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console, RenderableType
+from rich.console import Console, Group, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from tactuator.experiment.result.tables import ResultTable
 
 
 def answer(result: Mapping[str, object], as_json: bool, shown: RenderableType) -> None:
@@ -50,3 +53,11 @@ def plain(value: object) -> object:
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     raise TypeError(f"{type(value).__name__} has no counterpart in JSON")
+
+
+def shown(one: ResultTable) -> Group:
+    """The table, and its notes below."""
+    table = Table(*one.columns, title=one.caption)
+    for row in one.rows:
+        table.add_row(*row)
+    return Group(table, *one.notes)

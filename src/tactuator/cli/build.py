@@ -10,10 +10,10 @@ from rich.table import Table
 
 from tactuator.cli.answer import answer
 from tactuator.cli.options import AsJson
-from tactuator.digital.image import build_image, read_image_header
-from tactuator.digital.wordlength import require_safe
 from tactuator.files.atomic import atomic_path
 from tactuator.files.controller import controller_hash, read_controller
+from tactuator.runtime.image import build_image, read_image_header
+from tactuator.wordlength.assessment import require_safe
 
 
 def register(app: typer.Typer) -> None:

@@ -13,7 +13,7 @@ from tactuator.cli.answer import answer
 from tactuator.cli.options import AsJson
 from tactuator.errors import BadInput
 from tactuator.files.pairs import read_pairs
-from tactuator.identify.calibration import Calibration, fit_line
+from tactuator.identification.calibration import Calibration, fit_line
 
 
 def register(app: typer.Typer) -> None:

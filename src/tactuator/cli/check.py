@@ -10,9 +10,9 @@ from rich.table import Table
 
 from tactuator.cli.answer import answer
 from tactuator.cli.options import AsJson
-from tactuator.design.verdict import Verdict, judge
 from tactuator.files.controller import read_controller
 from tactuator.files.display import read_display
+from tactuator.synthesis.verdict import Verdict, judge
 
 _SHOWN = ("max_error_db", "worst_band_db_sl", "resonance_peak", "max_change_db", "worst_change_db", "worst_hz")
 

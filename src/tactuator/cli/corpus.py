@@ -10,13 +10,12 @@ import typer
 from rich.console import Group
 from rich.table import Table
 
-from tactuator.batch.run import MANIFEST, CorpusResult, run_corpus
-from tactuator.batch.workers import DaskCluster, LocalProcesses, Workers
 from tactuator.cli.answer import answer, progress
-from tactuator.cli.controllers import ControllerOption, DisplayOption, chosen_controller
-from tactuator.cli.options import AsJson, Seed
+from tactuator.cli.options import AsJson, ControllerOption, DisplayOption, Seed, chosen_controller
+from tactuator.corpus.corpus import MANIFEST, CorpusResult, run_corpus
+from tactuator.corpus.workers import DaskCluster, LocalProcesses, Workers
 from tactuator.errors import BadInput
-from tactuator.speech.coding_file import coding_of
+from tactuator.speech.coding.file import coding_of
 from tactuator.speech.job import RenderJob
 from tactuator.speech.render import LEVEL_DB_SL
 

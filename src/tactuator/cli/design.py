@@ -11,14 +11,14 @@ from rich.table import Table
 
 from tactuator.cli.answer import answer
 from tactuator.cli.options import AsJson
-from tactuator.design.continuous_form import continuous_form
-from tactuator.design.controller import design_controller
-from tactuator.digital.controller import ChannelController, Controller
+from tactuator.display.controller import ChannelController, Controller
+from tactuator.display.description import Display
 from tactuator.files.controller import write_controller
 from tactuator.files.curve import resolve_curve
 from tactuator.files.display import read_display, with_curve
-from tactuator.plant.display import Display
 from tactuator.signals.systems import SampledSystem
+from tactuator.synthesis.design import design_controller
+from tactuator.synthesis.exchange.continuous_form import continuous_form
 
 
 def register(app: typer.Typer) -> None:
@@ -39,7 +39,7 @@ def register(app: typer.Typer) -> None:
         """Design loop and prefilter of every channel, and write them as a controller file."""
         controller = design_controller(_with_curve(read_display(display), curve), poles, error_db)
         if charts is not None:
-            from tactuator.report.design import save_design_plates  # drawing takes a second to load
+            from tactuator.report.plates.design import save_design_plates  # drawing takes a second to load
 
             save_design_plates(controller, charts)
         write_controller(out, controller)

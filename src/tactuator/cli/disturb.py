@@ -9,10 +9,16 @@ import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer
-from tactuator.cli.controllers import ControllerOption, DisplayOption, chosen_controller
 from tactuator.cli.measure import frequencies
-from tactuator.cli.options import AsJson, Seed
-from tactuator.cli.rigs import RigOption, opened_rig
+from tactuator.cli.options import (
+    AsJson,
+    ControllerOption,
+    DisplayOption,
+    RigOption,
+    Seed,
+    chosen_controller,
+    opened_rig,
+)
 from tactuator.errors import BadInput
 from tactuator.measure.disturbance import DisturbanceReport, disturbance
 

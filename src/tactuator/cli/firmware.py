@@ -12,17 +12,16 @@ import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer
-from tactuator.cli.controllers import ControllerOption
-from tactuator.cli.options import AsJson
-from tactuator.design.controller import design_controller
-from tactuator.digital.controller import Controller
-from tactuator.digital.image import FORMATS
+from tactuator.cli.options import AsJson, ControllerOption
+from tactuator.display.controller import Controller
 from tactuator.files.atomic import atomic_path
 from tactuator.files.controller import read_controller
-from tactuator.rig.firmware import BOARDS, build_firmware, find_board
-from tactuator.rig.streaming_trial import INSTRUCTION_NS, StreamingTrial, try_streaming
-from tactuator.rig.trials import compare_bits, count_instructions
-from tactuator.study.plan import paper_display
+from tactuator.paper.plan import paper_display
+from tactuator.rig.board_check.bit_comparison import compare_bits, count_instructions
+from tactuator.rig.board_check.streaming_trial import INSTRUCTION_NS, StreamingTrial, try_streaming
+from tactuator.rig.program import BOARDS, build_firmware, find_board
+from tactuator.runtime.image import FORMATS
+from tactuator.synthesis.design import design_controller
 
 BoardOption = Annotated[str, typer.Option("--board", help=f"Board: {', '.join(BOARDS)}.")]
 

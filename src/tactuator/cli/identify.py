@@ -14,7 +14,7 @@ from tactuator.cli.answer import answer
 from tactuator.cli.options import AsJson
 from tactuator.files.model import write_model
 from tactuator.files.record import read_record
-from tactuator.identify.identification import Identification, identify
+from tactuator.identification.identify import Identification, identify
 
 _FAMILY = 8
 
@@ -50,7 +50,7 @@ def register(app: typer.Typer) -> None:
         if out is not None:
             write_model(out, found.model, found.model.family(_FAMILY, np.random.default_rng(0)))
         if charts is not None:
-            from tactuator.report.identification import save_identification  # matplotlib takes a second
+            from tactuator.report.plates.identification import save_identification  # matplotlib takes a second
 
             save_identification(found, charts)
         answer(document(found), as_json, _table(found))

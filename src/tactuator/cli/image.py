@@ -10,9 +10,9 @@ from rich.table import Table
 
 from tactuator.cli.answer import answer
 from tactuator.cli.options import AsJson
-from tactuator.digital.image import REASONS, ImageRefusal, check_image, read_image_header
 from tactuator.errors import BadInput
 from tactuator.files.controller import controller_hash, read_controller
+from tactuator.runtime.image import REASONS, ImageRefusal, check_image, read_image_header
 
 
 def register(app: typer.Typer) -> None:

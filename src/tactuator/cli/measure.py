@@ -12,16 +12,24 @@ import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
-from tactuator.cli.controllers import ControllerOption, DisplayOption, chosen_controller
-from tactuator.cli.options import AsJson, Seed
-from tactuator.cli.rigs import RigOption, opened_rig
-from tactuator.digital.controller import Controller
+from tactuator.cli.options import (
+    AsJson,
+    ControllerOption,
+    DisplayOption,
+    RigOption,
+    Seed,
+    ask_for_load,
+    chosen_controller,
+    opened_rig,
+)
+from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.files.controller import controller_hash
 from tactuator.files.response import write_responses
 from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.stepped_sine import stepped_sine
-from tactuator.rig.protocol import Rig
+from tactuator.rig.rig import Rig
+from tactuator.rig.touchable import touch_all
 from tactuator.signals.response import Response
 
 METHODS = ("stepped", "multisine")
@@ -66,7 +74,7 @@ def register(app: typer.Typer) -> None:
             "controller_hash": controller_hash(made),
         }
         with opened_rig(rig, made, seed) as opened:
-            touch_all(opened, made.display.channels, load)
+            ask_for_load(touch_all(opened, made.display.channels, load), load)
             opened.load(made)
             if method == "stepped":
                 responses = _stepped(opened, wanted, level_db_sl, asked)
@@ -102,19 +110,6 @@ def frequencies(text: str) -> Frequencies:
         return np.array([float(cell) for cell in text.split(",") if cell.strip()], dtype=np.float64)
     except ValueError:
         raise BadInput(f"frequencies {text!r}; allowed: numbers of hertz with commas between") from None
-
-
-def touch_all(rig: Rig, channels: Sequence[Any], load: str) -> None:
-    """Put the load on every channel that a simulated finger can touch; ask for it where a hand must."""
-    finger = getattr(rig, "finger", None)
-    if load == "none":
-        return
-    for described in channels:
-        described.load(load)
-        if finger is not None:
-            finger(described.name).touch(load)
-    if finger is None:
-        sys.stderr.write(f"tactuator: put the load {load!r} on every channel now\n")
 
 
 def document(responses: Sequence[Response]) -> dict[str, Any]:

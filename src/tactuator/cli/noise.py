@@ -9,12 +9,20 @@ import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer
-from tactuator.cli.controllers import ControllerOption, DisplayOption, chosen_controller
-from tactuator.cli.measure import frequencies, touch_all
-from tactuator.cli.options import AsJson, Seed
-from tactuator.cli.rigs import RigOption, opened_rig
+from tactuator.cli.measure import frequencies
+from tactuator.cli.options import (
+    AsJson,
+    ControllerOption,
+    DisplayOption,
+    RigOption,
+    Seed,
+    ask_for_load,
+    chosen_controller,
+    opened_rig,
+)
 from tactuator.measure.noise import FeltNoise, felt_noise
 from tactuator.measure.proportional import proportional_controller
+from tactuator.rig.touchable import touch_all
 
 
 def register(app: typer.Typer) -> None:
@@ -40,7 +48,7 @@ def register(app: typer.Typer) -> None:
         runs: list[tuple[str, Sequence[FeltNoise]]] = []
         for name, candidate in [*probed, ("loop", made)]:
             with opened_rig(rig, candidate, seed) as opened:
-                touch_all(opened, made.display.channels, load)
+                ask_for_load(touch_all(opened, made.display.channels, load), load)
                 opened.load(candidate)
                 felt = felt_noise(opened, made.display, duration_s=duration_s, load=load, mains_hz=mains_hz or None)
             runs.append((name, felt))

@@ -1,10 +1,68 @@
-"""Options that every verb spells the same way."""
+"""Options that every verb spells the same way, and what they open: a controller, a rig."""
 
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from tactuator.display.controller import Controller
+from tactuator.errors import BadInput
+from tactuator.files.controller import read_controller
+from tactuator.files.display import read_display
+from tactuator.rig.open import open_rig
+from tactuator.rig.rig import Rig
+
 AsJson = Annotated[bool, typer.Option("--json", help="Print exactly one JSON object on standard output.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of all randomness; the same seed, the same result.")]
 Out = Annotated[Path, typer.Option("--out", help="File or folder to write.")]
+DisplayOption = Annotated[
+    Path | None, typer.Option("--display", help="Display file; a controller is designed for it if none is given.")
+]
+ControllerOption = Annotated[Path | None, typer.Option("--controller", help="Controller file that `design` wrote.")]
+RigOption = Annotated[str, typer.Option("--rig", help="simulated, emulated:BOARD, board:URL.")]
+
+
+def chosen_controller(display: Path | None, controller: Path | None) -> Controller:
+    """The controller of a file, or one designed for a display; with both, the file's on that display.
+
+    BadInput for neither, or for two that do not fit.
+    """
+    if controller is not None:
+        made = read_controller(controller)
+        if display is None:
+            return made
+        shown = read_display(display)
+        try:
+            made.require_runs(shown)
+        except BadInput as error:
+            raise BadInput(f"{controller} was not designed for {display}: {error}") from None
+        return replace(made, display=shown)
+    if display is None:
+        raise BadInput("neither --display nor --controller; allowed: one of them")
+    from tactuator.synthesis.design import design_controller  # its solvers take a second to load
+
+    return design_controller(read_display(display))
+
+
+@contextmanager
+def opened_rig(name: str, controller: Controller, seed: int) -> Iterator[Rig]:
+    """The rig of that name for the controller's display, open for the length of the context; BadInput if unknown."""
+    rig = open_rig(name, controller.display, seed)
+    try:
+        yield rig
+    finally:
+        close = getattr(rig, "close", None)
+        if close is not None:
+            close()
+
+
+def ask_for_load(channels: Sequence[str], load: str) -> None:
+    """Tell the person at the terminal to put a load on the channels that no program can reach."""
+    if channels:
+        sys.stderr.write(f"tactuator: put the load {load!r} on {', '.join(channels)} by hand now\n")

@@ -17,11 +17,17 @@ import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
-from tactuator.cli.controllers import ControllerOption, DisplayOption, chosen_controller
-from tactuator.cli.options import AsJson, Seed
-from tactuator.cli.rigs import RigOption, opened_rig
+from tactuator.cli.options import (
+    AsJson,
+    ControllerOption,
+    DisplayOption,
+    RigOption,
+    Seed,
+    chosen_controller,
+    opened_rig,
+)
 from tactuator.files.reference import open_reference
-from tactuator.speech.playing import Played, Wish, play_reference
+from tactuator.rig.player import Played, Wish, play_reference
 
 
 def register(app: typer.Typer) -> None:

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from rich.text import Text
 
 from tactuator.cli.answer import answer
-from tactuator.cli.options import AsJson, Seed
-from tactuator.cli.rigs import RigOption, opened_rig
+from tactuator.cli.options import AsJson, RigOption, Seed, opened_rig
+from tactuator.display.description import Channel
 from tactuator.errors import BadInput
 from tactuator.files.display import read_display
 from tactuator.files.record import write_record
 from tactuator.measure.proportional import proportional_controller
-from tactuator.plant.display import Channel
 from tactuator.signals.excitation import log_chirp, noise, paper_mix, plan_amplitude, prbs, sample_count, steps
 from tactuator.signals.multisine import multisine, place_lines
 from tactuator.signals.record import Record

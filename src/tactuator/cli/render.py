@@ -10,11 +10,10 @@ from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
-from tactuator.cli.controllers import ControllerOption, DisplayOption, chosen_controller
-from tactuator.cli.options import AsJson, Seed
+from tactuator.cli.options import AsJson, ControllerOption, DisplayOption, Seed, chosen_controller
 from tactuator.errors import BadInput
 from tactuator.files.atomic import write_text
-from tactuator.speech.coding_file import coding_of, write_coding
+from tactuator.speech.coding.file import coding_of, write_coding
 from tactuator.speech.job import Rendered, RenderJob, render_file
 from tactuator.speech.render import LEVEL_DB_SL
 
@@ -57,7 +56,7 @@ def register(app: typer.Typer) -> None:
         if save_coding is not None:
             write_coding(save_coding, chosen)
         if picture is not None and rendered.felt is not None:
-            from tactuator.report.spectrogram import spectrogram_plate  # drawing loads slowly
+            from tactuator.report.plates.spectrogram import spectrogram_plate  # drawing loads slowly
 
             plate = spectrogram_plate(rendered.felt, f"{speech.name}, coding “{coding}” at {level:g} dB SL")
             write_text(picture, plate.svg())

@@ -12,13 +12,13 @@ from rich.table import Table
 from tactuator.cli.answer import answer, progress
 from tactuator.cli.options import AsJson, Seed
 from tactuator.files.atomic import atomic_folder
+from tactuator.paper.comparison import comparison
+from tactuator.paper.plan import Plan, Progress, paper_display
+from tactuator.paper.publish import OWN_NAMES, publish
+from tactuator.paper.run import STEPS, Study, run_study
+from tactuator.paper.speech import check_speech
+from tactuator.paper.summary import summary
 from tactuator.speech.reading import SpeechFile
-from tactuator.study.comparison import comparison
-from tactuator.study.plan import Plan, Progress, paper_display
-from tactuator.study.publish import OWN_NAMES, publish
-from tactuator.study.run import STEPS, Study, run_study
-from tactuator.study.speech import check_speech
-from tactuator.study.summary import summary
 
 
 def register(app: typer.Typer) -> None:

@@ -11,8 +11,7 @@ import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer
-from tactuator.cli.controllers import ControllerOption, DisplayOption, chosen_controller
-from tactuator.cli.options import AsJson, Seed
+from tactuator.cli.options import AsJson, ControllerOption, DisplayOption, Seed, chosen_controller
 from tactuator.files.atomic import atomic_folder, write_text
 from tactuator.speech.waveforms import CUTANEOUS, KINESTHETIC, MIDDLE, WaveformSet, WrittenWaveform, write_waveforms
 

@@ -11,14 +11,14 @@ from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
 from tactuator.cli.options import AsJson
-from tactuator.digital.another_rate import at_rate
-from tactuator.digital.controller import Controller
-from tactuator.digital.number_format import FORMATS
-from tactuator.digital.resolution import controller_bits
-from tactuator.digital.wordlength import FormatReport, assess, recommended
+from tactuator.display.controller import Controller
+from tactuator.display.description import HIGHEST_RATE_HZ
 from tactuator.errors import BadInput
 from tactuator.files.controller import read_controller
-from tactuator.plant.display import HIGHEST_RATE_HZ
+from tactuator.wordlength.assessment import FormatReport, assess, recommended
+from tactuator.wordlength.bits import controller_bits
+from tactuator.wordlength.formats import FORMATS
+from tactuator.wordlength.resampled import at_rate
 
 _DOUBLINGS = 4
 
@@ -66,7 +66,7 @@ def _assess(controller: Controller) -> tuple[FormatReport, ...]:
 
 def _draw(controller: Controller, path: Path) -> dict[str, object]:
     """Write the picture; its numbers, for the answer."""
-    from tactuator.report.resolution import require_ending, resolution_plate, save_resolution
+    from tactuator.report.plates.resolution import require_ending, resolution_plate, save_resolution
 
     require_ending(path)
     rates = [controller.rate_hz * 2.0**k for k in range(_DOUBLINGS)]

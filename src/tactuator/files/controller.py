@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tactuator import __version__
-from tactuator.digital.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.display.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.errors import BadInput
 from tactuator.files.atomic import write_text
 from tactuator.files.display import display_document, parse_display

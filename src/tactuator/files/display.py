@@ -12,6 +12,9 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
+from tactuator.display.description import Channel, Converter, Display, Environment, Threshold
+from tactuator.display.load import Load
+from tactuator.display.requirements import FeedbackRequirements, Objectives, PrefilterRequirements
 from tactuator.errors import BadInput
 from tactuator.files.curve import resolve_curve
 from tactuator.files.display_schema import (
@@ -28,9 +31,6 @@ from tactuator.files.display_schema import (
     ThresholdKeys,
 )
 from tactuator.perception.curve import ThresholdCurve
-from tactuator.plant.display import Channel, Converter, Display, Environment, Threshold
-from tactuator.plant.load import Load
-from tactuator.plant.requirements import FeedbackRequirements, Objectives, PrefilterRequirements
 from tactuator.signals.systems import ContinuousSystem
 
 Document = Mapping[str, Any]

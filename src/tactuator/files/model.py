@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from tactuator import __version__
+from tactuator.display.plant_model import PlantModel
 from tactuator.errors import BadInput
 from tactuator.files.atomic import write_text
-from tactuator.identify.model import PlantModel
 from tactuator.signals.systems import ContinuousSystem
 
 FORMAT = "tactuator-model/1"

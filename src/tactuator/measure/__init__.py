@@ -1,1 +1,1 @@
-"""What a display does, measured on any rig: responses, disturbances and noise."""
+"""What a display does, measured on any rig: responses, disturbances, noise, and what is felt of a reference."""

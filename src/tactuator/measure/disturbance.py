@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from tactuator.digital.controller import Controller
-from tactuator.digital.discretise import zero_order_hold
+from tactuator.display.controller import Controller
+from tactuator.display.description import Channel
+from tactuator.display.load import DERIVATIVES
 from tactuator.errors import BadInput
-from tactuator.plant.display import Channel
-from tactuator.plant.load import DERIVATIVES
-from tactuator.rig.protocol import Rig
+from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db
+from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.lockin import lock_in, mains_multiples, off_mains
 from tactuator.signals.stimuli import ramps
 from tactuator.signals.systems import ContinuousSystem, SampledSystem

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactuator.errors import BadInput
 from tactuator.measure.stepped_sine import check_asked
-from tactuator.rig.protocol import Rig
+from tactuator.rig.rig import Rig
 from tactuator.rig.trace import recut_traces
 from tactuator.signals.decibels import from_db
 from tactuator.signals.multisine import Multisine, multisine, place_lines

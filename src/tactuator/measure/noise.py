@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.display.description import Channel, Display
+from tactuator.display.load import DERIVATIVES
 from tactuator.errors import BadInput
-from tactuator.plant.display import Channel, Display
-from tactuator.plant.load import DERIVATIVES
-from tactuator.rig.protocol import Rig
+from tactuator.rig.rig import Rig
 from tactuator.signals.bands import third_octave_bands
 from tactuator.signals.decibels import db
 from tactuator.signals.lockin import lock_in, mains_multiples

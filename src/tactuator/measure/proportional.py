@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactuator.digital.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.display.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.display.description import Channel, Display
 from tactuator.errors import BadInput
-from tactuator.plant.display import Channel, Display
 
 
 def proportional_controller(display: Display, gain: float) -> Controller:

@@ -12,7 +12,7 @@ from scipy import stats
 
 from tactuator.errors import BadInput
 from tactuator.perception.levels import COMFORT_DB_SL
-from tactuator.rig.protocol import Rig
+from tactuator.rig.rig import Rig
 from tactuator.rig.trace import Trace, recut_traces
 from tactuator.signals.decibels import from_db
 from tactuator.signals.lockin import lock_in, mains_multiples, off_mains

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+from tactuator.display.description import Display
 from tactuator.errors import BadInput
-from tactuator.plant.display import Display
-from tactuator.rig.emulated import emulated_rig, in_process_rig
-from tactuator.rig.firmware import BOARDS
-from tactuator.rig.protocol import Rig
-from tactuator.rig.serial_board import serial_rig
+from tactuator.rig.boards import emulated_rig, in_process_rig, serial_rig
+from tactuator.rig.program import BOARDS
+from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
 
 

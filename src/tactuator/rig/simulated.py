@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tactuator.digital.controller import Controller
-from tactuator.digital.simulation import SimulatedBlock, Simulation, block_samples
+from tactuator.display.controller import Controller
+from tactuator.display.description import Display
 from tactuator.errors import BadInput
-from tactuator.plant.display import Display
 from tactuator.rig.finger import Finger, let_feel, take_forces
-from tactuator.rig.playable import Samples, take_command, take_reference
+from tactuator.rig.samples import Samples, take_command, take_reference
 from tactuator.rig.trace import Trace
+from tactuator.runtime.simulation import SimulatedBlock, Simulation, block_samples
 
 
 class FingerPort(Finger):
@@ -82,6 +82,11 @@ class SimulatedRig:
         self._simulation.rest()
         if settle_s > 0.0:
             self.drive(np.zeros((round(settle_s * self.rate_hz), len(self._ports))))
+
+    @property
+    def has_finger_ports(self) -> bool:
+        """True: the display is simulated."""
+        return True
 
     def finger(self, channel: str) -> FingerPort:
         """The finger port of a channel; BadInput if there is none of that name."""

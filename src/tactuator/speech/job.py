@@ -12,17 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator import __version__
-from tactuator.digital.controller import Controller
+from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.files.controller import controller_hash
 from tactuator.files.reference import ReferenceHead, ReferenceWriter, check_suffix, write_reference
+from tactuator.measure.felt import FeltComparison, FeltReport
+from tactuator.measure.listening import SETTLE_S, felt_of
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.speech.coding_file import coding_document
-from tactuator.speech.felt import FeltComparison, FeltReport
-from tactuator.speech.limiter import FingerLimiting
-from tactuator.speech.present import SETTLE_S, felt_of
+from tactuator.speech.coding.coding import Coding
+from tactuator.speech.coding.file import coding_document
+from tactuator.speech.limiter.limiter import FingerLimiting
 from tactuator.speech.reading import SpeechFile
-from tactuator.speech.render import LEVEL_DB_SL, Coding, Rendering, rendering
+from tactuator.speech.render import LEVEL_DB_SL, Rendering, rendering
 
 Progress = Callable[[float], None]
 

@@ -7,18 +7,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Protocol
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.digital.controller import Controller
+from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.perception.levels import COMFORT_DB_SL
-from tactuator.speech.direct import DirectCoding
+from tactuator.speech.coding.coding import Coding
+from tactuator.speech.coding.direct import DirectCoding
 from tactuator.speech.level import LevelMeter
-from tactuator.speech.limiter import FingerLimiting, Limiter
-from tactuator.speech.reading import Samples, SpeechFile, scan_speech, speech_blocks
+from tactuator.speech.limiter.limiter import FingerLimiting, Limiter
+from tactuator.speech.reading import SpeechFile, scan_speech, speech_blocks
 
 LEVEL_DB_SL = 35.0
 QUIETEST_DB = -90.0
@@ -27,23 +28,6 @@ RAMP_S = 0.02
 BLOCK_S = 4.0
 PIECE = 1 << 12
 """Samples that go on together: few enough that what is made of them stays in the cache."""
-
-
-class Coding(Protocol):
-    """A way from speech to signals, and from signals to fingers."""
-
-    @property
-    def kind(self) -> str:
-        """Its name: direct, bands, envelope."""
-        ...
-
-    def signals(self, blocks: Iterator[Samples], rate_in_hz: int, rate_hz: int) -> Iterator[NDArray[np.float64]]:
-        """Mono blocks (n,) as blocks (m, signals) at the display's rate."""
-        ...
-
-    def placement(self, fingers: tuple[str, ...]) -> NDArray[np.float64]:
-        """(signals, fingers): how much of each signal goes to each finger."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.digital.controller import Controller
+from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.files.controller import controller_hash
 from tactuator.files.reference import ReferenceHead, write_reference
 from tactuator.perception.levels import COMFORT_DB_SL
 from tactuator.signals.stimuli import ramps
-from tactuator.speech.direct import place
-from tactuator.speech.limiter import Limiter
+from tactuator.speech.coding.coding import place
+from tactuator.speech.limiter.limiter import Limiter
 
 LONGEST_S = 10.0
 

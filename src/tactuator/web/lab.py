@@ -10,14 +10,14 @@ from contextlib import suppress
 from typing import TypeVar
 
 from tactuator.errors import BadInput
-from tactuator.experiment import records
-from tactuator.experiment.clock import Clock, JumpWatch
-from tactuator.experiment.conduct import Conduct
-from tactuator.experiment.presenter import Watch
-from tactuator.experiment.result_tables import ResultTable
-from tactuator.experiment.session import NextTrial, Session
-from tactuator.experiment.store import Store, StoreFault
-from tactuator.experiment.task import Task
+from tactuator.experiment.result.tables import ResultTable
+from tactuator.experiment.session.clock import Clock, JumpWatch
+from tactuator.experiment.session.presented_session import Conduct
+from tactuator.experiment.session.session import NextTrial, Session
+from tactuator.experiment.session.task import Task
+from tactuator.experiment.store import records
+from tactuator.experiment.store.store import Store, StoreFault
+from tactuator.experiment.trial.presenter import Watch
 
 _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)

@@ -8,8 +8,8 @@ from typing import Any
 from fastapi import WebSocket
 
 from tactuator.errors import BadInput
-from tactuator.experiment import records
-from tactuator.experiment.session import RunTally, Session
+from tactuator.experiment.session.session import RunTally, Session
+from tactuator.experiment.store import records
 from tactuator.web.lab import Fault, Lab
 from tactuator.web.messages import Command, operator_command
 from tactuator.web.subject import Tabs, first_to_end, send

@@ -12,10 +12,10 @@ from fastapi import WebSocket, WebSocketDisconnect
 from starlette.websockets import WebSocketState
 
 from tactuator.errors import BadInput
-from tactuator.experiment import records
-from tactuator.experiment.conduct import Conduct
-from tactuator.experiment.presenter import Watch
-from tactuator.experiment.session import Acknowledged, Stage
+from tactuator.experiment.session.presented_session import Conduct
+from tactuator.experiment.session.session import Acknowledged, Stage
+from tactuator.experiment.store import records
+from tactuator.experiment.trial.presenter import Watch
 from tactuator.web.lab import Fault, Lab, RigAtRest
 from tactuator.web.messages import AnswerMessage, Consent, Ready, subject_message
 

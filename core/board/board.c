@@ -1,0 +1,328 @@
+#include "board/board.h"
+
+extern inline float tact_board_within(float value, float most);
+
+static void empty_queue(tact_board_channel *channel)
+{
+    for (int d = 0; d < TACT_BOARD_DELAY_MAX; d++) {
+        channel->delayed[d] = channel->rest_code;
+        channel->delayed_v[d] = 0.0f;
+    }
+}
+
+static void empty_queues(tact_board *board)
+{
+    for (int c = 0; c < TACT_CHANNELS_MAX; c++)
+        empty_queue(&board->channel[c]);
+}
+
+void tact_board_reset(tact_board *board, int32_t channels_max, float *stream, uint32_t stream_capacity, int32_t *trace,
+                      uint32_t trace_capacity)
+{
+    uint8_t *bytes = (uint8_t *)board;
+    for (size_t i = 0; i < sizeof *board; i++)
+        bytes[i] = 0;
+    board->channels = board->channels_max = channels_max;
+    board->stream = stream;
+    board->stream_capacity = stream_capacity;
+    board->trace = trace;
+    board->trace_capacity = trace_capacity;
+}
+
+/* -- leaving ------------------------------------------------------------------------------------------------------ */
+
+static void leave(tact_board *board, int32_t how)
+{
+    if (how <= board->leaving)
+        return;
+    board->leaving = how;
+    board->fading = 1;
+    if (how == TACT_FADES)
+        board->fade_step = -1.0f / (float)board->safety.fade_ticks;
+    if (how == TACT_RAMPS)
+        board->authority_step = -1.0f / (float)board->safety.ramp_ticks;
+    if (how == TACT_RAMPS_QUICKLY)
+        board->authority_step = -1.0f / (float)board->safety.quick_ticks;
+    if (how == TACT_CUT) {
+        board->authority = board->authority_step = 0.0f; /* a soft start that has just begun ends here too */
+        empty_queues(board);
+    }
+}
+
+/* One channel's command at zero from now on. The others, cut in mid-stroke, would be carried beyond comfort: they fade. */
+static void cut(tact_board *board, tact_board_channel *channel)
+{
+    if (channel->is_cut)
+        return;
+    channel->is_cut = 1;
+    board->cuts++;
+    empty_queue(channel);
+    leave(board, board->cuts < board->channels ? TACT_FADES : TACT_CUT);
+}
+
+static int32_t way_out(int32_t fault)
+{
+    if (fault == TACT_FAULT_LATE || fault == TACT_FAULT_SILENCE)
+        return TACT_FADES;
+    return fault == TACT_FAULT_COMFORT ? TACT_RAMPS_QUICKLY : TACT_CUT;
+}
+
+static void fail(tact_board *board, int32_t fault, int32_t channel)
+{
+    if (board->mode != TACT_FAULT) {
+        if (board->mode == TACT_ARMED) {
+            board->leaving = TACT_CUT;
+            board->authority = 0.0f;
+        }
+        board->mode = TACT_FAULT;
+        board->fault = fault;
+        board->fault_channel = channel;
+        board->fault_tick = board->ticks;
+    }
+    if (way_out(fault) == TACT_CUT)
+        cut(board, &board->channel[channel]);
+    else
+        leave(board, way_out(fault));
+}
+
+void tact_board_fail(tact_board *board, uint32_t faults, int32_t channel)
+{
+    if (board->mode == TACT_OFF)
+        return;
+    if (board->mode == TACT_ARMED) /* no command: what moves now is moved by hand */
+        faults &= ~(1u << TACT_FAULT_TRAVEL | 1u << TACT_FAULT_COMFORT);
+    for (int32_t fault = TACT_FAULT_LAST; fault > TACT_FAULT_NONE; fault--)
+        if (faults & (1u << fault))
+            fail(board, fault, channel);
+}
+
+/* The soft start's first half is the command's, its second the reference's: with both at once, what is felt would not be
+ * an answer to the reference. */
+static float soft_step(const tact_board *board)
+{
+    return 2.0f / (float)board->safety.soft_start_ticks;
+}
+
+void tact_board_fade(tact_board *board)
+{
+    board->fade += board->fade_step;
+    board->authority += board->authority_step;
+    if (board->fade >= 1.0f)
+        board->fade = 1.0f, board->fade_step = 0.0f;
+    if (board->authority >= 1.0f) {
+        board->authority = 1.0f, board->authority_step = 0.0f;
+        if (board->leaving == TACT_STAYS && board->fade == 0.0f)
+            board->fade_step = soft_step(board);
+    }
+    if (board->leaving != TACT_STAYS && board->fade <= 0.0f) {
+        board->fade = board->fade_step = 0.0f;
+        leave(board, TACT_RAMPS);
+    }
+    if (board->leaving != TACT_STAYS && board->authority <= 0.0f) {
+        board->authority = board->authority_step = 0.0f;
+        board->leaving = board->mode == TACT_RUNNING ? TACT_STAYS : TACT_CUT;
+        if (board->mode == TACT_RUNNING)
+            board->mode = TACT_ARMED;
+    }
+    board->fading = board->fade_step != 0.0f || board->authority_step != 0.0f;
+}
+
+/* -- transitions -------------------------------------------------------------------------------------------------- */
+
+int tact_board_is_at_rest(const tact_board *board)
+{
+    return board->mode == TACT_OFF || board->mode == TACT_ARMED ||
+           (board->mode == TACT_FAULT && board->authority == 0.0f);
+}
+
+int tact_board_waits(const tact_board *board)
+{
+    return board->holds && board->mode == TACT_RUNNING && board->leaving == TACT_STAYS &&
+           board->source == TACT_STREAM && board->tick - board->stream_at >= board->stream_end - board->stream_at;
+}
+
+int tact_board_arm(tact_board *board)
+{
+    if (board->mode == TACT_ARMED || board->mode == TACT_RUNNING)
+        return 1;
+    if (board->mode != TACT_OFF || board->safety.channels == 0)
+        return 0;
+    board->fault = TACT_FAULT_NONE;
+    board->leaving = TACT_STAYS;
+    board->mode = TACT_ARMED;
+    return 1;
+}
+
+/* A run's number is one of the next few, so that none that was spoilt can use them up. */
+enum { RUNS_AHEAD = 1 << 16 };
+
+int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t drives, int32_t holds)
+{
+    if (board->mode == TACT_RUNNING && board->run == run)
+        return 1;
+    if (board->mode != TACT_ARMED || run - board->run - 1u >= RUNS_AHEAD || (!drives && board->image.format == 0) ||
+        (holds && !board->allows_hold))
+        return 0;
+    for (int32_t c = 0; c < board->channels; c++) {
+        if (board->image.format == TACT_Q31)
+            tact_controller_q31_reset(&board->channel[c].controller.q31);
+        else
+            tact_controller_reset(&board->channel[c].controller.single);
+        tact_stimulus_rewind(&board->stimulus[c]);
+        board->channel[c].is_cut = 0;
+    }
+    board->cuts = 0;
+    empty_queues(board);
+    board->run = run;
+    board->tick = board->stream_at = board->stream_end = 0;
+    board->source = source;
+    board->drives = drives;
+    board->runs_designed = board->is_designed && !drives;
+    board->holds = holds;
+    board->silence = 0;
+    board->leaving = TACT_STAYS;
+    board->fade = board->authority = 0.0f;
+    board->fade_step = 0.0f;
+    board->authority_step = soft_step(board);
+    board->fading = 1;
+    board->mode = TACT_RUNNING;
+    return 1;
+}
+
+int tact_board_stop(tact_board *board)
+{
+    if (board->mode == TACT_RUNNING)
+        leave(board, TACT_FADES);
+    return board->mode != TACT_FAULT;
+}
+
+int tact_board_off(tact_board *board)
+{
+    if (board->mode == TACT_ARMED)
+        board->mode = TACT_OFF;
+    return board->mode == TACT_OFF;
+}
+
+int tact_board_clear(tact_board *board)
+{
+    if (board->mode == TACT_FAULT && board->authority == 0.0f) {
+        board->mode = TACT_OFF;
+        board->leaving = TACT_STAYS;
+        for (int32_t c = 0; c < board->channels; c++)
+            board->channel[c].guard.means.first = board->channel[c].guard.means.second = 0.0f;
+    }
+    return board->mode != TACT_FAULT;
+}
+
+static void take_row(const tact_board *board, float *to, const float *row)
+{
+    for (int32_t c = 0; c < board->channels; c++)
+        to[c] = board->drives ? row[c] : tact_board_within(row[c], board->safety.channel[c].reference_max);
+}
+
+uint32_t tact_board_stream(tact_board *board, uint32_t first, const float *rows, uint32_t count)
+{
+    const uint32_t width = (uint32_t)board->channels;
+    if (board->mode != TACT_RUNNING || board->source != TACT_STREAM)
+        return board->stream_end;
+    if (board->tick - board->stream_end < 0x80000000u && first - board->tick < 0x40000000u)
+        board->stream_at = board->stream_end = first; /* dry: a new stretch may begin now or later */
+    for (uint32_t i = 0; i < count; i++) {
+        const uint32_t end = board->stream_end;
+        if (first + i != end)
+            continue;
+        if (end - board->tick >= board->stream_capacity)
+            break;
+        take_row(board, board->stream + (end & (board->stream_capacity - 1)) * width, rows + i * width);
+        board->stream_end = end + 1;
+    }
+    return board->stream_end;
+}
+
+/* The command's limit, drawn in to where the D/A still follows. */
+static float reachable(const tact_safety_channel *safety)
+{
+    const tact_converter *converter = &safety->converter;
+    const float step_v = converter->motor_step_v_single < 0.0f ? -converter->motor_step_v_single
+                                                               : converter->motor_step_v_single;
+    const float offset_v = converter->offset_v_single < 0.0f ? -converter->offset_v_single : converter->offset_v_single;
+    /* float32 tells the last codes of more than 20 bits no more apart; one too many would come out with its sign turned */
+    const float reach_v = (float)(converter->code_max - (converter->code_max >> 19)) * step_v - offset_v;
+    return safety->command_max_v < reach_v ? safety->command_max_v : reach_v;
+}
+
+int tact_board_take_safety(tact_board *board, const tact_safety *safety)
+{
+    if (board->mode != TACT_OFF)
+        return 0;
+    board->safety = *safety;
+    board->channels = safety->channels;
+    board->image.format = 0;
+    board->is_designed = 0;
+    board->delay_at = 0;
+    board->turn = 0;
+    for (int32_t c = 0; c < board->channels; c++) {
+        tact_board_channel *channel = &board->channel[c];
+        const tact_converter *converter = &safety->channel[c].converter;
+        board->safety.channel[c].command_max_v = reachable(&safety->channel[c]);
+        channel->safety = &board->safety.channel[c];
+        tact_guard_make(&channel->guard_table, channel->safety, safety->turns);
+        tact_guard_reset(&channel->guard, board->ticks);
+        channel->broken = 0;
+        channel->to_code.first = converter->offset_v_single;
+        channel->to_code.second = converter->motor_steps_per_v_single;
+        channel->rest_code = tact_converter_code(converter, 0.0f);
+    }
+    empty_queues(board);
+    return 1;
+}
+
+/* Whether a table has the form for which period.c has a piece of its own. */
+static int is_designed(const tact_controller *table)
+{
+    return table->prefilter_count == 2 && table->feedback_count == 3 && table->feedback[2].b0 == 1.0f &&
+           table->feedback[2].a2 == 0.0f;
+}
+
+static void lay_out_filters(float *to, const tact_controller *table)
+{
+    const tact_section *sections[4] = {&table->prefilter[0], &table->prefilter[1], &table->feedback[0],
+                                       &table->feedback[1]};
+    for (int i = 0; i < 4; i++, to += 5) {
+        to[0] = sections[i]->b0;
+        to[1] = sections[i]->b1;
+        to[2] = sections[i]->b2;
+        to[3] = sections[i]->a1;
+        to[4] = sections[i]->a2;
+    }
+    to[0] = table->feedback[2].b1;
+    to[1] = table->feedback[2].b2;
+    to[2] = table->feedback[2].a1;
+}
+
+int tact_board_take_image(tact_board *board, const tact_image *image)
+{
+    if (board->mode != TACT_OFF)
+        return 0;
+    board->image = *image;
+    board->is_designed = image->format == TACT_FLOAT32;
+    for (int32_t c = 0; c < board->channels; c++) {
+        tact_board_channel *channel = &board->channel[c];
+        const float most = board->safety.channel[c].command_max_v;
+        channel->single = &board->image.tables.single[c];
+        channel->q31 = &board->image.tables.q31[c];
+        if (image->format == TACT_Q31) {
+            tact_controller_q31 *table = &board->image.tables.q31[c];
+            const int32_t limit = tact_q31_of(most, TACT_Q31_PER_VOLT);
+            table->command_max = table->command_max < limit ? table->command_max : limit;
+        } else {
+            tact_controller *table = &board->image.tables.single[c];
+            table->command_max_v = table->command_max_v < most ? table->command_max_v : most;
+            table->command_min_v = -table->command_max_v;
+            board->is_designed &= is_designed(table);
+            lay_out_filters(channel->filters, table);
+            channel->command_max_v = table->command_max_v;
+        }
+    }
+    return 1;
+}

@@ -1,0 +1,132 @@
+/* Board: what runs in the timer interrupt, for all channels, whatever the processor.
+ *
+ *     latch: codes to the D/A                            OFF --arm--> ARMED --start--> RUNNING --stop--> ARMED
+ *     (converters)                                        ^             |                 |
+ *     step:  codes of the A/D --> guard --> filters       +----off------+    any fault    v
+ *            --> guard --> codes for a later latch        +------clear------------------ FAULT
+ *
+ * Readings become volts, the guard looks at them, the controller of the loaded image answers a reference (limited to
+ * comfort), the answer is clamped and becomes a code, delay_samples later put out. Sensor and travel faults and
+ * arithmetic that broke cut that channel's command at the next latch; comfort fades all out in quick_ticks; a late
+ * interrupt, a silent link, a stop and another channel's cut fade the reference out, then the command. The first fault
+ * latches and is named.
+ *
+ * The reference comes from a stream (samples for given ticks of the run, kept in a ring), from the stimulus on the
+ * board, or is zero. With `hold` the run waits, without time passing, while the stream is dry: for boards whose
+ * display is simulated. Drive puts the stream straight to the motors, through the guard but no controller.
+ * The caller owns rings: stream_capacity rows of channels_max floats, trace_capacity rows of channels_max codes, twice.
+ *
+ * Example use, in the interrupt (period.h):
+ *   int32_t code[3];
+ *   tact_period_latch(&board, code);                    put them out, read the A/D into code
+ *   tact_period_step(&board, code, lateness_in_256ths_of_a_period);
+ */
+#ifndef TACT_BOARD_H
+#define TACT_BOARD_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "board/guard.h"
+#include "board/image.h"
+#include "board/safety.h"
+#include "board/stimulus.h"
+
+enum { TACT_BOARD_DELAY_MAX = 8 };
+typedef enum { TACT_OFF = 0, TACT_ARMED, TACT_RUNNING, TACT_FAULT } tact_board_mode;
+typedef enum { TACT_SILENT = 0, TACT_STREAM, TACT_STIMULUS } tact_board_source;
+typedef enum { TACT_STAYS = 0, TACT_FADES, TACT_RAMPS, TACT_RAMPS_QUICKLY, TACT_CUT } tact_board_leaving;
+enum { TACT_TRACE_COMMAND_LIMITED = 1 };
+
+typedef union {
+    tact_controller_state single;
+    tact_controller_q31_state q31;
+} tact_board_controller_state;
+
+/* What one channel's period works on, side by side and in the order of its use, so that few instructions load it. What
+ * is read in pairs (pair.h) lies at multiples of 8 bytes. */
+typedef struct {
+    tact_board_controller_state controller;
+    tact_guard_table guard_table;
+    float filters[23];     /* a designed controller's: F's two sections and two of C; of C's last b1 b2 a1 */
+    float command_max_v;   /* its limit */
+    tact_pair to_code;     /* D/A: offset_v | steps per volt */
+    tact_guard_state guard;
+    float delayed_v[TACT_BOARD_DELAY_MAX]; /* what will be put out: at the motor, but for the D/A's last bit */
+    int32_t delayed[TACT_BOARD_DELAY_MAX]; /* its code; TACT_TRACE_... << 24 turn its upper bits over */
+    int32_t rest_code;
+    int32_t broken;                    /* the command was no number, and nobody has seen to it */
+    int32_t is_cut;                    /* until the next run: nothing is put out any more */
+    const tact_safety_channel *safety; /* in the board's table */
+    const tact_controller *single;     /* in the board's image */
+    const tact_controller_q31 *q31;
+} tact_board_channel;
+
+typedef struct {
+    int32_t mode, fault, fault_channel, leaving;
+    int32_t source, drives, holds, allows_hold;
+    uint32_t run;         /* number of the run, given by who starts it */
+    uint32_t tick;        /* of the run */
+    uint32_t ticks;       /* since the board began */
+    uint32_t silence;     /* ticks since the link was heard */
+    uint32_t fault_tick;
+    uint32_t late;        /* interrupts that came too late */
+    float fade, authority; /* of the reference, of the command */
+    float fade_step, authority_step;
+    int32_t fading; /* one of the two steps is not zero */
+    int32_t cuts;   /* channels that are cut */
+    int32_t turn;   /* which channels are compared next: those at turn, turn + turns, ... */
+    int32_t delay_at;
+    int32_t channels, channels_max; /* in use (the table says), and of the board */
+    int32_t is_designed;   /* the image's controllers are of the form that `design` gives: period.c */
+    int32_t runs_designed; /* and this run has them run */
+    float *stream;
+    uint32_t stream_capacity, stream_at, stream_end; /* ticks of the run; stream_at: first of the unbroken samples */
+    int32_t *trace; /* rows; of each channel the command's code as in `delayed`, and the position's */
+    uint32_t trace_capacity;
+    tact_board_channel channel[TACT_CHANNELS_MAX];
+    tact_stimulus stimulus[TACT_CHANNELS_MAX];
+    tact_safety safety;
+    tact_image image;
+} tact_board;
+
+/* value within +/- most; NaN gives 0. */
+inline float tact_board_within(float value, float most)
+{
+    if (__builtin_fabsf(value) <= most)
+        return value;
+    return value > most ? most : value < -most ? -most : 0.0f;
+}
+
+/* OFF, with neither table nor image. Capacities are powers of two. */
+void tact_board_reset(tact_board *board, int32_t channels_max, float *stream, uint32_t stream_capacity, int32_t *trace,
+                      uint32_t trace_capacity);
+
+/* Transitions. 1: done, or done before; 0: not from this mode. */
+int tact_board_arm(tact_board *board);
+int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t drives, int32_t holds);
+int tact_board_stop(tact_board *board);
+int tact_board_off(tact_board *board);
+int tact_board_clear(tact_board *board);
+
+/* The command at zero and no transition under way. */
+int tact_board_is_at_rest(const tact_board *board);
+
+/* Whether a step would wait for the stream. */
+int tact_board_waits(const tact_board *board);
+
+/* Faults found in a channel (-1: in none), 1 << fault for each: the run ends in the way that the gravest asks. */
+void tact_board_fail(tact_board *board, uint32_t faults, int32_t channel);
+
+/* Fades move on by one tick; what has come to its end leads to what follows. */
+void tact_board_fade(tact_board *board);
+
+/* count samples (rows) for the ticks from `first` on; gives the tick up to which samples are there now. What was there
+ * stays; what does not follow on is left out. References are limited to comfort here, where they come in. */
+uint32_t tact_board_stream(tact_board *board, uint32_t first, const float *rows, uint32_t count);
+
+/* New table or image, only in OFF: 1 if taken. */
+int tact_board_take_safety(tact_board *board, const tact_safety *safety);
+int tact_board_take_image(tact_board *board, const tact_image *image);
+
+#endif

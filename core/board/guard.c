@@ -1,0 +1,101 @@
+#include "board/guard.h"
+
+#define REVERSED_SHARE (-0.5f)
+
+enum { SAME_TICKS_OF_A_FROZEN_ONE = 8 };
+
+extern inline float tact_section_awake(float b0, float b1, float b2, float a1, float a2, tact_section_state *state,
+                                       float x);
+extern inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *state, int32_t code,
+                                     float motor_v, uint32_t tick, int *objects);
+extern inline float tact_guard_weigh(const tact_guard_table *table, tact_section_state *state, float y);
+extern inline uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick);
+
+static tact_pair pair(float first, float second)
+{
+    const tact_pair made = {first, second};
+    return made;
+}
+
+void tact_guard_make(tact_guard_table *table, const tact_safety_channel *safety, int32_t turns)
+{
+    const float step_v = safety->converter.step_v_single, ticks = (float)turns;
+    /* The motion since the last turn is the model's, ticks w, and the sensor's, step_v times codes. */
+    const float share = REVERSED_SHARE * ticks / step_v;
+    const float power = safety->reversal_power / ((1.0f - TACT_GUARD_KEPT) * ticks * ticks);
+    table->reading = pair(step_v, safety->drive);
+    table->returning = pair(1.0f - safety->damp, safety->spring);
+    table->correcting = pair(safety->correct_w, safety->correct_x);
+    table->resting = pair(safety->stop_lead, safety->stop_max_v);
+    table->differing = pair(safety->disagreement_v, safety->comfort_max);
+    table->reversing = pair(share * power, power);
+    table->reversed_share = share;
+    for (int i = 0; i < TACT_WEIGHTING_COUNT; i++) {
+        const tact_section *from = &safety->weighting[i];
+        const float to[5] = {from->b0, from->b1, from->b2, from->a1, from->a2};
+        for (int j = 0; j < 5; j++)
+            table->weighting[5 * i + j] = to[j];
+    }
+    table->frozen_ticks = safety->frozen_ticks < TACT_SAFETY_NEVER ? (uint32_t)safety->frozen_ticks : UINT32_MAX;
+}
+
+void tact_guard_reset(tact_guard_state *state, uint32_t tick)
+{
+    state->model = state->means = pair(0.0f, 0.0f);
+    state->motor_before_v = state->place = state->apart = 0.0f;
+    state->last_code = state->compared_code = state->objects = 0;
+    state->changed_tick = tick;
+    for (int i = 0; i < TACT_WEIGHTING_COUNT; i++)
+        state->weighting[i].s1 = state->weighting[i].s2 = 0.0f;
+}
+
+static uint32_t stuck(const tact_guard_state *state)
+{
+    return 1u << (state->last_code < 2 && state->last_code > -2 ? TACT_FAULT_SENSOR_SHORTED : TACT_FAULT_SENSOR_FROZEN);
+}
+
+uint32_t tact_guard_name(const tact_safety_channel *safety, const tact_guard_state *state, uint32_t tick)
+{
+    const int32_t code = state->last_code;
+    uint32_t faults = 0;
+    if (code > safety->position_code_max || code < -safety->position_code_max)
+        return 1u << TACT_FAULT_SENSOR_OPEN;
+    if (!(state->apart <= safety->disagreement_v)) {
+        if (tick - state->changed_tick >= SAME_TICKS_OF_A_FROZEN_ONE)
+            faults |= stuck(state);
+        else
+            faults |= 1u << ((float)code * state->model.first < 0.0f ? TACT_FAULT_SENSOR_REVERSED
+                                                                     : TACT_FAULT_SENSOR_DISAGREES);
+    }
+    if (!(state->place <= safety->stop_max_v))
+        faults |= 1u << TACT_FAULT_TRAVEL;
+    return faults;
+}
+
+static inline int is_tiny(float value)
+{
+    return __builtin_fabsf(value) < TACT_TINY;
+}
+
+/* While the sensor reads zero: sections whose states have decayed come to rest, one after another. */
+static void settle(tact_section_state *state)
+{
+    for (int i = 0; i < TACT_WEIGHTING_COUNT && is_tiny(state[i].s1) && is_tiny(state[i].s2); i++)
+        state[i].s1 = state[i].s2 = 0.0f;
+}
+
+uint32_t tact_guard_look_closer(const tact_guard_table *table, tact_guard_state *state, float felt,
+                                uint32_t same_ticks)
+{
+    uint32_t faults = 0;
+    if (state->last_code == 0)
+        settle(state->weighting);
+    if (!(__builtin_fabsf(felt) <= table->differing.second))
+        faults |= 1u << TACT_FAULT_COMFORT;
+    if (state->means.second > table->reversing.second &&
+        state->means.first < table->reversed_share * state->means.second)
+        faults |= 1u << TACT_FAULT_SENSOR_REVERSED;
+    if (same_ticks >= table->frozen_ticks)
+        faults |= stuck(state);
+    return faults;
+}

@@ -1,0 +1,160 @@
+/* Guard of one channel: what its sensor says is held against the plant, the travel and the skin, every tick.
+ *
+ *     m (motor, V) --> [ plant's model ] --> x, w          nu = y - x               |nu| > disagreement -> sensor, named
+ *                            ^ correct                     |x' + lead w'| + |nu| > stop_max             -> travel
+ *     code --> y ------------+---> [ weighting 1/H ] --> felt                       |felt| > comfort_max -> comfort
+ *                                  (in turn)
+ *
+ * w is the velocity in volts of y per tick; x', w' are where the model will be a tick on, under the command that is out
+ * now. Coasting with its own damping alone, the motor comes to rest `lead w'` further on. |nu| is added, so that the
+ * place of rest by the reading and that by the model are both within the limit: a sensor that has just failed does not
+ * hide a motion, and a model that is wrong hides none either.
+ * Corrected by nu with a bandwidth of some 20 Hz, the model follows slow forces of a finger and lighter or heavier
+ * loads, and contradicts a sensor that does not follow the command.
+ *
+ * What needs no answer within the tick is looked at by tact_guard_compare(), for some of the channels each tick, in
+ * turn: the felt reference, at a rate of at least four times the band's end (faster, no motor reaches comfort); a
+ * reading that stays the same for frozen_ticks (frozen; at zero: shorted); and a reversed sensor on a loop that does
+ * not run away, from the sign of the motion: mean of w dy against the mean of w^2, over some 30 ms.
+ *
+ * The compiler's own __builtin_fabsf is one instruction, and no call.
+ *
+ * Example use:
+ *   int objects = 0;
+ *   float position_v = tact_guard_sense(&table, &state, code, motor_v, tick, &objects);
+ *   if (objects) faults = tact_guard_name(&safety->channel[c], &state, tick);
+ */
+#ifndef TACT_GUARD_H
+#define TACT_GUARD_H
+
+#include <stdint.h>
+
+#include "arithmetic/float_pair.h"
+#include "board/safety.h"
+
+#define TACT_GUARD_KEPT 0.975f /* of a mean from one turn to the next: some 40 turns */
+
+typedef enum {
+    TACT_FAULT_NONE = 0,
+    TACT_FAULT_COMFORT,
+    TACT_FAULT_TRAVEL,
+    TACT_FAULT_SENSOR_OPEN,
+    TACT_FAULT_SENSOR_SHORTED,
+    TACT_FAULT_SENSOR_FROZEN,
+    TACT_FAULT_SENSOR_REVERSED,
+    TACT_FAULT_SENSOR_DISAGREES,
+    TACT_FAULT_NOT_A_NUMBER,
+    TACT_FAULT_LATE,
+    TACT_FAULT_SILENCE,
+    TACT_FAULT_LAST = TACT_FAULT_SILENCE
+} tact_fault;
+
+/* What a tick needs of a safety table, two numbers to a load. */
+typedef struct {
+    tact_pair reading;    /* volts of y per code | drive */
+    tact_pair returning;  /* 1 - damp | spring */
+    tact_pair correcting; /* w | x, per volt of nu */
+    tact_pair resting;    /* stop_lead | stop_max_v */
+    tact_pair differing;  /* disagreement_v | comfort_max */
+    tact_pair reversing;  /* agreement below which the power is looked at | least power */
+    float weighting[5 * TACT_WEIGHTING_COUNT];
+    float reversed_share; /* agreement in the power of a reversed sensor */
+    uint32_t frozen_ticks;
+} tact_guard_table;
+
+typedef struct {
+    tact_pair model; /* x | w: position and velocity */
+    tact_pair means; /* agreement | power: w dy in volts and codes, w^2; sums, each term fading over some 40 turns */
+    tact_section_state weighting[TACT_WEIGHTING_COUNT];
+    float motor_before_v;             /* in the period before this one */
+    float place, apart;               /* of the last objection: predicted place of rest, and |nu|, by size */
+    int32_t objects;                  /* whether there is one that nobody has seen to */
+    int32_t last_code, compared_code; /* of the last tick, and of the last comparison */
+    uint32_t changed_tick;            /* since when the reading is last_code */
+} tact_guard_state;
+
+/* The table of a channel that is compared every `turns` ticks. */
+void tact_guard_make(tact_guard_table *table, const tact_safety_channel *safety, int32_t turns);
+
+/* At rest at zero. tick: any count of ticks, here and below the same. */
+void tact_guard_reset(tact_guard_state *state, uint32_t tick);
+
+/* 1 << fault for each fault that the last reading shows; when tact_guard_sense() objects. */
+uint32_t tact_guard_name(const tact_safety_channel *safety, const tact_guard_state *state, uint32_t tick);
+
+/* What tact_guard_compare() suspects, told: 1 << fault for each fault found. Weighting at rest where all is quiet. */
+uint32_t tact_guard_look_closer(const tact_guard_table *table, tact_guard_state *state, float felt,
+                                uint32_t same_ticks);
+
+/* tact_section_step() of a section whose input is not silent: nothing comes to rest. */
+inline float tact_section_awake(float b0, float b1, float b2, float a1, float a2, tact_section_state *state, float x)
+{
+    const tact_pair s = tact_pair_get(state);
+    const float y = b0 * x + s.first;
+    state->s1 = s.first + ((b1 * x - a1 * y) + s.second);
+    state->s2 = s.second + (b2 * x - a2 * y);
+    return y;
+}
+
+/* One reading, with the volts that the motor has from now on: gives y; 1 to objects where a limit is passed (NaN
+ * passes). */
+inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *state, int32_t code, float motor_v,
+                              uint32_t tick, int *objects)
+{
+    const tact_pair reading = tact_pair_get(&table->reading), model = tact_pair_get(&state->model);
+    const tact_pair returning = tact_pair_get(&table->returning), correcting = tact_pair_get(&table->correcting);
+    const tact_pair resting = tact_pair_get(&table->resting);
+    const float x = model.first, w = model.second;
+    const float y = (float)code * reading.first;
+    const float nu = y - x, apart = __builtin_fabsf(nu);
+    const float next = returning.first * w + (reading.second * (motor_v + state->motor_before_v) -
+                                              (returning.second * x - correcting.first * nu));
+    const float moved = x + (next + correcting.second * nu);
+    const float place = __builtin_fabsf(moved + resting.first * next) + apart;
+    state->motor_before_v = motor_v;
+    state->model.first = moved;
+    state->model.second = next;
+    if (code != state->last_code) {
+        state->last_code = code;
+        state->changed_tick = tick;
+    }
+    if (!(place <= resting.second && apart <= table->differing.first)) {
+        state->place = place;
+        state->apart = apart;
+        state->objects = *objects = 1;
+    }
+    return y;
+}
+
+/* y to felt reference. */
+inline float tact_guard_weigh(const tact_guard_table *table, tact_section_state *state, float y)
+{
+    const float *k = table->weighting;
+    const tact_pair b0b1 = tact_pair_get(k), b2a1 = tact_pair_get(k + 2), a2b0 = tact_pair_get(k + 4);
+    const tact_pair b1b2 = tact_pair_get(k + 6), a1a2 = tact_pair_get(k + 8);
+    const float value =
+        tact_section_awake(b0b1.first, b0b1.second, b2a1.first, b2a1.second, a2b0.first, &state[0], y);
+    return tact_section_awake(a2b0.second, b1b2.first, b1b2.second, a1a2.first, a1a2.second, &state[1], value);
+}
+
+/* The slow part, for a channel whose turn it is, every so many ticks: 1 << fault for each fault found. */
+inline uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick)
+{
+    const int32_t code = state->last_code;
+    const uint32_t same_ticks = tick - state->changed_tick;
+    const float moved = (float)(code - state->compared_code), w = state->model.second;
+    const tact_pair means = tact_pair_get(&state->means);
+    const float agreement = TACT_GUARD_KEPT * means.first + w * moved;
+    const float felt = tact_guard_weigh(table, state->weighting, (float)code * table->reading.first);
+    state->means.first = agreement;
+    state->means.second = TACT_GUARD_KEPT * means.second + w * w;
+    state->compared_code = code;
+    const int is_quiet = code == 0 && __builtin_fabsf(state->weighting[0].s1) < TACT_TINY;
+    /* A reversed sensor agrees less than the least power would ask for, and more power asks for less still. */
+    if (!is_quiet && __builtin_fabsf(felt) <= table->differing.second && !(agreement < table->reversing.first) &&
+        same_ticks < table->frozen_ticks)
+        return 0;
+    return tact_guard_look_closer(table, state, felt, same_ticks);
+}
+
+#endif

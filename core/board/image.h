@@ -1,0 +1,68 @@
+/* Image: the controllers of all channels as bytes, checked before any of it is used.
+ *
+ *     magic "TACI" | version 3 | format | length | rate_hz | delay, channels, 0, 0 | hash of controller.json (32)
+ *     then for each channel: name (16) | prefilter sections, feedback sections, 0, 0 | command_limit_v |
+ *                            unwinding | sections
+ *     CRC-32 of all before
+ *
+ * All little-endian. Unwinding: anti-windup's two gains, conditioning, reference_max (controller.h): four floats; in Q31
+ * four int32 and four bytes of shifts, the last one 0. A section: b0 b1 b2 a1 a2 in delta form (section.h); in Q31 five
+ * int32 and four bytes of shifts (section_q31.h).
+ *
+ * Refused: anything truncated, flipped, of another version, rate, delay or number of channels; coefficients that are
+ * not numbers or out of range; a prefilter section with a pole on or outside the unit circle, a feedback section with
+ * one outside. Whether the *loop* is stable is for `check` on the host; the guard watches whatever runs.
+ *
+ * Example use:
+ *   tact_image image;
+ *   int refusal = tact_image_parse(&image, bytes, size, 4000.0f, 1, 3);
+ *   if (refusal == TACT_IMAGE_GOOD) run(&image);
+ */
+#ifndef TACT_IMAGE_H
+#define TACT_IMAGE_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "control/controller.h"
+#include "control/controller_q31.h"
+
+enum { TACT_CHANNELS_MAX = 4, TACT_NAME_SIZE = 16, TACT_HASH_SIZE = 32 };
+enum { TACT_IMAGE_VERSION = 3, TACT_IMAGE_MAGIC = 0x49434154, TACT_IMAGE_MAX = 4096 };
+enum { TACT_FLOAT32 = 1, TACT_Q31 = 2 };
+
+typedef enum {
+    TACT_IMAGE_GOOD = 0,
+    TACT_IMAGE_TRUNCATED,
+    TACT_IMAGE_NOT_ONE,
+    TACT_IMAGE_VERSION_UNKNOWN,
+    TACT_IMAGE_CHECKSUM,
+    TACT_IMAGE_FORMAT,
+    TACT_IMAGE_RATE,
+    TACT_IMAGE_DELAY,
+    TACT_IMAGE_CHANNELS,
+    TACT_IMAGE_SECTIONS,
+    TACT_IMAGE_COEFFICIENT,
+    TACT_IMAGE_UNSTABLE_SECTION,
+    TACT_IMAGE_LIMIT
+} tact_image_refusal;
+
+typedef struct {
+    int32_t format; /* TACT_FLOAT32 or TACT_Q31; 0: none is loaded */
+    float rate_hz;
+    int32_t delay_samples;
+    int32_t channels;
+    uint32_t crc;
+    uint8_t hash[TACT_HASH_SIZE];
+    uint8_t names[TACT_CHANNELS_MAX][TACT_NAME_SIZE];
+    union {
+        tact_controller single[TACT_CHANNELS_MAX];
+        tact_controller_q31 q31[TACT_CHANNELS_MAX];
+    } tables;
+} tact_image;
+
+/* TACT_IMAGE_GOOD and the image filled, or why not; then `image` is left in pieces and must not be run. */
+int32_t tact_image_parse(tact_image *image, const uint8_t *bytes, size_t size, float rate_hz, int32_t delay_samples,
+                         int32_t channels);
+
+#endif

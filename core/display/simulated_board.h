@@ -1,0 +1,62 @@
+/* Wired display: the simulated display in the place of a board's converters, for emulated boards and for the host.
+ *
+ *     board --latch--> [ D/A, plant, load, friction, sensor, noise, hum, A/D ] x channels --read--> board
+ *
+ * It comes over the link as bytes (little-endian; counts are 32-bit integers, numbers float64):
+ *     magic "TACW" | version 1, channels | length | seed | then for each channel: bits, polarity, range_v, offset_v |
+ *     dead_time, has_late | friction stiffness, per_presliding | sensor_v_per_mm | noise_v | hum lines: count, then
+ *     cosine, sine, amplitude_v | plants: count, order, then for each: a (order x order), b, late, sensor,
+ *     displacement (order each), sensor_direct, displacement_direct | CRC-32
+ *
+ * What a finger feels lies in a ring beside the board's trace: the finger port of a rig that is not there.
+ *
+ * Example use, one period:
+ *   tact_wired_period(&wired, &board, lateness);
+ */
+#ifndef TACT_WIRED_H
+#define TACT_WIRED_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "board/board.h"
+#include "display/display.h"
+
+enum { TACT_WIRED_MAGIC = 0x57434154, TACT_WIRED_VERSION = 1, TACT_WIRED_MAX = 8192, TACT_WIRED_PLANTS_MAX = 4 };
+enum { TACT_SENSOR_SOUND = 0, TACT_SENSOR_OPEN, TACT_SENSOR_SHORTED, TACT_SENSOR_FROZEN, TACT_SENSOR_REVERSED };
+
+typedef struct {
+    int32_t channels; /* 0: none is described */
+    uint32_t crc;
+    tact_display table[TACT_CHANNELS_MAX];
+    tact_plant plant[TACT_CHANNELS_MAX][TACT_WIRED_PLANTS_MAX];
+    tact_display_state state[TACT_CHANNELS_MAX];
+    int32_t sensor[TACT_CHANNELS_MAX]; /* TACT_SENSOR_..., what has happened to it */
+    int32_t code[TACT_CHANNELS_MAX];   /* the last reading */
+    float force_v[TACT_CHANNELS_MAX];  /* from outside, in this period */
+    float *force;                      /* ring beside the board's stream */
+    float *felt_mm;                    /* ring beside the board's trace */
+} tact_wired;
+
+/* Nothing described. The rings have as many rows as the board's. */
+void tact_wired_reset(tact_wired *wired, float *force, float *felt_mm);
+
+/* 1 if the bytes describe a display of so many channels, which is then at rest; 0 if not, and none is described. */
+int tact_wired_parse(tact_wired *wired, const uint8_t *bytes, size_t size, int32_t channels);
+
+/* The D/A's side and the A/D's, then on to the next instant. */
+void tact_wired_latch(tact_wired *wired, const int32_t *codes);
+void tact_wired_read(tact_wired *wired, int32_t *codes);
+void tact_wired_advance(tact_wired *wired);
+
+/* Takes the force of the coming period (before latch); notes what is felt at this instant (before the board's step). */
+void tact_wired_press(tact_wired *wired, const tact_board *board);
+void tact_wired_feel(tact_wired *wired, const tact_board *board);
+
+/* All of one period, unless the board waits: 1 if time passed. */
+int tact_wired_period(tact_wired *wired, tact_board *board, uint32_t lateness);
+
+/* Periods until the board waits, but at most so many; how many. */
+uint32_t tact_wired_run(tact_wired *wired, tact_board *board, uint32_t most);
+
+#endif

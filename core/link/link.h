@@ -1,0 +1,106 @@
+/* Link: requests from the host, carried out on the board, each answered.
+ *
+ *     bytes --> COBS --> frame --> request --> board --> answer --> frame --> COBS --> bytes
+ *
+ * Every request may be sent, lost and come again: uploads name their place, a commit names the checksum of the whole,
+ * a run has a number that only grows, samples of a stream and rows of a trace have the tick of the run. What is
+ * uploaded lies aside until its commit has been checked whole; a table or an image is taken only in OFF.
+ *
+ *     request            payload                                              answer, after the tact_outcome
+ *     STATUS             -                                                    tact_link_status()
+ *     UPLOAD             kind u8, offset u32, bytes                           -
+ *     COMMIT             kind u8, size u32, CRC-32 u32                        refusal u8 (tact_image_refusal, ...)
+ *     ARM STOP OFF CLEAR -                                                    mode u8
+ *     START              run u32, source u8, drives u8, holds u8              mode u8
+ *     STREAM             run u32, first u32, count u16, forces u8, rows f32   end u32, tick u32
+ *     STIMULUS           channel u8, count u8, tones                          -
+ *     TRACE              run u32, first u32, count u16, felt u8               first u32, count u16, rows
+ *     EXERCISE           seed u32, samples u32, restart u8                    digest u32
+ *     BENCH              samples u32                                          least, most, sum (u32), samples u32
+ *     TOUCH              channel u8, load u8                                  -
+ *     BREAK              channel u8, sensor u8                                -
+ *
+ * The last three are for boards whose display is simulated (`wired`). Memory is bounded at both ends: a frame is at
+ * most TACT_FRAME_MAX bytes, the stream and the trace are the board's rings.
+ *
+ * Example use:
+ *   for each byte: tact_link_receive(&link, byte);      then send link.wire[0 .. link.wire_size), if any
+ */
+#ifndef TACT_LINK_H
+#define TACT_LINK_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "board/board.h"
+#include "wire/cobs.h"
+#include "board/bit_check.h"
+#include "wire/frame.h"
+#include "display/simulated_board.h"
+
+typedef enum {
+    TACT_ASK_STATUS = 1,
+    TACT_ASK_UPLOAD,
+    TACT_ASK_COMMIT,
+    TACT_ASK_ARM = 0x10,
+    TACT_ASK_START,
+    TACT_ASK_STOP,
+    TACT_ASK_OFF,
+    TACT_ASK_CLEAR,
+    TACT_ASK_STREAM = 0x20,
+    TACT_ASK_STIMULUS,
+    TACT_ASK_TRACE,
+    TACT_ASK_EXERCISE = 0x30,
+    TACT_ASK_BENCH,
+    TACT_ASK_TOUCH,
+    TACT_ASK_BREAK
+} tact_request;
+
+typedef enum {
+    TACT_DONE = 0,
+    TACT_UNKNOWN_REQUEST,
+    TACT_OTHER_VERSION,
+    TACT_BAD_PAYLOAD,
+    TACT_NOT_IN_THIS_MODE,
+    TACT_REFUSED,
+    TACT_OTHER_RUN,
+    TACT_NOT_HERE
+} tact_outcome;
+
+enum { TACT_UPLOAD_IMAGE = 1, TACT_UPLOAD_SAFETY, TACT_UPLOAD_WIRED };
+enum { TACT_UPLOAD_SIZE = TACT_WIRED_MAX, TACT_BOARD_NAME_SIZE = 16 };
+
+typedef struct tact_link tact_link;
+
+struct tact_link {
+    tact_board *board;
+    tact_wired *wired; /* NULL: the converters are real */
+    /* Keeps the timer's interrupt out and lets it in again; NULL where there is none. */
+    void (*enter)(void);
+    void (*leave)(void);
+    /* Counts instructions of periods, into least, most and sum; NULL where that cannot be. */
+    void (*bench)(uint32_t samples, uint32_t *counts);
+    uint8_t name[TACT_BOARD_NAME_SIZE];
+    tact_cobs cobs;
+    uint32_t heard, dropped; /* whole frames; spoilt ones */
+    int32_t upload_kind;
+    tact_exercise exercise;
+    tact_image image;   /* a candidate, until it has been checked */
+    tact_safety safety;
+    uint8_t received[TACT_FRAME_MAX];
+    uint8_t upload[TACT_UPLOAD_SIZE];
+    uint8_t frame[TACT_FRAME_MAX];
+    uint8_t wire[TACT_WIRE_MAX]; /* the answer, to be sent */
+    size_t wire_size;            /* 0: none */
+};
+
+/* Without a frame yet. name: at most 15 characters. */
+void tact_link_reset(tact_link *link, tact_board *board, tact_wired *wired, const char *name);
+
+/* One byte in; 1 when an answer lies in `wire`, to be sent before the next byte is given. */
+int tact_link_receive(tact_link *link, uint8_t byte);
+
+/* size bytes in; answers to all of them into `answers`, as far as they fit: how many bytes. */
+size_t tact_link_serve(tact_link *link, const uint8_t *bytes, size_t size, uint8_t *answers, size_t capacity);
+
+#endif

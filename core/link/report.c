@@ -1,0 +1,78 @@
+#include "link/report.h"
+
+int32_t tact_report_status(const tact_link *link, tact_writer *out)
+{
+    const tact_board *board = link->board;
+    for (int i = 0; i < TACT_BOARD_NAME_SIZE; i++)
+        tact_write_u8(out, link->name[i]);
+    tact_write_u8(out, (uint8_t)board->channels_max);
+    tact_write_u8(out, (uint8_t)board->mode);
+    tact_write_u8(out, (uint8_t)board->fault);
+    tact_write_u8(out, (uint8_t)(board->fault_channel & 255));
+    tact_write_u8(out, (uint8_t)tact_board_is_at_rest(board));
+    tact_write_u8(out, (uint8_t)board->allows_hold);
+    tact_write_u8(out, (uint8_t)board->image.format);
+    tact_write_u8(out, (uint8_t)board->safety.delay_samples);
+    tact_write_f32(out, board->safety.rate_hz);
+    tact_write_u32(out, board->safety.channels ? board->safety.crc : 0);
+    tact_write_u32(out, board->image.format ? board->image.crc : 0);
+    tact_write_u32(out, link->wired && link->wired->channels ? link->wired->crc : 0);
+    tact_write_u32(out, board->stream_capacity);
+    tact_write_u32(out, board->trace_capacity);
+    tact_write_u32(out, board->run);
+    tact_write_u32(out, board->tick);
+    tact_write_u32(out, board->ticks);
+    tact_write_u32(out, board->late);
+    tact_write_u32(out, board->stream_end);
+    tact_write_u32(out, link->heard);
+    tact_write_u32(out, link->dropped);
+    tact_write_u32(out, board->fault_tick);
+    return TACT_DONE;
+}
+
+/* A command of the ring, where flags turn over the upper bits of a code's sign, as code in 24 bits | flags << 24. */
+static uint32_t code_and_flags(int32_t word)
+{
+    const uint32_t bits = (uint32_t)word;
+    return bits & 0x800000u ? bits ^ 0xff000000u : bits;
+}
+
+static void write_rows(const tact_link *link, tact_writer *out, uint32_t first, uint32_t count, int felt)
+{
+    const tact_board *board = link->board;
+    const uint32_t width = (uint32_t)board->channels;
+    for (uint32_t k = 0; k < count; k++) {
+        const uint32_t row = (first + k) & (board->trace_capacity - 1);
+        const int32_t *words = board->trace + row * 2 * width;
+        for (uint32_t c = 0; c < width; c++)
+            tact_write_u32(out, code_and_flags(words[2 * c]));
+        for (uint32_t c = 0; c < width; c++)
+            tact_write_u32(out, (uint32_t)words[2 * c + 1]);
+        for (uint32_t c = 0; c < width && felt; c++)
+            tact_write_f32(out, link->wired->felt_mm[row * width + c]);
+    }
+}
+
+int32_t tact_report_trace(const tact_link *link, tact_reader *in, tact_writer *out)
+{
+    const tact_board *board = link->board;
+    const uint32_t run = tact_read_u32(in), first = tact_read_u32(in);
+    uint32_t count = tact_read_u16(in);
+    const int felt = tact_read_u8(in) != 0;
+    const uint32_t row_size = (uint32_t)board->channels * (felt ? 12u : 8u);
+    if (in->overrun || in->at != in->size || (felt && !link->wired))
+        return TACT_BAD_PAYLOAD;
+    if (run != board->run)
+        return TACT_OTHER_RUN;
+    const uint32_t tick = board->tick;
+    if (first > tick || tick - first > board->trace_capacity)
+        return TACT_NOT_HERE;
+    if (count > tick - first)
+        count = tick - first;
+    if (count > (TACT_PAYLOAD_MAX - 16u) / row_size)
+        count = (TACT_PAYLOAD_MAX - 16u) / row_size;
+    tact_write_u32(out, first);
+    tact_write_u16(out, (uint16_t)count);
+    write_rows(link, out, first, count, felt);
+    return board->tick - first > board->trace_capacity ? TACT_NOT_HERE : TACT_DONE;
+}

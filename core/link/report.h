@@ -1,0 +1,23 @@
+/* What a board says of itself over the link: its status, and rows of its trace.
+ *
+ *     STATUS: name (16) | channels, mode, fault, fault's channel (255: none), at rest, allows hold, image's format,
+ *     delay | rate_hz f32 | checksums of safety table, image, simulated display | capacities of stream and trace | run,
+ *     tick of the run, ticks in all, late interrupts, end of the stream, frames heard, frames dropped, tick of the fault
+ *
+ *     TRACE: first tick, count u16, rows: channels command codes | flags << 24, channels position codes, and, if asked,
+ *     channels displacements (mm, f32) of a simulated display
+ *
+ * Example use:
+ *   outcome = tact_report_status(link, &writer);
+ */
+#ifndef TACT_REPORT_H
+#define TACT_REPORT_H
+
+#include "wire/bytes.h"
+#include "link/link.h"
+
+/* Each gives the tact_outcome; what it has to say goes into `out`. */
+int32_t tact_report_status(const tact_link *link, tact_writer *out);
+int32_t tact_report_trace(const tact_link *link, tact_reader *in, tact_writer *out);
+
+#endif

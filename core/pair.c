@@ -1,3 +1,0 @@
-#include "pair.h"
-
-extern inline tact_pair tact_pair_get(const void *at);

@@ -1,0 +1,1 @@
+"""The verb `experiment` and its parts."""

@@ -1,0 +1,178 @@
+"""tactuator experiment identify and information: closed-set identification, from items to bits."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console, Group
+from rich.table import Table
+
+from tactuator.cli.answer import answer, progress, shown
+from tactuator.cli.experiment.apparatus import opened_station
+from tactuator.cli.options import AsJson, ControllerOption, DisplayOption, RigOption, Seed
+from tactuator.errors import BadInput
+from tactuator.experiment.protocol.file import read_identification
+from tactuator.experiment.protocol.identification import IdentificationProtocol
+from tactuator.experiment.result.confusion import AbxResult, SubjectResult, identification_results
+from tactuator.experiment.result.information import Information, information
+from tactuator.experiment.result.tables import information_table
+from tactuator.experiment.session.clock import SystemClock
+from tactuator.experiment.session.identification_task import IdentificationTask
+from tactuator.experiment.session.presented_session import Conduct
+from tactuator.experiment.session.respondent import Respondent, attend
+from tactuator.experiment.session.session import Acknowledged, NextTrial
+from tactuator.experiment.session.studies import open_session, open_study
+from tactuator.experiment.session.task import Question
+from tactuator.experiment.simulated.respondents import ErringRespondent
+from tactuator.experiment.store.store import Store
+from tactuator.experiment.trial.trial import Trial
+from tactuator.files.matrix import read_matrix
+
+
+def register(experiment: typer.Typer) -> None:
+    """Add the commands to `experiment`."""
+    experiment.command("identify")(identify)
+    experiment.command("information")(information_command)
+
+
+def identify(
+    protocol: Annotated[Path, typer.Argument(help="Identification protocol (TOML).", metavar="PROTOCOL")],
+    store: Annotated[Path, typer.Option("--store", help="Database of the experiment (SQLite).")],
+    subject: Annotated[
+        str | None, typer.Option("--subject", help="Code of the subject; default: the only one.")
+    ] = None,
+    display: DisplayOption = None,
+    controller: ControllerOption = None,
+    rig: RigOption = "simulated",
+    scripted_error: Annotated[
+        float | None, typer.Option("--scripted-error", help="A script answers for the subject, wrong at this rate.")
+    ] = None,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Take a subject through an identification experiment at the terminal; it goes on where it stopped."""
+    read, text = read_identification(protocol)
+    code = _subject(read, subject)
+    scripted = None if scripted_error is None else ErringRespondent(scripted_error, np.random.default_rng([seed, 7]))
+    speed = 1.0 if scripted_error is None else None
+    with opened_station(rig, display, controller, seed, speed) as place:
+        task, clock = IdentificationTask.load(read, protocol.parent, place), SystemClock()
+        database = Store(store)
+        try:
+            study = open_study(database, task, text, clock, [secrets.token_urlsafe(12) for _ in read.subject])
+            conduct = Conduct(open_session(database, task, study, code, clock))
+            with progress() as bars:
+                bar = bars.add_task(code, total=sum(run.trials or 0 for run in conduct.session.runs))
+                respondent = scripted or _Terminal(task.question)
+                trials = attend(conduct, respondent, lambda session: bars.update(bar, completed=session.trials))
+        finally:
+            database.close()
+    table = Table("subject", "trials answered now")
+    table.add_row(code, str(trials))
+    answer({"subject": code, "trials": trials, "store": str(store)}, as_json, table)
+
+
+def _subject(protocol: IdentificationProtocol, subject: str | None) -> str:
+    codes = [one.code for one in protocol.subject]
+    if subject is None and len(codes) > 1:
+        raise BadInput(f"{len(codes)} subjects are in the protocol; allowed: --subject with one of {', '.join(codes)}")
+    return codes[0] if subject is None else subject
+
+
+class _Terminal(Respondent):
+    """A person who types keys."""
+
+    def __init__(self, question: Question) -> None:
+        self._question = question
+        self._keys = {key: choice.response for choice in question.choices for key in choice.keys}
+        self._console = Console(stderr=True, markup=False)
+
+    def agree(self, consent: str) -> bool:
+        return typer.confirm(f"{consent}\nDo you agree?", err=True)
+
+    def pause(self) -> None:
+        typer.prompt("Time for a break. Enter to go on", default="", show_default=False, err=True)
+
+    def begin(self, following: NextTrial) -> None:
+        self._console.print(following.planned.introduction)
+
+    def respond(self, trial: Trial) -> str:
+        offered = ", ".join(f"{choice.keys[0]} = {choice.response}" for choice in self._question.choices)
+        while True:
+            typed = str(typer.prompt(f"{self._question.prompt} {offered}", prompt_suffix=" > ", err=True)).strip()
+            if typed in self._keys:
+                return self._keys[typed]
+            self._console.print(f"{typed!r} is no key of these")
+
+    def learn(self, trial: Trial, told: Acknowledged) -> None:
+        self._console.print("right" if told.correct else f"it was {told.right}")
+
+
+def information_command(
+    store: Annotated[Path | None, typer.Option("--store", help="Database of identification experiments.")] = None,
+    matrix: Annotated[
+        Path | None, typer.Option("--matrix", help="A confusion matrix of your own (CSV): a row a stimulus.")
+    ] = None,
+    study: Annotated[str | None, typer.Option("--study", help="Only the study of this name.")] = None,
+    seconds: Annotated[
+        float | None, typer.Option("--seconds", help="With --matrix: seconds a stimulus, for bits per second.")
+    ] = None,
+    resamples: Annotated[int, typer.Option("--resamples", min=1, help="Of the bootstrap.")] = 1000,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Information transfer by four estimators with bootstrap intervals, of a store's studies or of any matrix."""
+    if (store is None) == (matrix is None):
+        raise BadInput("--store and --matrix; allowed: one of the two")
+    rng = np.random.default_rng(seed)
+    if matrix is not None:
+        named = read_matrix(matrix)
+        found = information(named.counts, rng, seconds_per_stimulus=seconds, resamples=resamples)
+        answer({"matrix": str(matrix), **_plain(found)}, as_json, shown(information_table(str(matrix), found)))
+        return
+    if seconds is not None:
+        raise BadInput("--seconds with --store; allowed: with --matrix, since a store knows its stimuli's durations")
+    assert store is not None
+    database = Store(store, must_exist=True)
+    try:
+        results, abx = identification_results(database, rng, study, resamples)
+    finally:
+        database.close()
+    figures = {"results": [_result(one) for one in results], "abx": [asdict(one) for one in abx]}
+    answer(
+        figures,
+        as_json,
+        Group(*(shown(information_table(_title(one), one.information)) for one in results), *map(_abx, abx)),
+    )
+
+
+def _plain(found: Information) -> dict[str, Any]:
+    figures = asdict(found)
+    for name, estimate in found.estimates.items():
+        figures["estimates"][name]["categories"] = estimate.categories
+    return figures
+
+
+def _result(one: SubjectResult) -> dict[str, Any]:
+    return {
+        "study": one.study,
+        "paradigm": one.paradigm,
+        "subject": one.subject,
+        "labels": list(one.labels),
+        "matrix": one.counts.tolist(),
+        "seconds_per_stimulus": one.seconds_per_stimulus,
+        **_plain(one.information),
+    }
+
+
+def _title(one: SubjectResult) -> str:
+    return f"{one.study}, {'all subjects' if one.subject is None else one.subject} ({one.paradigm})"
+
+
+def _abx(one: AbxResult) -> str:
+    return f"{one.study}, {one.subject} (abx): {one.trials} trials, {100 * one.share_correct:.1f} % correct"

@@ -1,0 +1,191 @@
+"""tactuator experiment: detection and identification, with people or with observers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from tactuator.cli.answer import answer, plain, progress
+from tactuator.cli.experiment import identification
+from tactuator.cli.experiment.apparatus import opened_station
+from tactuator.cli.experiment.results import results
+from tactuator.cli.experiment.serve import serve
+from tactuator.cli.options import AsJson, ControllerOption, DisplayOption, Out, RigOption, Seed
+from tactuator.errors import BadInput
+from tactuator.experiment.procedure.quest_plus import QuestPlusRule
+from tactuator.experiment.procedure.whole_curve import WholeCurveRule
+from tactuator.experiment.protocol.file import read_protocol
+from tactuator.experiment.session.clock import SystemClock
+from tactuator.experiment.simulated.curve_quality import simulate_curve
+from tactuator.experiment.simulated.procedure_quality import PROCEDURES, Setting, simulate
+from tactuator.experiment.simulated.sitting import run_study, simulated_observers
+from tactuator.experiment.store.export import export
+from tactuator.experiment.store.store import Store
+from tactuator.rig.touchable import touchable
+
+experiment = typer.Typer(
+    name="experiment",
+    help="Detection and identification: run, simulate, analyse, export.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    identification.register(experiment)
+    app.add_typer(experiment)
+
+
+@experiment.command("simulate")
+def simulate_command(
+    procedure: Annotated[str, typer.Option(help="imece2004, quest-plus or curve.")] = "imece2004",
+    runs: Annotated[int, typer.Option(help="Simulated runs.")] = 1000,
+    slope: Annotated[str, typer.Option(help="Weibull slope, or LOW:HIGH to draw each run's from.")] = "2.5",
+    lapse: Annotated[float, typer.Option(help="Lapse rate.")] = 0.0,
+    start_db: Annotated[float, typer.Option(help="Start, dB above the true threshold.")] = 20.0,
+    trials: Annotated[int | None, typer.Option(help="Trials of a run (quest-plus 48, curve 150).")] = None,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Run a procedure many times against a Weibull observer and say how good its estimates are."""
+    setting = Setting(runs, _slope_range(slope), lapse, start_db, seed)
+    if procedure in PROCEDURES:
+        if trials is not None:
+            raise BadInput(f"--trials {trials} with {procedure}; allowed: with quest-plus and curve")
+        result: Any = simulate(PROCEDURES[procedure], setting)
+    elif procedure == "quest-plus":
+        result = simulate(QuestPlusRule(trials=48 if trials is None else trials), setting)
+    elif procedure == "curve":
+        result = simulate_curve(WholeCurveRule(trials=150 if trials is None else trials), setting)
+    else:
+        raise BadInput(f"procedure {procedure!r}; allowed: {', '.join([*PROCEDURES, 'quest-plus', 'curve'])}")
+    figures = plain(result)
+    assert isinstance(figures, dict)
+    answer(figures, as_json, _table(f"{procedure}, {runs} runs", figures))
+
+
+ProtocolFile = Annotated[Path, typer.Argument(help="Protocol file (TOML).", metavar="PROTOCOL")]
+StoreFile = Annotated[Path, typer.Option("--store", help="Database of the experiment (SQLite).")]
+
+
+@experiment.command("serve")
+def serve_command(
+    protocol: ProtocolFile,
+    store: StoreFile,
+    rig: RigOption = "simulated",
+    display: DisplayOption = None,
+    controller: ControllerOption = None,
+    host: Annotated[
+        str, typer.Option(help="Address to listen at; another than loopback lets others in.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port; 0: any that is free.")] = 8765,
+    operator_token: Annotated[str | None, typer.Option(help="The operator's token; default: a fresh one.")] = None,
+    speed: Annotated[
+        float, typer.Option(help="Speed of presentation on a rig that could go faster; 0: as fast as it can.")
+    ] = 1.0,
+    auto_start: Annotated[bool, typer.Option("--auto-start", help="Subjects may begin without the operator.")] = False,
+    seed: Seed = 0,
+) -> None:
+    """Serve the study to browsers: one page for every subject, one for the operator.
+
+    Without a display or controller file: the paper's display and C.
+    """
+    with opened_station(rig, display, controller, seed, speed or None) as place:
+        serve(protocol, store, place, host, port, operator_token, auto_start)
+
+
+@experiment.command("observe")
+def observe_command(
+    protocol: ProtocolFile,
+    store: StoreFile,
+    rig: RigOption = "simulated",
+    display: DisplayOption = None,
+    controller: ControllerOption = None,
+    load: Annotated[str | None, typer.Option(help="Load on the display's port while a finger is there.")] = "finger",
+    seed: Seed = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Let simulated subjects go through the study at the simulated display; they feel what the loop makes of it."""
+    read, text = read_protocol(protocol)
+    with opened_station(rig, display, controller, seed, None) as place, progress() as bars:
+        touchable(place.rig, place.name)
+        curve = place.controller.display.channels[0].threshold.curve
+        observers = simulated_observers(curve, len(read.subject), seed, place.band_hz)
+        database = Store(store)
+        task = bars.add_task("observers", total=1000 * len(observers))
+        at = {one.name: index for index, one in enumerate(observers)}
+        run_study(
+            database,
+            read,
+            text,
+            place,
+            observers,
+            SystemClock(),
+            load,
+            lambda name, share: bars.update(task, completed=round(1000 * (at[name] + share))),
+        )
+        database.close()
+    truth = [
+        {"subject": subject.code, "frequency_hz": hertz, "true_db_re_1um": float(one.curve.level_db_re_1um_at(hertz))}
+        for subject, one in zip(read.subject, observers, strict=True)
+        for hertz in read.conditions.frequencies_hz
+    ]
+    table = Table("subject", "Hz", "truth, dB re 1 µm")
+    for row in truth:
+        table.add_row(str(row["subject"]), f"{row['frequency_hz']:g}", f"{row['true_db_re_1um']:.2f}")
+    answer({"store": str(store), "truth": truth}, as_json, table)
+
+
+@experiment.command("thresholds")
+def thresholds_command(
+    store: StoreFile,
+    group: Annotated[str | None, typer.Option(help="Only subjects of this group.")] = None,
+    reference: Annotated[str | None, typer.Option(help="Curve (name or CSV) that 0 dB SL stood for.")] = None,
+    curve_out: Annotated[Path | None, typer.Option(help="Write the curve across subjects (CSV) for `design`.")] = None,
+    figure_out: Annotated[Path | None, typer.Option(help="Folder for fig11.svg and fig11.csv.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Thresholds of every finished run, refitted, with flags; and the curve across subjects."""
+    found, table = results(store, group, reference, curve_out, figure_out)
+    answer(found, as_json, table)
+
+
+@experiment.command("export")
+def export_command(
+    store: StoreFile,
+    out: Out,
+    form: Annotated[str, typer.Option("--format", help="tidy, psych-ds or bids.")] = "tidy",
+    as_json: AsJson = False,
+) -> None:
+    """Write every answered trial in an open format, with its data dictionary."""
+    database = Store(store, must_exist=True)
+    try:
+        count = export(database, out, form)
+    finally:
+        database.close()
+    table = Table("folder", "trials")
+    table.add_row(str(out), str(count))
+    answer({"folder": str(out), "format": form, "trials": count}, as_json, table)
+
+
+def _slope_range(text: str) -> tuple[float, float]:
+    low, _, high = text.partition(":")
+    try:
+        return float(low), float(high or low)
+    except ValueError:
+        raise BadInput(f"slope {text!r}; allowed: a number, or LOW:HIGH") from None
+
+
+def _table(title: str, figures: dict[str, Any]) -> Table:
+    table = Table("figure", "value", title=title)
+    for key, value in figures.items():
+        if isinstance(value, dict):
+            for inner, number in value.items():
+                table.add_row(f"{key} {inner}", f"{number:.3f}")
+        else:
+            table.add_row(key, f"{value:.3f}" if isinstance(value, float) else str(value))
+    return table

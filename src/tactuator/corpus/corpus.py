@@ -1,0 +1,162 @@
+"""A corpus rendered: restartable, with a manifest that does not depend on who did the work."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tactuator.corpus.items import Item, file_sha256, find_items, item_seed
+from tactuator.corpus.journal import open_journal
+from tactuator.corpus.task import Outcome, Task
+from tactuator.corpus.workers import Workers
+from tactuator.errors import BadInput
+from tactuator.files.atomic import write_text
+from tactuator.files.controller import controller_document
+from tactuator.files.reference import SUFFIXES
+from tactuator.speech.coding.file import coding_document
+from tactuator.speech.job import RenderJob
+
+MANIFEST = "manifest.json"
+FORMAT = "tactuator-corpus/1"
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class CorpusResult:
+    """manifest: what stands in manifest.json. done: rendered by this run; kept: finished by an earlier one."""
+
+    manifest: Mapping[str, Any]
+    done: int
+    kept: int
+
+    @property
+    def failures(self) -> list[dict[str, str]]:
+        """Files of which nothing came, with the reason."""
+        return list(self.manifest["failures"])
+
+
+def run_corpus(
+    folder: str | Path,
+    out: str | Path,
+    job: RenderJob,
+    workers: Workers,
+    ending: str = ".wav",
+    progress: Progress = lambda done, total: None,
+) -> CorpusResult:
+    """Render every speech file beneath `folder` into `out`, and write out/manifest.json at the end.
+
+    A file that was finished by an earlier run with the same parameters, whose bytes are the same and whose reference is
+    still there, is not done again. Files that fail are listed and the rest carried on. Raises BadInput where `folder`
+    holds nothing or `out` cannot be written.
+    """
+    folder, out = Path(folder), Path(out)
+    items = find_items(folder, out, ending)
+    _make(out)
+    parameters = {**job.parameters(), "ending": ending}
+    _sweep(out)
+    with open_journal(out, parameters) as journal:
+        before = dict(journal.finished)
+        kept = {item.source for item in items if _is_done(item, folder, out, before.get(item.source))}
+        todo = [_task(item, folder, out, job) for item in items if item.source not in kept]
+        outs, failures, done = {item.source: item.out for item in items}, {}, 0
+        progress(len(kept), len(items))
+        for outcome in workers.outcomes(todo):
+            if outcome.figures is None:
+                failures[outcome.item] = outcome.error or "not rendered"
+            else:
+                journal.add(outcome.item, _entry(outcome, out / outs[outcome.item]))
+                done += 1
+            progress(len(kept) + done + len(failures), len(items))
+        entries = {item.source: journal.finished[item.source] for item in items if item.source not in failures}
+    _sweep(out)
+    manifest = _manifest(parameters, items, entries, failures)
+    write_text(out / MANIFEST, json.dumps(manifest, indent=1, sort_keys=True, allow_nan=False) + "\n")
+    return CorpusResult(manifest, done, len(kept))
+
+
+def _make(out: Path) -> None:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"{out} cannot be made: {error.strerror}; allowed: a folder that can be written") from None
+
+
+def _sweep(out: Path) -> None:
+    """What killed workers left half-written beside its place."""
+    for path in out.rglob(".*-*"):
+        if path.is_file() and path.suffix in (*SUFFIXES, ".json"):
+            path.unlink(missing_ok=True)
+
+
+def _task(item: Item, folder: Path, out: Path, job: RenderJob) -> Task:
+    return Task(
+        item=item.source,
+        source=str((folder / item.source).absolute()),
+        out=str((out / item.out).absolute()),
+        controller=json.dumps(controller_document(job.controller)),
+        coding=json.dumps(coding_document(job.coding)),
+        level_db_sl=job.level_db_sl,
+        simulate=job.simulate,
+        seed=item_seed(job.seed, item.source),
+    )
+
+
+def _entry(outcome: Outcome, path: Path) -> dict[str, Any]:
+    return {
+        "source_sha256": outcome.source_sha256,
+        "bytes": path.stat().st_size,
+        "figures": _plain(outcome.figures),
+    }
+
+
+def _plain(value: Any) -> Any:
+    """JSON has no numbers that are not finite: null stands for them."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value
+
+
+def _is_done(item: Item, folder: Path, out: Path, entry: Mapping[str, Any] | None) -> bool:
+    if entry is None:
+        return False
+    path = out / item.out
+    try:
+        return bool(
+            path.stat().st_size == entry["bytes"] and file_sha256(folder / item.source) == entry["source_sha256"]
+        )
+    except OSError:
+        return False
+
+
+def _manifest(
+    parameters: Mapping[str, Any],
+    items: tuple[Item, ...],
+    entries: Mapping[str, Mapping[str, Any]],
+    failures: Mapping[str, str],
+) -> dict[str, Any]:
+    files = [
+        {
+            "source": item.source,
+            "source_sha256": entries[item.source]["source_sha256"],
+            "out": item.out,
+            **{key: value for key, value in entries[item.source]["figures"].items() if key != "speech"},
+        }
+        for item in items
+        if item.source in entries
+    ]
+    return {
+        "format": FORMAT,
+        "parameters": dict(parameters),
+        "files": files,
+        "failures": [{"source": source, "error": failures[source]} for source in sorted(failures)],
+        "duration_s": sum(file["duration_s"] for file in files),
+    }

@@ -1,0 +1,68 @@
+"""One file's work, in whatever process it is done: everything it needs is in the task, everything it says in the
+outcome."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from tactuator.corpus.items import file_sha256
+from tactuator.display.controller import Controller
+from tactuator.errors import BadInput
+from tactuator.files.controller import parse_controller
+from tactuator.speech.coding.file import parse_coding
+from tactuator.speech.job import RenderJob, render_file
+
+
+@dataclass(frozen=True)
+class Task:
+    """source, out: paths as the worker sees them; item: the source's name in the corpus. controller, coding: JSON."""
+
+    item: str
+    source: str
+    out: str
+    controller: str
+    coding: str
+    level_db_sl: float
+    simulate: bool
+    seed: int
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """figures: what came of the file, plain JSON; error: one line, where nothing came of it."""
+
+    item: str
+    source_sha256: str | None
+    figures: dict[str, Any] | None
+    error: str | None
+
+
+def do_task(task: Task) -> Outcome:
+    """Render one file. What is wrong with the file, or with writing its reference, is told and not raised."""
+    try:
+        digest = file_sha256(task.source)
+        out = Path(task.out)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        coding = parse_coding(json.loads(task.coding))
+        job = RenderJob(_controller(task.controller), coding, task.level_db_sl, task.simulate, task.seed)
+        figures = render_file(task.source, out, job).document()
+        figures["speech"] = task.item
+        return Outcome(task.item, digest, figures, None)
+    except BadInput as error:
+        return Outcome(task.item, None, None, _one_line(str(error)))
+    except OSError as error:
+        return Outcome(task.item, None, None, _one_line(f"{error.filename}: {error.strerror}"))
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+@lru_cache(maxsize=2)
+def _controller(text: str) -> Controller:
+    """A worker reads a controller once: the limits derived from it are kept with it."""
+    return parse_controller(json.loads(text))

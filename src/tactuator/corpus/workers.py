@@ -1,0 +1,156 @@
+"""Who does the tasks: processes of this machine, or a Dask cluster. Outcomes come as they are done, in any order."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_all_start_methods, get_context
+from multiprocessing.context import BaseContext
+from typing import Protocol
+
+from tactuator.corpus.task import Outcome, Task, do_task
+from tactuator.errors import BadInput
+
+ATTEMPTS = 3
+"""How often a task may lose its worker before it counts as failed: it may be what kills them."""
+AHEAD = 4
+"""Tasks handed out for every worker, so that none waits."""
+
+
+class Workers(Protocol):
+    """Something that does tasks."""
+
+    def outcomes(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
+        """One outcome for every task, as they are done."""
+        ...
+
+
+class Here:
+    """No other process: one task after the other."""
+
+    def outcomes(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
+        """One outcome for every task, in order."""
+        return map(do_task, tasks)
+
+
+class LocalProcesses:
+    """Processes of this machine, one for each core by default. A killed process is replaced and its tasks done anew."""
+
+    def __init__(self, count: int | None = None) -> None:
+        if count is not None and count < 1:
+            raise BadInput(f"{count} workers; allowed: one or more")
+        self.count = (os.cpu_count() or 1) if count is None else count
+
+    def outcomes(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
+        """One outcome for every task, as they are done."""
+        lost: dict[str, int] = {}
+        waiting = list(tasks)
+        while waiting:
+            done: set[str] = set()
+            begun: list[Task] = []
+            try:
+                for outcome in self._pool(waiting, begun):
+                    done.add(outcome.item)
+                    yield outcome
+            except BrokenProcessPool:
+                for task in begun:
+                    if task.item not in done:
+                        lost[task.item] = lost.get(task.item, 0) + 1
+            waiting = [task for task in waiting if task.item not in done]
+            for task in [task for task in waiting if lost.get(task.item, 0) >= ATTEMPTS]:
+                waiting.remove(task)
+                yield Outcome(task.item, None, None, f"{task.item}: its worker died {ATTEMPTS} times; not rendered")
+
+    def _pool(self, tasks: Sequence[Task], begun: list[Task]) -> Iterator[Outcome]:
+        """`begun` ends up holding what was handed out and not done."""
+        queue = iter(tasks)
+        pool = ProcessPoolExecutor(self.count, _context(), initializer=_leave_interrupts_to_the_parent)
+        running: dict[Future[Outcome], Task] = {}
+        try:
+            while True:
+                while len(running) < self.count and (task := next(queue, None)) is not None:
+                    begun[:] = [*running.values(), task]
+                    running[pool.submit(do_task, task)] = task
+                if not running:
+                    return
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    begun[:] = running.values()
+                    yield future.result()
+                    running.pop(future)
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _context() -> BaseContext:
+    """New processes come from one that has loaded what they need, where the system can do that."""
+    if "forkserver" not in get_all_start_methods():
+        return get_context("spawn")
+    context = get_context("forkserver")
+    context.set_forkserver_preload(["tactuator.corpus.task"])
+    return context
+
+
+def _leave_interrupts_to_the_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+class DaskCluster:
+    """The workers of a Dask scheduler at an address such as tcp://host:8786; they see the same files as we do.
+
+    Raises BadInput where dask.distributed is not installed (extra `batch`) or no scheduler answers within timeout_s.
+    """
+
+    def __init__(self, address: str, timeout_s: float = 5.0) -> None:
+        try:
+            import distributed  # noqa: PLC0415  (an extra)
+        except ImportError:
+            raise BadInput("dask.distributed is not installed; allowed: pip install 'tactuator[batch]'") from None
+        self._distributed = distributed
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        try:
+            self._client = distributed.Client(address, timeout=timeout_s, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            raise BadInput(
+                f"no Dask scheduler at {address!r} ({type(error).__name__}); allowed: the address of one that runs"
+            ) from None
+
+    def outcomes(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
+        """One outcome for every task, as they are done; the scheduler gives a killed worker's tasks to others."""
+        names = {}
+        queue, ahead = iter(tasks), self._distributed.as_completed(loop=self._client.loop)
+        for task in self._first(queue):
+            names[self._submit(ahead, task)] = task
+        for future in ahead:
+            task = names.pop(future.key)
+            error = future.exception() if future.status == "error" else None
+            if error is None:
+                yield future.result()
+            else:
+                yield Outcome(task.item, None, None, f"{task.item}: {type(error).__name__}; not rendered")
+            following = next(queue, None)
+            if following is not None:
+                names[self._submit(ahead, following)] = following
+
+    def _first(self, queue: Iterator[Task]) -> Iterator[Task]:
+        count = max(1, sum(self._client.nthreads().values())) * AHEAD
+        for _, task in zip(range(count), queue, strict=False):
+            yield task
+
+    def _submit(self, ahead: object, task: Task) -> str:
+        future = self._client.submit(do_task, task, pure=False)
+        ahead.add(future)  # type: ignore[attr-defined]
+        return str(future.key)
+
+    def close(self) -> None:
+        """Leave the cluster; what was not begun is given up."""
+        self._client.close()
+
+    def __enter__(self) -> DaskCluster:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

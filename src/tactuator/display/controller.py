@@ -1,0 +1,111 @@
+"""A designed controller: the sections of F and C for every channel, and where they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.description import Display
+from tactuator.errors import BadInput
+from tactuator.signals.sections import check_sections
+from tactuator.signals.systems import SampledSystem
+
+
+@dataclass(frozen=True)
+class AntiWindup:
+    """Back-calculation gains on the two states of the last feedback section (delta form): state_i += gain_i (clamped
+    u - u), of what conditioning (tactuator.runtime.conditioning) leaves of the difference."""
+
+    gains: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """command_v: the greatest |u|. travel_v: the sensor voltage at the mechanical limit. comfort_db_sl: the greatest
+    felt level."""
+
+    command_v: float
+    travel_v: float
+    comfort_db_sl: float = 55.0
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelController:
+    """F and C of one channel, as second-order sections (rows b0, b1, b2, a0, a1, a2) in double precision.
+
+    prefilter_sos: (n, 6), maps r (threshold units) to volts of y, or to volts of u where feedback_sos is None.
+    feedback_sos: (m, 6), the integrator in the last section. threshold_voltage_dc: H(0), volts of y per threshold
+    unit. designed_for: names of the loads (and "family") the margins hold for. report: figures of the design, plain
+    numbers and lists as they stand in controller.json.
+    """
+
+    name: str
+    threshold_voltage_dc: float
+    prefilter_sos: NDArray[np.float64]
+    feedback_sos: NDArray[np.float64] | None
+    anti_windup: AntiWindup
+    limits: Limits
+    designed_for: tuple[str, ...] = ()
+    report: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "prefilter_sos", check_sections(self.prefilter_sos))
+        if self.feedback_sos is not None:
+            object.__setattr__(self, "feedback_sos", check_sections(self.feedback_sos))
+
+    def prefilter(self, rate_hz: float) -> SampledSystem:
+        """F as a sampled system."""
+        return SampledSystem.from_sections(self.prefilter_sos, rate_hz)
+
+    def feedback(self, rate_hz: float) -> SampledSystem | None:
+        """C as a sampled system (without the computing delay), or None."""
+        return None if self.feedback_sos is None else SampledSystem.from_sections(self.feedback_sos, rate_hz)
+
+
+@dataclass(frozen=True, eq=False)
+class Controller:
+    """What `controller.json` holds: one ChannelController for each channel of the display it was designed for."""
+
+    display: Display
+    channels: tuple[ChannelController, ...]
+    tool: str = ""
+
+    def __post_init__(self) -> None:
+        mine = tuple(channel.name for channel in self.channels)
+        theirs = tuple(channel.name for channel in self.display.channels)
+        if mine != theirs:
+            raise BadInput(f"controller is for channels {', '.join(mine)}; the display has {', '.join(theirs)}")
+
+    @property
+    def rate_hz(self) -> float:
+        """Sampling rate, hertz."""
+        return self.display.rate_hz
+
+    @property
+    def delay_samples(self) -> int:
+        """Computing delay from A/D to D/A."""
+        return self.display.delay_samples
+
+    def require_runs(self, display: Display) -> None:
+        """Raises BadInput if `display` has other channels, another rate or another computing delay."""
+        names = ", ".join(channel.name for channel in display.channels)
+        mine = ", ".join(channel.name for channel in self.channels)
+        if mine != names:
+            raise BadInput(f"controller is for channels {mine}; allowed: {names}, as the display has")
+        if (self.rate_hz, self.delay_samples) != (display.rate_hz, display.delay_samples):
+            raise BadInput(
+                f"controller is for {self.rate_hz:g} Hz and a delay of {self.delay_samples}; "
+                f"allowed: {display.rate_hz:g} Hz and {display.delay_samples}, as the display has"
+            )
+
+    def channel(self, name: str) -> ChannelController:
+        """The controller of that channel; BadInput if there is none."""
+        for channel in self.channels:
+            if channel.name == name:
+                return channel
+        allowed = ", ".join(channel.name for channel in self.channels)
+        raise BadInput(f"controller: channel {name!r} is not there; allowed: {allowed}")

@@ -1,0 +1,1 @@
+"""Rules that choose the next stimulus and estimate a threshold from the answers."""

@@ -1,0 +1,1 @@
+"""What a laboratory writes down before an experiment: protocol files and the plan of sessions."""

@@ -1,0 +1,94 @@
+"""Reads a protocol file (TOML) of either kind: which one it is shows in its tables."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+
+from tactuator.errors import BadInput
+from tactuator.experiment.protocol.identification import IdentificationProtocol
+from tactuator.experiment.protocol.protocol import Protocol, StudyProtocol
+
+_P = TypeVar("_P", bound=StudyProtocol)
+_IDENTIFIES = {"identification", "item", "block"}
+_KINDS: dict[type[StudyProtocol], str] = {
+    Protocol: "a detection protocol (tables procedure, conditions)",
+    IdentificationProtocol: "an identification protocol (tables item, block)",
+}
+
+
+def read_any_protocol(path: str | Path) -> tuple[StudyProtocol, str]:
+    """The protocol, a `Protocol` or an `IdentificationProtocol`, and the file's own text.
+
+    Raises BadInput, in one line that names the key, for a file that is missing, not TOML, or says what is not allowed.
+    """
+    text = _text(path)
+    document = _document(text, str(path))
+    return _parsed(document, str(path), _kind(document)), text
+
+
+def read_protocol(path: str | Path) -> tuple[Protocol, str]:
+    """A detection protocol and the file's own text; BadInput as in `read_any_protocol`, and for the other kind."""
+    text = _text(path)
+    return parse_protocol(text, str(path)), text
+
+
+def read_identification(path: str | Path) -> tuple[IdentificationProtocol, str]:
+    """An identification protocol and the file's own text; BadInput likewise."""
+    text = _text(path)
+    return parse_identification(text, str(path)), text
+
+
+def parse_protocol(text: str, where: str = "protocol") -> Protocol:
+    """The detection protocol that the text says; BadInput as in `read_protocol`."""
+    return _of_kind(text, where, Protocol)
+
+
+def parse_identification(text: str, where: str = "protocol") -> IdentificationProtocol:
+    """The identification protocol that the text says; BadInput as in `read_identification`."""
+    return _of_kind(text, where, IdentificationProtocol)
+
+
+def protocol_hash(text: str) -> str:
+    """SHA-256 (hex) of the file's text."""
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
+def _text(path: str | Path) -> str:
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not text"
+        raise BadInput(f"protocol {path}: {reason}; allowed: a TOML file that can be read") from None
+
+
+def _document(text: str, where: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise BadInput(f"protocol {where}: {error}; allowed: TOML") from None
+
+
+def _kind(document: dict[str, Any]) -> type[StudyProtocol]:
+    return IdentificationProtocol if _IDENTIFIES & set(document) else Protocol
+
+
+def _of_kind(text: str, where: str, form: type[_P]) -> _P:
+    document = _document(text, where)
+    if _kind(document) is not form:
+        raise BadInput(f"protocol {where} has the tables {', '.join(document) or 'none'}; allowed: {_KINDS[form]}")
+    return _parsed(document, where, form)
+
+
+def _parsed(document: dict[str, Any], where: str, form: type[_P]) -> _P:
+    try:
+        return form.model_validate(document)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"]) or "file"
+        got = "" if isinstance(first["input"], dict) else f" (got {first['input']!r})"
+        raise BadInput(f"protocol {where}: {key}: {first['msg']}{got}") from None

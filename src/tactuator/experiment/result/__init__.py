@@ -1,0 +1,1 @@
+"""Results computed from stored trials: thresholds, group curves, confusions, information."""

@@ -1,0 +1,137 @@
+"""What a store's identification blocks say: confusion matrices, and how much information came through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import Connection, select
+
+from tactuator.errors import BadInput
+from tactuator.experiment.protocol.file import parse_identification
+from tactuator.experiment.protocol.identification import IdentificationProtocol
+from tactuator.experiment.result.information import Information, information
+from tactuator.experiment.store import records, schema
+from tactuator.experiment.store.store import Store
+
+
+@dataclass(frozen=True, eq=False)
+class SubjectResult:
+    """subject: a code, or None for all of a study together. counts: (stimuli, responses) in the order of `labels`.
+
+    seconds_per_stimulus: mean duration of the items asked for; in the middle of three, from one onset to the next.
+    """
+
+    study: str
+    paradigm: str
+    subject: str | None
+    labels: tuple[str, ...]
+    counts: NDArray[np.int64]
+    seconds_per_stimulus: float
+    information: Information
+
+
+@dataclass(frozen=True)
+class AbxResult:
+    """Share of right answers in ABX trials."""
+
+    study: str
+    subject: str
+    trials: int
+    share_correct: float
+
+
+def identification_results(
+    store: Store, rng: np.random.Generator, study: str | None = None, resamples: int = 1000
+) -> tuple[list[SubjectResult], list[AbxResult]]:
+    """Results of every identification study in the store (or the one of that name), test blocks only.
+
+    Raises BadInput where there is none with answers.
+    """
+    results: list[SubjectResult] = []
+    abx: list[AbxResult] = []
+    with store.read() as connection:
+        for row in connection.execute(select(schema.study).order_by(schema.study.c.id)):
+            if study is not None and row.name != study:
+                continue
+            if connection.execute(select(schema.stimulus.c.id).where(schema.stimulus.c.study_id == row.id)).first():
+                protocol = parse_identification(row.protocol_toml)
+                if protocol.identification.paradigm == "abx":
+                    abx += _abx_results(connection, row.id, row.name)
+                else:
+                    results += _matrix_results(connection, row.id, protocol, rng, resamples)
+    if not results and not abx:
+        wanted = "identification study" if study is None else f"identification study {study!r}"
+        raise BadInput(f"store {store.path}: no answers of any {wanted}; allowed: a store with test blocks answered")
+    return results, abx
+
+
+def session_results(
+    store: Store, protocol: IdentificationProtocol, session: int, rng: np.random.Generator, resamples: int = 300
+) -> tuple[list[SubjectResult], list[AbxResult]]:
+    """Results of one session, test blocks only; both empty while fewer than two items were answered there."""
+    with store.read() as connection:
+        row = records.session(connection, session)
+        if protocol.identification.paradigm == "abx":
+            every = _abx_results(connection, row.study_id, protocol.study.name)
+            return [], [one for one in every if one.subject == row.subject_code]
+        return _matrix_results(connection, row.study_id, protocol, rng, resamples, only=row.subject_code), []
+
+
+def _trials(connection: Connection, study: int) -> list[tuple[str, str, str]]:
+    """(subject, correct response, response) of every answered trial of test blocks, but for those given up."""
+    query = (
+        select(schema.session.c.subject_code, schema.trial.c.correct_response, schema.response.c.response)
+        .join(schema.run, schema.run.c.session_id == schema.session.c.id)
+        .join(schema.trial, schema.trial.c.run_id == schema.run.c.id)
+        .join(schema.response, schema.response.c.trial_id == schema.trial.c.id)
+        .where(
+            schema.session.c.study_id == study,
+            schema.run.c.practice.is_(False),
+            schema.run.c.state.in_(("running", "done")),
+        )
+        .order_by(schema.session.c.subject_number, schema.run.c.position, schema.trial.c.number)
+    )
+    return [tuple(row) for row in connection.execute(query)]
+
+
+def _matrix_results(
+    connection: Connection,
+    study: int,
+    protocol: IdentificationProtocol,
+    rng: np.random.Generator,
+    resamples: int,
+    only: str | None = None,
+) -> list[SubjectResult]:
+    trials = _trials(connection, study)
+    query = select(schema.stimulus.c.label, schema.stimulus.c.duration_s).where(schema.stimulus.c.study_id == study)
+    durations = {row.label: row.duration_s for row in connection.execute(query)}
+    labels, asking = protocol.labels, protocol.identification
+    gap_s = asking.gap_s if asking.paradigm == "middle-of-three" else 0.0
+    subjects: list[str | None] = list(dict.fromkeys(subject for subject, *_ in trials))
+    if only is not None:
+        subjects = [subject for subject in subjects if subject == only]
+    elif len(subjects) > 1:
+        subjects.append(None)
+    results = []
+    for subject in subjects:
+        mine = [(correct, response) for who, correct, response in trials if subject in (None, who)]
+        counts = np.zeros((len(labels), len(labels)), dtype=np.int64)
+        for correct, response in mine:
+            counts[labels.index(correct), labels.index(response)] += 1
+        if np.count_nonzero(counts.sum(axis=1)) < 2:
+            continue
+        seconds = float(np.mean([durations[correct] for correct, _ in mine])) + gap_s
+        found = information(counts, rng, seconds_per_stimulus=seconds, resamples=resamples)
+        results.append(SubjectResult(protocol.study.name, asking.paradigm, subject, labels, counts, seconds, found))
+    return results
+
+
+def _abx_results(connection: Connection, study: int, name: str) -> list[AbxResult]:
+    trials = _trials(connection, study)
+    results = []
+    for subject in dict.fromkeys(who for who, *_ in trials):
+        right = [correct == response for who, correct, response in trials if who == subject]
+        results.append(AbxResult(name, subject, len(right), float(np.mean(right))))
+    return results

@@ -1,0 +1,72 @@
+"""The items of an identification experiment, read from rendered references and checked against the rig."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import Connection, insert, select
+
+from tactuator.errors import BadInput
+from tactuator.experiment.protocol.identification import IdentificationProtocol
+from tactuator.experiment.store import schema
+from tactuator.files.reference import content_sha256, open_reference
+from tactuator.rig.player import check_reference
+from tactuator.rig.rig import Rig
+
+LONGEST_S = 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedItem:
+    """reference: (n, channels) in the rig's order, threshold units. sha256: of the reference's samples."""
+
+    label: str
+    source: str
+    reference: NDArray[np.float64]
+    duration_s: float
+    sha256: str
+
+
+def load_items(protocol: IdentificationProtocol, beside: Path, rig: Rig) -> Mapping[str, LoadedItem]:
+    """Every item of the protocol, by label; files lie beside the protocol.
+
+    Raises BadInput for a file that is not a reference for this rig, is beyond comfort, or lasts over a minute.
+    """
+    items = {}
+    for item in protocol.item:
+        path = beside / item.file
+        reference = open_reference(path)
+        if not 0.0 < reference.duration_s <= LONGEST_S:
+            raise BadInput(f"item {item.label!r}: {reference.duration_s:g} s; allowed: above 0, {LONGEST_S:g} at most")
+        columns = check_reference(reference, rig)
+        samples = np.concatenate(list(reference.blocks()))[:, columns]
+        items[item.label] = LoadedItem(item.label, item.file, samples, reference.duration_s, content_sha256(path))
+    return items
+
+
+def keep_items(
+    connection: Connection, study: int, protocol: IdentificationProtocol, items: Mapping[str, LoadedItem]
+) -> None:
+    """Keep the items of a new study; raise BadInput where a study has others: their files have changed since."""
+    stored = list(connection.execute(select(schema.stimulus).where(schema.stimulus.c.study_id == study)))
+    for row in stored:
+        if row.label not in items or items[row.label].sha256 != row.sha256:
+            raise BadInput(
+                f"item {row.label!r} is not what it was when the study began; allowed: the same files, or a new study"
+            )
+    if stored:
+        return
+    stimuli = [
+        {"study_id": study, "label": i.label, "source": i.source, "sha256": i.sha256, "duration_s": i.duration_s}
+        for i in items.values()
+    ]
+    connection.execute(insert(schema.stimulus), stimuli)
+    options = [
+        {"study_id": study, "position": position, "label": item.label, "key": item.key}
+        for position, item in enumerate(protocol.item)
+    ]
+    connection.execute(insert(schema.response_option), options)

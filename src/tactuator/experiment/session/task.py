@@ -1,0 +1,129 @@
+"""What a session has to know of the task that its subject does, be it detection or identification."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Protocol
+
+from sqlalchemy import Connection
+
+from tactuator.experiment.protocol.plan import PlannedRun
+from tactuator.experiment.protocol.protocol import StudyProtocol
+from tactuator.experiment.result.tables import ResultTable
+from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.store.records import Played
+from tactuator.experiment.store.store import Store
+from tactuator.experiment.trial.presenter import Watch
+from tactuator.experiment.trial.trial import Trial
+
+Picture = Mapping[str, object]
+"""A run as an operator's page draws it, in JSON's types: "kind" (track or confusion), "title", what that kind needs."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A response as it is offered; keys: any of them gives it."""
+
+    response: str
+    keys: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Question:
+    """What the subject sees in every trial: the same in all, so that nothing of it tells the answer.
+
+    intervals: names of those that are shown as they play; none where the subject is not to tell them apart.
+    """
+
+    prompt: str
+    choices: tuple[Choice, ...]
+    intervals: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Rules:
+    """When there are breaks and how long they last at least; how long feedback stands, and an interruption may last."""
+
+    feedback_s: float
+    break_after_trials: int | None = None
+    break_between_runs: bool = False
+    break_s: float = 0.0
+    resume_within_s: float = math.inf
+
+
+class Course(Protocol):
+    """A run that goes on. The same responses in the same order always lead to the same trial."""
+
+    @property
+    def seed(self) -> tuple[int, ...]:
+        """Of the run's randomness."""
+        ...
+
+    @property
+    def trials(self) -> int:
+        """Answered so far."""
+        ...
+
+    @property
+    def progress(self) -> float:
+        """How far the run is, 0 to 1."""
+        ...
+
+    def trial(self) -> Trial | None:
+        """The trial that stands; None when the run is over. Asking twice gives the same."""
+        ...
+
+    def play(self, trial: Trial, watch: Watch, presented: datetime) -> Played:
+        """Play the trial. presented: now."""
+        ...
+
+    def record(self, response: str) -> None:
+        """The response to the trial that stands; BadInput if it is not allowed."""
+        ...
+
+    def picture(self) -> Picture:
+        """The run so far."""
+        ...
+
+
+class Task(Protocol):
+    """A protocol at a station."""
+
+    @property
+    def protocol(self) -> StudyProtocol:
+        """As it was read."""
+        ...
+
+    @property
+    def station(self) -> Station:
+        """Where it is done."""
+        ...
+
+    @property
+    def question(self) -> Question:
+        """What subjects see."""
+        ...
+
+    @property
+    def rules(self) -> Rules:
+        """How a session goes."""
+        ...
+
+    def enrol(self, connection: Connection, study: int) -> None:
+        """Keep what a new study has besides its sessions; BadInput where a study that is there has something else."""
+        ...
+
+    def runs(self, subject: int) -> tuple[PlannedRun, ...]:
+        """Every run of a subject (counted from 0): the same after any interruption."""
+        ...
+
+    def course(self, planned: PlannedRun, subject: int, attempt: int) -> Course:
+        """A planned run from its beginning."""
+        ...
+
+    def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
+        """What the session's answers say so far; BadInput while they say nothing."""
+        ...

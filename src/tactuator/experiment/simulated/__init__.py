@@ -1,0 +1,1 @@
+"""Simulated subjects, and the quality of procedures measured with them."""

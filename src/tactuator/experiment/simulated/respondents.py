@@ -1,0 +1,109 @@
+"""Simulated respondents: one who errs at a stated rate, and one who goes by what reaches the finger ports."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.description import Display
+from tactuator.errors import BadInput
+from tactuator.experiment.session.identification_plan import ABX_RESPONSES, asked_label
+from tactuator.experiment.session.respondent import Respondent
+from tactuator.experiment.session.session import Acknowledged
+from tactuator.experiment.trial.trial import Trial
+from tactuator.rig.touchable import TouchableRig
+from tactuator.signals.bands import third_octave_bands
+
+
+@dataclass
+class ErringRespondent(Respondent):
+    """Right with 1 - error, otherwise any other answer alike."""
+
+    error: float
+    rng: np.random.Generator
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.error <= 1.0:
+            raise BadInput(f"error rate {self.error:g}; allowed: 0 to 1")
+
+    def respond(self, trial: Trial) -> str:
+        """The right answer, or another."""
+        if self.rng.random() >= self.error:
+            return trial.correct
+        others = [response for response in trial.responses if response != trial.correct]
+        return others[int(self.rng.integers(len(others)))]
+
+
+Pattern = NDArray[np.float64]
+
+
+@dataclass
+class FeelingRespondent(Respondent):
+    """Knows items by the levels in third octaves that reached the fingers, as far as its own noise lets it.
+
+    In training with feedback it keeps the mean pattern of every item; then it answers the item whose pattern is
+    nearest to what it felt, noise_db (standard deviation in every band and finger) added. `listen` first.
+    """
+
+    paradigm: str
+    display: Display
+    rng: np.random.Generator
+    noise_db: float = 2.0
+    slices: int = 3
+    _felt: dict[str, list[Pattern]] = field(default_factory=dict)
+    _intervals: list[list[Pattern]] = field(default_factory=list)
+    _known: dict[str, list[Pattern]] = field(default_factory=dict)
+
+    def listen(self, rig: TouchableRig) -> None:
+        """Put the fingers on."""
+        for channel in self.display.channels:
+            blocks: list[Pattern] = []
+            self._felt[channel.name] = blocks
+            rig.finger(channel.name).attach(blocks.append)
+
+    def watch(self, interval: int, begins: bool) -> None:
+        """Told by the presenter when an interval begins and ends: what was felt between belongs together."""
+        if begins:
+            if interval == 0:
+                self._intervals = []
+            for blocks in self._felt.values():
+                blocks.clear()
+        else:
+            self._intervals.append([np.concatenate(blocks) for blocks in self._felt.values()])
+
+    def respond(self, trial: Trial) -> str:
+        """The nearest item; a guess where nothing was learnt."""
+        patterns = [self._pattern(interval) for interval in self._intervals]
+        if self.paradigm == "abx":
+            a, b, x = patterns
+            return ABX_RESPONSES[int(_distance(b, x) < _distance(a, x))]
+        asked = patterns[1] if self.paradigm == "middle-of-three" else patterns[0]
+        self._last = asked
+        if not self._known:
+            return trial.responses[int(self.rng.integers(len(trial.responses)))]
+        return min(self._known, key=lambda label: _distance(np.mean(self._known[label], axis=0), asked))
+
+    def learn(self, trial: Trial, told: Acknowledged) -> None:
+        """Keep what was felt under the name that was told."""
+        if self.paradigm != "abx":
+            self._known.setdefault(asked_label(self.paradigm, trial), []).append(self._last)
+
+    def _pattern(self, fingers: list[Pattern]) -> Pattern:
+        """Levels above threshold, dB, of (fingers, slices of time, bands), with the respondent's own noise."""
+        levels = []
+        for channel, displacement in zip(self.display.channels, fingers, strict=True):
+            for part in np.array_split(displacement - displacement.mean(), self.slices):
+                spectrum = np.abs(np.fft.rfft(part * np.hanning(len(part))))
+                frequency = np.fft.rfftfreq(len(part), 1.0 / self.display.rate_hz)
+                felt = spectrum / channel.threshold.curve.displacement_mm(frequency) * 4.0 / len(part)
+                for band in third_octave_bands(8.0, 300.0):
+                    inside = (frequency >= band.low_hz) & (frequency < band.high_hz)
+                    power = float(np.sum(felt[inside] ** 2)) if inside.any() else 0.0
+                    levels.append(max(0.0, 10.0 * np.log10(power + 1e-12)))
+        return np.array(levels) + self.noise_db * self.rng.standard_normal(len(levels))
+
+
+def _distance(first: Pattern, second: Pattern) -> float:
+    return float(np.sum((first - second) ** 2))

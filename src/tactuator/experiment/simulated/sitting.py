@@ -1,0 +1,115 @@
+"""A whole study with simulated subjects at a simulated display, into a store."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from tactuator.errors import BadInput
+from tactuator.experiment.procedure.curve_prior import CurvePrior
+from tactuator.experiment.protocol.protocol import Protocol
+from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.session.clock import Clock
+from tactuator.experiment.session.detection_task import DetectionTask
+from tactuator.experiment.session.presented_session import Conduct
+from tactuator.experiment.session.respondent import Respondent, attend
+from tactuator.experiment.session.session import NextTrial
+from tactuator.experiment.session.studies import open_session, open_study
+from tactuator.experiment.simulated.observer import Observer
+from tactuator.experiment.simulated.observer_at_rig import ObserverAtRig
+from tactuator.experiment.store.store import Store
+from tactuator.experiment.trial.trial import Trial
+from tactuator.perception.curve import ThresholdCurve
+from tactuator.perception.psychometric import Psychometric, Weibull
+from tactuator.rig.touchable import TouchableRig, touchable
+
+LOW_RAISED_DB, HIGH_LOWERED_DB = 4.0, -5.0
+"""The paper's finding (its figure 11): thresholds on the display higher at low, lower at high frequencies."""
+
+
+def simulated_observers(
+    library: ThresholdCurve, count: int, seed: int, band_hz: tuple[float, float] = (0.4, 300.0)
+) -> tuple[Observer, ...]:
+    """Observers whose truth is the library curve, tilted as the paper found, with differences of their own.
+
+    Individual differences: offset sd 1.5 dB, tilt 1 dB/decade, wave 1 dB; slopes 2 to 3, lapses up to 2 %.
+    """
+    rng = np.random.default_rng([seed, 11])
+    frequency_hz = np.geomspace(*band_hz, 40)
+    share = np.log(frequency_hz / band_hz[0]) / np.log(band_hz[1] / band_hz[0])
+    common = library.level_db_re_1um_at(frequency_hz) + LOW_RAISED_DB + (HIGH_LOWERED_DB - LOW_RAISED_DB) * share
+    prior = CurvePrior(band_hz, offset_db=1.5, tilt_db_per_decade=1.0, wave_db=1.0)
+    own = prior.draw(frequency_hz, count, rng)
+    observers = []
+    for number in range(count):
+        name = f"S{number + 1}"
+        curve = ThresholdCurve(
+            f"truth of {name}", frequency_hz, common + own[number], "synthetic", "simulated observer"
+        )
+        model = Psychometric(Weibull(float(rng.uniform(2.0, 3.0))), lapse=float(rng.uniform(0.0, 0.02)))
+        observers.append(Observer(name, curve, model))
+    return tuple(observers)
+
+
+def run_study(
+    store: Store,
+    protocol: Protocol,
+    text: str,
+    station: Station,
+    observers: Sequence[Observer],
+    clock: Clock,
+    load: str | None = None,
+    told: Callable[[str, float], None] = lambda name, progress: None,
+) -> int:
+    """Every observer goes through its session (resumed if it was begun); the study's row in the store.
+
+    load: put on the display's port while an observer's finger is there. told: name of the subject and progress, 0 to 1.
+    """
+    rig = touchable(station.rig, station.name)
+    if len(observers) != len(protocol.subject):
+        raise BadInput(f"{len(observers)} observers for {len(protocol.subject)} subjects; allowed: as many")
+    task = DetectionTask(protocol, station)
+    tokens = [f"simulated-{protocol.study.seed}-{number}" for number in range(len(observers))]
+    study = open_study(store, task, text, clock, tokens)
+    for subject, observer in zip(protocol.subject, observers, strict=True):
+        session = open_session(store, task, study, subject.code, clock)
+        sitting = _Sitting(observer, task, rig, load)
+        try:
+            attend(Conduct(session), sitting, lambda now, name=observer.name: told(name, now.progress))  # type: ignore[misc]
+        finally:
+            sitting.leave()
+    return study
+
+
+class _Sitting(Respondent):
+    """An observer at the rig, whose finger goes to the channel of each run."""
+
+    def __init__(self, observer: Observer, task: DetectionTask, rig: TouchableRig, load: str | None) -> None:
+        self._observer, self._task, self._rig, self._load = observer, task, rig, load
+        self._at: ObserverAtRig | None = None
+
+    def begin(self, following: NextTrial) -> None:
+        """The finger goes to the run's channel."""
+        self.leave()
+        channel = self._task.station.channel(following.planned.finger).name
+        timing = self._task.protocol.timing.build()
+        self._at = ObserverAtRig(self._observer, self._rig, channel, timing, following.seed, self._load)
+
+    def watch(self, interval: int, begins: bool) -> None:
+        """Attend to the interval."""
+        assert self._at is not None
+        self._at.begins(interval, begins)
+
+    def respond(self, trial: Trial) -> str:
+        """The interval in which the most was felt."""
+        assert self._at is not None
+        assert trial.placement is not None
+        assert trial.placement.frequency_hz is not None
+        return self._at.answer(trial, trial.placement.frequency_hz)
+
+    def leave(self) -> None:
+        """Take the finger off."""
+        if self._at is not None:
+            self._at.leave()
+            self._at = None

@@ -1,0 +1,1 @@
+"""The database of an experiment: schema, migrations, records, exports."""

@@ -1,0 +1,93 @@
+"""The database of an experiment: SQLite in WAL mode, every commit on disk before it is acknowledged."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy.exc import DatabaseError, OperationalError
+
+from tactuator.errors import BadInput
+from tactuator.experiment.store.migrations import migrate
+
+_BUSY_MS = 2000
+
+
+class StoreFault(Exception):
+    """Nothing was saved: the disk is full, the database locked or damaged. The message is one line for a person."""
+
+
+class Store:
+    """path: of the SQLite file, made if it is not there (unless must_exist).
+
+    Raises BadInput for a file that is not a sound database of this tool, or cannot be opened.
+    """
+
+    def __init__(self, path: str | Path, must_exist: bool = False) -> None:
+        self.path = Path(path)
+        if must_exist and not self.path.is_file():
+            raise BadInput(f"store {path} is not there; allowed: the file of an experiment's database")
+        if not self.path.parent.is_dir():
+            raise BadInput(f"store {path}: its folder is not there; allowed: a place in a folder that exists")
+        self.engine: Engine = create_engine(f"sqlite:///{self.path}", connect_args={"check_same_thread": False})
+        event.listen(self.engine, "connect", _prepare)
+        event.listen(self.engine, "begin", _begin)
+        try:
+            self._check()
+            migrate(self.engine)
+        except (DatabaseError, sqlite3.DatabaseError) as error:
+            self.engine.dispose()
+            raise BadInput(f"store {path}: {_reason(error)}; allowed: a sound SQLite database") from None
+
+    def _check(self) -> None:
+        with self.engine.connect() as connection:
+            found = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
+        if found != "ok":
+            raise BadInput(f"store {self.path} is damaged ({found}); allowed: a sound SQLite database")
+
+    @contextmanager
+    def begin(self) -> Iterator[Connection]:
+        """A transaction: committed at the end, or StoreFault and nothing of it is there."""
+        try:
+            with self.engine.begin() as connection:
+                yield connection
+        except (DatabaseError, sqlite3.DatabaseError) as error:
+            raise StoreFault(f"{self.path.name}: {_reason(error)}") from error
+
+    @contextmanager
+    def read(self) -> Iterator[Connection]:
+        """A view of the store that keeps nobody from writing."""
+        try:
+            with self.engine.connect().execution_options(read_only=True) as connection:
+                yield connection
+        except (DatabaseError, sqlite3.DatabaseError) as error:
+            raise StoreFault(f"{self.path.name}: {_reason(error)}") from error
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self.engine.dispose()
+
+
+def _prepare(connection: Any, record: Any) -> None:
+    connection.isolation_level = None  # transactions are begun in `_begin`, not by the driver's guess
+    cursor = connection.cursor()
+    cursor.execute(f"PRAGMA busy_timeout = {_BUSY_MS}")
+    cursor.execute("PRAGMA journal_mode = WAL")
+    cursor.execute("PRAGMA synchronous = FULL")
+    cursor.execute("PRAGMA foreign_keys = ON")
+    cursor.close()
+
+
+def _begin(connection: Connection) -> None:
+    read_only = connection.get_execution_options().get("read_only", False)
+    connection.exec_driver_sql("BEGIN" if read_only else "BEGIN IMMEDIATE")
+
+
+def _reason(error: BaseException) -> str:
+    """What the database said, in one line."""
+    original = error.orig if isinstance(error, DatabaseError | OperationalError) else error
+    return " ".join(str(original).split())

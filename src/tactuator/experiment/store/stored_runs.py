@@ -1,0 +1,91 @@
+"""Runs as they stand in the store, with their trials, ready for analysis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import Connection, select
+
+from tactuator.errors import BadInput
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.protocol import Protocol
+from tactuator.experiment.store import schema
+from tactuator.experiment.store.records import Found
+from tactuator.experiment.store.store import Store
+from tactuator.experiment.trial.trial import IntervalRecord
+
+
+@dataclass(frozen=True)
+class StoredRun:
+    """session, run: their rows; arrays (trials,); intervals: of all trials."""
+
+    session: Found
+    run: Found
+    protocol: Protocol
+    frequency_hz: NDArray[np.float64]
+    levels_db_sl: NDArray[np.float64]
+    curve_level_db_re_1um: NDArray[np.float64]
+    correct: NDArray[np.bool_]
+    intervals: tuple[IntervalRecord, ...]
+
+
+def detection_runs(store: Store, state: str = "done") -> list[StoredRun]:
+    """Runs of that state in all the store's studies, practice left out.
+
+    Raises BadInput where the store has none.
+    """
+    with store.read() as connection:
+        asked = select(schema.stimulus.c.study_id)  # identification studies have stimuli of their own
+        protocols = {
+            row.id: parse_protocol(row.protocol_toml, row.name)
+            for row in connection.execute(select(schema.study).where(schema.study.c.id.not_in(asked)))
+        }
+        sessions = {row.id: row for row in connection.execute(select(schema.session))}
+        query = (
+            select(schema.run)
+            .where(
+                schema.run.c.state == state,
+                schema.run.c.practice.is_(False),
+                schema.run.c.paradigm == "forced-choice",
+            )
+            .order_by(schema.run.c.session_id, schema.run.c.position, schema.run.c.attempt)
+        )
+        runs = [
+            _stored(connection, sessions[row.session_id], row, protocols[sessions[row.session_id].study_id])
+            for row in connection.execute(query)
+        ]
+    if not runs:
+        raise BadInput(f"store {store.path} has no {state} run; allowed: one with at least one")
+    return runs
+
+
+def _stored(connection: Connection, session: Found, run: Found, protocol: Protocol) -> StoredRun:
+    query = (
+        select(schema.trial, schema.response.c.correct)
+        .join(schema.response, schema.response.c.trial_id == schema.trial.c.id)
+        .where(schema.trial.c.run_id == run.id)
+        .order_by(schema.trial.c.number)
+    )
+    trials = list(connection.execute(query))
+    played = (
+        select(schema.interval)
+        .join(schema.trial, schema.trial.c.id == schema.interval.c.trial_id)
+        .where(schema.trial.c.run_id == run.id)
+        .order_by(schema.trial.c.number, schema.interval.c.position)
+    )
+    intervals = tuple(
+        IntervalRecord(row.stimulus, row.commanded_db_sl, row.measured_db_sl, bool(row.saturated))
+        for row in connection.execute(played)
+    )
+    return StoredRun(
+        session,
+        run,
+        protocol,
+        np.array([row.frequency_hz for row in trials]),
+        np.array([row.level_db_sl for row in trials]),
+        np.array([row.curve_level_db_re_1um for row in trials]),
+        np.array([row.correct for row in trials], dtype=np.bool_),
+        intervals,
+    )

@@ -1,0 +1,1 @@
+"""One psychophysical trial: stimulus, timing, presentation, delivered level."""

@@ -1,0 +1,69 @@
+"""What is played in one interval: a reference for every channel, in threshold units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal as scipy_signal
+
+from tactuator.errors import BadInput
+from tactuator.experiment.trial.timing import Timing
+from tactuator.perception.levels import COMFORT_DB_SL
+from tactuator.signals.decibels import from_db
+from tactuator.signals.stimuli import ramps, tone
+
+
+@dataclass(frozen=True)
+class Masker:
+    """Played in every interval of a trial under the stimulus: a tone, or noise of one third-octave, at level_db_sl (rms
+
+    of the noise: that of a sinusoid of this level). channel None: the stimulus's own.
+    """
+
+    kind: Literal["tone", "noise"]
+    frequency_hz: float
+    level_db_sl: float
+    channel: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("tone", "noise"):
+            raise BadInput(f"masker: kind {self.kind!r}; allowed: tone, noise")
+        if not self.frequency_hz > 0.0:
+            raise BadInput(f"masker: frequency_hz is {self.frequency_hz:g}; allowed: a positive number")
+        if not self.level_db_sl <= COMFORT_DB_SL:
+            raise BadInput(f"masker: level_db_sl is {self.level_db_sl:g}; allowed: {COMFORT_DB_SL:g} at most")
+
+    def wave(self, count: int, rate_hz: float, ramp_s: float, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Shape (count,), threshold units."""
+        amplitude = float(from_db(self.level_db_sl))
+        if self.kind == "tone":
+            return tone(self.frequency_hz, amplitude, count / rate_hz, rate_hz, ramp_s=ramp_s)
+        edge = 10.0 ** (1.0 / 20.0)
+        band = [self.frequency_hz / edge, self.frequency_hz * edge]
+        noise = scipy_signal.sosfilt(
+            scipy_signal.butter(2, band, "bandpass", fs=rate_hz, output="sos"), rng.standard_normal(2 * count)
+        )[count:]
+        return np.asarray(amplitude / np.sqrt(2.0) * noise / np.std(noise) * ramps(count, rate_hz, ramp_s))
+
+
+@dataclass(frozen=True)
+class ToneInterval:
+    """One interval of a detection trial: a tone of frequency_hz at level_db_sl, or nothing (level None)."""
+
+    frequency_hz: float
+    level_db_sl: float | None
+
+    def __post_init__(self) -> None:
+        if self.level_db_sl is not None and self.level_db_sl > COMFORT_DB_SL + 1e-9:
+            raise BadInput(f"stimulus of {self.level_db_sl:g} dB SL; allowed: {COMFORT_DB_SL:g} at most")
+
+    def wave(self, rate_hz: float, timing: Timing) -> NDArray[np.float64]:
+        """Shape (n,), threshold units."""
+        duration = timing.duration_s(self.frequency_hz)
+        if self.level_db_sl is None:
+            return np.zeros(round(duration * rate_hz))
+        amplitude = float(from_db(self.level_db_sl))
+        return tone(self.frequency_hz, amplitude, duration, rate_hz, ramp_s=timing.ramp_at_s(self.frequency_hz))

@@ -1,0 +1,92 @@
+"""A trial of any paradigm: what is played in its intervals, which responses are allowed, which one is right."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactuator.errors import BadInput
+from tactuator.experiment.procedure.procedure import Placement
+from tactuator.experiment.trial.stimulus import ToneInterval
+
+
+@dataclass(frozen=True)
+class Trial:
+    """number counts from 0 in its run; stimuli: one label for each interval, as the stimulus table has it.
+
+    responses: the allowed ones, in the order in which they are offered; correct: the right one.
+    placement: where an adaptive procedure put it, None elsewhere.
+    """
+
+    number: int
+    stimuli: tuple[str, ...]
+    responses: tuple[str, ...]
+    correct: str
+    placement: Placement | None = None
+
+    def __post_init__(self) -> None:
+        if self.correct not in self.responses:
+            raise BadInput(f"trial: correct response {self.correct!r}; allowed: {', '.join(self.responses)}")
+
+    def judge(self, response: str) -> bool:
+        """Whether the response is right; BadInput if it is not among the allowed ones."""
+        if response not in self.responses:
+            raise BadInput(f"response {response!r}; allowed: {', '.join(self.responses)}")
+        return response == self.correct
+
+
+@dataclass(frozen=True)
+class IntervalRecord:
+    """An interval as it was played. commanded_db_sl: None where nothing was, or no one level; measured_db_sl: at the
+
+    sensor, at the stimulus's frequency; None where there is no one frequency.
+    """
+
+    stimulus: str
+    commanded_db_sl: float | None
+    measured_db_sl: float | None
+    saturated: bool
+
+
+BLANK, SIGNAL = "blank", "tone"
+"""Labels of the stimuli of a detection trial."""
+
+
+@dataclass(frozen=True)
+class ForcedChoice:
+    """Detection in one of m intervals; the responses are "1" to str(m)."""
+
+    intervals: int = 3
+
+    def __post_init__(self) -> None:
+        if not 2 <= self.intervals <= 9:
+            raise BadInput(f"forced choice among {self.intervals} intervals; allowed: 2 to 9")
+
+    @property
+    def guess(self) -> float:
+        """Probability of a correct guess."""
+        return 1.0 / self.intervals
+
+    @property
+    def responses(self) -> tuple[str, ...]:
+        """One key for each interval."""
+        return tuple(str(1 + interval) for interval in range(self.intervals))
+
+    def trial(self, number: int, placement: Placement, seed: Sequence[int]) -> Trial:
+        """The trial of that number: the interval with the tone depends on the seed and the number alone."""
+        target = int(trial_rng(seed, number).integers(self.intervals))
+        stimuli = tuple(SIGNAL if interval == target else BLANK for interval in range(self.intervals))
+        return Trial(number, stimuli, self.responses, self.responses[target], placement)
+
+    def tones(self, trial: Trial, frequency_hz: float) -> tuple[ToneInterval, ...]:
+        """What each interval plays."""
+        assert trial.placement is not None
+        level = trial.placement.level_db_sl
+        return tuple(ToneInterval(frequency_hz, level if label == SIGNAL else None) for label in trial.stimuli)
+
+
+def trial_rng(seed: Sequence[int], number: int) -> np.random.Generator:
+    """Randomness of one trial: the same after any interruption, whatever came before."""
+    return np.random.default_rng([*seed, number])

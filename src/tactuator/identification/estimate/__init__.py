@@ -1,0 +1,1 @@
+"""Estimators of plant models: starts, descent, prediction, covariance."""

@@ -1,0 +1,82 @@
+"""The C core's inner loops for identification: recursive least squares, states of a linear system, Dahl friction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.errors import BadInput
+from tactuator.runtime._core import ffi, lib
+
+Array = NDArray[np.float64]
+
+
+def _pointer(array: Array) -> Any:
+    return ffi.cast("double *", ffi.from_buffer(array))
+
+
+def _double(array: Array) -> Array:
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Recursion:
+    """What `recursive_least_squares` leaves: theta (n,), inverse information (n, n), mean squared prediction error.
+
+    theta_history, variance_history: rows after every `every`-th sample, shape (count // every, n).
+    """
+
+    theta: Array
+    inverse_information: Array
+    prediction_variance: float
+    theta_history: Array
+    variance_history: Array
+
+
+def recursive_least_squares(
+    regressors: Array, output: Array, *, forgetting: float = 1.0, start_variance: float = 1e8, every: int = 1000
+) -> Recursion:
+    """Least squares row by row: regressors (count, n), output (count,), from theta = 0 with start_variance on each.
+
+    forgetting: 1 keeps everything, 0.999 halves a sample's weight in 693 samples.
+    """
+    rows = _double(regressors)
+    values = _double(output)
+    count, n = rows.shape
+    if not 0.0 < forgetting <= 1.0:
+        raise BadInput(f"forgetting is {forgetting:g}; allowed: above 0, at most 1")
+    if not (1 <= n <= lib.TACT_RLS_MAX and every >= 1):
+        raise BadInput(f"{n} parameters, history every {every}; allowed: 1 to {lib.TACT_RLS_MAX}, 1 or more")
+    theta, m = np.zeros(n), np.eye(n) * start_variance
+    theta_history, variance_history = np.zeros((count // every, n)), np.zeros((count // every, n))
+    cost = np.zeros(1)
+    lib.tact_rls_run(
+        n, count, _pointer(rows), _pointer(values), forgetting, _pointer(theta), _pointer(m), every,
+        _pointer(theta_history), _pointer(variance_history), _pointer(cost),
+    )  # fmt: skip
+    return Recursion(theta, m, float(cost[0]) / max(count, 1), theta_history, variance_history)
+
+
+def run_states(difference: Array, now: Array, following: Array, driver: Array) -> Array:
+    """States x[k+1] = x[k] + D x[k] + b0 u[k] + b1 u[k+1] from rest: D (n, n), b0 and b1 (n,), u (count,).
+
+    Returns x, shape (count, n).
+    """
+    d, b0, b1, u = _double(difference), _double(now), _double(following), _double(driver)
+    n = b0.size
+    out, x = np.empty((u.size, n)), np.zeros(n)
+    if lib.tact_states_run(n, _pointer(d), _pointer(b0), _pointer(b1), u.size, _pointer(u), _pointer(x), _pointer(out)):
+        raise BadInput(f"{n} states; allowed: 1 to {lib.TACT_STATES_MAX}")
+    return out
+
+
+def dahl_state(position: Array, presliding: float) -> Array:
+    """Dahl friction's state (-1 .. 1) along `position` (count,), from 0; presliding in position's unit, positive."""
+    x = _double(position)
+    friction = ffi.new("tact_friction *", (1.0 / presliding, 1.0 / presliding))
+    state, out = ffi.new("tact_friction_state *", (0.0, float(x[0]))), np.empty(x.size)
+    lib.tact_friction_run(friction, state, _pointer(x), _pointer(out), x.size)
+    return out

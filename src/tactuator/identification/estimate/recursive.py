@@ -1,0 +1,146 @@
+"""The paper's way: recursive least squares with forgetting, on filtered derivatives, straight to a continuous model.
+
+With E(s) of the model's order, A y = B u becomes an equation in signals that can be had without differentiating noise:
+    s^n/E y = - sum a_k s^k/E y + sum b_k s^k/E u
+Sensor noise is in the regressors on the right, so the estimate is biased; `refined` is not. E is a guess at first and
+the estimated A afterwards, which makes the bias small, not zero (Young, Recursive Estimation, 2011, chapter 8).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import signal
+
+from tactuator.errors import BadInput
+from tactuator.identification.estimate.loops import Recursion, recursive_least_squares
+from tactuator.identification.estimate.states import companion_states, shift
+from tactuator.identification.evidence.empirical import empirical_response
+from tactuator.signals.systems import ContinuousSystem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RecursiveEstimate:
+    """A continuous model and the way to it.
+
+    num, den: descending powers, den monic. covariance: of (num descending, den[1:]), by least squares, hence too small
+    where the residual is coloured. time_s (h,), num_history (h, m+1), den_history (h, n), variance_history in the same
+    order: how the last pass converged.
+    """
+
+    num: Array
+    den: Array
+    delay_s: float
+    covariance: Array
+    time_s: Array
+    num_history: Array
+    den_history: Array
+    variance_history: Array
+    prediction_error: float
+
+    @property
+    def model(self) -> ContinuousSystem:
+        """The estimate as a system."""
+        return ContinuousSystem.from_polynomials(self.num, self.den, self.delay_s)
+
+
+def identify_recursively(
+    command: ArrayLike,
+    position: ArrayLike,
+    rate_hz: float,
+    *,
+    poles: int = 2,
+    zeros: int = 0,
+    delay_s: float = 0.0,
+    forgetting: float = 1.0,
+    passes: int = 3,
+    history: int = 200,
+) -> RecursiveEstimate:
+    """Recursive least squares of a model of `poles` and `zeros` on command (n,) and position (n,).
+
+    delay_s: a known dead time (whole samples). forgetting: as in `recursive_least_squares`. passes: how often E is
+    replaced by the estimate before. history: rows of convergence kept. Raises BadInput for an unknown structure or a
+    record of fewer than 50 samples.
+    """
+    u, y = np.asarray(command, dtype=np.float64), np.asarray(position, dtype=np.float64)
+    if u.shape != y.shape or u.ndim != 1 or u.size < 50:
+        raise BadInput(f"command {u.shape}, position {y.shape}; allowed: one shape (n,), 50 samples or more")
+    if not (0 <= zeros < poles <= 6):
+        raise BadInput(f"{poles} poles and {zeros} zeros; allowed: 1 to 6 poles, fewer zeros")
+    corner = _corner(u, y, rate_hz)
+    filter_polynomial = np.real(np.poly(np.full(poles, -corner)))
+    every = max(1, u.size // history)
+    late = shift(u, round(delay_s * rate_hz))
+    for _ in range(max(1, passes)):
+        regressors, goal, sizes = _regression(filter_polynomial, late, y, rate_hz, zeros)
+        recursion = recursive_least_squares(regressors, goal, forgetting=forgetting, every=every)
+        theta = recursion.theta / sizes
+        filter_polynomial = _as_filter(np.append(1.0, theta[zeros + 1 :]), corner)
+    return _estimate(recursion, sizes, zeros, delay_s, every / rate_hz)
+
+
+def _corner(u: Array, y: Array, rate_hz: float) -> float:
+    """Where the response has fallen to a tenth of its largest value, rad/s: above most poles, below most noise."""
+    response = empirical_response(u, y, rate_hz)
+    trusted = response.coherence > 0.3
+    if trusted.sum() < 3:
+        return 2.0 * np.pi * rate_hz / 200.0
+    frequency, size = response.frequency_hz[trusted], np.abs(response.value[trusted])
+    above = np.flatnonzero(size >= 0.1 * size.max())
+    return float(2.0 * np.pi * min(frequency[above[-1]], 0.1 * rate_hz))
+
+
+def _as_filter(den: Array, corner: float) -> Array:
+    """A stable E from an estimated A: poles mirrored into the left half-plane, none slower than corner/300."""
+    poles = np.roots(den)
+    poles = -np.abs(poles.real) + 1j * poles.imag
+    slow = np.abs(poles) < corner / 300.0
+    poles[slow] = -corner / 300.0
+    return np.real(np.poly(poles))
+
+
+def _regression(e: Array, u: Array, y: Array, rate_hz: float, zeros: int) -> tuple[Array, Array, Array]:
+    """Regressors scaled to unit size (n, m+1+poles), the goal scaled to unit size, and the scales of theta."""
+    from_u = companion_states(e, u - u.mean(), rate_hz)[:, : zeros + 1][:, ::-1]
+    centred = y - y.mean()
+    from_y = companion_states(e, centred, rate_hz, hold="first-order")
+    highest = centred - from_y @ e[:0:-1]
+    columns = np.hstack([from_u, -from_y[:, ::-1]])
+    # steady offsets of sensor and command are in no model: slow parts far below the filter's corner are removed alike
+    columns, goal = _without_offset(columns, rate_hz), _without_offset(highest[:, None], rate_hz)[:, 0]
+    # what went on before the record began dies out with E's own poles
+    start = int(min(6.0 * rate_hz / np.min(np.abs(np.roots(e).real)), 0.2 * u.size))
+    columns, goal = columns[start:], goal[start:]
+    column_size, goal_size = np.sqrt(np.mean(columns**2, axis=0)), float(np.sqrt(np.mean(goal**2)))
+    column_size[column_size == 0.0] = 1.0
+    if goal_size == 0.0:
+        raise BadInput("the position does not move; allowed: a record of something that moves")
+    return columns / column_size, goal / goal_size, column_size / goal_size
+
+
+def _without_offset(columns: Array, rate_hz: float) -> Array:
+    """First-order high-pass with its corner at 3 periods of the record: takes offsets away, alike in every column."""
+    corner = 3.0 * rate_hz / columns.shape[0]
+    b, a = signal.butter(1, min(2.0 * corner / rate_hz, 0.5), "highpass")
+    return np.asarray(signal.lfilter(b, a, columns, axis=0))
+
+
+def _estimate(recursion: Recursion, sizes: Array, zeros: int, delay_s: float, step_s: float) -> RecursiveEstimate:
+    theta = recursion.theta / sizes
+    history = recursion.theta_history / sizes
+    scale = np.outer(1.0 / sizes, 1.0 / sizes) * recursion.prediction_variance
+    return RecursiveEstimate(
+        num=theta[: zeros + 1],
+        den=np.append(1.0, theta[zeros + 1 :]),
+        delay_s=delay_s,
+        covariance=recursion.inverse_information * scale,
+        time_s=step_s * np.arange(1, history.shape[0] + 1),
+        num_history=history[:, : zeros + 1],
+        den_history=history[:, zeros + 1 :],
+        variance_history=recursion.variance_history * np.diag(scale),
+        prediction_error=float(np.sqrt(recursion.prediction_variance)),
+    )

@@ -1,0 +1,112 @@
+"""Is anything left in the residual? Whiteness, and dependence on the command."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal, stats
+
+from tactuator.identification.evidence.whitening import autocorrelation
+
+Array = NDArray[np.float64]
+_LAGS = 40
+
+
+@dataclass(frozen=True)
+class ResidualTests:
+    """Chances (p) that a residual free of structure would look as bad; a test passes above 1 %.
+
+    white: of the innovations (after the noise model). uncorrelated: with the command's past; unexplained: the share of
+    the residual's power that the command's past explains. feedback: whether the command depends on the residual's past.
+    """
+
+    white_p: float
+    uncorrelated_p: float
+    unexplained: float
+    feedback: bool
+
+    @property
+    def white(self) -> bool:
+        """Ljung and Box's test passed."""
+        return self.white_p > 0.01
+
+    @property
+    def uncorrelated_with_input(self) -> bool:
+        """The command's past explains nothing of the residual."""
+        return self.uncorrelated_p > 0.01
+
+
+def check_residual(innovation: Array, command: Array, jacobian: Array, rate_hz: float) -> ResidualTests:
+    """innovation (n,): whitened residual; command (n,), whitened alike; jacobian (n, p) of the estimated parameters."""
+    p_white = _ljung_box(innovation)
+    p_input, share = _input_test(innovation, command, jacobian, rate_hz)
+    return ResidualTests(p_white, p_input, share, feedback_present(innovation, command))
+
+
+def _ljung_box(values: Array) -> float:
+    """Ljung and Box (1978): n (n + 2) sum r_k^2 / (n - k) is chi-squared of as many degrees as lags."""
+    n, lags = values.size, min(_LAGS, values.size // 10)
+    covariance = autocorrelation(values - values.mean(), lags)
+    if covariance[0] == 0.0:
+        return 1.0
+    r = covariance[1:] / covariance[0]
+    statistic = n * (n + 2.0) * float(np.sum(r**2 / (n - np.arange(1, lags + 1))))
+    return float(stats.chi2.sf(statistic, lags))
+
+
+def _input_test(innovation: Array, command: Array, jacobian: Array, rate_hz: float) -> tuple[float, float]:
+    """Score test: does the command's past, seen through low-pass filters of every time scale, explain the residual?
+
+    Lags even in time would need hundreds of thousands to see a slow error; time constants even in log time see all.
+    """
+    n = innovation.size
+    columns = _time_scales(command, rate_hz)
+    system = np.hstack([jacobian, columns])
+    gram = system.T @ system
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    gram = gram / np.outer(size, size)
+    goal = system.T @ innovation / size
+    p = jacobian.shape[1]
+    total, rank = _explained(gram, goal)
+    own, own_rank = _explained(gram[:p, :p], goal[:p])
+    variance = float(innovation @ innovation) / n
+    if variance <= 0.0 or rank <= own_rank:
+        return 1.0, 0.0
+    gained = max(total - own, 0.0)
+    return float(stats.chi2.sf(gained / variance, rank - own_rank)), gained / (n * variance)
+
+
+def _time_scales(command: Array, rate_hz: float) -> Array:
+    """First-order low-passes of the delayed command, corners from 2 periods of the record to 0.2 rate, (n, k)."""
+    corners = np.geomspace(2.0 * rate_hz / command.size, 0.2 * rate_hz, 14)
+    late = np.concatenate([[0.0], command[:-1] - command.mean()])
+    made = []
+    for corner in corners:
+        decay = np.exp(-2.0 * np.pi * corner / rate_hz)
+        made.append(signal.lfilter([1.0 - decay], [1.0, -decay], late))
+    return np.stack(made, axis=1)
+
+
+def _explained(gram: Array, goal: Array) -> tuple[float, int]:
+    values, vectors = np.linalg.eigh(gram)
+    kept = values > 1e-9 * values[-1]
+    turned = vectors.T @ goal
+    return float(np.sum(turned[kept] ** 2 / values[kept])), int(kept.sum())
+
+
+def feedback_present(innovation: Array, command: Array) -> bool:
+    """Whether later commands follow the residual: the sign of a record taken in closed loop."""
+    n = innovation.size
+    lags = min(200, n // 20)
+    size = 1 << int(np.ceil(np.log2(2 * n)))
+    one, other = np.fft.rfft(innovation, size), np.fft.rfft(command - command.mean(), size)
+    power = np.abs(other) ** 2
+    # the command is flattened first: a slow one would correlate with anything slow
+    smooth = np.convolve(power, np.ones(201) / 201.0, mode="same") + 1e-12 * power.max()
+    cross = np.fft.irfft(np.conj(one) * other / np.sqrt(smooth), size)
+    norm = np.sqrt(np.mean(innovation**2) * n * np.mean(np.fft.irfft(other / np.sqrt(smooth), size)[:n] ** 2) * n)
+    ahead = cross[: lags + 1] / max(norm, 1e-300)
+    bound = stats.norm.isf(0.5e-4 / lags) / np.sqrt(n)
+    return bool(np.max(np.abs(ahead)) > bound)

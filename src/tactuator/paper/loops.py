@@ -1,0 +1,35 @@
+"""Step 5: the paper's C around the paper's motor, continuous and sampled, with its margins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tactuator.display.description import Channel, Display
+from tactuator.loop.feedback import FeedbackLoop
+from tactuator.loop.margins import Margins, margins
+from tactuator.signals.discretise import bilinear
+from tactuator.synthesis import paper
+from tactuator.synthesis.family import sampled_plant
+
+
+@dataclass(frozen=True)
+class PaperLoop:
+    """The loop of the paper's equations and the loop as it runs, with the margins of each."""
+
+    continuous: FeedbackLoop
+    continuous_margins: Margins
+    sampled: FeedbackLoop
+    sampled_margins: Margins
+
+
+def paper_loop(display: Display) -> PaperLoop:
+    """C and P as the paper prints them; sampled: bilinear C, held P, the display's computing delay."""
+    continuous = FeedbackLoop(paper.FEEDBACK, paper.PLANT)
+    sampled = sampled_loop(display, display.channels[0])
+    return PaperLoop(continuous, margins(continuous), sampled, margins(sampled))
+
+
+def sampled_loop(display: Display, channel: Channel) -> FeedbackLoop:
+    """The paper's C on one of the display's channels, as it runs."""
+    plant = sampled_plant(channel.plant, display.rate_hz, display.delay_samples)
+    return FeedbackLoop(bilinear(paper.FEEDBACK, display.rate_hz), plant)

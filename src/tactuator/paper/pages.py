@@ -1,0 +1,174 @@
+"""report.html: what was done, figure by figure, with the numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tactuator import __version__
+from tactuator.paper.comparison import comparison
+from tactuator.paper.objectives import Figures
+from tactuator.paper.response import LOADED, UNLOADED, worst_error_db
+from tactuator.paper.run import Study
+from tactuator.paper.thresholds import bias_and_spread_db
+from tactuator.perception.levels import COMFORT_DB_SL
+from tactuator.report.page import Section, Table, page
+from tactuator.report.plate import Plate
+from tactuator.speech.render import LEVEL_DB_SL
+
+
+def report_page(study: Study, plates: Sequence[Plate]) -> str:
+    """The page, with every plate in it."""
+    by_name = {plate.name: plate for plate in plates}
+    sections = (
+        _objectives(study),
+        *_design_sections(study, by_name),
+        *_measured_sections(study, by_name),
+        *_person_sections(study, by_name),
+    )
+    curve = study.plan.display.channels[0].threshold.curve
+    introduction = (
+        "The study of IMECE2004-59874, “A two DOF controller for a multi-finger tactual display using a loop-shaping "
+        "technique”, run from its first calibration to speech on three fingers, on a simulated display with friction, "
+        "hum, noise and 16-bit converters.",
+        f"Display: {study.plan.display.name}, {study.plan.display.rate_hz:g} Hz. Threshold curve: {curve.name} "
+        f"({curve.provenance}). Seed: {study.plan.seed}; the same seed gives the same figures.",
+    )
+    return page("The paper, end to end", introduction, sections, f"tactuator {__version__}")
+
+
+def _objectives(study: Study) -> Section:
+    rows = [(one.number, _met(one.met), one.asks, _worded(one.figures)) for one in study.objectives]
+    compared = [(row.what, row.paper, row.here) for row in comparison(study)]
+    return Section(
+        "The four objectives, and paper against here",
+        ("The paper asks four things of its display (section 2). Here is how this one answers, as measured.",),
+        (Table(("objective", "", "asks", "figures"), rows), Table(("", "paper (2004)", "here"), compared)),
+    )
+
+
+def _design_sections(study: Study, plates: dict[str, Plate]) -> tuple[Section, ...]:
+    judged = study.prefilters
+    lost = study.loop.continuous_margins.phase_margin_deg - study.loop.sampled_margins.phase_margin_deg
+    return (
+        Section(
+            "The person: threshold and objective",
+            (
+                "A sinusoid at threshold is at 0 dB SL. A display whose response follows the threshold curve is felt "
+                f"equally strongly at every frequency; up to {COMFORT_DB_SL:g} dB SL it is comfortable.",
+            ),
+            plates=_some(plates, "fig01", "fig02"),
+        ),
+        Section(
+            "The motor: mechanism, identification, sensor",
+            (
+                "Each motor was driven for one minute with steps, noise and sinusoids; recursive least squares gave a "
+                "second-order model. The sensor was calibrated against a dial gauge with an error of 0.01 mm.",
+                "Against the simulated truth the identified responses err by at most "
+                f"{max(motor.frf_error_db_max for motor in study.motors.values()):.2f} dB over 0.4-300 Hz. The "
+                "controllers below are designed for the plants and gains of the display file, so that what "
+                "identification missed is seen here and nowhere else.",
+            ),
+            plates=_some(plates, "fig03", "fig04", "fig05"),
+        ),
+        Section(
+            "The loop and the prefilter",
+            (
+                f"C is the paper's own. Sampled, one period of computing delay takes {lost:.1f}° of its phase margin.",
+                f"The paper's F misses the curve by up to {judged.paper.max_error_db:.1f} dB (at 300 Hz); a prefilter "
+                f"of the same order, fitted here to H/T, by {judged.worst_fitted.max_error_db:.2f} dB.",
+            ),
+            plates=_some(plates, "fig06", "fig07", "prefilter"),
+        ),
+        Section(
+            "The digital implementation",
+            (
+                "Plants are held (zero-order), C is transformed bilinearly, F is fitted on the sampled loop itself. "
+                "The paper chose the lowest rate because coefficients need more resolution at higher ones; sections in "
+                "delta form, which run here, hardly do.",
+            ),
+            plates=_some(plates, "fig08", "resolution"),
+        ),
+    )
+
+
+def _measured_sections(study: Study, plates: dict[str, Plate]) -> tuple[Section, ...]:
+    rubbed = min(one.error_db for one in study.responses if one.load == UNLOADED and one.frequency_hz <= 20.0)
+    return (
+        Section(
+            "What a resting finger would feel",
+            (
+                "Hum and noise reach the sensor's own spectrum as S n and the fingertip as -T n, so they are judged "
+                "from the command through the motor's model. As the proportional gain rises, hum and the loop's "
+                "resonance rise, and the resonance moves up in frequency.",
+            ),
+            plates=_some(plates, "noise"),
+        ),
+        Section(
+            "The response at 0 to 50 dB SL",
+            (
+                "Stepped sine with lock-in at 23 frequencies, on three channels, without and with a finger.",
+                f"At 0 and 10 dB SL friction takes up to {-rubbed:.2f} dB of the slow motion; the same display without "
+                "friction shows no such loss (summary.json, friction). Under the finger's load the response falls by "
+                f"up to {worst_error_db(study.responses, LOADED, 30.0):.1f} dB, most of it above 20 Hz, where no "
+                "feedback reaches.",
+            ),
+            plates=_some(plates, "fig09", "fig10"),
+        ),
+    )
+
+
+def _person_sections(study: Study, plates: dict[str, Plate]) -> tuple[Section, ...]:
+    bias, spread = bias_and_spread_db(study.thresholds)
+    speech = study.spoken
+    notes = tuple(f"{speech.file.path.name}: {note}." for note in speech.file.notes)
+    return (
+        Section(
+            "Thresholds, and the new curve",
+            (
+                f"Three simulated observers, on three fingers each, by the paper's procedure: {len(study.thresholds)} "
+                "runs, felt through the display. Estimate less truth: "
+                f"{bias:+.2f} dB on average, standard deviation {spread:.2f} dB. A run of this procedure is expected "
+                "to come out about 0.4 dB low.",
+                f"The prefilter reshaped to the new curve follows it within {study.reshaped.max_error_db:.2f} dB.",
+            ),
+            plates=_some(plates, "fig11", "reshaped"),
+        ),
+        Section(
+            "Speech on three fingers",
+            (
+                f"{speech.file.path.name}, {speech.file.duration_s:.1f} s, band-limited to 300 Hz, at "
+                f"{LEVEL_DB_SL:g} dB SL (peak {speech.report.peak_db_sl:.0f} dB SL): felt against asked, "
+                f"{speech.report.worst_rms_db:.2f} dB rms over third-octave bands.",
+                *notes,
+            ),
+            plates=_some(plates, "fig12"),
+        ),
+    )
+
+
+def _some(plates: dict[str, Plate], *names: str) -> tuple[Plate, ...]:
+    return tuple(plates[name] for name in names)
+
+
+_WORDS = {
+    "max_error_db": "largest error {} dB",
+    "at_hz": "at {} Hz",
+    "channel": "{}",
+    "worst_line_db_sl": "strongest line {} dB SL",
+    "line_hz": "at {} Hz",
+    "worst_band_db_sl": "strongest third octave {} dB SL",
+    "band_hz": "at {} Hz",
+    "complementary_peak": "max|T| {}",
+    "max_difference_db": "largest difference {} dB",
+    "worst_difference_db": "over the whole band {} dB",
+    "worst_hz": "at {} Hz",
+}
+
+
+def _worded(figures: Figures) -> str:
+    """The figures of an objective as a person reads them."""
+    return ", ".join(_WORDS[key].format(v if isinstance(v, str) else f"{v:.3g}") for key, v in figures.items())
+
+
+def _met(met: bool) -> str:
+    return "met" if met else "not met"

@@ -1,0 +1,23 @@
+"""What comes out: report.html, figures with their tables, and summary.json."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tactuator.paper.pages import report_page
+from tactuator.paper.plates import plates
+from tactuator.paper.run import Study
+from tactuator.paper.summary import summary_text
+
+OWN_NAMES = frozenset({"report.html", "figures", "summary.json"})
+"""What the folder holds then."""
+
+
+def publish(study: Study, folder: Path) -> None:
+    """Write everything into `folder`, which is there and empty."""
+    drawn = plates(study)
+    (folder / "figures").mkdir()
+    for plate in drawn:
+        plate.save(folder / "figures")
+    (folder / "report.html").write_text(report_page(study, drawn), encoding="utf-8")
+    (folder / "summary.json").write_text(summary_text(study), encoding="utf-8")

@@ -1,0 +1,96 @@
+"""Steps 8 and 10: the response of every channel at the paper's levels, without and with a finger."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactuator.display.controller import Controller
+from tactuator.display.description import Display
+from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.measure.stepped_sine import stepped_sine
+from tactuator.paper.plan import LEVELS_DB_SL, RESPONSE_HZ, Plan, Progress
+from tactuator.rig.simulated import SimulatedRig
+from tactuator.signals.decibels import db, from_db
+from tactuator.synthesis.family import sampled_plant
+
+Array = NDArray[np.float64]
+
+UNLOADED, LOADED = "none", "finger"
+CONFIDENCE_DB = {0.0: 1.0, 10.0: 0.3, 30.0: 0.1, 50.0: 0.1}
+"""Half-width that averaging goes on for, by level."""
+
+
+@dataclass(frozen=True)
+class ResponsePoint:
+    """One measured point, peak volts of y: expected from the shipped sections and the nominal plant, target from the
+    curve, measured by the sensor with its half-width: 99 % for all points of a load and level together."""
+
+    channel: str
+    load: str
+    level_db_sl: float
+    frequency_hz: float
+    expected_v: float
+    target_v: float
+    measured_v: float
+    ci_db: float
+    saturated: bool
+
+    @property
+    def error_db(self) -> float:
+        """Measured against expected."""
+        return float(db(self.measured_v / self.expected_v))
+
+
+def nominal_response(controller: Controller, channel: str, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
+    """H of a channel from the shipped sections and the nominal plant without load, volts of y per threshold unit."""
+    display, own = controller.display, controller.channel(channel)
+    plant = sampled_plant(display.channel(channel).plant, display.rate_hz, display.delay_samples)
+    loop = TwoDegreeLoop(own.prefilter(display.rate_hz), own.feedback(display.rate_hz), plant)
+    return loop.position_response(frequency_hz)
+
+
+def measure_responses(
+    plan: Plan,
+    controller: Controller,
+    progress: Progress,
+    *,
+    step: str = "response",
+    levels_db_sl: tuple[float, ...] = LEVELS_DB_SL,
+    loads: tuple[str, ...] = (UNLOADED, LOADED),
+) -> tuple[ResponsePoint, ...]:
+    """Stepped sine with lock-in at RESPONSE_HZ, all channels at once, every level, every load."""
+    points: list[ResponsePoint] = []
+    together = 1.0 - 0.01 / (len(RESPONSE_HZ) * len(controller.channels))
+    runs = [(load, level) for load in loads for level in levels_db_sl]
+    for index, (load, level) in enumerate(runs):
+        rig = SimulatedRig(controller.display, plan.seed_of(f"{step} at {level:g} dB SL, {load}"))
+        touch(rig, controller.display, load)
+        rig.load(controller)
+        wanted = CONFIDENCE_DB[level]
+        responses = stepped_sine(rig, RESPONSE_HZ, level, load=load, confidence_db=wanted, coverage=together)
+        for measured in responses:
+            hertz = measured.frequency_hz
+            expected = np.abs(nominal_response(controller, measured.channel, hertz)) * from_db(level)
+            target = controller.display.channel(measured.channel).threshold_voltage(hertz) * from_db(level)
+            columns = (hertz, expected, target, measured.magnitude_v, measured.confidence_db, measured.saturated)
+            for f, e, t, m, ci, limited in zip(*(column.tolist() for column in columns), strict=True):
+                points.append(ResponsePoint(measured.channel, load, level, f, e, t, m, ci, limited))
+        progress("response", (index + 1) / len(runs))
+    return tuple(points)
+
+
+def touch(rig: SimulatedRig, display: Display, load: str) -> None:
+    """Put the first load of every channel on, or take all off."""
+    for channel in display.channels:
+        rig.finger(channel.name).touch(channel.loads[0].name if load != UNLOADED and channel.loads else None)
+
+
+def worst_error_db(points: tuple[ResponsePoint, ...], load: str, level_db_sl: float) -> float:
+    """Greatest |measured against expected| of a load and level over all channels, saturated points left out."""
+    errors = [
+        abs(one.error_db) for one in points if (one.load, one.level_db_sl, one.saturated) == (load, level_db_sl, False)
+    ]
+    return max(errors)

@@ -1,0 +1,39 @@
+"""Step 12: speech, band-limited to 300 Hz, as the reference of every finger; felt against asked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tactuator.display.controller import Controller
+from tactuator.measure.felt import FeltReport
+from tactuator.measure.listening import compare_felt
+from tactuator.paper.plan import Plan, Progress
+from tactuator.rig.simulated import SimulatedRig
+from tactuator.speech.limiter.limiter import FingerLimiting
+from tactuator.speech.reading import SpeechFile, scan_speech
+from tactuator.speech.render import render_array
+from tactuator.speech.synthesis import sample_path
+
+
+@dataclass(frozen=True)
+class Spoken:
+    """file: what was presented; report: felt against asked; limiting: what the limiter took from each finger."""
+
+    file: SpeechFile
+    report: FeltReport
+    limiting: tuple[FingerLimiting, ...]
+
+
+def check_speech(plan: Plan) -> SpeechFile:
+    """The plan's speech file, read through. Raises BadInput for one that cannot be used: ask before all else is run."""
+    return scan_speech(sample_path() if plan.speech is None else plan.speech)
+
+
+def speak(plan: Plan, controller: Controller, file: SpeechFile, progress: Progress) -> Spoken:
+    """The file coded `direct` at LEVEL_DB_SL on all channels of the simulated display, felt at the finger ports."""
+    reference, _, limiting = render_array(file.path, controller)
+    progress("speech", 0.5)
+    rig = SimulatedRig(controller.display, plan.seed_of("speech"))
+    report = compare_felt(rig, controller, reference)
+    progress("speech", 1.0)
+    return Spoken(file, report, limiting)

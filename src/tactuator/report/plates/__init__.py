@@ -1,0 +1,1 @@
+"""Figures of the report, one kind of figure in each module."""

@@ -1,0 +1,70 @@
+"""The charts of a design: for every channel Nichols, Bode, sensitivity, headroom and the equality of figure 2."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from tactuator.display.controller import Controller
+from tactuator.files.atomic import atomic_folder
+from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.report.plate import Plate
+from tactuator.report.plates.bode import bode_plate
+from tactuator.report.plates.equality import equality_plate
+from tactuator.report.plates.headroom import headroom_plate
+from tactuator.report.plates.nichols import NicholsInput, nichols_plate
+from tactuator.report.plates.sensitivity import sensitivity_plate
+from tactuator.synthesis.design import headroom_grid_hz
+from tactuator.synthesis.family import UNLOADED, plant_family
+from tactuator.synthesis.headroom import headroom
+
+_KINDS = ("nichols", "bode", "sensitivity", "headroom", "equality")
+
+
+def design_plates(controller: Controller, channel_name: str) -> tuple[Plate, ...]:
+    """The charts of one channel, named KIND-CHANNEL."""
+    display = controller.display
+    channel, own = display.channel(channel_name), controller.channel(channel_name)
+    family = plant_family(channel, display.rate_hz, display.delay_samples)
+    prefilter, feedback = own.prefilter(display.rate_hz), own.feedback(display.rate_hz)
+    loops = {one.name: TwoDegreeLoop(prefilter, feedback, one.sampled) for one in family}
+    closed = {name: loop.feedback for name, loop in loops.items() if loop.feedback is not None}
+    low, high = channel.threshold.band_hz
+    wide = (low / 2.0, min(2.0 * high, 0.45 * display.rate_hz))
+    plates = []
+    if feedback is not None:
+        nominal = closed[UNLOADED]
+        others = [loop for name, loop in closed.items() if name != UNLOADED]
+        shown = NicholsInput(nominal, channel.plant, None, others, wide)
+        plates.append(nichols_plate(shown, f"nichols-{channel_name}", f"Nichols chart, {channel_name}"))
+        systems = {"P": family[0].sampled, "C": feedback, "C P": nominal.open_loop, "F": prefilter}
+        plates.append(bode_plate(systems, wide, f"bode-{channel_name}", f"Bode diagram, {channel_name}"))
+        limits = channel.feedback
+        title = f"Sensitivity, {channel_name}"
+        plates.append(sensitivity_plate(closed, limits, wide, f"sensitivity-{channel_name}", title))
+    else:
+        open_systems = {"P": family[0].sampled, "F": prefilter}
+        plates.append(bode_plate(open_systems, wide, f"bode-{channel_name}", f"Bode diagram, {channel_name}"))
+    grid = headroom_grid_hz(channel)
+    comfort = display.objectives.comfort_db_sl
+    rooms = {name: headroom(channel, loop, grid, comfort) for name, loop in loops.items()}
+    plates.append(headroom_plate(rooms, f"headroom-{channel_name}", f"Headroom, {channel_name}"))
+    fine = np.geomspace(low, high, 400)
+    response = loops[UNLOADED].position_response(fine)
+    title = f"Response + sensitivity = constant, {channel_name}"
+    plates.append(equality_plate(channel, fine, response, name=f"equality-{channel_name}", title=title))
+    return tuple(plates)
+
+
+def save_design_plates(controller: Controller, folder: Path) -> None:
+    """Write every channel's charts (SVG, with their numbers as CSV) into `folder`, whole or not at all.
+
+    Raises BadInput for a folder that holds anything else.
+    """
+    names = [f"{kind}-{channel.name}" for channel in controller.channels for kind in _KINDS]
+    own_names = frozenset(f"{name}.{ending}" for name in names for ending in ("svg", "csv"))
+    with atomic_folder(folder, own_names) as beside:
+        for channel in controller.channels:
+            for plate in design_plates(controller, channel.name):
+                plate.save(beside)

@@ -1,0 +1,129 @@
+"""The safety table of a display: limits, plant and weighting that a board's guard is commissioned with.
+
+It is made once, from the display alone: no controller and no image has a say in it. What the figures are for, and why
+they are what they are: docs/safety.md.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tactuator.display.description import Channel, Display
+from tactuator.runtime.safety_table import NEVER, NEVER_TICKS, ChannelSafety, Observer, SafetyTable
+from tactuator.signals.decibels import from_db
+from tactuator.signals.discretise import zero_order_hold
+from tactuator.synthesis.prefilter.felt_weighting import weighting_sections
+
+LATENESS_MAX = 0.25
+SILENCE_S, SOFT_START_S, FADE_S, RAMP_S, QUICK_S = 0.2, 0.1, 0.05, 0.05, 0.04
+COMFORT_TOLERANCE_DB = 1.0
+LIFTED_DB = 0.5
+"""Below comfort, for the reference: what a finger that is taken off at the worst moment adds (docs/safety.md)."""
+OBSERVER_RAD_S = 125.0
+FROZEN_S, FROZEN_MOST_S, FROZEN_CHANCE = 0.0125, 0.05, 1e-12
+STOP_SHARE, OPEN_SHARE, DISAGREEMENT_SHARE = 0.85, 1.15, 0.14
+REVERSAL_NOISES = 200.0
+"""A finger that presses moves the sensor against the motor, too: at 8 a tenth of a volt's worth of it was taken for a
+reversed sensor."""
+_NOWHERE = Observer(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def safety_table(display: Display) -> SafetyTable:
+    """The table of `display`.
+
+    A plant that is no second-order motor measured by its displacement has neither stopping distance nor observer:
+    comfort, command, range, frozen sensor, lateness and silence are watched all the same.
+    """
+    rate = display.rate_hz
+    channels = tuple(_channel(display, channel) for channel in display.channels)
+    ticks = (round(duration * rate) for duration in (SILENCE_S, SOFT_START_S, FADE_S, RAMP_S, QUICK_S))
+    silence, soft_start, fade, ramp, quick = ticks
+    return SafetyTable(
+        rate, display.delay_samples, LATENESS_MAX, silence, soft_start, fade, ramp, quick, turns(display), channels
+    )
+
+
+def soft_ticks(rate_hz: float) -> int:
+    """Ticks of a run until its soft start is surely over: two ramps, each up to a tick longer by rounding."""
+    return round(SOFT_START_S * rate_hz) + 4
+
+
+def turns(display: Display) -> int:
+    """Ticks from one look at a channel's comfort to the next: one channel a tick where the rate leaves that four times
+    the band's end."""
+    highest_hz = max(channel.threshold.band_hz[1] for channel in display.channels)
+    return max(1, min(len(display.channels), int(display.rate_hz / (4.0 * highest_hz))))
+
+
+def is_watched(channel: Channel) -> bool:
+    """Whether the guard has a model of this channel's plant: two poles, no zeros, displacement."""
+    return channel.quantity == "displacement" and channel.plant.poles.size == 2 and channel.plant.zeros.size == 0
+
+
+def observer(channel: Channel, rate_hz: float) -> tuple[Observer, float]:
+    """The plant's model and its correction (both poles at exp(-OBSERVER_RAD_S / rate)), and the damping that is left
+    to a motor without command: share of the velocity lost in a tick.
+
+    In d = z - 1 the plant's denominator is d^2 + a1 d + a2: spring = a2, damp = a1 - a2; the drive acts on the mean of
+    two inputs, which puts the zero of the held plant at -1 (it lies at -0.99).
+    """
+    sampled = zero_order_hold(channel.plant, rate_hz)
+    differences = 1.0 - sampled.poles
+    spring = float(np.real(np.prod(differences)))
+    damp = float(np.real(np.sum(differences))) - spring
+    drive = float(np.real(sampled.gain * np.prod(1.0 - sampled.zeros)))
+    pole = math.exp(-OBSERVER_RAD_S / rate_hz)
+    both = 2.0 - spring - damp - 2.0 * pole
+    correct_w = pole**2 / (1.0 - damp) - 1.0 + both
+    lost = -math.expm1(float(np.real(np.sum(channel.plant.poles))) / rate_hz)
+    return Observer(0.5 * drive, damp, spring, both - correct_w, correct_w), lost
+
+
+def frozen_ticks(channel: Channel, rate_hz: float) -> int:
+    """How long the same reading may last: chance 1e-12 that the sensor's own noise stays within one step. NEVER_TICKS
+    for a sensor that is so quiet that it rests on one code."""
+    noise_steps = channel.environment.noise_v_rms / channel.converter.step_v
+    stays = math.erf(0.5 / (math.sqrt(2.0) * noise_steps)) if noise_steps > 0.05 else 1.0
+    if stays >= 1.0:
+        return NEVER_TICKS
+    needed = max(FROZEN_S * rate_hz, math.log(FROZEN_CHANCE) / math.log(stays))
+    return math.ceil(needed) if needed <= FROZEN_MOST_S * rate_hz else NEVER_TICKS
+
+
+def reversal_power(channel: Channel, rate_hz: float) -> float:
+    """Mean square motion, in V^2 between two looks at a rate of rate_hz, from which its sign can be told:
+    REVERSAL_NOISES times what the noise of two readings' difference leaves in the guard's mean over some 40 of them."""
+    environment, step_v = channel.environment, channel.converter.step_v
+    hum = sum(
+        0.5 * (level_v * 2.0 * math.pi * frequency_hz / rate_hz) ** 2
+        for frequency_hz, level_v in zip(environment.hum_hz, environment.hum_v_peak, strict=True)
+    )
+    difference = 2.0 * environment.noise_v_rms**2 + step_v**2 / 6.0 + hum
+    return REVERSAL_NOISES**2 * difference * 0.0125
+
+
+def _channel(display: Display, channel: Channel) -> ChannelSafety:
+    rate = display.rate_hz
+    converter, travel_v = channel.converter, channel.travel_mm * channel.sensor_gain_v_per_mm
+    code_max = 2 ** (converter.bits - 1) - 1
+    comfort = float(from_db(display.objectives.comfort_db_sl))
+    watched = is_watched(channel)
+    model, lost = observer(channel, rate) if watched else (_NOWHERE, 1.0)
+    return ChannelSafety(
+        converter=converter,
+        position_code_max=min(code_max - 1, round(OPEN_SHARE * travel_v / converter.step_v))
+        if watched
+        else code_max - 1,
+        frozen_ticks=frozen_ticks(channel, rate),
+        stop_max_v=STOP_SHARE * travel_v if watched else code_max * converter.step_v,
+        stop_lead=1.0 / lost if watched else 0.0,
+        command_max_v=converter.range_v,
+        reference_max=comfort / float(from_db(LIFTED_DB)),
+        comfort_max=comfort * float(from_db(COMFORT_TOLERANCE_DB)),
+        disagreement_v=DISAGREEMENT_SHARE * travel_v if watched else NEVER,
+        reversal_power=reversal_power(channel, rate / turns(display)) if watched else NEVER,
+        observer=model,
+        weighting_sos=weighting_sections(channel, rate / turns(display)),
+    )

@@ -1,0 +1,210 @@
+"""The host's end of the link: requests that are repeated until they are answered, and what the answers mean."""
+
+from __future__ import annotations
+
+import struct
+import time
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.errors import BadInput
+from tactuator.rig.board.frames import ANSWER, PAYLOAD_MAX, Frame, FrameReader, Outcome, Request, frame_bytes
+from tactuator.rig.transport.transport import LinkDown, Transport
+from tactuator.runtime.image import REASONS, ImageRefusal
+from tactuator.runtime.safety_table import Fault, SafetyRefusal
+
+IMAGE, SAFETY, WIRED = 1, 2, 3
+SILENT, STREAM, STIMULUS = 0, 1, 2
+_ANSWER_S, _TRIES = 2.0, 5
+_CHUNK = 1024
+
+
+class Mode(IntEnum):
+    """States of a board (tact_board_mode)."""
+
+    OFF = 0
+    ARMED = 1
+    RUNNING = 2
+    FAULT = 3
+
+
+class RigFault(BadInput):
+    """The guard of a board has ended a run; the command is at zero, or on its way there."""
+
+    def __init__(self, fault: Fault, channel: int) -> None:
+        where = f", channel {channel}" if channel != 255 else ""
+        super().__init__(f"the board's guard ended the run: {fault.words}{where}; its output is at rest")
+        self.fault, self.channel = fault, channel
+
+
+@dataclass(frozen=True)
+class Status:
+    """What a board says of itself (core/link/report.h)."""
+
+    name: str
+    channels: int
+    mode: Mode
+    fault: Fault
+    fault_channel: int
+    at_rest: bool
+    allows_hold: bool
+    image_format: int
+    delay_samples: int
+    rate_hz: float
+    safety_crc: int
+    image_crc: int
+    wired_crc: int
+    stream_capacity: int
+    trace_capacity: int
+    run: int
+    tick: int
+    ticks: int
+    late: int
+    stream_end: int
+    heard: int
+    dropped: int
+    fault_tick: int
+
+    LAYOUT = struct.Struct("<16s8Bf13I")
+
+    @classmethod
+    def parse(cls, payload: bytes) -> Status:
+        """From the answer to STATUS."""
+        name, channels, mode, fault, where, rest, hold, code, delay, rate, *counts = cls.LAYOUT.unpack(payload)
+        text = name.rstrip(b"\0").decode("ascii", "replace")
+        flags = (bool(rest), bool(hold))
+        return cls(text, channels, Mode(mode), Fault(fault), where, *flags, code, delay, rate, *counts)
+
+
+@dataclass(frozen=True)
+class TraceRows:
+    """Rows of a board's trace from `first` on: codes and flags (n, channels); felt_mm where it was asked for."""
+
+    first: int
+    command_code: NDArray[np.int32]
+    flags: NDArray[np.uint8]
+    position_code: NDArray[np.int32]
+    felt_mm: NDArray[np.float32] | None
+
+
+class LinkClient:
+    """Requests over a transport. Each is sent again until its answer comes; all may be carried out twice."""
+
+    def __init__(
+        self,
+        transport: Transport,
+        answer_s: float = _ANSWER_S,
+        tries: int = _TRIES,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._transport = transport
+        self._reader = FrameReader()
+        self._sequence = 0
+        self._answer_s, self._tries, self._clock = answer_s, tries, clock
+
+    @property
+    def dropped(self) -> int:
+        """Spoilt frames that came from the board."""
+        return self._reader.dropped
+
+    def close(self) -> None:
+        """Close the transport."""
+        self._transport.close()
+
+    def ask(self, request: Request, payload: bytes = b"", patience: float = 1.0) -> tuple[Outcome, bytes]:
+        """The outcome of a request, and what the answer holds besides. Raises LinkDown if none comes."""
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        frame = frame_bytes(Frame(request, self._sequence, payload))
+        for _ in range(self._tries):
+            self._transport.send(frame)
+            answer = self._answer(request, self._answer_s * patience)
+            if answer is not None:
+                return Outcome(answer.payload[0]), answer.payload[1:]
+        raise LinkDown(f"the board does not answer ({request.name.lower()}); allowed: a board that runs the firmware")
+
+    def _answer(self, request: Request, timeout_s: float) -> Frame | None:
+        end_s = self._clock() + timeout_s  # a port that chatters is no answer
+        while True:
+            content = self._transport.receive(max(end_s - self._clock(), 0.0))
+            if not content:
+                return None
+            for frame in self._reader.feed(content):
+                if (frame.type, frame.sequence) == (request | ANSWER, self._sequence) and frame.payload:
+                    return frame
+            if self._clock() > end_s:
+                return None
+
+    def must(self, request: Request, payload: bytes = b"", patience: float = 1.0) -> bytes:
+        """As `ask`; raises RigFault or BadInput unless it was done."""
+        outcome, rest = self.ask(request, payload, patience)
+        if outcome is Outcome.DONE:
+            return rest
+        status = self.status()
+        if status.mode is Mode.FAULT:
+            raise RigFault(status.fault, status.fault_channel)
+        what, how = request.name.lower(), outcome.name.lower().replace("_", " ")
+        raise BadInput(f"the board refused to {what}: {how}; it is {status.mode.name}")
+
+    def status(self) -> Status:
+        """What the board says of itself."""
+        outcome, payload = self.ask(Request.STATUS)
+        if outcome is not Outcome.DONE or len(payload) != Status.LAYOUT.size:
+            raise BadInput(f"the board's link is of another version ({outcome.name.lower()}); allowed: version 1")
+        return Status.parse(payload)
+
+    def upload(self, kind: int, content: bytes) -> None:
+        """Bring an image, a table or a simulated display onto the board. BadInput, with the reason, if refused."""
+        for at in range(0, len(content), _CHUNK):
+            self.must(Request.UPLOAD, struct.pack("<BI", kind, at) + content[at : at + _CHUNK])
+        crc = zlib.crc32(content[:-4])
+        outcome, answer = self.ask(Request.COMMIT, struct.pack("<BII", kind, len(content), crc))
+        if outcome is Outcome.DONE:
+            return
+        if outcome is Outcome.REFUSED:
+            raise BadInput(_refusal(kind, answer[0]))
+        if outcome is Outcome.BAD_PAYLOAD:
+            raise BadInput(f"image: {REASONS[ImageRefusal.CHECKSUM]}")
+        raise BadInput("the board takes no image or table now; allowed: in OFF, and an image after its safety table")
+
+    def start(self, run: int, source: int, drives: bool, holds: bool) -> None:
+        """ARMED to RUNNING."""
+        self.must(Request.START, struct.pack("<IBBB", run, source, drives, holds))
+
+    def stream(
+        self, run: int, first: int, rows: NDArray[np.float32], forces: NDArray[np.float32] | None
+    ) -> tuple[int, int]:
+        """Send rows (n, channels) for the ticks from `first` on; the tick to which the board has them, and its own."""
+        both = rows if forces is None else np.concatenate([rows, forces], axis=1)
+        most = (PAYLOAD_MAX - 11) // (4 * both.shape[1])
+        part = both[:most].astype("<f4")
+        head = struct.pack("<IIHB", run, first, part.shape[0], forces is not None)
+        end, tick = struct.unpack("<II", self.must(Request.STREAM, head + part.tobytes()))
+        return end, tick
+
+    def trace(self, run: int, first: int, count: int, channels: int, felt: bool) -> TraceRows:
+        """Rows that there are from `first` on, at most `count`."""
+        answer = self.must(Request.TRACE, struct.pack("<IIHB", run, first, min(count, 0xFFFF), felt))
+        begun, rows = struct.unpack_from("<IH", answer)
+        table = np.frombuffer(answer, dtype="<i4", offset=6).reshape(rows, channels * (3 if felt else 2))
+        command = table[:, :channels]
+        felt_mm = table[:, 2 * channels :].copy().view(np.float32) if felt else None
+        return TraceRows(
+            begun,
+            (command << 8) >> 8,
+            ((command >> 24) & 0xFF).astype(np.uint8),
+            table[:, channels : 2 * channels].copy(),
+            felt_mm,
+        )
+
+
+def _refusal(kind: int, code: int) -> str:
+    if kind == IMAGE:
+        return f"image: {REASONS[ImageRefusal(code)]}"
+    if kind == SAFETY:
+        return str(SafetyRefusal(code))
+    return "simulated display: the board cannot hold it; allowed: as many channels as the safety table has"

@@ -1,0 +1,333 @@
+"""A board as a rig: whatever runs the core's firmware, behind any transport."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tactuator.display.controller import Controller
+from tactuator.display.description import Display
+from tactuator.errors import BadInput
+from tactuator.files.controller import controller_hash
+from tactuator.rig.board.commissioning import SILENCE_S, safety_table, soft_ticks
+from tactuator.rig.board.finger import BoardFinger
+from tactuator.rig.board.frames import Request
+from tactuator.rig.board.link import (
+    IMAGE,
+    SAFETY,
+    STIMULUS,
+    STREAM,
+    WIRED,
+    LinkClient,
+    Mode,
+    RigFault,
+    Status,
+    TraceRows,
+)
+from tactuator.rig.board.stream import BoardStream, Rows
+from tactuator.rig.board.tones import LONGEST_S, BoardTone, read_run, stimulus_payloads
+from tactuator.rig.samples import Samples, take_command, take_reference
+from tactuator.rig.trace import Trace, join_traces
+from tactuator.rig.transport.transport import LinkDown
+from tactuator.runtime.image import build_image
+from tactuator.runtime.safety_table import safety_bytes
+from tactuator.runtime.simulation import block_samples
+
+LEAD_S = 0.25
+"""How far a stream is fed ahead of what is played: what a pause or a stop comes later by."""
+_RECOVERY_S = 0.25
+_SETTLE_TRIES, _PROMPT_TRIES = 2000, 100
+_AHEAD_S = 0.5
+_WAITING_LEAD_S = 0.6 * SILENCE_S
+"""A board that waits for its stream does so before the link's silence is a fault, however slow the host is."""
+
+
+class BoardRig:
+    """`display` on a board that runs the firmware.
+
+    A board without a safety table gets this display's; one that has a table keeps it, whatever is loaded.
+    On a board whose display is simulated time stands still between blocks, so that two blocks are one block cut in
+    two, and its finger ports can be touched. On a real one, and on one that is told not to wait (`waits` False), time
+    goes on: the loop holds r = 0 between blocks, and what must not be cut is a stream.
+    """
+
+    def __init__(
+        self,
+        client: LinkClient,
+        display: Display,
+        number_format: str = "float32",
+        sleep: Callable[[float], None] = time.sleep,
+        waits: bool = True,
+        lead_s: float = LEAD_S,
+    ) -> None:
+        self._client, self._display, self._format, self._sleep = client, display, number_format, sleep
+        status = client.status()
+        if status.channels < len(display.channels):
+            raise BadInput(
+                f"the board has {status.channels} channels; the display has {len(display.channels)}; allowed: no more"
+            )
+        self._waits, self._lead_s = waits and status.allows_hold, lead_s
+        self._run, self._at, self._drives, self._loaded = status.run, 0, False, False
+        self._fingers: tuple[BoardFinger, ...] = ()
+        self._lag = status.trace_capacity // 2
+        if status.safety_crc == 0:
+            self.off()
+            self.commission()
+
+    # -- what a rig is ------------------------------------------------------------------------------------------------
+
+    @property
+    def display(self) -> Display:
+        """The display on the board."""
+        return self._display
+
+    @property
+    def rate_hz(self) -> float:
+        """Sampling rate, hertz."""
+        return self._display.rate_hz
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels, in the order of every array's columns."""
+        return tuple(channel.name for channel in self._display.channels)
+
+    def load(self, controller: Controller) -> None:
+        """Make the controller the one that runs, from rest. Raises BadInput if it is not for this rig."""
+        controller.require_runs(self._display)
+        self.load_image(build_image(controller, self._format, controller_hash(controller)))
+
+    def load_image(self, image: bytes) -> None:
+        """Load an image as it is; the board itself refuses what is amiss (BadInput, with the reason)."""
+        self.off()
+        self._client.upload(IMAGE, image)
+        self._loaded = True
+
+    def play(self, reference: ArrayLike) -> Trace:
+        """Reference (n, channels), threshold units, through the loaded controller; state carries on.
+
+        Raises BadInput for a reference that is not finite or beyond 60 dB SL, StreamDry if the link cannot keep up with
+        a board whose time goes on, and RigFault if the guard ends the run.
+        """
+        self._require_image()
+        return join_traces(self._traces([self._playable(reference)], False, _AHEAD_S), self.rate_hz, self.channels)
+
+    def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
+        """See Rig.stream; a block is played LEAD_S after it was asked for. Raises as `play` does."""
+        self._require_image()
+        return self._traces((self._playable(block) for block in blocks), False, self._lead_s)
+
+    def drive(self, command_v: ArrayLike) -> Trace:
+        """Command (n, channels), volts, to the motors without controller; the guard watches."""
+        rows = self._taken(take_command, command_v, "command")
+        return join_traces(self._traces([rows], True, _AHEAD_S), self.rate_hz, self.channels)
+
+    def play_tones(self, tones: Mapping[str, Sequence[BoardTone]], duration_s: float) -> Trace:
+        """Tones that the board makes itself, by channel, and the trace of them: nothing is streamed but the trace.
+
+        A run of its own, from rest to rest. Raises BadInput for tones that the board does not take, and RigFault.
+        """
+        self._require_image()
+        if not 0.0 <= duration_s <= LONGEST_S:
+            raise BadInput(f"tones for {duration_s:g} s; allowed: up to {LONGEST_S:g} s")
+        soft, count = self._soft_ticks, round(duration_s * self.rate_hz)
+        payloads = stimulus_payloads(tones, self.channels, self.rate_hz, soft)
+        self._arm()
+        for payload in payloads:
+            self._client.must(Request.STIMULUS, payload)
+        self._client.start(self._run, STIMULUS, False, False)
+        asked = np.zeros((count, len(self.channels)), dtype=np.float32)
+        for column, name in enumerate(self.channels):
+            asked[:, column] = sum(tone.wave(count, self.rate_hz) for tone in tones.get(name, ()))
+        sleep = (lambda seconds: None) if self._waits else self._sleep
+        parts = read_run(self._client, self._run, soft, count, len(self.channels), self._fingers, sleep)
+        waiting = [asked]
+        try:
+            return join_traces(
+                (self._trace(part, _take(waiting, len(part.flags)), False) for part in parts),
+                self.rate_hz,
+                self.channels,
+            )
+        finally:
+            self.rest()
+
+    def rest(self) -> None:
+        """Reference faded out, then the command; the board is ARMED or in FAULT afterwards."""
+        if self._client.status().mode is Mode.RUNNING:
+            self._client.ask(Request.STOP)
+        self._wait(lambda status: status.mode is not Mode.RUNNING and status.at_rest)
+
+    @property
+    def has_finger_ports(self) -> bool:
+        """True where the board runs a simulated display."""
+        return bool(self._fingers)
+
+    def finger(self, channel: str) -> BoardFinger:
+        """The finger port of a channel; BadInput if there is none of that name, or the display is real."""
+        if not self._fingers:
+            raise BadInput("this display is real: a finger goes onto it by hand; allowed: a simulated display")
+        if channel not in self.channels:
+            raise BadInput(f"channel {channel!r} is not there; allowed: {', '.join(self.channels)}")
+        return self._fingers[self.channels.index(channel)]
+
+    def _require_image(self) -> None:
+        if not self._loaded:
+            raise BadInput("no controller is loaded; allowed: load one before playing a reference")
+
+    # -- what a board is besides --------------------------------------------------------------------------------------
+
+    @property
+    def client(self) -> LinkClient:
+        """The link, for requests of one's own."""
+        return self._client
+
+    @property
+    def fed_to(self) -> int:
+        """The tick of its run to which the board has been given rows."""
+        return self._at
+
+    def status(self) -> Status:
+        """What the board says of itself."""
+        return self._client.status()
+
+    def commission(self) -> None:
+        """Write the safety table of the display, whatever table was there; the board must be in OFF."""
+        self._client.upload(SAFETY, safety_bytes(safety_table(self._display)))
+
+    def wire(self, content: bytes, loads: tuple[tuple[str | None, ...], ...]) -> None:
+        """Put a simulated display in the place of the converters (boards that have none)."""
+        self._client.upload(WIRED, content)
+        self._fingers = tuple(BoardFinger(self._client, index, names) for index, names in enumerate(loads))
+
+    def off(self) -> None:
+        """To OFF, whatever the board does; a fault is cleared once the guard has had time to believe a sensor again."""
+        self.rest()
+        status = self._client.status()
+        if status.mode is Mode.FAULT:
+            again = status.ticks + round(_RECOVERY_S * self.rate_hz)
+            self._wait(lambda now: now.ticks >= again)
+            self._client.must(Request.CLEAR)
+        self._client.must(Request.OFF)
+
+    def close(self) -> None:
+        """Output to rest as far as the board can be reached, and the transport closed."""
+        try:
+            self.rest()
+        except BadInput:
+            pass
+        finally:
+            self._client.close()
+
+    def __enter__(self) -> BoardRig:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # -- runs ---------------------------------------------------------------------------------------------------------
+
+    def _wait(self, reached: Callable[[Status], bool]) -> Status:
+        for attempt in range(_SETTLE_TRIES):
+            status = self._client.status()
+            if reached(status):
+                return status
+            if not self._waits or attempt > _PROMPT_TRIES:
+                self._sleep(0.002)
+        raise BadInput("the board does not come to rest; allowed: a board whose timer runs")
+
+    def _begin(self, drives: bool) -> None:
+        """A run of the kind that is wanted, past its soft start."""
+        status = self._client.status()
+        if status.mode is Mode.FAULT:
+            raise RigFault(status.fault, status.fault_channel)
+        if status.mode is Mode.RUNNING and status.run == self._run and self._drives == drives:
+            return
+        self._arm()
+        self._drives = drives
+        self._client.start(self._run, STREAM, drives, self._waits)
+        soft = self._soft_ticks
+        if self._waits:
+            silence = np.zeros((soft, len(self.channels)), dtype=np.float32)
+            for _ in self._streaming(_WAITING_LEAD_S, felt=False).play([silence]):
+                pass
+            self._at = soft
+        else:
+            self._wait(lambda now: now.tick > soft or now.mode is Mode.FAULT)
+
+    def _arm(self) -> None:
+        """At rest, and ready for a run of another number."""
+        self.rest()
+        self._client.must(Request.ARM)
+        self._run = (self._client.status().run + 1) & 0xFFFFFFFF
+
+    @property
+    def _soft_ticks(self) -> int:
+        """Ticks of a run until its soft start is over."""
+        return soft_ticks(self.rate_hz)
+
+    def _streaming(self, lead_s: float, felt: bool = True) -> BoardStream:
+        fingers = self._fingers if felt else ()
+        lead = round((min(lead_s, _WAITING_LEAD_S) if self._waits else lead_s) * self.rate_hz)
+        sleep = (lambda seconds: None) if self._waits else self._sleep
+        return BoardStream(self._client, self._run, len(self.channels), lead, self._lag, self._waits, fingers, sleep)
+
+    def _traces(self, blocks: Iterable[Rows], drives: bool, lead_s: float) -> Iterator[Trace]:
+        """Blocks to the board without a gap, traces back. However it ends before its time, the output goes to rest."""
+        asked: list[Rows] = []
+
+        def fed() -> Iterator[Rows]:
+            for block in blocks:
+                asked.append(block)
+                yield block
+
+        try:
+            self._begin(drives)
+            stream = self._streaming(lead_s)
+            try:
+                for part in stream.play(fed(), self._at, round(0.25 * lead_s * self.rate_hz)):
+                    yield self._trace(part, _take(asked, len(part.flags)), drives)
+            finally:
+                self._at = stream.end
+        except LinkDown:
+            raise
+        except (Exception, KeyboardInterrupt):  # of the blocks' own making, too
+            self.rest()
+            raise
+
+    def _trace(self, part: TraceRows, asked: Rows, drives: bool) -> Trace:
+        converters = [channel.converter for channel in self._display.channels]
+        steps = np.array([converter.step_v for converter in converters])
+        polarity = np.array([float(converter.polarity) for converter in converters])
+        offsets = np.array([converter.offset_v for converter in converters])
+        command = polarity * (part.command_code * steps) + offsets
+        position = (part.position_code * steps).astype(np.float32).astype(np.float64)
+        reference = np.zeros(command.shape) if drives else asked.astype(np.float64)
+        return Trace(self.rate_hz, self.channels, reference, command, position, part.flags != 0)
+
+    def _playable(self, reference: ArrayLike) -> Rows:
+        return self._taken(take_reference, reference, "reference")
+
+    def _taken(self, take: Callable[[Samples], Samples], samples: ArrayLike, name: str) -> Rows:
+        rows = block_samples(samples, len(self.channels), name)
+        try:
+            return take(rows).astype(np.float32)
+        except BadInput:
+            self.rest()
+            raise
+
+
+def _take(blocks: list[Rows], count: int) -> Rows:
+    """The first `count` rows off a list of blocks."""
+    taken = []
+    while count:
+        block = blocks.pop(0)
+        taken.append(block[:count])
+        if len(block) > count:
+            blocks.insert(0, block[count:])
+        count -= len(taken[-1])
+    return np.concatenate(taken)

@@ -1,0 +1,153 @@
+"""Rows fed ahead of a board that plays them, and the trace of them back: one stretch of a run, without a gap."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.errors import BadInput
+from tactuator.rig.board.link import LinkClient, Mode, RigFault, TraceRows
+from tactuator.rig.finger import Finger, anybody_feels, let_feel, take_forces
+
+_ONCE = 128
+"""Rows in a request to a board whose time goes on: the link should never be long without a word."""
+_FIRST_ROWS = 64
+"""Few, so that they are there in time; what follows has the lead of them."""
+_STARTS = 6
+_READ_ROWS = 100
+_LOOK_S = 0.004
+
+Rows = NDArray[np.float32]
+
+
+class StreamDry(BadInput):
+    """The board had no row for `ticks` of its ticks so far, and played zeros: the host or the link is too slow."""
+
+    def __init__(self, message: str, ticks: int) -> None:
+        super().__init__(message)
+        self.ticks = ticks
+
+
+class BoardStream:
+    """Rows of one stretch on their way to a board, `lead` of them ahead of what it plays; none goes while the trace is
+    `lag` behind.
+
+    waits: the board's time stands still while it has no row (boards whose display is simulated); otherwise time goes
+    on, and a row that comes too late raises StreamDry. fingers are pressed and told what they feel.
+    """
+
+    def __init__(
+        self,
+        client: LinkClient,
+        run: int,
+        channels: int,
+        lead: int,
+        lag: int,
+        waits: bool,
+        fingers: Sequence[Finger] = (),
+        sleep: Callable[[float], None] = lambda seconds: None,
+    ) -> None:
+        self._client, self._run, self._channels = client, run, channels
+        self._lead, self._lag, self._once = lead, lag, lead // 2 if waits else min(_ONCE, lead)
+        self._waits, self._fingers, self._sleep = waits, fingers, sleep
+        self._rows: Rows = np.zeros((0, channels), dtype=np.float32)
+        self._forces: Rows | None = None
+        self._tick = 0
+        self._first = self._got = self.end = 0
+
+    def play(self, blocks: Iterable[Rows], first: int = 0, start: int = 0) -> Iterator[TraceRows]:
+        """The trace of all rows, in pieces as it comes; a block (n, channels) is asked for when there is room for it.
+
+        first: tick of the first row, on a board that waits; on another it is `start` ticks from now. Raises RigFault
+        and StreamDry.
+        """
+        self._first = self._got = self.end = first
+        source, more = iter(blocks), True
+        while more or len(self._rows) or self._got < self.end:
+            while more and not len(self._rows) and self._ahead() < self._lead:
+                more = self._take_block(next(source, None))
+            if len(self._rows) and self._ahead() < self._lead and self._tick - self._got < self._lag:
+                self._feed(start)
+                if not self._waits and self._ahead() < self._lead // 4:
+                    continue  # first what is needed first
+            part = self._read()
+            if part is not None:
+                yield part
+
+    def _ahead(self) -> int:
+        return self.end - max(self._tick, self._first)
+
+    def _take_block(self, block: Rows | None) -> bool:
+        if block is None:
+            return False
+        forces = take_forces(self._fingers, len(block))
+        self._rows, self._forces = block, None if forces is None else forces.astype(np.float32)
+        return True
+
+    def _feed(self, start: int) -> None:
+        """One request's worth of rows."""
+        if not self._waits and self._got == self.end == self._first:
+            taken = self._feed_first(start)
+        else:
+            taken = self._ask_to_take(self._rows[: self._once])
+            if taken < min(self._once, len(self._rows)) and self._tick > self.end:
+                raise StreamDry(
+                    f"the stream ran dry {self.end - self._first} samples after its beginning; allowed: a host and a "
+                    f"link that carry {4 * self._channels} bytes a sample there and {8 * self._channels} back",
+                    self._tick - self.end,
+                )
+        self._rows = self._rows[taken:]
+        self._forces = None if self._forces is None else self._forces[taken:]
+
+    def _feed_first(self, start: int) -> int:
+        """The first rows, for a tick that is far enough ahead, or that follows on what is there."""
+        for attempt in range(_STARTS):
+            there = self._look()
+            while self._tick < there < self._tick + start:
+                self._sleep(_LOOK_S)
+                there = self._look()
+            self._first = self._got = self.end = max(there, self._tick + (start << attempt))
+            taken = self._ask_to_take(self._rows[:_FIRST_ROWS])
+            if taken:
+                return taken
+        raise StreamDry("the first samples of a stream came too late; allowed: a faster host or link", start)
+
+    def _ask_to_take(self, rows: Rows) -> int:
+        forces = None if self._forces is None else self._forces[: len(rows)]
+        end, self._tick = self._client.stream(self._run, self.end, rows, forces)
+        taken = max(0, min(end - self.end, len(rows)))
+        self.end += taken
+        return taken
+
+    def _read(self) -> TraceRows | None:
+        """The next piece of the trace, if it is worth asking for."""
+        last = not len(self._rows) and self._tick >= self.end
+        worth = 0 if self._waits or last else _READ_ROWS
+        if self._tick - self._got < worth:
+            self._sleep(_LOOK_S)
+            self._look()
+            return None
+        felt = anybody_feels(self._fingers)
+        part = self._client.trace(self._run, self._got, self.end - self._got, self._channels, felt)
+        if not part.command_code.shape[0]:
+            self._look()
+            return None
+        self._got += part.command_code.shape[0]
+        self._tick = max(self._tick, self._got)
+        if part.felt_mm is not None:
+            let_feel(self._fingers, part.felt_mm.astype(np.float64))
+        return part
+
+    def _look(self) -> int:
+        """Where the board is; the tick to which it has rows."""
+        status = self._client.status()
+        if status.mode is Mode.FAULT:
+            raise RigFault(status.fault, status.fault_channel)
+        if status.mode is not Mode.RUNNING:
+            raise BadInput(
+                f"the board is {status.mode.name}: somebody has stopped it; allowed: one that nobody else uses"
+            )
+        self._tick = status.tick
+        return status.stream_end

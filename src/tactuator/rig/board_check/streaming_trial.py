@@ -1,0 +1,126 @@
+"""Trial of a board in free run: a reference streams in over its UART while its timer goes on."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.controller import Controller
+from tactuator.errors import BadInput
+from tactuator.rig.board.commissioning import LATENESS_MAX, soft_ticks
+from tactuator.rig.board.link import LinkClient, RigFault
+from tactuator.rig.board.rig import BoardRig
+from tactuator.rig.board.stream import StreamDry
+from tactuator.rig.boards import in_process_rig
+from tactuator.rig.trace import Trace, join_traces
+from tactuator.rig.transport.emulator import EmulatorUart
+from tactuator.runtime.simulated_board import wired_display_bytes
+
+INSTRUCTION_NS = 8
+"""125 million instructions a second: what a Cortex-M4F at 168 MHz does at 1.34 clocks an instruction."""
+_LONGEST_NS = 1 << 10
+_LONGEST_S = 600.0
+_LEAD_S, _BLOCK_S, _ANSWER_S = 0.8, 0.05, 20.0
+_RMS = 20.0
+
+Rows = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class StreamingTrial:
+    """What became of `samples` rows, each of all channels, streamed to a board at `instructions_per_s`.
+
+    late: interrupts that began more than lateness_max of a period after their time. dry: ticks without a row. dropped:
+    spoilt frames. played: samples that came back; bit_exact: the command and reading of every one are this machine's,
+    which was given the same row at the same tick. Bytes of the link are for each second of the board's time.
+    """
+
+    board: str
+    instructions_per_s: float
+    rate_hz: float
+    channels: int
+    samples: int
+    played: int
+    late: int
+    lateness_max: float
+    dry: int
+    dropped: int
+    bit_exact: bool
+    fault: str
+    to_board_bytes_per_s: float
+    from_board_bytes_per_s: float
+    board_s: float
+    host_s: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether all is as it must be."""
+        return self.late == self.dry == self.dropped == 0 and self.bit_exact and self.played == self.samples
+
+
+def try_streaming(
+    board: str, controller: Controller, duration_s: float, instruction_ns: int = INSTRUCTION_NS, seed: int = 0
+) -> StreamingTrial:
+    """Noise of 26 dB SL rms, other on each channel, for duration_s of the board's time.
+
+    The emulator's time follows the instructions, instruction_ns each, link and all; only the display's simulation takes
+    none. Raises BadInput for a clock that the emulator does not have, or where it is missing.
+    """
+    if instruction_ns not in [1 << shift for shift in range(11)]:
+        raise BadInput(f"{instruction_ns} ns an instruction; allowed: 1, 2, 4, ... {_LONGEST_NS}")
+    if not 1.0 <= duration_s * controller.rate_hz <= _LONGEST_S * controller.rate_hz:
+        raise BadInput(f"duration is {duration_s:g} s; allowed: one sample to {_LONGEST_S:g} s")
+    samples = round(duration_s * controller.rate_hz)
+    shape = (samples, len(controller.channels))
+    rows = (_RMS * np.random.default_rng(seed).standard_normal(shape)).astype(np.float32)
+    uart = EmulatorUart(board, f"shift={instruction_ns.bit_length() - 1},sleep=off")
+    client = LinkClient(uart, _ANSWER_S)
+    with BoardRig(client, controller.display, waits=False, lead_s=_LEAD_S) as rig:
+        rig.wire(*wired_display_bytes(controller.display, seed))
+        rig.load(controller)
+        before, begun_s = (uart.sent, uart.received), time.monotonic()
+        trace, dry, fault = _streamed(rig, rows)
+        host_s, after = time.monotonic() - begun_s, (uart.sent, uart.received)
+        status = client.status()
+        first = rig.fed_to - samples
+        board_s = max(status.tick, 1) / rig.rate_hz
+    to_board, from_board = ((late - early) / board_s for late, early in zip(after, before, strict=True))
+    return StreamingTrial(
+        board, 1e9 / instruction_ns, rig.rate_hz, len(rig.channels), samples, len(trace), status.late, LATENESS_MAX,
+        dry, status.dropped + client.dropped, len(trace) == samples and _is_ours(trace, controller, rows, first, seed),
+        fault, to_board, from_board, board_s, host_s,
+    )  # fmt: skip
+
+
+def _streamed(rig: BoardRig, rows: Rows) -> tuple[Trace, int, str]:
+    """What came back, how many ticks had no row, and the guard's fault."""
+    traces: list[Trace] = []
+    dry, fault = 0, "none"
+    try:
+        for trace in rig.stream(_blocks(rows, rig.rate_hz)):
+            traces.append(trace)
+    except StreamDry as error:
+        dry = error.ticks
+    except RigFault as error:
+        fault = error.fault.words
+    return join_traces(traces, rig.rate_hz, rig.channels), dry, fault
+
+
+def _is_ours(trace: Trace, controller: Controller, rows: Rows, first: int, seed: int) -> bool:
+    with in_process_rig(controller.display, seed) as rig:
+        rig.load(controller)
+        soft = soft_ticks(rig.rate_hz)
+        rig.play(np.zeros((first - soft, rows.shape[1])))
+        ours = join_traces(rig.stream(_blocks(rows, rig.rate_hz)), rig.rate_hz, rig.channels)
+    names = ("reference", "command_v", "position_v", "saturated")
+    return all(np.array_equal(getattr(trace, name), getattr(ours, name)) for name in names)
+
+
+def _blocks(rows: Rows, rate_hz: float) -> Iterator[Rows]:
+    length = round(_BLOCK_S * rate_hz)
+    for start in range(0, len(rows), length):
+        yield rows[start : start + length]

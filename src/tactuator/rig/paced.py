@@ -1,0 +1,60 @@
+"""A rig that takes as long as the stimuli last: the simulated display computes faster than a person feels."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tactuator.display.controller import Controller
+from tactuator.rig.rig import Rig
+from tactuator.rig.trace import Trace
+
+
+class PacedRig:
+    """`rig`, each block of which takes its own duration over `speed` (1: real time)."""
+
+    def __init__(self, rig: Rig, speed: float = 1.0) -> None:
+        self._rig = rig
+        self._speed = speed
+
+    @property
+    def rate_hz(self) -> float:
+        """Sampling rate, hertz."""
+        return self._rig.rate_hz
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels."""
+        return self._rig.channels
+
+    def load(self, controller: Controller) -> None:
+        """Load the controller."""
+        self._rig.load(controller)
+
+    def play(self, reference: ArrayLike) -> Trace:
+        """Play, and wait until the block would be over."""
+        return self._wait(self._rig.play(reference), time.monotonic(), np.shape(reference)[0])
+
+    def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
+        """Stream, and wait with each piece of the trace until it would have been played."""
+        began_s, count = time.monotonic(), 0
+        for trace in self._rig.stream(blocks):
+            count += len(trace)
+            yield self._wait(trace, began_s, count)
+
+    def drive(self, command_v: ArrayLike) -> Trace:
+        """Drive, and wait until the block would be over."""
+        return self._wait(self._rig.drive(command_v), time.monotonic(), np.shape(command_v)[0])
+
+    def rest(self) -> None:
+        """Output to rest."""
+        self._rig.rest()
+
+    def _wait(self, trace: Trace, began_s: float, count: int) -> Trace:
+        left_s = count / self.rate_hz / self._speed - (time.monotonic() - began_s)
+        if left_s > 0.0:
+            time.sleep(left_s)
+        return trace

@@ -1,0 +1,132 @@
+"""Playing a reference on a rig: with progress, pause, a stop that ramps, and at rest on any fault."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.errors import BadInput
+from tactuator.files.reference import ReferenceFile
+from tactuator.perception.levels import COMFORT_DB_SL
+from tactuator.rig.rig import Rig
+from tactuator.signals.decibels import from_db
+
+BLOCK_S = 0.05
+RAMP_S = 0.1
+ABOVE_COMFORT = 1.001
+"""Float32 rounding of a reference at the limit."""
+
+Wish = Literal["run", "pause", "stop"]
+
+
+@dataclass(frozen=True)
+class Played:
+    """How far it came. saturated_s: time in which a converter or the command's limit was reached."""
+
+    duration_s: float
+    played_s: float
+    paused_s: float
+    stopped: bool
+    saturated_s: float
+
+
+def check_reference(reference: ReferenceFile, rig: Rig) -> tuple[int, ...]:
+    """The reference's columns in the rig's order.
+
+    Raises BadInput where rates differ, a channel of the rig is missing, or a sample is beyond comfort (read through).
+    """
+    head = reference.head
+    if head.rate_hz != rig.rate_hz:
+        raise BadInput(f"{reference.path}: {head.rate_hz:g} Hz; allowed on this rig: {rig.rate_hz:g} Hz")
+    if set(head.channels) != set(rig.channels):
+        raise BadInput(
+            f"{reference.path}: channels {', '.join(head.channels)}; allowed on this rig: {', '.join(rig.channels)}"
+        )
+    peak = max((float(np.abs(block).max()) for block in reference.blocks()), default=0.0)
+    if peak > ABOVE_COMFORT * float(from_db(COMFORT_DB_SL)):
+        level = 20.0 * np.log10(peak)
+        raise BadInput(
+            f"{reference.path}: peak at {level:.1f} dB SL; allowed: comfort, {COMFORT_DB_SL:g} dB SL at most"
+        )
+    return tuple(head.channels.index(name) for name in rig.channels)
+
+
+def play_reference(
+    rig: Rig,
+    reference: ReferenceFile,
+    wish: Callable[[], Wish] = lambda: "run",
+    progress: Callable[[float], None] = lambda done_s: None,
+    pace: Callable[[float], None] = lambda played_s: None,
+) -> Played:
+    """Play `reference` on a loaded rig; however it ends, by its end, a stop or a fault, the rig is put to rest.
+
+    wish is asked before every 50 ms that are fed: at "pause" the signal is ramped down over 100 ms and the display held
+    until "run" ramps it up again where it was; at "stop" it is ramped down and that is the end. A board is fed ahead of
+    what it plays (rig.board.LEAD_S), and a wish comes later by that. progress and pace are told the seconds gone by.
+    """
+    columns = check_reference(reference, rig)
+    player = _Player(rig, reference, columns)
+    try:
+        return player.run(wish, progress, pace)
+    finally:
+        rig.rest()
+
+
+class _Player:
+    def __init__(self, rig: Rig, reference: ReferenceFile, columns: tuple[int, ...]) -> None:
+        self._rig, self._reference = rig, reference
+        self._length = max(1, round(BLOCK_S * rig.rate_hz))
+        self._step = 1.0 / (RAMP_S * rig.rate_hz)
+        self._blocks = self._cut(columns)
+        self._gain = 1.0
+        self._played = self._paused = 0
+        self._stopped = False
+
+    def run(self, wish: Callable[[], Wish], progress: Callable[[float], None], pace: Callable[[float], None]) -> Played:
+        rate = self._rig.rate_hz
+        gone = saturated = 0
+        done = 0.0
+        for trace in self._rig.stream(self._wished(wish)):
+            gone += len(trace)
+            saturated += int(trace.saturated.any(axis=1).sum())
+            done = max(done, min(self._played, gone - self._paused) / rate)
+            progress(done)
+            pace(gone / rate)
+        times = (self._reference.duration_s, self._played / rate, self._paused / rate)
+        return Played(*times, self._stopped, saturated / rate)
+
+    def _wished(self, wish: Callable[[], Wish]) -> Iterator[NDArray[np.float64]]:
+        """Block after block of the reference, or of silence, as it is wished."""
+        held = np.zeros((self._length, len(self._rig.channels)))
+        while True:
+            wanted = wish()
+            if self._gain == 0.0 and wanted == "pause":
+                self._paused += self._length
+                yield held
+            elif self._gain == 0.0 and wanted == "stop":
+                self._stopped = True
+                return
+            else:
+                block = next(self._blocks, None)
+                if block is None:
+                    return
+                self._played += len(block)
+                yield self._faded(block, 1.0 if wanted == "run" else 0.0)
+
+    def _faded(self, block: NDArray[np.float64], towards: float) -> NDArray[np.float64]:
+        if self._gain == towards == 1.0:
+            return block
+        sign = 1.0 if towards > self._gain else -1.0
+        line = np.clip(self._gain + sign * self._step * np.arange(1, len(block) + 1), 0.0, 1.0)
+        self._gain = float(line[-1])
+        return np.asarray(block * (0.5 - 0.5 * np.cos(np.pi * line))[:, None])
+
+    def _cut(self, columns: tuple[int, ...]) -> Iterator[NDArray[np.float64]]:
+        for block in self._reference.blocks():
+            ordered = block[:, columns]
+            for start in range(0, len(ordered), self._length):
+                yield ordered[start : start + self._length]

@@ -1,0 +1,56 @@
+"""What every rig can do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Protocol, runtime_checkable
+
+from numpy.typing import ArrayLike
+
+from tactuator.display.controller import Controller
+from tactuator.rig.trace import Trace
+
+
+@runtime_checkable
+class Rig(Protocol):
+    """Something that runs a controller at a fixed rate on one or more channels.
+
+    Its state carries on from block to block. Where time waits for the next block (simulated displays), two blocks are
+    one long block cut in two; on a real board the reference is zero between them, and what must not be cut is streamed.
+    """
+
+    @property
+    def rate_hz(self) -> float:
+        """Sampling rate, hertz: `4000.0`."""
+        ...
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels in the order of every array's columns: `("index", "thumb", "middle")`."""
+        ...
+
+    def load(self, controller: Controller) -> None:
+        """Make the controller the one that runs, from rest. Raises BadInput if it is not for this rig."""
+        ...
+
+    def play(self, reference: ArrayLike) -> Trace:
+        """Reference (n, channels), threshold units, through the loaded controller. BadInput if none is loaded."""
+        ...
+
+    def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
+        """Blocks of reference (n, channels), threshold units, one after another without a gap; the trace of every
+        sample, in pieces as they come.
+
+        A block is asked for when it is needed, which is some time before it is played (none where time waits for it).
+        Ask for the traces as fast as they come. Left before its end, the stream goes on to the end of what was fed;
+        `rest` ends it at once. Raises as `play` does, and BadInput if the stream ran dry: there is no silent gap.
+        """
+        ...
+
+    def drive(self, command_v: ArrayLike) -> Trace:
+        """Command (n, channels), volts, straight to the motors: no controller, no computing delay."""
+        ...
+
+    def rest(self) -> None:
+        """Output to rest."""
+        ...

@@ -1,0 +1,45 @@
+"""What a rig is asked to play or to drive, taken over, and what none takes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.errors import BadInput
+from tactuator.runtime._core import ffi, lib
+
+REFERENCE_MAX = 1000.0
+"""Threshold units: 60 dB SL, the full scale of a reference in a WAV and in Q31."""
+
+_ROUNDED_MAX = REFERENCE_MAX * (1.0 + 2.0**-25)  # what single precision takes for the largest
+_SINGLE_MAX = float(np.finfo(np.float32).max)
+
+Samples = NDArray[np.float64]
+
+
+def take_reference(reference: Samples) -> Samples:
+    """A reference of any shape, contiguous, threshold units, as an array of one's own.
+
+    Raises BadInput for what is not finite or beyond 60 dB SL.
+    """
+    own = _taken(reference, _ROUNDED_MAX)
+    if own is None:
+        raise BadInput(
+            "the reference is not finite or beyond 60 dB SL; "
+            f"allowed: finite, at most {REFERENCE_MAX:g} threshold units"
+        )
+    return own
+
+
+def take_command(command_v: Samples) -> Samples:
+    """A command of any shape, contiguous, volts, as an array of one's own. Raises BadInput for what is not finite."""
+    own = _taken(command_v, _SINGLE_MAX)
+    if own is None:
+        raise BadInput("the command is not finite; allowed: volts")
+    return own
+
+
+def _taken(samples: Samples, most: float) -> Samples | None:
+    own = np.empty(samples.shape)
+    theirs, ours = (ffi.from_buffer("double[]", array) for array in (samples, own))
+    return own if lib.tact_reference_take(theirs, ours, own.size, most) else None

@@ -1,0 +1,66 @@
+"""Rigs whose finger ports a program can reach: those with a simulated display."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.description import Channel
+from tactuator.errors import BadInput
+from tactuator.rig.rig import Rig
+
+
+class Port(Protocol):
+    """Where a finger meets a channel, as far as a simulated subject goes."""
+
+    def touch(self, load: str | None) -> None:
+        """Put a load of the display file on, by name; None takes it off."""
+        ...
+
+    def attach(self, feeler: Callable[[NDArray[np.float64]], None], /) -> None:
+        """Call `feeler(displacement_mm)` after every block."""
+        ...
+
+    def detach(self, feeler: Callable[[NDArray[np.float64]], None], /) -> None:
+        """Take it off again."""
+        ...
+
+
+@runtime_checkable
+class TouchableRig(Rig, Protocol):
+    """A rig that may have finger ports which a program can reach: those of a simulated display."""
+
+    @property
+    def has_finger_ports(self) -> bool:
+        """True where the display is simulated; False where a finger goes onto it by hand."""
+        ...
+
+    def finger(self, channel: str) -> Port:
+        """The finger port of a channel; BadInput where the display is real."""
+        ...
+
+
+def touchable(rig: Rig, name: str) -> TouchableRig:
+    """The rig, where a simulated subject can sit at it. Raises BadInput where the display is real."""
+    if not (isinstance(rig, TouchableRig) and rig.has_finger_ports):
+        raise BadInput(f"simulated subjects at {name}; allowed: at a rig whose display is simulated")
+    return rig
+
+
+def touch_all(rig: Rig, channels: Sequence[Channel], load: str) -> tuple[str, ...]:
+    """Put a load on every channel and return the names of the channels on which a person has to put it.
+
+    load: the name of a load of the display file, or "none". Raises BadInput for a load that a channel does not have.
+    """
+    if load == "none":
+        return ()
+    for channel in channels:
+        channel.load(load)
+    if not (isinstance(rig, TouchableRig) and rig.has_finger_ports):
+        return tuple(channel.name for channel in channels)
+    for channel in channels:
+        rig.finger(channel.name).touch(load)
+    return ()

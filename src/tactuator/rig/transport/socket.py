@@ -1,0 +1,61 @@
+"""A socket as a transport: a board behind a terminal server, or an emulator's serial port."""
+
+from __future__ import annotations
+
+import select
+import socket
+
+from tactuator.errors import BadInput
+from tactuator.rig.transport.transport import LinkDown
+
+SCHEME = "socket://"
+_OPEN_S, _SEND_S = 5.0, 5.0
+_MOST = 1 << 16
+
+
+class SocketLink:
+    """Bytes over a connected socket, which it closes in the end."""
+
+    def __init__(self, connected: socket.socket) -> None:
+        self._socket = connected
+        self._socket.settimeout(_SEND_S)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def send(self, content: bytes) -> None:
+        """All of the content; raises LinkDown if nobody takes it."""
+        try:
+            self._socket.sendall(content)
+        except OSError as error:
+            raise _down(str(error)) from None
+
+    def receive(self, timeout_s: float) -> bytes:
+        """What has come; waits for at most timeout_s. Raises LinkDown if the other end is closed."""
+        try:
+            readable, _, _ = select.select([self._socket], [], [], timeout_s)
+            if not readable:
+                return b""
+            content = self._socket.recv(_MOST)
+        except (OSError, ValueError) as error:
+            raise _down(str(error)) from None
+        if not content:
+            raise _down("closed at the other end")
+        return content
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+
+def connect(url: str) -> SocketLink:
+    """The socket of `socket://host:port`; BadInput if it is none, or nobody listens there."""
+    host, _, port = url.removeprefix(SCHEME).rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
+        raise BadInput(f"port {url!r} cannot be opened; allowed: socket://host:port, with a port from 1 to 65535")
+    try:
+        return SocketLink(socket.create_connection((host.strip("[]"), int(port)), _OPEN_S))
+    except OSError as error:
+        raise BadInput(f"port {url!r} cannot be opened ({error}); allowed: one where a board listens") from None
+
+
+def _down(why: str) -> LinkDown:
+    return LinkDown(f"the port has vanished ({why}); allowed: a board that stays connected")

@@ -1,0 +1,81 @@
+"""Ways for bytes to a board and back: in this process, through an emulator's FIFOs, over a serial port or a socket."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from tactuator.errors import BadInput
+from tactuator.runtime._core import ffi, lib
+
+_BREATH = 32
+_LONG = 1 << 13
+_ROWS = 4096
+_ANSWERS = 1 << 16
+
+
+class LinkDown(BadInput):
+    """The board cannot be reached any more: the port has vanished, or the emulator has ended."""
+
+
+class Transport(Protocol):
+    """Bytes there and back. Both raise LinkDown when the other end is gone."""
+
+    def send(self, content: bytes) -> None:
+        """All of the content, soon."""
+        ...
+
+    def receive(self, timeout_s: float) -> bytes:
+        """What has come; waits for at most timeout_s, then gives nothing."""
+        ...
+
+    def close(self) -> None:
+        """The end of it; may be called again."""
+        ...
+
+
+class InProcess:
+    """A board with a simulated display, run by the core in this very process: no time passes but its own.
+
+    As an emulated one does, it goes on with a run until that waits for its stream, or for a short while, before each
+    look at what has been sent.
+    """
+
+    def __init__(self, name: str = "in-process", channels: int = 3) -> None:
+        self.board: Any = ffi.new("tact_board *")
+        self.wired: Any = ffi.new("tact_wired *")
+        self.link: Any = ffi.new("tact_link *")
+        self._stream = ffi.new("float[]", _ROWS * channels)
+        self._trace = ffi.new("int32_t[]", _ROWS * channels * 2)
+        self._force = ffi.new("float[]", _ROWS * channels)
+        self._felt = ffi.new("float[]", _ROWS * channels)
+        self._answers = ffi.new("uint8_t[]", _ANSWERS)
+        lib.tact_board_reset(self.board, channels, self._stream, _ROWS, self._trace, _ROWS)
+        lib.tact_wired_reset(self.wired, self._force, self._felt)
+        lib.tact_link_reset(self.link, self.board, self.wired, name.encode())
+        self.board.allows_hold = 1
+        self._waiting = bytearray()
+
+    def send(self, content: bytes) -> None:
+        """The board acts on it at once."""
+        self._let_run()
+        size = lib.tact_link_serve(self.link, ffi.from_buffer(content), len(content), self._answers, _ANSWERS)
+        self._waiting += bytes(ffi.buffer(self._answers, size))
+
+    def receive(self, timeout_s: float) -> bytes:
+        """The answers so far."""
+        del timeout_s
+        content, self._waiting = bytes(self._waiting), bytearray()
+        return content
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def run(self, ticks: int) -> int:
+        """Periods of the board, until it waits; how many."""
+        return int(lib.tact_wired_run(self.wired, self.board, ticks))
+
+    def _let_run(self) -> None:
+        running = self.board.mode == lib.TACT_RUNNING or self.board.leaving != lib.TACT_STAYS
+        if running and self.wired.channels and not lib.tact_board_waits(self.board):
+            leaving = self.board.leaving != lib.TACT_STAYS
+            self.run(_LONG if self.board.holds and not leaving else _BREATH)

@@ -1,0 +1,30 @@
+"""What a cut command is worth in reference: how the core keeps F and C to what the motor could do.
+
+Where u' is cut to u, the reference of which u is the answer is r + (u - u')/D, D the product of all direct gains from
+r to u' (Hanus, Kinnaert & Henrotte 1987, Automatica 23, 729-739): with F and C as that reference would have left them,
+the loop is as linear as before, and what is felt is that reference. The core keeps it within comfort (or r).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactuator.display.controller import ChannelController
+from tactuator.signals.decibels import from_db
+
+LARGEST = 1e6
+"""Threshold units for a volt; beyond it F hardly reaches u' at once, and nothing is conditioned."""
+
+
+def conditioning(channel: ChannelController) -> float:
+    """Threshold units of reference for a volt of command: 1/D; 0 without feedback, or where D is next to nothing."""
+    if channel.feedback_sos is None:
+        return 0.0
+    sections = np.concatenate([channel.prefilter_sos, channel.feedback_sos])
+    direct = float(np.prod(sections[:, 0] / sections[:, 3]))
+    return 1.0 / direct if abs(direct) > 1.0 / LARGEST else 0.0
+
+
+def reference_max(channel: ChannelController) -> float:
+    """The greatest reference that conditioning may come to, threshold units: comfort."""
+    return float(from_db(channel.limits.comfort_db_sl))

@@ -1,0 +1,192 @@
+"""Image: a controller as the bytes that a board loads (layout: core/board/image.h), in float32 or Q31."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.controller import ChannelController, Controller
+from tactuator.errors import BadInput
+from tactuator.runtime._core import ffi, lib
+from tactuator.runtime.coefficients import FEEDBACK_SECTIONS_MAX, PREFILTER_SECTIONS_MAX, delta_coefficients_single
+from tactuator.runtime.conditioning import conditioning, reference_max
+from tactuator.runtime.q31 import (
+    REFERENCE_FULL_SCALE,
+    VOLTS_FULL_SCALE,
+    Q31Section,
+    q31_cascade,
+    q31_conditioning,
+    q31_row,
+)
+
+Format = Literal["float32", "q31"]
+FORMATS: tuple[Format, ...] = ("float32", "q31")
+_MAGIC, _VERSION = b"TACI", 3
+_FORMAT_CODES: dict[str, int] = {"float32": 1, "q31": 2}
+_Q31_RANGE_MAX_V = 15.0
+
+
+class ImageRefusal(IntEnum):
+    """Why the core refuses an image (tact_image_refusal)."""
+
+    GOOD = 0
+    TRUNCATED = 1
+    NOT_AN_IMAGE = 2
+    VERSION_UNKNOWN = 3
+    CHECKSUM = 4
+    FORMAT = 5
+    RATE = 6
+    DELAY = 7
+    CHANNELS = 8
+    SECTIONS = 9
+    COEFFICIENT = 10
+    UNSTABLE_SECTION = 11
+    LIMIT = 12
+
+
+REASONS: dict[ImageRefusal, str] = {
+    ImageRefusal.TRUNCATED: "it is truncated, or longer than it says; allowed: a file as `build` wrote it",
+    ImageRefusal.NOT_AN_IMAGE: "it is no image; allowed: a file that `build` wrote",
+    ImageRefusal.VERSION_UNKNOWN: f"its version is not known here; allowed: {_VERSION}",
+    ImageRefusal.CHECKSUM: "its checksum does not fit its contents; allowed: a file as `build` wrote it",
+    ImageRefusal.FORMAT: f"its number format is not known here; allowed: {', '.join(FORMATS)}",
+    ImageRefusal.RATE: "it is for another rate than the board runs at; allowed: the rate of the safety table",
+    ImageRefusal.DELAY: "it is for another computing delay than the board has; allowed: that of the safety table",
+    ImageRefusal.CHANNELS: "it is for another number of channels than the board has; allowed: as many",
+    ImageRefusal.SECTIONS: "it has no prefilter or too many sections; allowed: 1 to 8 for F, at most 4 for C",
+    ImageRefusal.COEFFICIENT: "a coefficient is not a number or out of range; allowed: finite ones",
+    ImageRefusal.UNSTABLE_SECTION: "a section has a pole outside the unit circle; allowed: stable sections",
+    ImageRefusal.LIMIT: "its command limit is out of range; allowed: above 0 and below 31 V",
+}
+
+
+@dataclass(frozen=True)
+class ImageHeader:
+    """What an image says of itself. controller_hash: SHA-256 (hex) of the controller.json it was built from."""
+
+    format: Format
+    rate_hz: float
+    delay_samples: int
+    channels: int
+    controller_hash: str
+    crc: int
+
+
+def build_image(controller: Controller, number_format: str, controller_hash: str) -> bytes:
+    """The image of a controller; controller_hash (64 hex digits) names where it comes from.
+
+    Raises BadInput for an unknown format, a delay that boards do not have (0), a coefficient that the format cannot
+    hold, or more channels and sections than a board has.
+    """
+    if number_format not in _FORMAT_CODES:
+        raise BadInput(f"format is {number_format!r}; allowed: {', '.join(FORMATS)}")
+    if not 1 <= controller.delay_samples <= lib.TACT_BOARD_DELAY_MAX:
+        raise BadInput(
+            f"delay_samples is {controller.delay_samples}; allowed on a board: 1 to {lib.TACT_BOARD_DELAY_MAX}"
+        )
+    if len(controller.channels) > lib.TACT_CHANNELS_MAX:
+        raise BadInput(f"{len(controller.channels)} channels; allowed on a board: at most {lib.TACT_CHANNELS_MAX}")
+    channel_bytes = _float32_channel if number_format == "float32" else _q31_channel
+    parts = [channel_bytes(channel, controller.rate_hz) for channel in controller.channels]
+    for channel, body in zip(controller.channels, parts, strict=True):
+        _require_range(channel, body, number_format)
+    body = bytes.fromhex(controller_hash) + b"".join(parts)
+    head = struct.pack(
+        "<4sHHIfBBH",
+        _MAGIC,
+        _VERSION,
+        _FORMAT_CODES[number_format],
+        20 + len(body) + 4,
+        controller.rate_hz,
+        controller.delay_samples,
+        len(controller.channels),
+        0,
+    )
+    return sealed(head + body)
+
+
+def sealed(content: bytes) -> bytes:
+    """The content with its CRC-32 behind it."""
+    return content + struct.pack("<I", zlib.crc32(content))
+
+
+def check_image(image: bytes, rate_hz: float, delay_samples: int, channels: int) -> ImageRefusal:
+    """The core's own verdict on an image for a board that runs so."""
+    parsed = ffi.new("tact_image *")
+    verdict = lib.tact_image_parse(parsed, ffi.from_buffer(image), len(image), rate_hz, delay_samples, channels)
+    return ImageRefusal(verdict)
+
+
+def read_image_header(image: bytes) -> ImageHeader:
+    """What an image says of itself, once the core has checked all of it. BadInput, one line, if it is refused."""
+    if len(image) < 20:
+        raise BadInput(f"image: {REASONS[ImageRefusal.TRUNCATED]}")
+    code, _, rate_hz, delay, channels, _ = struct.unpack_from("<HIfBBH", image, 6)
+    refusal = check_image(image, rate_hz, delay, channels)
+    if refusal is not ImageRefusal.GOOD:
+        raise BadInput(f"image: {REASONS[refusal]}")
+    if not (0.0 < rate_hz < float("inf") and 1 <= delay <= lib.TACT_BOARD_DELAY_MAX):
+        raise BadInput(
+            f"image: it is for {rate_hz:g} Hz and a delay of {delay}; "
+            f"allowed: above 0 Hz, a delay of 1 to {lib.TACT_BOARD_DELAY_MAX}"
+        )
+    number_format: Format = "float32" if code == _FORMAT_CODES["float32"] else "q31"
+    (crc,) = struct.unpack_from("<I", image, len(image) - 4)
+    return ImageHeader(number_format, rate_hz, delay, channels, image[20:52].hex(), crc)
+
+
+def _channel_head(channel: ChannelController) -> bytes:
+    name = channel.name.encode()[:16].ljust(16, b"\0")
+    feedback = 0 if channel.feedback_sos is None else channel.feedback_sos.shape[0]
+    return struct.pack("<16sBBHf", name, channel.prefilter_sos.shape[0], feedback, 0, channel.limits.command_v)
+
+
+def _float32_channel(channel: ChannelController, rate_hz: float) -> bytes:
+    del rate_hz
+    where = f"channel {channel.name!r}: "
+    rows: list[NDArray[np.float32]] = [
+        delta_coefficients_single(channel.prefilter_sos, PREFILTER_SECTIONS_MAX, where + "prefilter")
+    ]
+    if channel.feedback_sos is not None:
+        rows.append(delta_coefficients_single(channel.feedback_sos, FEEDBACK_SECTIONS_MAX, where + "feedback"))
+    unwinding = (*channel.anti_windup.gains, conditioning(channel), reference_max(channel))
+    gains = np.array(unwinding, dtype="<f4").tobytes()
+    return _channel_head(channel) + gains + np.concatenate(rows).astype("<f4").tobytes()
+
+
+def _q31_channel(channel: ChannelController, rate_hz: float) -> bytes:
+    where = f"channel {channel.name!r}"
+    if channel.limits.command_v > _Q31_RANGE_MAX_V:
+        raise BadInput(
+            f"{where}: command_v is {channel.limits.command_v:g}; allowed in Q31: at most {_Q31_RANGE_MAX_V:g} V"
+        )
+    try:
+        sections = list(q31_cascade(channel.prefilter_sos, rate_hz, REFERENCE_FULL_SCALE))
+        if channel.feedback_sos is not None:
+            sections += q31_cascade(channel.feedback_sos, rate_hz, VOLTS_FULL_SCALE)
+        first, second = (q31_row((gain,), bits=30) for gain in channel.anti_windup.gains)
+        third = q31_conditioning(conditioning(channel))
+    except BadInput as error:
+        raise BadInput(f"{where}: {error}") from None
+    most = min(2**31 - 1, round(2**31 * reference_max(channel) / REFERENCE_FULL_SCALE))
+    mantissas, shifts = zip(*((mantissa, shift) for (mantissa,), shift in (first, second, third)), strict=True)
+    gains = struct.pack("<iiiiBBBB", *mantissas, most, *shifts, 0)
+    return _channel_head(channel) + gains + b"".join(_q31_bytes(section) for section in sections)
+
+
+def _q31_bytes(section: Q31Section) -> bytes:
+    return struct.pack("<5iBBBB", *section.mantissas, *section.shifts, 0)
+
+
+def _require_range(channel: ChannelController, body: bytes, number_format: str) -> None:
+    """A channel by itself must be one that the core takes: it says what is amiss."""
+    head = struct.pack("<4sHHIfBBH", _MAGIC, _VERSION, _FORMAT_CODES[number_format], 56 + len(body), 1.0, 1, 1, 0)
+    refusal = check_image(sealed(head + bytes(32) + body), 1.0, 1, 1)
+    if refusal is not ImageRefusal.GOOD:
+        raise BadInput(f"channel {channel.name!r}: {REASONS[refusal]}")

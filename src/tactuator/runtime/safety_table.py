@@ -1,0 +1,165 @@
+"""Safety table: what a board's guard holds every image to (layout: core/board/safety.h)."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.description import Converter
+from tactuator.errors import BadInput
+from tactuator.runtime._core import ffi, lib
+from tactuator.runtime.coefficients import delta_coefficients_single
+from tactuator.runtime.image import sealed
+
+NEVER = 1.0e6
+"""A limit in volts that no sensor reaches."""
+NEVER_TICKS = 1 << 20
+"""A time that does not come."""
+
+
+class Fault(IntEnum):
+    """What the guard latches (tact_fault)."""
+
+    NONE = 0
+    COMFORT = 1
+    TRAVEL = 2
+    SENSOR_OPEN = 3
+    SENSOR_SHORTED = 4
+    SENSOR_FROZEN = 5
+    SENSOR_REVERSED = 6
+    SENSOR_DISAGREES = 7
+    NOT_A_NUMBER = 8
+    LATE = 9
+    SILENCE = 10
+
+    @property
+    def words(self) -> str:
+        """As told to a person: "sensor frozen"."""
+        return self.name.lower().replace("_", " ")
+
+
+class SafetyRefusal(IntEnum):
+    """Why the core refuses a table (tact_safety_refusal)."""
+
+    GOOD = 0
+    TRUNCATED = 1
+    NOT_A_TABLE = 2
+    VERSION_UNKNOWN = 3
+    CHECKSUM = 4
+    CHANNELS = 5
+    NUMBER = 6
+
+    def __str__(self) -> str:
+        """Return the refusal in words."""
+        return f"safety table: {self.name.lower().replace('_', ' ')}; allowed: what core/board/safety.h says"
+
+
+@dataclass(frozen=True)
+class Observer:
+    """The plant under a zero-order hold with its correction, as guard.h draws it.
+
+    x' = x + w' + correct_x nu, w' = w + drive (m + m_before) - damp w - spring x + correct_w nu, nu = y - x; x in
+    volts of y, w in volts a tick, m in volts of command.
+    """
+
+    drive: float
+    damp: float
+    spring: float
+    correct_x: float
+    correct_w: float
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelSafety:
+    """Limits, weighting and plant of one channel; units as in core/board/safety.h. weighting_sos: (2, 6)."""
+
+    converter: Converter
+    position_code_max: int
+    frozen_ticks: int
+    stop_max_v: float
+    stop_lead: float
+    command_max_v: float
+    reference_max: float
+    comfort_max: float
+    disagreement_v: float
+    reversal_power: float
+    observer: Observer
+    weighting_sos: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SafetyTable:
+    """Of a whole board. lateness_max: share of a period, up to 1; the ramps in ticks; each channel is compared
+    (and weighed) every `turns` ticks."""
+
+    rate_hz: float
+    delay_samples: int
+    lateness_max: float
+    silence_ticks: int
+    soft_start_ticks: int
+    fade_ticks: int
+    ramp_ticks: int
+    quick_ticks: int
+    turns: int
+    channels: tuple[ChannelSafety, ...]
+
+
+def safety_bytes(table: SafetyTable) -> bytes:
+    """The table as a board takes it. Raises BadInput for a delay that boards do not have (0), and if the core would
+    refuse it."""
+    if not 1 <= table.delay_samples <= lib.TACT_BOARD_DELAY_MAX:
+        raise BadInput(f"delay_samples is {table.delay_samples}; allowed on a board: 1 to {lib.TACT_BOARD_DELAY_MAX}")
+    body = struct.pack(
+        "<fiiiiiii",
+        table.rate_hz,
+        max(1, min(255, round(256.0 * table.lateness_max))),
+        table.silence_ticks,
+        table.soft_start_ticks,
+        table.fade_ticks,
+        table.ramp_ticks,
+        table.quick_ticks,
+        table.turns,
+    ) + b"".join(_channel_bytes(channel) for channel in table.channels)
+    head = struct.pack("<4sHBBI", b"TACS", 1, len(table.channels), table.delay_samples, 12 + len(body) + 4)
+    content = sealed(head + body)
+    refusal = check_safety(content, len(table.channels))
+    if refusal is not SafetyRefusal.GOOD:
+        raise BadInput(str(refusal))
+    return content
+
+
+def check_safety(content: bytes, channels_max: int) -> SafetyRefusal:
+    """The core's own verdict on a table for a board of so many channels."""
+    table = ffi.new("tact_safety *")
+    return SafetyRefusal(lib.tact_safety_parse(table, ffi.from_buffer(content), len(content), channels_max))
+
+
+def _channel_bytes(channel: ChannelSafety) -> bytes:
+    converter, observer = channel.converter, channel.observer
+    if np.shape(channel.weighting_sos)[0] != lib.TACT_WEIGHTING_COUNT:
+        raise BadInput(f"weighting has {len(channel.weighting_sos)} sections; allowed: {lib.TACT_WEIGHTING_COUNT}")
+    sections = delta_coefficients_single(channel.weighting_sos, lib.TACT_WEIGHTING_COUNT, "weighting")
+    return (
+        struct.pack("<iiff", converter.bits, converter.polarity, converter.range_v, converter.offset_v)
+        + struct.pack("<ii", channel.position_code_max, channel.frozen_ticks)
+        + struct.pack(
+            "<12f",
+            channel.stop_max_v,
+            channel.stop_lead,
+            channel.command_max_v,
+            channel.reference_max,
+            channel.comfort_max,
+            channel.disagreement_v,
+            channel.reversal_power,
+            observer.drive,
+            observer.damp,
+            observer.spring,
+            observer.correct_x,
+            observer.correct_w,
+        )
+        + sections.astype("<f4").tobytes()
+    )

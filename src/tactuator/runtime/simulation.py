@@ -1,0 +1,169 @@
+"""The simulated display with its controller, run by the core in blocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactuator.display.controller import Controller
+from tactuator.display.description import Display
+from tactuator.errors import BadInput
+from tactuator.runtime._core import ffi, lib
+from tactuator.runtime.tables import controller_table, display_table
+
+Samples = NDArray[np.float64]
+
+_TRACE, _DOUBLES, _FLAGS = (ffi.typeof(name) for name in ("tact_trace *", "double[]", "uint8_t[]"))
+
+
+@dataclass(frozen=True)
+class SimulatedBlock:
+    """What a block of n samples left behind, all of shape (n, channels).
+
+    command_v: at the motor, beginning at each instant. position_v: as the A/D read it at each instant.
+    displacement_mm: the truth at the finger. saturated: a converter or a limit was reached. broken: the controller's
+    arithmetic had overflowed, and it gave zero.
+    """
+
+    command_v: Samples
+    position_v: Samples
+    displacement_mm: Samples
+    saturated: NDArray[np.bool_]
+    broken: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class SimulationState:
+    """Everything that a simulation will go on from; opaque."""
+
+    loops: bytes
+
+
+class Simulation:
+    """Every channel of `display`: plant, loads, friction, sensor, hum, noise, converters, and a controller if loaded.
+
+    The same seed gives the same numbers, whatever the sizes of the blocks; each channel has noise of its own. Raises
+    BadInput for what cannot be simulated: an improper plant, order above 8, a direct part without computing delay.
+    """
+
+    def __init__(self, display: Display, seed: int = 0) -> None:
+        if not 0 <= seed < 2**32:
+            raise BadInput(f"seed is {seed}; allowed: 0 to {2**32 - 1}")
+        self.display = display
+        self._keep: list[Any] = []
+        self._loads: list[tuple[str | None, ...]] = []
+        self._loops = ffi.new("tact_closed_loop[]", len(display.channels))
+        for index, (loop, channel) in enumerate(zip(self._loops, display.channels, strict=True)):
+            table, keep, loads = display_table(channel, display.rate_hz)
+            if display.delay_samples == 0 and any(plant.sensor_direct for plant in keep[0]):
+                raise BadInput(
+                    f"channel {channel.name!r}: the plant answers at once and delay_samples is 0; allowed: 1 or more"
+                )
+            self._keep += [table, *keep]
+            self._loads.append(loads)
+            loop.display, loop.delay_samples = table, display.delay_samples
+            lib.tact_display_reset(table, ffi.addressof(loop, "display_state"), seed, index)
+            lib.tact_closed_loop_rest(ffi.addressof(self._loops, index))
+        self._controllers: list[Any] = []
+
+    def load(self, controller: Controller) -> None:
+        """Load the controller of every channel; its states start at zero, the device goes on as it is."""
+        controller.require_runs(self.display)
+        self._controllers = [controller_table(channel) for channel in controller.channels]
+        for loop, table in zip(self._loops, self._controllers, strict=True):
+            loop.controller = table
+        self.rest()
+
+    def rest(self) -> None:
+        """Controller and computing delay to zero; no time passes for the device."""
+        for index in range(len(self._loops)):
+            lib.tact_closed_loop_rest(ffi.addressof(self._loops, index))
+
+    def touch(self, channel: int, load: str | None) -> None:
+        """Put a load on a channel (None: take it off). Position and velocity go on."""
+        if load not in self._loads[channel]:
+            allowed = ", ".join(str(name) for name in self._loads[channel])
+            name = self.display.channels[channel].name
+            raise BadInput(f"channel {name!r}: load {load!r} is not described; allowed: {allowed}")
+        self._loops[channel].display_state.touched = self._loads[channel].index(load)
+
+    def play(self, reference: ArrayLike, force_v: ArrayLike | None = None) -> SimulatedBlock:
+        """Reference (n, channels) in threshold units through the controller; force_v (n, channels) acts at the fingers,
+        in volts of command."""
+        if not self._controllers:
+            raise BadInput("no controller is loaded; allowed: load one before playing a reference")
+        return self._run(lib.tact_closed_loop_play, reference, "reference", force_v)
+
+    def drive(self, command_v: ArrayLike, force_v: ArrayLike | None = None) -> SimulatedBlock:
+        """Command (n, channels) in volts straight to the converters, without controller and computing delay."""
+        return self._run(lib.tact_closed_loop_drive, command_v, "command", force_v)
+
+    def save(self) -> SimulationState:
+        """The state of device and controller, to be restored later into this simulation."""
+        return SimulationState(bytes(ffi.buffer(self._loops)))
+
+    def restore(self, state: SimulationState) -> None:
+        """Go on from a state that this simulation saved, with the controller that is loaded now."""
+        if len(state.loops) != ffi.sizeof(self._loops):
+            raise BadInput("the state is another simulation's; allowed: one that this simulation saved")
+        pointers = [(loop.controller, loop.display) for loop in self._loops]
+        ffi.buffer(self._loops)[:] = state.loops
+        for loop, (controller, display) in zip(self._loops, pointers, strict=True):
+            loop.controller, loop.display = controller, display
+
+    def _run(self, step: Any, samples: ArrayLike, name: str, force_v: ArrayLike | None) -> SimulatedBlock:
+        check_arithmetic()
+        count = len(self._loops)
+        inputs = block_samples(samples, count, name)
+        forces = ffi.NULL
+        if force_v is not None:
+            force = block_samples(force_v, count, "force")
+            if force.shape != inputs.shape:
+                raise BadInput(f"force has {force.shape[0]} samples; allowed: {inputs.shape[0]}, as the {name} has")
+            forces = ffi.from_buffer("double[]", force)
+        block, trace = empty_block(inputs.shape[0], count)
+        step(self._loops, count, ffi.from_buffer("double[]", inputs), forces, trace, inputs.shape[0])
+        return block
+
+
+def empty_block(samples: int, columns: int) -> tuple[SimulatedBlock, Any]:
+    """A block to be filled, and the `tact_trace` that points into it.
+
+    Two pieces of memory for all of it: the next block takes what one gives back, and the system, which hands out every
+    page anew, is not asked.
+    """
+    size = samples * columns
+    volts, flags = np.empty((3, samples, columns)), np.empty((2, samples, columns), dtype=np.bool_)
+    command, position, displacement = volts
+    saturated, broken = flags
+    at, mark = ffi.from_buffer(_DOUBLES, volts), ffi.from_buffer(_FLAGS, flags)
+    trace = ffi.new(_TRACE, (at, at + size, at + 2 * size, mark, mark + size))
+    return SimulatedBlock(command, position, displacement, saturated, broken), trace
+
+
+def check_arithmetic() -> None:
+    """Raises RuntimeError where a foreign library has made this thread flush subnormal numbers to zero."""
+    if not lib.tact_finite_is_ieee():
+        raise RuntimeError(
+            "a library of this process has switched the processor to flush subnormal numbers to zero (-ffast-math does "
+            "that): the core's bits would not be those of other machines"
+        )
+
+
+def block_samples(samples: ArrayLike, channels: int, name: str) -> Samples:
+    """`samples` as a contiguous array (n, channels); a vector is taken where there is one channel. BadInput if not."""
+    try:
+        array = np.asarray(samples)
+    except ValueError:
+        raise BadInput(f"{name} has rows of unequal length; allowed: (samples, {channels})") from None
+    if array.ndim == 1 and channels == 1:
+        array = array[:, None]
+    if array.ndim != 2 or array.shape[1] != channels:
+        raise BadInput(f"{name} has shape {array.shape}; allowed: (samples, {channels})")
+    if array.dtype.kind not in "fiub":
+        raise BadInput(f"{name} holds {array.dtype}; allowed: real numbers")
+    whole = np.ascontiguousarray(array, dtype=np.float64)
+    return whole if whole.flags.aligned else whole.copy()

@@ -1,0 +1,140 @@
+"""Continuous systems seen through converters: zero-order hold for plants, bilinear for controllers.
+
+Both keep zeros and poles: no polynomial in z is expanded, so that nothing is lost at high rates.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from tactuator.errors import BadInput
+from tactuator.signals.exponential import matrix_exponential
+from tactuator.signals.systems import ContinuousSystem, SampledSystem
+
+Matrix = NDArray[np.float64]
+
+
+def zero_order_hold(system: ContinuousSystem, rate_hz: float) -> SampledSystem:
+    """The sampled equivalent of a plant driven through a zero-order hold.
+
+    Dead time may be any: whole samples become `delay_samples`, what is left splits the held input in two (Franklin,
+    Powell & Workman 1990, section 4.3) and adds a pole at z = 0. Poles are exp(p T); zeros are those of the held state
+    space. Raises BadInput for an improper system.
+    """
+    if not system.is_proper:
+        raise BadInput(
+            f"plant has {system.zeros.size} zeros and {system.poles.size} poles; allowed: no more zeros than poles"
+        )
+    samples = system.delay_s * rate_hz
+    whole = math.floor(samples + 1e-9)
+    fraction = max(0.0, samples - whole)
+    step = 1.0 / rate_hz
+    poles = np.exp(system.poles * step)
+    if system.poles.size == 0:
+        return _static(system.gain, rate_hz, whole, fraction)
+    ad, bd, c, d = held_state_space(system, step, fraction if fraction > 1e-9 else 0.0)
+    if ad.shape[0] > system.poles.size:
+        poles = np.append(poles, 0.0)
+    zeros = _zeros(ad, bd, c, d)
+    gain = d if d != 0.0 else float(c @ bd)
+    return SampledSystem(zeros, poles, gain, rate_hz, whole)
+
+
+def _static(gain: float, rate_hz: float, whole: int, fraction: float) -> SampledSystem:
+    delay = whole + (1 if fraction > 1e-9 else 0)
+    return SampledSystem(np.empty(0), np.empty(0), gain, rate_hz, delay)
+
+
+def state_space(system: ContinuousSystem, step: float) -> tuple[Matrix, Matrix, Matrix, float]:
+    """Controller canonical form in time units of `step`: states (xi, T xi', T^2 xi'', ...), y = num(xi).
+
+    Returns A * step (n, n), B * step (n,), C (n,), D. A load that only changes the denominator leaves the meaning of
+    the states as it is, so it may be put on and taken off with position and velocity continuous.
+    """
+    order = system.poles.size
+    denominator = np.real(np.poly(system.poles * step))
+    numerator = np.zeros(order + 1)
+    scaled = np.real(np.poly(system.zeros * step)) * step ** float(order - system.zeros.size)
+    numerator[order - system.zeros.size :] = system.gain * scaled
+    direct = float(numerator[0])
+    a = np.eye(order, k=1)
+    a[-1] = -denominator[:0:-1]
+    b = np.zeros(order)
+    b[-1] = 1.0
+    c = (numerator[1:] - direct * denominator[1:])[::-1]
+    return a, b, c, direct
+
+
+def held_state_space(system: ContinuousSystem, step: float, fraction: float) -> tuple[Matrix, Matrix, Matrix, float]:
+    """x(k+1) = Ad x + Bd u, y = C x + D u under a zero-order hold; `fraction` of a sample of dead time adds the last
+    input as a state.
+
+    The states are those of `state_space`.
+    """
+    a, b, c, d = state_space(system, step)
+    if fraction == 0.0:
+        ad, bd = _integrated(a, b, 1.0)
+        return ad, bd, c, d
+    ad, _ = _integrated(a, b, 1.0)
+    early, b_now = _integrated(a, b, 1.0 - fraction)
+    _, b_late = _integrated(a, b, fraction)
+    order = a.shape[0]
+    held = np.zeros((order + 1, order + 1))
+    held[:order, :order] = ad
+    held[:order, order] = early @ b_late
+    return held, np.append(b_now, 1.0), np.append(c, d), 0.0
+
+
+def _integrated(a: Matrix, b: Matrix, duration: float) -> tuple[Matrix, Matrix]:
+    """exp(a t) and its integral over [0, t] times b."""
+    order = a.shape[0]
+    block = np.zeros((order + 1, order + 1))
+    block[:order, :order] = a
+    block[:order, order] = b
+    exponential = matrix_exponential(block * duration)
+    return exponential[:order, :order], exponential[:order, order]
+
+
+def _zeros(ad: Matrix, bd: Matrix, c: Matrix, d: float) -> NDArray[np.complex128]:
+    """Transmission zeros in z: finite generalised eigenvalues of the system matrix, found for z - 1."""
+    order = ad.shape[0]
+    system = np.zeros((order + 1, order + 1))
+    system[:order, :order] = ad - np.eye(order)
+    scale = np.linalg.norm(bd) or 1.0
+    system[:order, order] = bd / scale
+    gain = np.linalg.norm(c) or 1.0
+    system[order, :order] = c / gain
+    system[order, order] = d / (gain * scale)
+    mass = np.zeros_like(system)
+    mass[:order, :order] = np.eye(order)
+    alpha, beta = linalg.eig(system, mass, right=False, homogeneous_eigvals=True)
+    expected = order if d != 0.0 else order - 1
+    finite = np.argsort(-np.abs(beta) / np.hypot(np.abs(alpha), np.abs(beta)))[:expected]
+    roots = alpha[finite] / beta[finite]
+    return np.asarray(1.0 + np.where(np.abs(roots.imag) < 1e-13, roots.real, roots), dtype=np.complex128)
+
+
+def bilinear(system: ContinuousSystem, rate_hz: float) -> SampledSystem:
+    """Tustin's transform s = 2 rate (z - 1)/(z + 1), without prewarping, root by root.
+
+    Raises BadInput for an improper system, a root at s = 2 rate, or dead time that is not a whole number of samples.
+    """
+    delay = system.delay_s * rate_hz
+    if abs(delay - round(delay)) > 1e-9:
+        raise BadInput(f"dead time is {delay:g} samples; allowed for a bilinear transform: a whole number of them")
+    if not system.is_proper:
+        raise BadInput(
+            f"system has {system.zeros.size} zeros and {system.poles.size} poles; allowed: no more zeros than poles"
+        )
+    twice = 2.0 * rate_hz
+    if np.any(system.poles == twice) or np.any(system.zeros == twice):
+        raise BadInput(f"a root lies at s = {twice:g} rad/s, twice the rate; allowed: any other place")
+    zeros = (twice + system.zeros) / (twice - system.zeros)
+    poles = (twice + system.poles) / (twice - system.poles)
+    gain = system.gain * np.real(np.prod(twice - system.zeros) / np.prod(twice - system.poles))
+    nyquist = -np.ones(system.poles.size - system.zeros.size)
+    return SampledSystem(np.append(zeros, nyquist), poles, float(gain), rate_hz, round(delay))

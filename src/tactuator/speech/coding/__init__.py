@@ -1,0 +1,1 @@
+"""Codings of speech for fingers: bands, envelopes, carriers and their files."""

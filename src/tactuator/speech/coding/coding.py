@@ -1,0 +1,40 @@
+"""A coding: a way from speech to signals, and from signals to fingers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.errors import BadInput
+from tactuator.speech.reading import Samples
+
+
+class Coding(Protocol):
+    """A way from speech to signals, and from signals to fingers."""
+
+    @property
+    def kind(self) -> str:
+        """Its name: direct, bands, envelope."""
+        ...
+
+    def signals(self, blocks: Iterator[Samples], rate_in_hz: int, rate_hz: int) -> Iterator[NDArray[np.float64]]:
+        """Mono blocks (n,) as blocks (m, signals) at the display's rate."""
+        ...
+
+    def placement(self, fingers: tuple[str, ...]) -> NDArray[np.float64]:
+        """(signals, fingers): how much of each signal goes to each finger."""
+        ...
+
+
+def place(wanted: list[tuple[str, ...]], fingers: tuple[str, ...]) -> NDArray[np.float64]:
+    """(signals, fingers) of ones and zeros: signal i goes to the fingers wanted[i]. BadInput for a finger not there."""
+    matrix = np.zeros((len(wanted), len(fingers)))
+    for row, names in zip(matrix, wanted, strict=True):
+        for name in fingers if "all" in names else names:
+            if name not in fingers:
+                raise BadInput(f"finger {name!r} is not on the display; allowed: all, {', '.join(fingers)}")
+            row[fingers.index(name)] = 1.0
+    return matrix

@@ -1,0 +1,191 @@
+"""A look-ahead limiter that keeps a display's limits by construction: nothing is let out that was not checked.
+
+The stream is taken in stretches of 12 s with 2 s of look-ahead. For every finger the responses of `limits` predict,
+from the reference as it would go out and from what went out before, the felt signal, the displacement and the command.
+Where one would pass its limit, the reduction there is raised by what is missing, over a neighbourhood that doubles
+with every round (so that a slow response's cause is reached as well), and all is predicted anew. A stretch whose
+reference cannot reach any limit passes untouched, to the bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from itertools import compress
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, ndimage
+
+from tactuator.display.controller import Controller
+from tactuator.speech.limiter.limits import COARSE, QUIET_ABOVE_HZ, ChannelLimits, between_samples, channel_limits
+from tactuator.speech.limiter.reduction import reduction_envelope
+
+Samples = NDArray[np.float64]
+
+STRETCH_S, AHEAD_S, MEMORY_S = 12.0, 2.0, 4.0  # together a multiple of 3 samples at any whole rate
+EDGE_S = 0.25
+"""At the end of the look-ahead, where what follows is not known yet, the prediction is faded out and not judged."""
+FIRST_REACH_S = 0.0025
+OVERSHOOT_DB = 0.02
+MOST_ROUNDS = 60
+CLEARLY = 0.999
+"""Predictions in float32 stay this far from a limit, so that their rounding does not count."""
+
+
+@dataclass
+class FingerLimiting:
+    """What was done to one finger. reduced_s: time with a reduction; reasons: seconds at which each limit asked it."""
+
+    finger: str
+    max_reduction_db: float = 0.0
+    max_slope_db_per_ms: float = 0.0
+    reduced_s: float = 0.0
+    reasons: dict[str, float] = field(default_factory=lambda: {"comfort": 0.0, "travel": 0.0, "command": 0.0})
+
+
+@dataclass
+class _Finger:
+    limits: ChannelLimits
+    report: FingerLimiting
+    history: Samples
+    carried_db: Samples
+    start_db: float | None = None
+    quiet_for: int = 1 << 60  # samples since the last reduction
+
+
+class Limiter:
+    """Limits a stream of blocks (n, channels) for a controller; `report` tells what it did."""
+
+    def __init__(self, controller: Controller) -> None:
+        self._rate = controller.rate_hz
+        self._stretch, self._ahead, memory = (round(s * self._rate) for s in (STRETCH_S, AHEAD_S, MEMORY_S))
+        self._size = memory + self._stretch + self._ahead
+        self._edge = round(EDGE_S * self._rate)
+        self._fingers = [
+            _Finger(channel_limits(controller, name, self._size), FingerLimiting(name), np.zeros(memory), np.zeros(0))
+            for name in (channel.name for channel in controller.display.channels)
+        ]
+        self._between = between_samples(self._rate)
+        self._quiet_bin = int(QUIET_ABOVE_HZ * self._size / self._rate) + 1
+        self._last: tuple[Samples, NDArray[np.complex64], float] | None = None
+
+    @property
+    def report(self) -> tuple[FingerLimiting, ...]:
+        """What was done so far, finger by finger."""
+        return tuple(finger.report for finger in self._fingers)
+
+    def process(self, blocks: Iterable[NDArray[np.float64]]) -> Iterator[NDArray[np.float64]]:
+        """The blocks (n, channels), limited; as many samples in all."""
+        kept = np.zeros((0, len(self._fingers)))
+        for block in blocks:
+            kept = np.concatenate((kept, block))
+            while len(kept) >= self._stretch + self._ahead:
+                yield self._limit(kept[: self._stretch + self._ahead], self._stretch, last=False)
+                kept = kept[self._stretch :]
+        while len(kept):
+            ahead = np.zeros((max(0, self._stretch + self._ahead - len(kept)), kept.shape[1]))
+            last = len(kept) <= self._stretch
+            window = np.concatenate((kept, ahead))[: self._stretch + self._ahead]
+            yield self._limit(window, min(self._stretch, len(kept)), last=last)
+            kept = kept[self._stretch :]
+
+    def _limit(self, window: NDArray[np.float64], commit: int, last: bool) -> NDArray[np.float64]:
+        output = np.empty((commit, window.shape[1]))
+        for column, finger in enumerate(self._fingers):
+            reference = np.ascontiguousarray(window[:, column])
+            if self._is_harmless(finger, reference):
+                reduction, limited = np.zeros(len(reference)), reference
+            else:
+                reduction, limited = self._reduce(finger, reference, last)
+            output[:, column] = limited[:commit]
+            self._commit(finger, reduction, limited, commit)
+        return output
+
+    def _is_harmless(self, finger: _Finger, reference: Samples) -> bool:
+        if finger.start_db or finger.carried_db.any() or finger.quiet_for < len(finger.history):
+            return False
+        signal, limits = np.concatenate((finger.history, reference)), finger.limits
+        peak = max(float(signal.max()), -float(signal.min()))
+        if peak <= limits.harmless:
+            return True
+        if peak > limits.peak:
+            return False
+        whole, rest = self._spectrum(signal)
+        spectrum = whole[: self._size // COARSE // 2 + 1]
+        coarse = fft.irfft(spectrum * limits.coarse, self._size // COARSE)  # float32 is plenty here
+        greatest = np.maximum(coarse.max(axis=1), -coarse.min(axis=1)) / COARSE
+        doubtful = self._between * greatest + rest * limits.beyond > limits.limit
+        for constraint in compress(limits.constraints, doubtful):
+            fine = fft.irfft(whole * constraint.response.astype(np.complex64), self._size)[len(finger.history) :]
+            if max(float(fine.max()), -float(fine.min())) > CLEARLY * constraint.limit:
+                return False
+        return True
+
+    def _spectrum(self, signal: Samples) -> tuple[NDArray[np.complex64], float]:
+        """The spectrum, and the sum of the amplitudes above 320 Hz; fingers often have one signal."""
+        if self._last is None or not np.array_equal(signal, self._last[0]):
+            spectrum = fft.rfft(signal.astype(np.float32), self._size)
+            rest = float(np.abs(spectrum[self._quiet_bin :]).sum()) * 2.0 / self._size
+            self._last = signal, spectrum, rest
+        return self._last[1:]
+
+    def _reduce(self, finger: _Finger, reference: Samples, last: bool) -> tuple[Samples, Samples]:
+        need = np.zeros(len(reference))
+        need[: len(finger.carried_db)] = finger.carried_db
+        fade = np.ones(len(reference))
+        if not last:
+            fade[-self._edge :] = 0.5 + 0.5 * np.cos(np.pi * (np.arange(self._edge) + 0.5) / self._edge)
+        reach = FIRST_REACH_S * self._rate
+        for _ in range(MOST_ROUNDS):
+            reduction = reduction_envelope(need, finger.start_db, self._rate)
+            limited = reference * 10.0 ** (-reduction / 20.0)
+            excess, reasons = self._excess(finger, limited, fade)
+            if not last:
+                excess[-self._edge :] = 0.0
+            if excess.max() <= 1.0:
+                self._count(finger, reasons)
+                return reduction, limited
+            missing = np.where(excess > 1.0, 20.0 * np.log10(np.maximum(excess, 1.0)) + OVERSHOOT_DB, 0.0)
+            wanted = np.where(missing > 0.0, reduction + missing, 0.0)
+            width = min(2 * round(reach) + 1, 2 * len(reference) - 1)
+            need = np.maximum(need, ndimage.maximum_filter1d(wanted, width, mode="constant"))
+            reach *= 1.4
+        raise AssertionError(f"limiter: no reduction found for {finger.limits.finger} in {MOST_ROUNDS} rounds")
+
+    def _excess(self, finger: _Finger, limited: Samples, fade: Samples) -> tuple[Samples, dict[str, float]]:
+        """The greatest share of any limit, sample by sample, and seconds within 0.5 dB of each kind of limit."""
+        memory = len(finger.history)
+        spectrum = fft.rfft(np.concatenate((finger.history, limited * fade)), self._size)
+        excess = np.abs(limited) / finger.limits.peak
+        near = {
+            "comfort": excess > 0.944,
+            "travel": np.zeros(len(limited), bool),
+            "command": np.zeros(len(limited), bool),
+        }
+        for constraint in finger.limits.constraints:
+            share = np.abs(fft.irfft(spectrum * constraint.response, self._size)[memory:]) / constraint.limit
+            np.logical_or(near[constraint.kind], share > 0.944, out=near[constraint.kind])
+            np.maximum(excess, share, out=excess)
+        return excess, {kind: float(flags[: self._stretch].sum()) / self._rate for kind, flags in near.items()}
+
+    def _count(self, finger: _Finger, reasons: dict[str, float]) -> None:
+        for kind, seconds in reasons.items():
+            finger.report.reasons[kind] += seconds
+
+    def _commit(self, finger: _Finger, reduction: Samples, limited: Samples, commit: int) -> None:
+        report, memory = finger.report, len(finger.history)
+        finger.history = np.concatenate((finger.history, limited[:commit]))[-memory:]
+        if not reduction.any():
+            finger.quiet_for, finger.carried_db, finger.start_db = finger.quiet_for + commit, np.zeros(0), 0.0
+            return
+        steps = np.abs(
+            np.diff(reduction[:commit], prepend=reduction[0] if finger.start_db is None else finger.start_db)
+        )
+        report.max_reduction_db = max(report.max_reduction_db, float(reduction[:commit].max()))
+        report.max_slope_db_per_ms = max(report.max_slope_db_per_ms, float(steps.max()) * self._rate * 1e-3)
+        reduced = np.flatnonzero(reduction[:commit])
+        report.reduced_s += len(reduced) / self._rate
+        finger.quiet_for = commit - 1 - int(reduced[-1]) if len(reduced) else finger.quiet_for + commit
+        finger.carried_db = reduction[commit : len(reduction) - 2 * self._edge].copy()
+        finger.start_db = float(reduction[commit - 1])

@@ -1,0 +1,168 @@
+"""From a display to its controller: loop, prefilter, anti-windup, limits and the report, channel by channel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator import __version__
+from tactuator.display.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.display.description import Channel, Display
+from tactuator.errors import BadInput
+from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.signals.bands import third_octave_bands
+from tactuator.signals.discretise import bilinear
+from tactuator.signals.systems import SampledSystem
+from tactuator.synthesis import paper
+from tactuator.synthesis.family import Member, plant_family
+from tactuator.synthesis.headroom import headroom
+from tactuator.synthesis.loop.assessment import MemberAssessment, assess, loop_report
+from tactuator.synthesis.loop.sections import anti_windup, feedback_sections
+from tactuator.synthesis.loop.synthesis import synthesise
+from tactuator.synthesis.prefilter.fit import PrefilterFit, fit_prefilter
+from tactuator.synthesis.suitability import require_suitable
+
+_SERVES, _GOOD = 0.75, 1.95
+_NEAR_DB = 1.5
+
+
+def design_controller(display: Display, poles: int | None = None, error_db: float | None = None) -> Controller:
+    """The controller of a display, every channel designed to its own requirements.
+
+    poles: of every prefilter, in place of the file's. error_db: choose for each prefilter the fewest poles that keep
+    this error instead.
+
+    Raises BadInput for a plant that cannot be controlled, requirements that contradict each other, or requirements
+    that nothing satisfies: the message says which bind, and what would be possible.
+    """
+    channels = tuple(design_channel(display, channel, poles, error_db) for channel in display.channels)
+    return Controller(display, channels, __version__)
+
+
+def design_channel(
+    display: Display, channel: Channel, poles: int | None = None, error_db: float | None = None
+) -> ChannelController:
+    """The controller of one channel of `display`.
+
+    Of the loops that keep every requirement, in the order of their mean |S|, the first is taken whose prefilter is
+    good for its number of poles (1.95/poles of the flatness objective, or error_db); if there is none, the one with the
+    best prefilter among those within 1.5 dB of the least mean, as long as that prefilter serves.
+    """
+    require_suitable(channel, display.rate_hz)
+    if poles is not None and error_db is not None:
+        raise BadInput(f"poles {poles} and an error of {error_db:g} dB are both asked for; allowed: one of them")
+    family = plant_family(channel, display.rate_hz, display.delay_samples)
+    count = poles if poles is not None else None if error_db is not None else channel.prefilter.poles
+    serves = _SERVES * display.objectives.flatness_db if error_db is None else error_db
+    good = serves if count is None else _GOOD / count * display.objectives.flatness_db
+    designs: list[tuple[PrefilterFit, SampledSystem | None]] = []
+    least = -np.inf
+    for mean_db, feedback in feedback_candidates(channel, display.rate_hz, family, display.objectives.resonance_peak):
+        least = mean_db if not designs else least
+        if mean_db > least + _NEAR_DB and any(fit.max_error_db <= serves for fit, _ in designs):
+            break
+        fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, count, serves)
+        designs.append((fit, feedback))
+        if fit.max_error_db <= good:
+            break
+    fit, feedback = min(designs, key=lambda design: (design[0].poles, design[0].max_error_db))
+    return assemble(display, channel, feedback, fit, family)
+
+
+def feedback_candidates(
+    channel: Channel, rate_hz: float, family: tuple[Member, ...], resonance_peak: float
+) -> Iterator[tuple[float, SampledSystem | None]]:
+    """C as the channel's structure asks: synthesised (the best first, with the mean |S| in dB), given (bilinear), or
+    none."""
+    requirements = channel.feedback
+    if requirements.structure == "none":
+        yield 0.0, None
+    elif requirements.structure == "paper":
+        yield 0.0, bilinear(requirements.controller or paper.FEEDBACK, rate_hz)
+    else:
+        yield from synthesise(channel, family, rate_hz, resonance_peak)
+
+
+def assemble(
+    display: Display,
+    channel: Channel,
+    feedback: SampledSystem | None,
+    fit: PrefilterFit,
+    family: tuple[Member, ...] | None = None,
+) -> ChannelController:
+    """A channel's controller from a feedback controller (or none) and a prefilter, with its report.
+
+    Raises UnstableLoop if the loop is unstable on any plant of the channel's family.
+    """
+    members = family or plant_family(channel, display.rate_hz, display.delay_samples)
+    sections, gains = None, AntiWindup()
+    assessments: tuple[MemberAssessment, ...] = ()
+    if feedback is not None:
+        sections = feedback_sections(feedback)
+        feedback = SampledSystem.from_sections(sections, display.rate_hz)
+        assessments = assess(feedback, members, channel.feedback)
+        gains = anti_windup(sections, assessments[0].margins.crossover_hz, display.rate_hz)
+    prefilter = SampledSystem.from_sections(fit.sections, display.rate_hz)
+    nominal = TwoDegreeLoop(prefilter, feedback, members[0].sampled)
+    return ChannelController(
+        name=channel.name,
+        threshold_voltage_dc=_at_rest(nominal, channel),
+        prefilter_sos=fit.sections,
+        feedback_sos=sections,
+        anti_windup=gains,
+        limits=_limits(display, channel),
+        designed_for=tuple(member.name for member in members),
+        report=_report(display, channel, nominal, fit, assessments, members),
+    )
+
+
+def with_prefilter(controller: ChannelController, fit: PrefilterFit) -> ChannelController:
+    """The channel's controller with another prefilter and everything else as it was: reshaping is a download."""
+    return replace(controller, prefilter_sos=fit.sections)
+
+
+def _at_rest(loop: TwoDegreeLoop, channel: Channel) -> float:
+    """H(0), volts of y per threshold unit: the real limit at a frequency far below the band."""
+    return float(np.real(loop.position_response(channel.threshold.band_hz[0] * 1e-6)))
+
+
+def _limits(display: Display, channel: Channel) -> Limits:
+    travel_v = channel.travel_mm * channel.sensor_gain_v_per_mm
+    return Limits(channel.converter.range_v, travel_v, display.objectives.comfort_db_sl)
+
+
+def headroom_grid_hz(channel: Channel) -> NDArray[np.float64]:
+    """The band's edges and the third octaves between."""
+    low, high = channel.threshold.band_hz
+    centres = [round(band.centre_hz, 6) for band in third_octave_bands(low, high)]
+    return np.array(sorted({low, high, *(f for f in centres if low <= f <= high)}))
+
+
+def _report(
+    display: Display,
+    channel: Channel,
+    nominal: TwoDegreeLoop,
+    fit: PrefilterFit,
+    assessments: tuple[MemberAssessment, ...],
+    members: tuple[Member, ...],
+) -> dict[str, Any]:
+    grid = headroom_grid_hz(channel)
+    comfort = display.objectives.comfort_db_sl
+    report: dict[str, Any] = loop_report(assessments, channel) if assessments else {}
+    report["prefilter"] = {
+        "poles": fit.poles,
+        "max_error_db": fit.max_error_db,
+        "rms_error_db": fit.rms_error_db,
+        "worst_hz": fit.worst_hz,
+    }
+    report["headroom_db_sl"] = headroom(channel, nominal, grid, comfort).document()
+    report["headroom_db_sl_loaded"] = {
+        member.name: headroom(channel, replace(nominal, plant=member.sampled), grid, comfort).document()
+        for member in members[1:]
+        if member.model == 0
+    }
+    return report

@@ -1,0 +1,1 @@
+"""Exchange of controllers with other tools: python-control, continuous forms."""

@@ -1,0 +1,47 @@
+"""The plants that one controller has to hold for: every load, and every model that identification cannot tell apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactuator.display.description import Channel
+from tactuator.display.load import Load
+from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.systems import ContinuousSystem, SampledSystem
+
+UNLOADED = "none"
+
+
+@dataclass(frozen=True)
+class Member:
+    """One plant of a family: the load on it ("none", or its name), which model (0 is the nominal one), and the plant
+    as the processor sees it, computing delay included."""
+
+    load: str
+    model: int
+    continuous: ContinuousSystem
+    sampled: SampledSystem
+
+    @property
+    def name(self) -> str:
+        """As a person reads it: `finger`, or `finger, model 2`."""
+        return self.load if self.model == 0 else f"{self.load}, model {self.model}"
+
+
+def sampled_plant(plant: ContinuousSystem, rate_hz: float, delay_samples: int) -> SampledSystem:
+    """`plant` behind a zero-order hold, with the computing delay."""
+    return zero_order_hold(plant, rate_hz) * SampledSystem(np.empty(0), np.empty(0), 1.0, rate_hz, delay_samples)
+
+
+def plant_family(channel: Channel, rate_hz: float, delay_samples: int) -> tuple[Member, ...]:
+    """Every model of the channel, without and under each load; the nominal unloaded plant first."""
+    loads: tuple[Load | None, ...] = (None, *channel.loads)
+    members = []
+    for model, plant in enumerate((channel.plant, *channel.family)):
+        for load in loads:
+            loaded = plant if load is None else load.applied_to(plant, channel.quantity)
+            sampled = sampled_plant(loaded, rate_hz, delay_samples)
+            members.append(Member(UNLOADED if load is None else load.name, model, loaded, sampled))
+    return tuple(members)

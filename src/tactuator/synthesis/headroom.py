@@ -1,0 +1,52 @@
+"""How loud a display can be: the greatest reference, in dB SL, before travel, command or comfort stops it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.description import Channel
+from tactuator.display.load import DERIVATIVES
+from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.signals.decibels import db
+
+Array = NDArray[np.float64]
+
+BINDING = ("travel", "command", "comfort")
+
+
+@dataclass(frozen=True)
+class Headroom:
+    """At frequency_hz (n,): the greatest sinusoidal reference in dB SL, and which limit stops it."""
+
+    frequency_hz: Array
+    level_db_sl: Array
+    binding: tuple[str, ...]
+
+    def document(self) -> dict[str, Any]:
+        """As it stands in controller.json."""
+        return {
+            "frequency_hz": self.frequency_hz.tolist(),
+            "level": self.level_db_sl.tolist(),
+            "binding": list(self.binding),
+        }
+
+
+def headroom(channel: Channel, loop: TwoDegreeLoop, frequency_hz: Array, comfort_db_sl: float) -> Headroom:
+    """Headroom of the channel's loop at `frequency_hz` (hertz, shape (n,)), for one sinusoid at a time.
+
+    travel: displacement at +/- travel_mm. command: the command at the converter's range less the motor's offset.
+    comfort: the felt level at comfort_db_sl.
+    """
+    position = np.abs(loop.position_response(frequency_hz))
+    speed = (2.0 * np.pi * frequency_hz) ** DERIVATIVES[channel.quantity]
+    displacement_mm = position / channel.sensor_gain_v_per_mm / speed
+    command = np.abs(loop.command_response(frequency_hz))
+    room_v = channel.converter.range_v - abs(channel.converter.offset_v)
+    felt_error = db(displacement_mm / channel.threshold.curve.displacement_mm(frequency_hz))
+    levels = np.vstack([db(channel.travel_mm / displacement_mm), db(room_v / command), comfort_db_sl - felt_error])
+    which = np.argmin(levels, axis=0)
+    return Headroom(frequency_hz, levels[which, np.arange(which.size)], tuple(BINDING[i] for i in which))

@@ -1,0 +1,1 @@
+"""Feedback controllers: the problem, its structures, their synthesis and assessment."""

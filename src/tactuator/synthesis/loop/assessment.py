@@ -1,0 +1,137 @@
+"""What a feedback controller does on every plant of a family: margins, rejection, hum, noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.description import Channel
+from tactuator.display.requirements import FeedbackRequirements
+from tactuator.loop.feedback import FeedbackLoop
+from tactuator.loop.margins import Margins, margins
+from tactuator.loop.stability import UnstableLoop
+from tactuator.signals.decibels import db
+from tactuator.signals.systems import SampledSystem
+from tactuator.synthesis.family import Member
+from tactuator.synthesis.noise_gain import command_noise_gain
+
+Array = NDArray[np.float64]
+
+CUSTOMARY_REJECTION_HZ = (1.0, 5.0, 10.0)
+
+
+@dataclass(frozen=True)
+class MemberAssessment:
+    """One plant under the controller: its loop, margins, mean |S| over the rejection band (dB), command noise gain."""
+
+    member: Member
+    loop: FeedbackLoop
+    margins: Margins
+    mean_rejection_db: float
+    noise_gain: float
+
+
+@dataclass(frozen=True)
+class Shortfall:
+    """A requirement that is not kept: which, on which plant, what was asked and what was got (its own units)."""
+
+    requirement: str
+    member: str
+    asked: float
+    got: float
+
+    def __str__(self) -> str:
+        return f"{self.requirement} {self.got:.4g} (asked {self.asked:.4g}, load {self.member})"
+
+
+def rejection_grid_hz(requirements: FeedbackRequirements, points: int = 200) -> Array:
+    """The rejection band, even in log frequency."""
+    low, high = requirements.rejection_band_hz
+    return np.geomspace(low, high, points)
+
+
+def assess(
+    feedback: SampledSystem, family: Sequence[Member], requirements: FeedbackRequirements
+) -> tuple[MemberAssessment, ...]:
+    """Every member's figures. Raises UnstableLoop, naming the plant, if a loop is unstable."""
+    band = rejection_grid_hz(requirements)
+    found = []
+    for member in family:
+        loop = FeedbackLoop(feedback, member.sampled)
+        if not loop.is_stable:
+            raise UnstableLoop(f"the closed loop is unstable under load {member.name!r}; allowed: a stable loop")
+        mean = float(np.mean(db(loop.sensitivity(band))))
+        found.append(MemberAssessment(member, loop, margins(loop), mean, command_noise_gain(loop)))
+    return tuple(found)
+
+
+def shortfalls(assessments: Sequence[MemberAssessment], requirements: FeedbackRequirements) -> tuple[Shortfall, ...]:
+    """Every requirement that a member does not keep."""
+    return tuple(
+        Shortfall(name, one.member.name, asked, got)
+        for one in assessments
+        for name, asked, got, sign in figures(one, requirements)
+        if sign * (got - asked) > 0.0
+    )
+
+
+def figures(one: MemberAssessment, requirements: FeedbackRequirements) -> list[tuple[str, float, float, float]]:
+    """(requirement, asked, got, +1 where less is better and -1 where more is), for one plant."""
+    rows: list[tuple[str, float, float, float]] = []
+    if requirements.phase_margin_deg is not None:
+        rows.append(("phase_margin_deg", requirements.phase_margin_deg, one.margins.phase_margin_deg, -1.0))
+    if requirements.sensitivity_peak is not None:
+        rows.append(("sensitivity_peak", requirements.sensitivity_peak, one.margins.sensitivity_peak, 1.0))
+    if requirements.command_noise_gain_max is not None:
+        rows.append(("command_noise_gain", requirements.command_noise_gain_max, one.noise_gain, 1.0))
+    for frequency, limit in zip(requirements.mains_hz, requirements.mains_max_db, strict=True):
+        level = float(db(one.loop.complementary(frequency)))
+        rows.append((f"|T| dB at {frequency:g} Hz", limit, level, 1.0))
+    for frequency, limit in zip(requirements.rejection_hz, requirements.rejection_max_db, strict=True):
+        level = float(db(one.loop.sensitivity(frequency)))
+        rows.append((f"|S| dB at {frequency:g} Hz", limit, level, 1.0))
+    return rows
+
+
+def loop_report(assessments: Sequence[MemberAssessment], channel: Channel) -> dict[str, Any]:
+    """Margins, rejection and hum, each the worst over the family, as they stand in controller.json."""
+    requirements = channel.feedback
+    worst = min(assessments, key=lambda one: one.margins.phase_margin_deg)
+    gain_margins = [one.margins.gain_margin_db for one in assessments]
+    delays = [one.margins.delay_margin_samples or 0.0 for one in assessments]
+    low, high = requirements.rejection_band_hz
+    rejection_hz = {f for f in CUSTOMARY_REJECTION_HZ if low <= f <= high} | set(requirements.rejection_hz)
+    mains_hz = sorted(set(requirements.mains_hz) | set(channel.environment.hum_hz))
+    return {
+        "margins": {
+            "crossover_hz": _finite(worst.margins.crossover_hz),
+            "phase_margin_deg": _finite(worst.margins.phase_margin_deg),
+            "gain_margin_db": _finite(min(gain_margins)),
+            "sensitivity_peak": max(one.margins.sensitivity_peak for one in assessments),
+            "complementary_peak": max(one.margins.complementary_peak for one in assessments),
+            "disk_margin": min(one.margins.disk.alpha for one in assessments),
+            "delay_margin_samples": _finite(min(delays)),
+            "command_noise_gain": max(one.noise_gain for one in assessments),
+        },
+        "rejection_db": {
+            "mean": max(one.mean_rejection_db for one in assessments),
+            **_worst_levels(assessments, sorted(rejection_hz), lambda loop, f: loop.sensitivity(f)),
+        },
+        "mains_db": _worst_levels(assessments, mains_hz, lambda loop, f: loop.complementary(f)),
+    }
+
+
+def _worst_levels(
+    assessments: Sequence[MemberAssessment],
+    frequencies_hz: Sequence[float],
+    response: Callable[[FeedbackLoop, float], NDArray[np.complex128]],
+) -> dict[str, float]:
+    return {f"{f:g}": max(float(db(response(one.loop, f))) for one in assessments) for f in frequencies_hz}
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None

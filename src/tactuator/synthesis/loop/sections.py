@@ -1,0 +1,80 @@
+"""A feedback controller as sections: the integrator in the last one, exact, and the anti-windup gains that go with it.
+
+While the command is held at its limit, the last section's two states follow (delta form, d = z - 1)
+
+    s1 += s2 + b1 e - a1 u + g1 (clamped - u),    s2 += b2 e + g2 (clamped - u),    u = b0 e + s1,
+
+so that they run with the characteristic polynomial d^2 + (a1 + g1) d + g2 instead of d (d + a1). The rule: the
+section keeps its own pole -a1, and the integrator's pole moves to -r with r = 1 - exp(-2 pi crossover / rate): while
+saturated, the integrator forgets at the speed of the loop's own crossover. Hence g1 = r and g2 = r a1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.controller import AntiWindup
+from tactuator.signals.sections import exact_sum
+from tactuator.signals.systems import SampledSystem
+from tactuator.synthesis.prefilter.cascade import Sections, cascade
+
+Roots = NDArray[np.complex128]
+
+_AT_ONE = 1e-9
+_GRAIN = 2.0**-45
+
+
+def feedback_sections(feedback: SampledSystem) -> Sections:
+    """Sections of C, shape (n, 6): the integrator, if there is one, in the last, with b and a summing exactly.
+
+    The integrator is put together with the fastest real pole and the two slowest zeros.
+    """
+    integrators = np.flatnonzero(np.abs(feedback.poles - 1.0) < _AT_ONE)
+    if integrators.size == 0:
+        return cascade(feedback)
+    others = np.delete(feedback.poles, integrators[0])
+    real = np.flatnonzero(np.abs(others.imag) < 1e-12)
+    partner = others[real[np.argmin(np.abs(others[real]))]].real if real.size else 0.0
+    if real.size:
+        others = np.delete(others, real[np.argmin(np.abs(others[real]))])
+    room = 2 if real.size else 1
+    slowest, rest = _slowest(feedback.zeros, room)
+    last = _integrator_section(slowest, partner if real.size else None)
+    if others.size == 0:
+        last[:3] *= feedback.gain
+        return last[None]
+    return np.vstack([cascade(SampledSystem(rest, others, feedback.gain, feedback.rate_hz)), last])
+
+
+def _slowest(zeros: Roots, count: int) -> tuple[Roots, Roots]:
+    """Up to `count` (1 or 2) zeros nearest z = 1, never half of a pair, and the others."""
+    order = np.argsort(np.abs(zeros - 1.0), kind="stable")
+    zeros = zeros[order]
+    real = np.flatnonzero(np.abs(zeros.imag) < 1e-12)
+    paired = np.flatnonzero(np.abs(zeros.imag) >= 1e-12)
+    if count == 2 and paired.size and (real.size < 2 or paired[0] < real[0]):
+        taken = paired[:2]
+    else:
+        taken = real[:count]
+    return zeros[taken], np.delete(zeros, taken)
+
+
+def _integrator_section(zeros: Roots, partner: float | None) -> NDArray[np.float64]:
+    order = 1 if partner is None else 2
+    numerator = np.real(np.poly(zeros)) if zeros.size else np.ones(1)
+    numerator = np.concatenate([np.zeros(order + 1 - numerator.size), numerator])  # missing zeros are delays
+    if partner is None:
+        return np.array([*numerator, 0.0, 1.0, -1.0, 0.0])
+    pole = float(np.round(partner / _GRAIN) * _GRAIN)  # so that 1 - (1 + p) + p is zero in doubles
+    return np.array([*numerator, 1.0, -(1.0 + pole), pole])
+
+
+def anti_windup(sections: Sections, crossover_hz: float, rate_hz: float) -> AntiWindup:
+    """The gains of the rule above; zero where the last section holds no integrator."""
+    _, _, _, a0, a1, a2 = sections[-1]
+    own = exact_sum(a0, a0, a1) / float(a0)
+    if abs(exact_sum(a0, a1, a2)) > _AT_ONE * abs(own):
+        return AntiWindup((0.0, 0.0))
+    rate = -float(np.expm1(-2.0 * np.pi * crossover_hz / rate_hz))
+    return AntiWindup((rate, rate * own))

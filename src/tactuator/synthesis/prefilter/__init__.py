@@ -1,0 +1,1 @@
+"""Prefilters: magnitude fit, cascade of sections, felt weighting."""

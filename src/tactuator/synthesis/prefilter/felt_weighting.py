@@ -1,0 +1,38 @@
+"""The felt reference: position seen through the minimum-phase inverse of the designed H.
+
+H is designed to equal the channel's threshold voltage over the band, so its inverse is known from the display alone:
+W = 1/threshold voltage, minimum phase. Above the band it stays near its value at the band's end, since the sensor's
+noise is not to be amplified further. What W gives for y = H r is r again (threshold units), whatever C and F are.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.description import Channel
+from tactuator.signals.decibels import db
+from tactuator.synthesis.prefilter.cascade import Sections, cascade
+from tactuator.synthesis.prefilter.magnitude_fit import MagnitudeGoal, fit_magnitude
+
+POLES = 4
+_RISE_ABOVE_BAND_DB = 6.0
+
+
+def weighting_sections(channel: Channel, rate_hz: float) -> Sections:
+    """W as second-order sections, shape (2, 6), at rate_hz: volts of y to felt threshold units.
+
+    Raises BadInput if no stable filter of that order comes near it.
+    """
+    low, high = channel.threshold.band_hz
+    frequency = np.geomspace(low, high, 160)
+    level: NDArray[np.float64] = -db(channel.threshold_voltage(frequency))
+    above = np.geomspace(1.02 * high, 0.4998 * rate_hz, 50)
+    goal = MagnitudeGoal(
+        frequency_hz=frequency,
+        level_db=level,
+        allowance_db=np.zeros_like(frequency),
+        above_hz=above,
+        ceiling_db=float(np.max(level)) + _RISE_ABOVE_BAND_DB,
+    )
+    return cascade(fit_magnitude(goal, rate_hz, POLES))

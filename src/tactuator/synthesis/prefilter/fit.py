@@ -1,0 +1,163 @@
+"""The prefilter: what makes a reference of amplitude one stand at threshold at every frequency.
+
+H = F T is to equal the threshold voltage of the curve, on the sampled loop as it will run and without a load. Where
+there is no loop, F equalises the plant itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactuator.display.description import Channel
+from tactuator.errors import BadInput
+from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.loop.stability import System
+from tactuator.signals.decibels import db
+from tactuator.signals.sections import sections_response
+from tactuator.signals.systems import SampledSystem
+from tactuator.synthesis.family import sampled_plant
+from tactuator.synthesis.friction_loss import friction_loss_db
+from tactuator.synthesis.prefilter.cascade import Sections, cascade
+from tactuator.synthesis.prefilter.magnitude_fit import MagnitudeGoal, fit_magnitude
+
+Array = NDArray[np.float64]
+
+MOST_POLES = 16
+_BELOW_BAND_ALLOWANCE_DB = 1.0
+_FRICTION_FLOORS_DB = {20.0: 0.45, 10.0: 0.72}
+"""By level (dB SL): how far below the curve the motion may be, friction included, as far as the fit can help it."""
+
+
+@dataclass(frozen=True)
+class PrefilterFit:
+    """A fitted prefilter: sections (n, 6); its number of poles; the error of |H| against the curve over the band, dB:
+    greatest, where (hertz), root mean square even in log frequency; and the error at frequency_hz, shape (k,)."""
+
+    sections: Sections
+    poles: int
+    max_error_db: float
+    worst_hz: float
+    rms_error_db: float
+    frequency_hz: Array
+    error_db: Array
+
+
+def fit_prefilter(
+    channel: Channel,
+    feedback: SampledSystem | None,
+    rate_hz: float,
+    delay_samples: int,
+    poles: int | None = None,
+    tolerance_db: float = 0.25,
+) -> PrefilterFit:
+    """The prefilter of `poles` poles (None: the fewest, even, that keep tolerance_db) for the channel's curve.
+
+    Raises UnstableLoop for an unstable loop; BadInput if no number of poles up to 16 keeps the tolerance, or if the
+    plant gives nothing somewhere in the band.
+    """
+    plant = sampled_plant(channel.plant, rate_hz, delay_samples)
+    goal = prefilter_goal(channel, feedback, plant, rate_hz)
+    if poles is not None:
+        return _fit(channel, feedback, plant, goal, poles)
+    best = float("inf")
+    for count in range(2, MOST_POLES + 1, 2):
+        try:
+            fit = _fit(channel, feedback, plant, goal, count)
+        except BadInput:
+            if count < MOST_POLES:
+                continue
+            raise
+        if fit.max_error_db <= tolerance_db:
+            return fit
+        best = min(best, fit.max_error_db)
+    raise BadInput(
+        f"channel {channel.name!r}: {MOST_POLES} poles leave a prefilter error of {best:.2f} dB; "
+        f"allowed: a tolerance of at least that (asked: {tolerance_db:g} dB)"
+    )
+
+
+def prefilter_goal(
+    channel: Channel, feedback: SampledSystem | None, plant: SampledSystem, rate_hz: float
+) -> MagnitudeGoal:
+    """|F| = threshold voltage / |T| over the band; held near it below; no more than its greatest above the band.
+
+    Friction only takes away: where it does, the fit leans against it within its tolerance.
+    """
+    low, high = channel.threshold.band_hz
+    inside = design_grid_hz(channel, feedback, plant)
+    below = np.append(np.geomspace(low * 1e-3, low / 15.0, 5), np.geomspace(low / 10.0, low / 1.03, 14))
+    if plant.zeros.size and np.min(np.abs(plant.zeros - 1.0)) < 1e-9:
+        below = np.empty(0)  # a plant that gives nothing at rest asks nothing of the prefilter there
+    frequency = np.append(below, inside)
+    level = db(channel.threshold_voltage(frequency) / np.abs(_behind(feedback, plant, frequency)))
+    if not np.all(np.isfinite(level)):
+        raise BadInput(
+            f"channel {channel.name!r}: the plant gives nothing somewhere in the band; allowed: no such zero"
+        )
+    allowance = np.append(np.full(below.size, _BELOW_BAND_ALLOWANCE_DB), np.zeros(inside.size))
+    falls = max(channel.prefilter.falls_above_hz, high * 1.02)
+    top = 0.499 * rate_hz
+    if falls > 0.9 * top:
+        falls = max(high * 1.02, 0.9 * top)
+    above = np.unique(np.append(np.geomspace(high * 1.02, top, 50), falls))
+    floor = _floor_db(channel, feedback, plant, frequency)
+    return MagnitudeGoal(frequency, level, allowance, above, float(np.max(level[allowance == 0.0])), floor, falls)
+
+
+def design_grid_hz(channel: Channel, feedback: SampledSystem | None, plant: SampledSystem) -> Array:
+    """Frequencies of the band: even in log frequency, the curve's own, and dense around lightly damped roots."""
+    low, high = channel.threshold.band_hz
+    parts = [np.geomspace(low, high, 200), channel.threshold.curve.frequency_hz]
+    systems: list[System] = [plant] if feedback is None else [plant, feedback]
+    for system in systems:
+        roots = np.append(system.poles, system.zeros)
+        s = np.log(roots[np.abs(roots) > 1e-3]) * plant.rate_hz
+        for root in s[(s.imag > 0.0) & (np.abs(s.imag) > 3.0 * np.abs(s.real))]:
+            parts.append((root.imag + np.abs(root.real) * np.linspace(-4.0, 4.0, 33)) / (2.0 * np.pi))
+    grid = np.unique(np.concatenate(parts))
+    return grid[(grid >= low) & (grid <= high)]
+
+
+def response_error_db(channel: Channel, loop: TwoDegreeLoop, frequency_hz: ArrayLike) -> Array:
+    """|H| against the curve's threshold voltage, dB, at `frequency_hz`; what it should be is 0."""
+    return db(np.abs(loop.position_response(frequency_hz)) / channel.threshold_voltage(frequency_hz))
+
+
+def _floor_db(channel: Channel, feedback: SampledSystem | None, plant: SampledSystem, frequency_hz: Array) -> Array:
+    """The least error that keeps what friction takes, at the levels of `_FRICTION_FLOORS_DB`, within bounds."""
+    one = SampledSystem(np.empty(0), np.empty(0), 1.0, plant.rate_hz)
+    loop = TwoDegreeLoop(one, feedback, plant)
+    floors = [
+        friction_loss_db(channel, loop, frequency_hz, level) - most for level, most in _FRICTION_FLOORS_DB.items()
+    ]
+    return np.asarray(np.max(floors, axis=0))
+
+
+def _behind(feedback: SampledSystem | None, plant: SampledSystem, frequency_hz: Array) -> NDArray[np.complex128]:
+    """What stands behind the prefilter: T, or the plant itself."""
+    one = SampledSystem(np.empty(0), np.empty(0), 1.0, plant.rate_hz)
+    loop = TwoDegreeLoop(one, feedback, plant)
+    if loop.feedback is not None:
+        loop.feedback.require_stable()
+    return loop.position_response(frequency_hz)
+
+
+def _fit(
+    channel: Channel, feedback: SampledSystem | None, plant: SampledSystem, goal: MagnitudeGoal, poles: int
+) -> PrefilterFit:
+    rate_hz = plant.rate_hz
+    sections = cascade(fit_magnitude(goal, rate_hz, poles))
+    low, high = channel.threshold.band_hz
+    own = channel.threshold.curve.frequency_hz
+    judged = np.unique(np.concatenate([np.geomspace(low, high, 1200), own[(own >= low) & (own <= high)]]))
+    wanted = channel.threshold_voltage(judged) / np.abs(_behind(feedback, plant, judged))
+    error = db(np.abs(sections_response(sections, judged, rate_hz)) / wanted)
+    centre = 0.5 * float(np.max(error) + np.min(error))
+    sections[0, :3] *= 10.0 ** (-centre / 20.0)
+    error = error - centre
+    worst = int(np.argmax(np.abs(error)))
+    rms = float(np.sqrt(np.mean(error**2)))
+    return PrefilterFit(sections, poles, float(abs(error[worst])), float(judged[worst]), rms, judged, error)

@@ -1,0 +1,52 @@
+"""Plants that no design can be made for, each refused in its own sentence."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactuator.display.description import Channel
+from tactuator.errors import BadInput
+from tactuator.signals.systems import ContinuousSystem
+
+
+def require_suitable(channel: Channel, rate_hz: float) -> None:
+    """Raise BadInput if the channel's plant, or a model of its family, cannot be designed for at `rate_hz`."""
+    for model, plant in enumerate((channel.plant, *channel.family)):
+        where = f"channel {channel.name!r}: " + ("the plant" if model == 0 else f"model {model} of the family")
+        _require_sound(plant, where)
+        _require_below_nyquist(plant, where, rate_hz)
+    if channel.feedback.structure == "integrator-lead-lag" and np.any(channel.plant.zeros == 0.0):
+        raise BadInput(
+            f"channel {channel.name!r}: the plant gives nothing at rest (a zero at s = 0), where an integrator would "
+            'run away; allowed: structure = "none", or a plant of displacement'
+        )
+
+
+def _require_sound(plant: ContinuousSystem, where: str) -> None:
+    if plant.gain == 0.0:
+        raise BadInput(f"{where} has zero gain; allowed: a plant that moves")
+    if not plant.is_proper:
+        raise BadInput(
+            f"{where} is improper ({plant.zeros.size} zeros, {plant.poles.size} poles); "
+            "allowed: no more zeros than poles"
+        )
+    if not plant.is_stable:
+        worst = plant.poles[np.argmax(plant.poles.real)]
+        raise BadInput(f"{where} is unstable (a pole at {worst:.4g} rad/s); allowed: every pole left of the axis")
+    right = plant.zeros[plant.zeros.real > 0.0]
+    if right.size:
+        raise BadInput(
+            f"{where} is not minimum-phase (a zero at {right[0]:.4g} rad/s); allowed: no zero right of the axis"
+        )
+    if plant.gain < 0.0:
+        raise BadInput(f"{where} has a negative gain ({plant.gain:.4g}); allowed: a positive one, with polarity = -1")
+
+
+def _require_below_nyquist(plant: ContinuousSystem, where: str, rate_hz: float) -> None:
+    pairs = plant.poles[plant.poles.imag > 0.0]
+    fastest_hz = float(np.max(np.abs(pairs), initial=0.0)) / (2.0 * np.pi)
+    if fastest_hz >= 0.5 * rate_hz:
+        raise BadInput(
+            f"{where} has a pole pair at {fastest_hz:.4g} Hz, above half the rate; "
+            f"allowed: below {0.5 * rate_hz:g} Hz, or a higher rate_hz"
+        )

@@ -1,0 +1,143 @@
+"""Word length: what each number format leaves of a designed controller, and the smallest one that is safe.
+
+The paper's remark on sampling rate and resolution in figures: coefficients of filters written in 1/z need more bits
+the faster the loop is sampled, those in d = z - 1 do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.controller import Controller
+from tactuator.display.description import Display
+from tactuator.errors import BadInput
+from tactuator.runtime.coefficients import delta_coefficients
+from tactuator.signals.decibels import db
+from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.systems import SampledSystem
+from tactuator.wordlength.formats import FORMATS, NumberFormat, Written
+from tactuator.wordlength.quantised import Rows, is_stable, rows_response
+from tactuator.wordlength.roundoff import double_step, felt_db_sl, run_loop, trial_reference
+
+ERROR_MAX_DB = 0.1
+FELT_MAX_DB_SL = -6.0
+_LEVEL = 30.0
+
+
+@dataclass(frozen=True)
+class FormatReport:
+    """What a format does to a controller, over its worst channel.
+
+    response_error_db: worst |H| error over the band. roundoff_db_sl: felt, under a tone upon a constant;
+    limit_cycle_db_sl: felt, after the reference has gone to zero. All None where the format is not stable, or cannot
+    hold the controller (refused: why).
+    """
+
+    name: str
+    stable: bool
+    response_error_db: float | None
+    roundoff_db_sl: float | None
+    limit_cycle_db_sl: float | None
+    loads: str | None
+    safe: bool
+    refused: str | None = None
+
+
+def assess(controller: Controller, formats: Sequence[NumberFormat] = FORMATS) -> tuple[FormatReport, ...]:
+    """Every format, worst channel."""
+    return tuple(_report(controller, number_format) for number_format in formats)
+
+
+def recommended(reports: Sequence[FormatReport]) -> str | None:
+    """The smallest safe format that a board runs, or None."""
+    return next((report.loads for report in reports if report.safe and report.loads), None)
+
+
+def require_safe(controller: Controller, loads: str) -> FormatReport:
+    """The report of the format that an image is to have; BadInput, with the figures, if it is not safe."""
+    wanted = tuple(each for each in FORMATS if each.loads == loads)
+    if not wanted:
+        allowed = ", ".join(each.loads for each in FORMATS if each.loads)
+        raise BadInput(f"format is {loads!r}; allowed: {allowed}")
+    report = assess(controller, wanted)[0]
+    if report.refused is not None:
+        raise BadInput(report.refused)
+    if not report.safe:
+        raise BadInput(
+            f"format {loads} is not safe for this controller ({_figures(report)}); "
+            "allowed: what `wordlength` calls safe"
+        )
+    return report
+
+
+def _figures(report: FormatReport) -> str:
+    if not report.stable:
+        return "unstable"
+    return (
+        f"{report.response_error_db:.3g} dB off, round-off {report.roundoff_db_sl:.3g} dB SL, "
+        f"limit cycle {report.limit_cycle_db_sl:.3g} dB SL"
+    )
+
+
+def _report(controller: Controller, number_format: NumberFormat) -> FormatReport:
+    name, loads = number_format.name, number_format.loads
+    indices = range(len(controller.channels))
+    try:
+        written = [number_format.write(controller, index) for index in indices]
+    except BadInput as error:
+        return FormatReport(name, False, None, None, None, loads, False, str(error))
+    if not all(holds(controller, index, written[index]) for index in indices):
+        return FormatReport(name, False, None, None, None, loads, False)
+    error_db = max(response_error_db(controller, index, written[index]) for index in indices)
+    levels = np.array([_levels(controller, index, written[index]) for index in indices])
+    roundoff, cycle = (float(worst) for worst in np.max(levels, axis=0))
+    safe = error_db <= ERROR_MAX_DB and max(roundoff, cycle) <= FELT_MAX_DB_SL
+    return FormatReport(name, True, error_db, roundoff, cycle, loads, safe)
+
+
+def holds(controller: Controller, index: int, written: Written) -> bool:
+    """Whether a channel so written is stable: its prefilter inside the unit circle, and so the loop closed around its
+    feedback controller."""
+    if not is_stable(written.prefilter):
+        return False
+    return written.feedback is None or is_stable(written.feedback, _loop_plant(controller.display, index))
+
+
+def response_error_db(controller: Controller, index: int, written: Written) -> float:
+    """Worst error of |H| over the band of a channel so written."""
+    own, plant = controller.channels[index], _loop_plant(controller.display, index)
+    grid = np.geomspace(*controller.display.channels[index].threshold.band_hz, 120)
+    exact = delta_coefficients(own.prefilter_sos)
+    feedback = None if own.feedback_sos is None else delta_coefficients(own.feedback_sos)
+    responses = [_response(*rows, plant, grid) for rows in ((written.prefilter, written.feedback), (exact, feedback))]
+    return float(np.max(np.abs(db(responses[0] / responses[1]))))
+
+
+def _loop_plant(display: Display, index: int) -> SampledSystem:
+    plant = zero_order_hold(display.channels[index].plant, display.rate_hz)
+    return replace(plant, delay_samples=plant.delay_samples + display.delay_samples)
+
+
+def _response(
+    prefilter: Rows, feedback: Rows | None, plant: SampledSystem, grid: NDArray[np.float64]
+) -> NDArray[np.complex128]:
+    """H over the plant, or over T where there is feedback."""
+    response = rows_response(prefilter, grid, plant.rate_hz)
+    if feedback is None:
+        return response
+    loop = rows_response(feedback, grid, plant.rate_hz) * plant.response(grid)
+    return np.asarray(response * loop / (1.0 + loop))
+
+
+def _levels(controller: Controller, index: int, written: Written) -> tuple[float, float]:
+    """Felt round-off while something plays, and what cycles on after it has gone."""
+    display, channel = controller.display, controller.display.channels[index]
+    reference, during, after = trial_reference(display.rate_hz, _LEVEL)
+    exact = double_step(written.prefilter, written.feedback, controller.channels[index].limits.command_v)
+    error = np.subtract(*(run_loop(channel, display, step, reference) for step in (written.start(), exact)))
+    roundoff, cycle = (felt_db_sl(error[stretch], channel, display.rate_hz) for stretch in (during, after))
+    return roundoff, cycle

@@ -1,0 +1,95 @@
+"""Round-off and limit cycles: one channel's loop stepped in the arithmetic of a number format.
+
+The plant is the sampled one in double precision, without noise, friction or converters, and the same loop is stepped in
+double precision with the format's own rounded coefficients: what is left over is the arithmetic's alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from operator import mul
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.description import Channel, Display
+from tactuator.signals.discretise import held_state_space
+from tactuator.wordlength.quantised import Rows
+
+Samples = NDArray[np.float64]
+Step = Callable[[float, float], float]
+
+_SETTLE_S, _LISTEN_S = (0.5, 1.0), 0.5
+_TONE_HZ = 37.0
+
+
+def double_step(prefilter: Rows, feedback: Rows | None, most_v: float) -> Step:
+    """reference, position -> command in double precision, of rows in d, within most_v volts."""
+    first = _Double(prefilter)
+    second = None if feedback is None else _Double(feedback)
+
+    def step(reference: float, position: float) -> float:
+        wanted = first(reference)
+        if second is not None:
+            wanted = second(wanted - position)
+        return max(-most_v, min(most_v, wanted))
+
+    return step
+
+
+class _Double:
+    """A cascade in delta form, double precision."""
+
+    def __init__(self, rows: Rows) -> None:
+        self._rows = [tuple(map(float, row)) for row in rows]
+        self._states = [[0.0, 0.0] for _ in rows]
+
+    def __call__(self, value: float) -> float:
+        for (b0, b1, b2, a1, a2), state in zip(self._rows, self._states, strict=True):
+            out = b0 * value + state[0]
+            state[0] += b1 * value - a1 * out + state[1]
+            state[1] += b2 * value - a2 * out
+            value = out
+        return value
+
+
+def run_loop(channel: Channel, display: Display, step: Step, reference: Samples) -> Samples:
+    """y (n,), volts, of the sampled plant with `step` around it; the display's delay and the plant's dead time between
+    them."""
+    samples = channel.plant.delay_s * display.rate_hz
+    whole = int(samples + 1e-9)
+    fraction = samples - whole
+    a, b, c, d = held_state_space(channel.plant, 1.0 / display.rate_hz, fraction if fraction > 1e-9 else 0.0)
+    rows, drive, seen = a.tolist(), b.tolist(), c.tolist()
+    state, queue = [0.0] * len(drive), [0.0] * (display.delay_samples + whole)
+    position = []
+    for value in reference.tolist():
+        held = queue[0] if queue else 0.0
+        y = sum(map(mul, seen, state)) + d * held
+        position.append(y)
+        queue.append(step(value, y))
+        held = queue.pop(0)
+        state = [sum(map(mul, row, state)) + gain * held for row, gain in zip(rows, drive, strict=True)]
+    return np.array(position)
+
+
+def trial_reference(rate_hz: float, level: float) -> tuple[Samples, slice, slice]:
+    """A tone of `level` upon a constant of `level`, then silence; where to listen to round-off, and where to limit
+    cycles."""
+    listen = round(_LISTEN_S * rate_hz)
+    first, silent = (round(settle_s * rate_hz) + listen for settle_s in _SETTLE_S)
+    tone = level * np.sin(2.0 * np.pi * _TONE_HZ * np.arange(first) / rate_hz)
+    reference = np.concatenate([level + tone, np.zeros(silent)])
+    return reference, slice(first - listen, first), slice(first + silent - listen, first + silent)
+
+
+def felt_db_sl(error_v: Samples, channel: Channel, rate_hz: float) -> float:
+    """Level of a stretch of y's error as it is felt, dB SL: its spectrum over the band, each line over its threshold;
+    the sinusoid of the same rms. -300 where nothing is left."""
+    spectrum = np.fft.rfft((error_v - np.mean(error_v)) * np.hanning(error_v.size)) / error_v.size
+    frequency = np.fft.rfftfreq(error_v.size, 1.0 / rate_hz)
+    low, high = channel.threshold.band_hz
+    inside = (frequency >= low) & (frequency <= high)
+    felt = np.abs(spectrum[inside]) / channel.threshold_voltage(frequency[inside])
+    power = 2.0 * float(np.sum(felt**2)) / 0.375  # the window's mean square
+    return float(10.0 * np.log10(max(2.0 * power, 1e-30)))

@@ -1,0 +1,76 @@
+"""Converters over every code, against a quantiser written with integers alone."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactuator.display.description import Converter
+from tactuator.runtime._core import ffi, lib
+from tactuator.runtime.tables import converter_table
+
+
+def exact_code(volts: float, bits: int, range_v: float) -> int:
+    """Nearest code, halves away from zero, saturated."""
+    half = 2 ** (bits - 1)
+    steps = Fraction(volts) * half / Fraction(range_v)
+    size = int(abs(steps) + Fraction(1, 2))
+    return max(-half, min(half - 1, size if steps > 0 else -size))
+
+
+def sensed(converter: Converter, volts: np.ndarray) -> np.ndarray:
+    codes = np.empty(volts.size, dtype=np.int32)
+    source = ffi.from_buffer("double[]", np.ascontiguousarray(volts))
+    lib.tact_converter_senses(converter_table(converter), source, ffi.from_buffer("int32_t[]", codes), volts.size)
+    return codes
+
+
+def commanded(converter: Converter, volts: np.ndarray) -> np.ndarray:
+    codes, single = np.empty(volts.size, dtype=np.int32), np.ascontiguousarray(volts, dtype=np.float32)
+    source = ffi.from_buffer("float[]", single)
+    lib.tact_converter_codes(converter_table(converter), source, ffi.from_buffer("int32_t[]", codes), volts.size)
+    return codes
+
+
+@pytest.mark.parametrize("bits", [8, 12, 16])
+def test_converter__every_code_and_its_edges__are_those_of_the_integers(bits: int) -> None:
+    half = 2 ** (bits - 1)
+    codes = np.arange(-half, half)
+    step = 10.0 / half
+    for inside in (-0.49, 0.0, 0.49):
+        assert np.array_equal(sensed(Converter(bits=bits), (codes + inside) * step), codes)
+    assert np.array_equal(commanded(Converter(bits=bits), codes * step), codes)
+
+
+@given(st.floats(-12.0, 12.0), st.sampled_from([8, 12, 16, 18, 24]), st.sampled_from([1.0, 2.5, 3.3, 10.0]))
+def test_converter__any_voltage__is_the_nearest_code(volts: float, bits: int, range_v: float) -> None:
+    converter = Converter(bits=bits, range_v=range_v)
+    near = {exact_code(volts * (1.0 + tilt), bits, range_v) for tilt in (-1e-15, 0.0, 1e-15)}
+    assert sensed(converter, np.array([volts]))[0] in near
+    single = float(np.float32(volts))
+    near = {exact_code(single * (1.0 + tilt), bits, range_v) for tilt in (-3e-7, 0.0, 3e-7)}
+    assert commanded(converter, np.array([volts]))[0] in near | {code + 1 for code in near} | {
+        code - 1 for code in near
+    }
+
+
+def test_converter__beyond_the_range__saturates_both_ways() -> None:
+    beyond = np.array([9.9999, 10.0, 1e6, np.inf, -10.0, -10.1, -np.inf, np.nan])
+    expected = [32767, 32767, 32767, 32767, -32768, -32768, -32768, 0]
+    assert sensed(Converter(), beyond).tolist() == expected
+    assert commanded(Converter(), beyond).tolist() == expected
+
+
+@given(st.floats(-7.9, 7.9), st.sampled_from([1, -1]), st.floats(-2.0, 2.0))
+def test_converter__polarity_and_offset__are_undone_at_the_motor(volts: float, polarity: int, offset_v: float) -> None:
+    converter = Converter(polarity=polarity, offset_v=offset_v)
+    code = int(commanded(converter, np.array([volts]))[0])
+    assert lib.tact_converter_motor_v(converter_table(converter), code) == pytest.approx(volts, abs=0.51 * 20.0 / 65536)
+
+
+def test_converter__reading__is_code_times_step_in_single_precision() -> None:
+    table = converter_table(Converter(range_v=3.3))
+    for code in (-32768, -1, 0, 1, 12345, 32767):
+        assert lib.tact_converter_position_v(table, code) == np.float32(code) * np.float32(3.3 / 32768)

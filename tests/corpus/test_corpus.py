@@ -1,0 +1,240 @@
+"""Corpora: whatever computes them, interrupted or not, the result is the same."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import threading
+import time
+
+import numpy as np
+import psutil
+import pytest
+import soundfile
+
+from tactuator.corpus.corpus import MANIFEST, run_corpus
+from tactuator.corpus.items import find_items
+from tactuator.corpus.journal import NAME as JOURNAL
+from tactuator.corpus.task import Outcome, Task
+from tactuator.corpus.workers import ATTEMPTS, DaskCluster, Here, LocalProcesses
+from tactuator.errors import BadInput
+from tactuator.files.display import parse_display
+from tactuator.files.reference import content_sha256
+from tactuator.speech.coding.direct import DirectCoding
+from tactuator.speech.job import RenderJob
+from tactuator.synthesis.design import design_controller
+
+INDEX = {
+    "display": {"name": "one finger", "rate_hz": 4000.0, "delay_samples": 1},
+    "threshold": {"curve": "bolanowski-1988"},
+    "feedback": {"structure": "paper"},
+    "channel": [
+        {
+            "name": "index",
+            "finger": "index",
+            "sensor_gain_v_per_mm": 0.19898,
+            "travel_mm": 12.5,
+            "plant": {"num": [2875.0], "den": [1.0, 94.0, 290.0]},
+        }
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def job():
+    return RenderJob(design_controller(parse_display(INDEX)), DirectCoding(), simulate=True, seed=4)
+
+
+@pytest.fixture
+def corpus(tmp_path):
+    """A tree of six good files and two bad ones."""
+    rng = np.random.default_rng(0)
+    for number in range(6):
+        folder = tmp_path / "speech" / f"speaker{number % 2}"
+        folder.mkdir(parents=True, exist_ok=True)
+        time_s = np.arange(16000 * 2) / 16000
+        wave = 0.3 * np.sin(2 * np.pi * (110 + 10 * number) * time_s) + 0.01 * rng.standard_normal(len(time_s))
+        soundfile.write(folder / f"word{number}.{'flac' if number == 3 else 'wav'}", wave, 16000)
+    (tmp_path / "speech" / "notes.wav").write_text("not a sound")
+    (tmp_path / "speech" / "silent.wav").write_bytes(b"")
+    (tmp_path / "speech" / "readme.txt").write_text("not looked at")
+    return tmp_path / "speech"
+
+
+def manifest(out):
+    return json.loads((out / MANIFEST).read_text())
+
+
+def test_run_corpus__one_process_or_two__same_manifest_and_samples(job, corpus, tmp_path):
+    here = run_corpus(corpus, tmp_path / "here", job, Here())
+    pool = run_corpus(corpus, tmp_path / "pool", job, LocalProcesses(2))
+    assert (here.done, here.kept, len(here.failures)) == (6, 0, 2)
+    assert (tmp_path / "here" / MANIFEST).read_bytes() == (tmp_path / "pool" / MANIFEST).read_bytes()
+    for entry in manifest(tmp_path / "pool")["files"]:
+        assert content_sha256(tmp_path / "pool" / entry["out"]) == entry["sha256"]
+        assert entry["felt"]["index"]["rms_db"] < 1.0
+    assert pool.manifest["duration_s"] == pytest.approx(12.0)
+    assert [failure["source"] for failure in pool.failures] == ["notes.wav", "silent.wav"]
+    assert all("\n" not in failure["error"] and "allowed" in failure["error"] for failure in pool.failures)
+
+
+class StopsAfter:
+    """Workers that are interrupted once `count` files are done."""
+
+    def __init__(self, count):
+        self.count = count
+
+    def outcomes(self, tasks):
+        for number, outcome in enumerate(Here().outcomes(tasks)):
+            if number == self.count:
+                raise KeyboardInterrupt
+            yield outcome
+
+
+class Counts:
+    def __init__(self):
+        self.items = []
+
+    def outcomes(self, tasks):
+        self.items = [task.item for task in tasks]
+        return Here().outcomes(tasks)
+
+
+def test_run_corpus__interrupted__goes_on_where_it_stopped(job, corpus, tmp_path):
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt):
+        run_corpus(corpus, out, job, StopsAfter(4))
+    assert not (out / MANIFEST).exists()
+    finished = sorted(out.rglob("*.wav"))
+    before = {path: path.stat().st_mtime_ns for path in finished}
+    with (out / JOURNAL).open("a") as journal:
+        journal.write('{"item": "speaker1/word5.wav", "figu')  # a line that a crash cut off
+    counting = Counts()
+    result = run_corpus(corpus, out, job, counting)
+    assert result.kept == 2  # the two bad files came first and were tried again
+    assert len(counting.items) == 6
+    assert {path: path.stat().st_mtime_ns for path in before} == {p: before[p] for p in before} or len(before) == 3
+    run_corpus(corpus, tmp_path / "whole", job, Here())
+    assert (out / MANIFEST).read_bytes() == (tmp_path / "whole" / MANIFEST).read_bytes()
+    again = Counts()
+    assert run_corpus(corpus, out, job, again).kept == 6
+    assert again.items == ["notes.wav", "silent.wav"]
+
+
+def test_run_corpus__changed_speech_lost_reference_or_other_level__done_anew(job, corpus, tmp_path):
+    out = tmp_path / "out"
+    run_corpus(corpus, out, job, Here())
+    soundfile.write(corpus / "speaker0" / "word0.wav", 0.2 * np.sin(np.arange(32000) / 15.0), 16000)
+    (out / "speaker1" / "word1.wav").unlink()
+    counting = Counts()
+    run_corpus(corpus, out, job, counting)
+    assert sorted(counting.items) == ["notes.wav", "silent.wav", "speaker0/word0.wav", "speaker1/word1.wav"]
+    louder = RenderJob(job.controller, job.coding, 30.0, True, 4)
+    run_corpus(corpus, out, louder, counting)
+    assert len(counting.items) == 8
+
+
+def test_run_corpus__half_written_files_of_a_killed_worker__swept(job, corpus, tmp_path):
+    out = tmp_path / "out"
+    (out / "speaker0").mkdir(parents=True)
+    (out / "speaker0" / ".word0-x1y2.wav").write_bytes(b"half")
+    run_corpus(corpus, out, job, Here())
+    assert not list(out.rglob(".*"))
+
+
+def test_local_processes__a_worker_killed__its_task_is_done_by_another(job, corpus, tmp_path):
+    run_corpus(corpus, tmp_path / "here", job, Here())
+    killed = []
+
+    def kill_once(done, total):
+        servers = [child for child in psutil.Process().children() if "forkserver" in " ".join(child.cmdline())]
+        busy = [worker for server in servers for worker in server.children()]
+        if done >= 2 and not killed and busy:
+            os.kill(busy[-1].pid, signal.SIGKILL)
+            killed.append(busy[-1].pid)
+
+    result = run_corpus(corpus, tmp_path / "out", job, LocalProcesses(2), progress=kill_once)
+    assert killed
+    assert result.done == 6
+    assert (tmp_path / "out" / MANIFEST).read_bytes() == (tmp_path / "here" / MANIFEST).read_bytes()
+
+
+def _dies(task: Task) -> Outcome:
+    os._exit(9)
+
+
+def test_local_processes__a_file_that_kills_every_worker__listed(monkeypatch):
+    monkeypatch.setattr("tactuator.corpus.workers.do_task", _dies)
+    task = Task("a.wav", "", "", "", "", 35.0, False, 0)
+    (outcome,) = LocalProcesses(1).outcomes([task])
+    assert outcome.error == f"a.wav: its worker died {ATTEMPTS} times; not rendered"
+
+
+def test_dask_cluster__a_worker_killed_in_mid_run__complete_and_equal_to_serial(job, corpus, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    run_corpus(corpus, tmp_path / "serial", job, Here())
+    cluster = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+    )
+    try:
+        killed = threading.Event()
+
+        def kill_once(done, total):
+            if done >= 3 and not killed.is_set():
+                killed.set()
+                os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
+
+        with DaskCluster(cluster.scheduler_address) as workers:
+            result = run_corpus(corpus, tmp_path / "out", job, workers, progress=kill_once)
+    finally:
+        cluster.close()
+    assert killed.is_set()
+    assert result.done == 6
+    assert (tmp_path / "out" / MANIFEST).read_bytes() == (tmp_path / "serial" / MANIFEST).read_bytes()
+    for entry in manifest(tmp_path / "out")["files"]:
+        assert content_sha256(tmp_path / "out" / entry["out"]) == entry["sha256"]
+
+
+def test_dask_cluster__no_scheduler__told_in_one_line():
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    begun = time.monotonic()
+    with pytest.raises(BadInput, match="no Dask scheduler at") as refusal:
+        DaskCluster(f"tcp://127.0.0.1:{port}", timeout_s=1.0)
+    assert "\n" not in str(refusal.value)
+    assert time.monotonic() - begun < 60.0
+
+
+@pytest.mark.parametrize("address", ["nonsense", "tcp://", "http://[", ""])
+def test_dask_cluster__address_that_is_none__told(address):
+    with pytest.raises(BadInput, match="no Dask scheduler"):
+        DaskCluster(address, timeout_s=1.0)
+
+
+def test_find_items__same_stem_twice__keep_their_endings(tmp_path):
+    for name in ("b/word.wav", "b/word.flac", "a.OGG", ".hidden.wav", "out/old.wav", "text.txt"):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(b"")
+    got = {item.source: item.out for item in find_items(tmp_path, tmp_path / "out")}
+    assert got == {"a.OGG": "a.wav", "b/word.flac": "b/word.flac.wav", "b/word.wav": "b/word.wav.wav"}
+
+
+@pytest.mark.parametrize("make", [lambda d: d / "none", lambda d: d])
+def test_find_items__nothing_there__refused(tmp_path, make):
+    with pytest.raises(BadInput, match="allowed"):
+        find_items(make(tmp_path), tmp_path / "out")
+
+
+def test_run_corpus__out_is_a_file__refused(job, corpus, tmp_path):
+    (tmp_path / "out").write_text("in the way")
+    with pytest.raises(BadInput, match="cannot be made"):
+        run_corpus(corpus, tmp_path / "out", job, Here())
+
+
+def test_local_processes__none__refused():
+    with pytest.raises(BadInput, match="one or more"):
+        LocalProcesses(0)

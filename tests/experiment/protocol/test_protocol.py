@@ -1,0 +1,91 @@
+"""Protocol files: what they say, and what is refused, in one line that names the key."""
+
+from itertools import pairwise
+
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.experiment.protocol.file import parse_protocol, read_protocol
+from tactuator.experiment.protocol.plan import latin_square, plan_runs, run_seed
+from tests.experiment.session.apparatuses import PROTOCOL
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("seed = 7", 'seed = "x"', "study.seed"),
+        ("seed = 7", "seed = -1", "study.seed"),
+        ('kind = "up-down"', 'kind = "guess"', "imece2004"),
+        ("reversals = 6", "reversals = 2", "averages 4 of 2"),
+        ("start_db_sl = 20", "start_db_sl = 70", "start_db_sl"),
+        ("frequencies_hz = [50, 100, 200]", "frequencies_hz = []", "one or more"),
+        ("frequencies_hz = [50, 100, 200]", "frequencies_hz = [50, 50]", "twice"),
+        ("frequencies_hz = [50, 100, 200]", "frequencies_hz = [0]", "frequencies_hz"),
+        ('order = "latin-square"', 'order = "any"', "conditions.order"),
+        ("ramp_s = 0.01", "ramp_s = 0.04", "ramps of 0.04 s"),
+        ('code = "S2"', 'code = "S1"', "each once"),
+        ('code = "S2"', 'code = "S 2"', "subject.1.code"),
+        ('group = "hearing-impaired"', 'group = "deaf"', "subject.1.group"),
+        ("skin_temperature_c = 31", "skin_temperature_c = 300", "skin_temperature_c"),
+        ("practice_trials = 2", "practise_trials = 2", "practise_trials"),
+        ('masking_sound = "pink"', 'masking_sound = "brown"', "masking_sound"),
+        ("[study]", "[study", "TOML"),
+    ],
+)
+def test_protocol__nonsense__is_refused_by_key(old: str, new: str, message: str) -> None:
+    assert old in PROTOCOL
+    with pytest.raises(BadInput, match=message):
+        parse_protocol(PROTOCOL.replace(old, new))
+
+
+def test_protocol__curve_with_frequencies__is_refused() -> None:
+    text = PROTOCOL[: PROTOCOL.index("[procedure]")] + '[procedure]\nkind = "curve"\n'
+    with pytest.raises(BadInput, match="the procedure chooses"):
+        parse_protocol(text + PROTOCOL[PROTOCOL.index("[conditions]") :])
+
+
+@pytest.mark.parametrize("name", ["missing.toml", "."])
+def test_protocol__file_that_cannot_be_read__is_refused(tmp_path, name: str) -> None:
+    with pytest.raises(BadInput, match="protocol"):
+        read_protocol(tmp_path / name)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 7, 8])
+def test_latin_square__any_size__balances_places_and_successions(count: int) -> None:
+    rows = latin_square(count)
+    for place in range(count):
+        seen = [row[place] for row in rows]
+        assert {seen.count(one) for one in range(count)} == {len(rows) // count}
+    successions = [pair for row in rows for pair in pairwise(row)]
+    assert {successions.count(pair) for pair in successions} == {len(rows) // count}
+    assert len(set(successions)) == count * (count - 1)
+
+
+def test_plan__random__is_a_subjects_own_and_repeatable() -> None:
+    protocol = parse_protocol(
+        PROTOCOL.replace('"latin-square"', '"random"').replace("[50, 100, 200]", "[10, 20, 50, 100]")
+    )
+    orders = [tuple(run.frequency_hz for run in plan_runs(protocol, subject)) for subject in range(6)]
+    assert len(set(orders)) > 1
+    assert orders[2] == tuple(run.frequency_hz for run in plan_runs(protocol, 2))
+
+
+def test_plan__practice__comes_first_and_repeats_follow() -> None:
+    protocol = parse_protocol(PROTOCOL.replace("[conditions]", "[conditions]\nrepeats = 2"))
+    runs = plan_runs(protocol, 0)
+    assert [run.practice for run in runs] == [True] + 6 * [False]
+    assert [run.position for run in runs] == list(range(7))
+
+
+def test_run_seed__attempt_or_subject__makes_another() -> None:
+    protocol = parse_protocol(PROTOCOL)
+    seeds = {run_seed(protocol, *one) for one in ((0, 1, 0), (0, 1, 1), (1, 1, 0), (0, 2, 0))}
+    assert len(seeds) == 4
+
+
+@pytest.mark.parametrize("kind", ["imece2004", "quest-plus"])
+def test_procedure__named_in_the_file__is_built(kind: str) -> None:
+    start, end = PROTOCOL.index("[procedure]"), PROTOCOL.index("[conditions]")
+    protocol = parse_protocol(PROTOCOL[:start] + f'[procedure]\nkind = "{kind}"\n' + PROTOCOL[end:])
+    placement = protocol.procedure.build(protocol.forced_choice(), (0.4, 300.0)).placement()
+    assert placement is not None

@@ -1,0 +1,179 @@
+"""From a study through the simulated display to thresholds, a curve, exports: simulate, estimate, recover."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.experiment.procedure.diagnosis import diagnose, drift_z
+from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.result.group_curve import group_curve, write_group_curve
+from tactuator.experiment.result.thresholds import thresholds
+from tactuator.experiment.session.clock import SystemClock
+from tactuator.experiment.simulated.sitting import run_study, simulated_observers
+from tactuator.experiment.store.export import export
+from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.stored_runs import detection_runs
+from tactuator.experiment.trial.delivered_level import delivered_offset_db
+from tactuator.experiment.trial.trial import IntervalRecord
+from tactuator.files.curve import read_curve
+from tactuator.perception.library import curve
+from tactuator.perception.psychometric import Psychometric, Weibull
+from tests.experiment.session.apparatuses import PROTOCOL, station
+
+TEXT = (
+    PROTOCOL[: PROTOCOL.index("[procedure]")]
+    + '[procedure]\nkind = "imece2004"\n[conditions]\nfingers = ["index"]\nfrequencies_hz = [8, 40, 200]\n'
+    + PROTOCOL[PROTOCOL.index("[circumstances]") :].replace("stimulus_s = 0.05", "stimulus_s = 0.25")
+)
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    store = Store(tmp_path_factory.mktemp("study") / "lab.db")
+    observers = simulated_observers(curve("bolanowski-1988"), 2, seed=5)
+    run_study(store, parse_protocol(TEXT), TEXT, station(), observers, SystemClock(), "finger")
+    yield store, dict(zip(("S1", "S2"), observers, strict=True))
+    store.close()
+
+
+def test_thresholds__through_the_display__are_the_observers_own(study) -> None:
+    store, observers = study
+    found = thresholds(detection_runs(store))
+    assert len(found) == 6
+    for one in found:
+        truth = float(observers[one.subject].curve.level_db_re_1um_at(one.frequency_hz))
+        assert one.level_db_re_1um == pytest.approx(truth, abs=3.5 * one.refit_sd_db + 0.5)
+        assert 50 <= one.trials <= 160
+        assert one.refit_low_db_sl < one.refit_db_sl < one.refit_high_db_sl
+        assert one.own_db_sl == pytest.approx(one.refit_db_sl, abs=3.0)
+
+
+def test_whole_curve__through_the_display__follows_the_truth(tmp_path) -> None:
+    head = PROTOCOL[: PROTOCOL.index("[procedure]")] + '[procedure]\nkind = "curve"\ntrials = 60\n'
+    rest = PROTOCOL[PROTOCOL.index("[timing]") : PROTOCOL.rindex("[[subject]]")]
+    text = head + '[conditions]\nfingers = ["index"]\n' + rest
+    store = Store(tmp_path / "lab.db")
+    observers = simulated_observers(curve("bolanowski-1988"), 1, seed=2)
+    run_study(store, parse_protocol(text), text, station(), observers, SystemClock(), "finger")
+    found = thresholds(detection_runs(store))
+    store.close()
+    truth = observers[0].curve.level_db_re_1um_at([one.frequency_hz for one in found])
+    errors = np.array([one.level_db_re_1um for one in found]) - truth
+    assert float(np.sqrt(np.mean(errors**2))) < 3.5
+    assert found[0].trials == 60
+
+
+def test_group_curve__written__is_read_back_with_what_it_was_measured_under(study, tmp_path) -> None:
+    store, _ = study
+    runs = detection_runs(store)
+    group = group_curve(thresholds(runs), curve("bolanowski-1988"), (0.4, 300.0))
+    assert group.subjects == (0, 2, 2, 2, 0)
+    assert group.curve.covers(0.4, 300.0)
+    write_group_curve(tmp_path / "curve.csv", group, runs)
+    back = read_curve(tmp_path / "curve.csv")
+    assert back.provenance == "measured"
+    assert back.level_db_re_1um == pytest.approx(group.curve.level_db_re_1um, abs=1e-3)
+    lines = [line for line in (tmp_path / "curve.csv").read_text().splitlines() if not line.startswith("#")]
+    row = next(csv.DictReader(lines))
+    assert row["contact_area_mm2"] == "78.5"
+    assert row["subject_group"] == "hearing;hearing-impaired"
+    assert (row["finger"], row["experimenter"], row["masking_sound"], row["preload_n"]) == ("index", "EX", "pink", "")
+
+
+def test_group_curve__two_frequencies__is_refused(study) -> None:
+    store, _ = study
+    found = [one for one in thresholds(detection_runs(store)) if one.frequency_hz < 100.0]
+    with pytest.raises(BadInput, match="2 measured frequencies"):
+        group_curve(found, curve("bolanowski-1988"), (0.4, 300.0))
+
+
+@pytest.mark.parametrize("form", ["tidy", "psych-ds", "bids"])
+def test_export__any_format__carries_every_trial_and_a_word_for_every_column(study, tmp_path, form) -> None:
+    store, _ = study
+    count = export(store, tmp_path / "out", form)
+    tables = [path for path in (tmp_path / "out").rglob("*") if path.stem.endswith(("trials", "_data", "_beh"))]
+    rows, columns = 0, set()
+    for path in tables:
+        if path.suffix in (".csv", ".tsv"):
+            with path.open() as stream:
+                reader = csv.DictReader(stream, delimiter="\t" if path.suffix == ".tsv" else ",")
+                rows += len(list(reader))
+                columns |= set(reader.fieldnames or ())
+    assert rows == count > 300
+    assert columns == _described(tmp_path / "out", form)
+
+
+def _described(folder, form) -> set[str]:
+    if form == "tidy":
+        with (folder / "trials_dictionary.csv").open() as stream:
+            return {row["column"] for row in csv.DictReader(stream)}
+    if form == "psych-ds":
+        document = json.loads((folder / "dataset_description.json").read_text())
+        return {one["name"] for one in document["variableMeasured"]}
+    sidecar = json.loads(next(folder.rglob("*_beh.json")).read_text())
+    assert (folder / "participants.tsv").read_text().splitlines()[0] == "participant_id\tgroup"
+    return set(sidecar) - {"TaskName", "TaskDescription"}
+
+
+def test_export__format_unknown_or_store_empty__is_refused(study, tmp_path) -> None:
+    with pytest.raises(BadInput, match="tidy, psych-ds, bids"):
+        export(study[0], tmp_path / "out", "spss")
+    empty = Store(tmp_path / "empty.db")
+    with pytest.raises(BadInput, match="no response"):
+        export(empty, tmp_path / "out", "tidy")
+    with pytest.raises(BadInput, match="no done run"):
+        detection_runs(empty)
+    empty.close()
+    assert not (tmp_path / "out").exists()
+
+
+def test_delivered__display_a_decibel_low_in_noise__is_found() -> None:
+    rng = np.random.default_rng(0)
+    records = []
+    for _ in range(400):
+        hum = complex(*(0.4 * rng.standard_normal(2)))
+        records.append(IntervalRecord("blank", None, float(20 * np.log10(abs(hum))), False))
+        signal = 10 ** (-1.0 / 20) + complex(*(0.4 * rng.standard_normal(2)))
+        records.append(IntervalRecord("tone", 0.0, float(20 * np.log10(abs(signal))), False))
+    assert delivered_offset_db(records, 0.0) == pytest.approx(-1.0, abs=0.4)
+    assert np.isnan(delivered_offset_db(records, 30.0))
+
+
+def test_drift__none_and_some__is_flagged_where_there_is_some() -> None:
+    rng = np.random.default_rng(1)
+    model, prior = Psychometric(Weibull(2.5)), RefitPrior()
+    drawn = {0.0: [], 0.2: []}
+    for _ in range(150):
+        levels = rng.integers(-4, 9, 80).astype(float)
+        for drift in (0.0, 0.2):
+            truth = drift * (np.arange(80) - 40)
+            correct = rng.random(80) < model.probability(levels - truth)
+            drawn[drift].append((levels, correct))
+    found = {drift: refit(*map(np.array, zip(*runs, strict=True)), prior) for drift, runs in drawn.items()}
+    scores = [drift_z(*run, _one(found[0.0], index), prior) for index, run in enumerate(drawn[0.0])]
+    caught = ["drift" in diagnose(*run, _one(found[0.2], index), prior) for index, run in enumerate(drawn[0.2])]
+    assert float(np.std(scores)) == pytest.approx(1.0, abs=0.25)
+    assert float(np.mean(scores)) == pytest.approx(0.0, abs=0.25)
+    assert np.mean(caught) > 0.5
+
+
+def _one(fitted: Refit, index: int) -> Refit:
+    return Refit(*(column[index : index + 1] for column in vars(fitted).values()))
+
+
+def test_lapses__wrong_far_above_threshold__are_flagged() -> None:
+    levels = np.concatenate([np.linspace(-3.0, 5.0, 60), [16.0, 17.0, 18.0]])
+    correct = np.concatenate([np.arange(60) % 4 != 0, [False, False, True]])
+    fitted = refit(levels, correct)
+    assert "lapses" in diagnose(levels, correct, fitted, RefitPrior())
+
+
+def test_refit__few_trials_or_odd_coverage__is_refused() -> None:
+    with pytest.raises(BadInput, match="4 trials"):
+        refit(np.zeros(4), np.ones(4, dtype=bool))
+    with pytest.raises(BadInput, match="coverage"):
+        refit(np.zeros(9), np.ones(9, dtype=bool), coverage=1.5)

@@ -1,0 +1,122 @@
+"""A simulated station, a clock that obeys, and protocols that end soon."""
+
+from datetime import UTC, datetime, timedelta
+from functools import cache
+
+from tactuator.display.controller import Controller
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.protocol import StudyProtocol
+from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.session.detection_task import DetectionTask
+from tactuator.experiment.session.presented_session import Conduct
+from tactuator.experiment.session.studies import open_session, open_study
+from tactuator.experiment.store.records import Answer
+from tactuator.experiment.store.store import Store
+from tactuator.experiment.trial.trial import Trial
+from tactuator.paper.controllers import paper_controller
+from tactuator.paper.plan import paper_display
+from tactuator.rig.simulated import SimulatedRig
+
+PROTOCOL = """
+[study]
+name = "short"
+seed = 7
+experimenter = "EX"
+consent = "You may stop at any time."
+[procedure]
+kind = "up-down"
+start_db_sl = 20
+steps_db = [4, 2]
+reversals = 6
+averaged = 4
+[conditions]
+fingers = ["index"]
+frequencies_hz = [50, 100, 200]
+order = "latin-square"
+[circumstances]
+contact_area_mm2 = 78.5
+skin_temperature_c = 31
+masking_sound = "pink"
+[timing]
+stimulus_s = 0.05
+ramp_s = 0.01
+gap_s = 0.01
+lead_s = 0.01
+feedback_s = 0.0
+[session]
+practice_trials = 2
+break_after_trials = 20
+resume_within_s = 600
+[[subject]]
+code = "S1"
+group = "hearing"
+[[subject]]
+code = "S2"
+group = "hearing-impaired"
+"""
+
+
+class ObedientClock:
+    """Goes only where it is told."""
+
+    def __init__(self) -> None:
+        self.now = datetime(2026, 3, 1, 12, 0, tzinfo=UTC)
+        self.passed_s = 100.0
+
+    def utc(self) -> datetime:
+        return self.now
+
+    def monotonic_s(self) -> float:
+        return self.passed_s
+
+    def wait(self, seconds: float) -> None:
+        self.now += timedelta(seconds=seconds)
+        self.passed_s += seconds
+
+    def jump(self, seconds: float) -> None:
+        self.now += timedelta(seconds=seconds)
+
+
+@cache
+def controller() -> Controller:
+    return paper_controller(paper_display())
+
+
+def station(seed: int = 0) -> Station:
+    rig = SimulatedRig(controller().display, seed)
+    rig.load(controller())
+    return Station(rig, controller(), "simulated")
+
+
+def begin(store: Store, clock: ObedientClock, text: str = PROTOCOL, subject: int = 0) -> Conduct:
+    """The subject's session, opened or resumed, consent given."""
+    task = DetectionTask(parse_protocol(text), station())
+    study = open_study(store, task, text, clock, tokens(task.protocol))
+    session = open_session(store, task, study, task.protocol.subject[subject].code, clock)
+    if session.stage == "consent":
+        session.give_consent()
+    return Conduct(session)
+
+
+def tokens(protocol: StudyProtocol) -> list[str]:
+    return [f"token-{subject.code}" for subject in protocol.subject]
+
+
+def nobody(interval: int, begins: bool) -> None:
+    """Watches nothing."""
+
+
+def response_of(trial: Trial) -> str:
+    """What the scripted subject answers: right, but for every fourth trial, whatever happened in between."""
+    if trial.number % 4 != 3:
+        return trial.correct
+    return next(one for one in trial.responses if one != trial.correct)
+
+
+def answer_one(conduct: Conduct, clock: ObedientClock) -> tuple[int, int]:
+    """Present and answer the trial that stands; position of its run and its number."""
+    following = conduct.present(nobody)
+    position, number = following.planned.position, following.trial.number
+    clock.wait(1.0)
+    conduct.answer(Answer(response_of(following.trial), clock.utc(), 10.0, 460.0))
+    return position, number

@@ -1,0 +1,155 @@
+"""An identification study on one simulated finger: its items, its protocol, and a subject's way through it."""
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from tactuator.experiment.protocol.file import parse_identification
+from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.session.identification_plan import block_trials
+from tactuator.experiment.session.identification_task import IdentificationTask
+from tactuator.experiment.session.presented_session import Conduct
+from tactuator.experiment.session.respondent import attend
+from tactuator.experiment.session.studies import open_session, open_study
+from tactuator.experiment.store import records
+from tactuator.experiment.store.store import Store
+from tactuator.files.display import parse_display
+from tactuator.rig.open import open_rig
+from tactuator.rig.simulated import SimulatedRig
+from tactuator.speech.waveforms import Component, WaveformSet, write_waveforms
+from tactuator.synthesis.design import design_controller
+from tests.experiment.session.apparatuses import nobody
+
+DISPLAY = {
+    "display": {"name": "one finger", "rate_hz": 4000.0, "delay_samples": 1},
+    "threshold": {"curve": "bolanowski-1988"},
+    "feedback": {"structure": "paper"},
+    "channel": [
+        {
+            "name": "index",
+            "finger": "index",
+            "sensor_gain_v_per_mm": 0.19898,
+            "travel_mm": 12.5,
+            "plant": {"num": [2875.0], "den": [1.0, 94.0, 290.0]},
+        }
+    ],
+}
+SET = WaveformSet(0.125, components=(Component("M", 30.0, 40.0), Component("C", 240.0, 40.0)), fingers=(("index",),))
+LONGER = WaveformSet(0.25, components=(Component("L", 60.0, 40.0),), fingers=(("index",),))
+"""One waveform, L-index, that takes twice as long."""
+
+
+class Ticking:
+    """A clock that goes on by a second each time it is asked."""
+
+    def __init__(self):
+        self.now = datetime(2026, 1, 1, tzinfo=UTC)
+
+    def utc(self):
+        self.now += timedelta(seconds=1)
+        return self.now
+
+    def monotonic_s(self):
+        return self.now.timestamp()
+
+    def jump(self, seconds):
+        self.now += timedelta(seconds=seconds)
+
+
+def write_items(controller, folder):
+    """Every item, in one folder."""
+    for one in (SET, LONGER):
+        write_waveforms(one, controller, folder)
+
+
+def protocol_text(paradigm="identification", training=1, test=20, subjects=("S1",), labels=None, consent="", extra=""):
+    """Items by label from files of that name, a block of training with feedback and one of test without."""
+    items = "".join(
+        f'[[item]]\nlabel = "{label}"\nfile = "{label}.wav"\nkey = "{key}"\n'
+        for key, label in enumerate(labels or SET.labels(), start=1)
+    )
+    blocks = "".join(
+        f'[[block]]\nkind = "{kind}"\nrepetitions = {count}\nfeedback = {"true" if kind == "training" else "false"}\n'
+        for kind, count in (("training", training), ("test", test))
+        if count
+    )
+    people = "".join(f'[[subject]]\ncode = "{code}"\n' for code in subjects)
+    return (
+        f'[study]\nname = "words"\nseed = 5\nconsent = "{consent}"\n'
+        f'[identification]\nparadigm = "{paradigm}"\nlead_s = 0.0\ngap_s = 0.05\nfeedback_s = 0.0\n'
+        f"{extra}{items}{blocks}{people}"
+    )
+
+
+class Opened:
+    """A study in a store, and its subjects' ways through it."""
+
+    def __init__(self, protocol, text, items, place, store, clock=None):
+        self.task, self.store, self.clock = IdentificationTask.load(protocol, items, place), store, clock or Ticking()
+        tokens = [f"token-{one.code}" for one in protocol.subject]
+        self.study = open_study(store, self.task, text, self.clock, tokens)
+
+    def conduct(self, code="S1"):
+        return Conduct(open_session(self.store, self.task, self.study, code, self.clock))
+
+    def run(self, code, respondent):
+        return attend(self.conduct(code), respondent)
+
+
+def scripted_answer(text, block, number):
+    """What the scripted subject answers: right, but for every fourth trial."""
+    trial = block_trials(parse_identification(text), 0, block)[number]
+    if number % 4 != 3:
+        return trial.correct
+    return trial.responses[(trial.responses.index(trial.correct) + 1) % len(trial.responses)]
+
+
+@pytest.fixture(scope="module")
+def controller():
+    return design_controller(parse_display(DISPLAY))
+
+
+@pytest.fixture(scope="module")
+def items(controller, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("items")
+    write_items(controller, folder)
+    return folder
+
+
+@pytest.fixture
+def opened(controller, items, tmp_path):
+    """Opens a study of a protocol text on a fresh rig and the test's store."""
+
+    def make(text):
+        rig = SimulatedRig(controller.display, 1)
+        rig.load(controller)
+        store = Store(tmp_path / "lab.db")
+        return Opened(parse_identification(text), text, items, Station(rig, controller, "simulated"), store), rig, store
+
+    return make
+
+
+THREE = ("M-index", "C-index", "L-index")
+
+
+def answer(conduct, response=None, watch=nobody):
+    following = conduct.present(watch)
+    return conduct.answer(records.Answer(response or following.trial.correct, conduct.session.clock.utc()))
+
+
+def go_on(conduct, trials):
+    """Through consent, breaks and introductions; so many answers."""
+    session = conduct.session
+    steps = {"consent": session.give_consent, "break": session.end_break, "introduction": session.introduce}
+    while trials and session.stage != "done":
+        if session.stage == "trial":
+            answer(conduct)
+            trials -= 1
+        else:
+            steps[session.stage]()
+
+
+def opened_station(made):
+    rig = open_rig("simulated", made.display, 0)
+    rig.load(made)
+    return Station(rig, made, "simulated")

@@ -1,0 +1,92 @@
+"""Respondents who are at no browser, and the rigs at which they can sit."""
+
+import numpy as np
+import pytest
+from sqlalchemy import select
+
+from tactuator.errors import BadInput
+from tactuator.experiment.protocol.file import parse_identification
+from tactuator.experiment.result.confusion import identification_results
+from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.session.respondent import Respondent
+from tactuator.experiment.simulated.respondents import ErringRespondent, FeelingRespondent
+from tactuator.experiment.store import records, schema
+from tactuator.experiment.store.store import Store
+from tactuator.rig.open import open_rig
+from tactuator.rig.touchable import touchable
+from tests.experiment.session.identifying import Opened, controller, items, opened, protocol_text  # noqa: F401
+
+
+class Unwilling(ErringRespondent):
+    def agree(self, consent):
+        assert consent == "Agreed?"
+        return False
+
+
+def test_attend__no_consent__ends_at_once_and_stores_nothing(opened) -> None:
+    study, _, store = opened(protocol_text(consent="Agreed?"))
+    assert study.run("S1", Unwilling(0.0, np.random.default_rng(0))) == 0
+    with store.read() as connection:
+        assert connection.execute(select(schema.run)).all() == []
+        assert records.sessions(connection, study.study)[0].consented_utc is None
+
+
+def test_attend__respondent__is_told_of_runs_breaks_and_right_answers_in_order(opened) -> None:
+    told = []
+
+    class Telling(Respondent):
+        def pause(self):
+            told.append("break")
+
+        def begin(self, following):
+            told.append(following.planned.title)
+
+        def respond(self, trial):
+            told.append("?")
+            return trial.correct
+
+        def learn(self, trial, acknowledged):
+            told.append(acknowledged.right == trial.correct)
+
+    study, _, _ = opened(protocol_text(test=1))
+    assert study.run("S1", Telling()) == 6
+    training = [item for _ in range(3) for item in ("?", True)]
+    assert told == ["Block 1 of 2: training", *training, "break", "Block 2 of 2: test", "?", "?", "?"]
+
+
+def test_attend__board_in_this_process__is_felt_at_its_ports(controller, items, tmp_path) -> None:
+    text = protocol_text(training=2, test=4)
+    rig, store = open_rig("in-process", controller.display, 1), Store(tmp_path / "lab.db")
+    rig.load(controller)
+    study = Opened(parse_identification(text), text, items, Station(rig, controller, "in-process"), store)
+    subject = FeelingRespondent("identification", controller.display, np.random.default_rng(2))
+    subject.listen(touchable(rig, "in-process"))
+    assert study.run("S1", subject) == 18
+    (result,), _ = identification_results(store, np.random.default_rng(0))
+    assert result.information.share_correct > 0.9
+    rig.close()
+    store.close()
+
+
+class Blind:
+    """A rig whose display no program can touch."""
+
+    rate_hz, channels = 4000.0, ("index",)
+
+
+def test_touchable__rig_without_ports__is_refused() -> None:
+    with pytest.raises(
+        BadInput, match="simulated subjects at board:COM3; allowed: at a rig whose display is simulated"
+    ):
+        touchable(Blind(), "board:COM3")
+
+
+def test_touchable__board_with_a_real_display__is_refused() -> None:
+    class Board(Blind):
+        def finger(self, channel):
+            raise BadInput("this display is real: a finger goes onto it by hand; allowed: a simulated display")
+
+        load = play = stream = drive = rest = print
+
+    with pytest.raises(BadInput, match="real"):
+        touchable(Board(), "board:COM3")

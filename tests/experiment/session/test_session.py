@@ -1,0 +1,279 @@
+"""Sessions: what is acknowledged is there, and an interrupted session goes on where it was."""
+
+import sqlite3
+
+import pytest
+from sqlalchemy import select
+
+from tactuator.errors import BadInput
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.session.detection_task import DetectionTask
+from tactuator.experiment.session.session import Session
+from tactuator.experiment.store import records, schema
+from tactuator.experiment.store.store import Store, StoreFault
+from tests.experiment.session.apparatuses import (
+    PROTOCOL,
+    ObedientClock,
+    answer_one,
+    begin,
+    nobody,
+    response_of,
+    station,
+)
+
+
+@pytest.fixture
+def store(tmp_path):
+    made = Store(tmp_path / "lab.db")
+    yield made
+    made.close()
+
+
+def everything(conduct, clock) -> None:
+    while conduct.session.stage != "done":
+        if conduct.session.stage == "break":
+            conduct.session.end_break()
+        answer_one(conduct, clock)
+
+
+def stored(store):
+    query = (
+        select(
+            schema.run.c.position,
+            schema.run.c.attempt,
+            schema.trial.c.number,
+            schema.trial.c.level_db_sl,
+            schema.response,
+        )
+        .select_from(schema.run.join(schema.trial).join(schema.response))
+        .order_by(schema.trial.c.id)
+    )
+    with store.read() as connection:
+        return [
+            (row.position, row.attempt, row.number, row.level_db_sl, row.response) for row in connection.execute(query)
+        ]
+
+
+def test_session__interrupted_over_and_over__is_the_undisturbed_one(tmp_path) -> None:
+    clock = ObedientClock()
+    whole, broken = Store(tmp_path / "whole.db"), tmp_path / "broken.db"
+    everything(begin(whole, clock), clock)
+    while True:
+        store = Store(broken)
+        conduct = begin(store, clock)
+        if conduct.session.stage == "done":
+            break
+        for _ in range(4):
+            if conduct.session.stage == "break":
+                conduct.session.end_break()
+            if conduct.session.stage == "trial":
+                conduct.present(nobody)  # played, never answered: presented again
+                answer_one(conduct, clock)
+        store.close()
+    assert stored(store) == stored(whole)
+    assert len({row[:3] for row in stored(store)}) == len(stored(store))
+    store.close()
+    whole.close()
+
+
+def test_trial__stored__has_levels_labels_times_and_apparatus(store) -> None:
+    clock = ObedientClock()
+    conduct = begin(store, clock)
+    answer_one(conduct, clock)
+    with store.read() as connection:
+        trial = connection.execute(select(schema.trial)).one()
+        intervals = connection.execute(select(schema.interval).order_by(schema.interval.c.position)).all()
+        response = connection.execute(select(schema.response)).one()
+        run = connection.execute(select(schema.run)).one()
+        session = records.session(connection, conduct.session.id)
+    assert [one.stimulus for one in intervals].count("tone") == 1
+    tone = next(one for one in intervals if one.stimulus == "tone")
+    assert str(tone.position + 1) == trial.correct_response
+    assert tone.commanded_db_sl == trial.level_db_sl == 30.0
+    assert tone.measured_db_sl == pytest.approx(30.0, abs=1.5)
+    assert all(one.commanded_db_sl is None for one in intervals if one.stimulus == "blank")
+    assert (response.client_shown_ms, response.client_pressed_ms) == (10.0, 460.0)
+    assert response.server_received_utc.startswith("2026-03-01T12:00:01")
+    assert len(run.controller_sha256) == 64
+    assert (run.practice, run.rig, run.curve) == (True, "simulated", "bolanowski-1988")
+    assert (session.contact_area_mm2, session.skin_temperature_c, session.masking_sound) == (78.5, 31.0, "pink")
+    assert (session.subject_group, session.experimenter) == ("hearing", "EX")
+
+
+@pytest.mark.parametrize(("gap_s", "attempts"), [(599.0, [0]), (700.0, [0, 1])])
+def test_resume__gap_longer_than_allowed__restarts_the_run_and_keeps_the_old(tmp_path, gap_s, attempts) -> None:
+    clock = ObedientClock()
+    store = Store(tmp_path / "lab.db")
+    conduct = begin(store, clock)
+    for _ in range(5):
+        answer_one(conduct, clock)
+    clock.jump(gap_s)  # the machine was off: the monotonic clock knows nothing of it
+    answer_one(begin(store, clock), clock)
+    with store.read() as connection:
+        runs = connection.execute(
+            select(schema.run).where(schema.run.c.position == 1).order_by(schema.run.c.attempt)
+        ).all()
+    assert [run.attempt for run in runs] == attempts
+    assert [run.state for run in runs] == (["running"] if len(attempts) == 1 else ["restarted", "running"])
+    store.close()
+
+
+def test_long_pause__within_one_process__restarts_by_the_monotonic_clock(store) -> None:
+    clock = ObedientClock()
+    conduct = begin(store, clock)
+    for _ in range(4):
+        answer_one(conduct, clock)
+    clock.jump(-3600.0)  # set back by an hour: nothing is restarted for that
+    assert answer_one(conduct, clock) == (1, 2)
+    clock.passed_s += 601.0
+    assert answer_one(conduct, clock) == (1, 0)
+
+
+def test_resume__clock_set_back__is_noted_and_loses_nothing(store) -> None:
+    clock = ObedientClock()
+    conduct = begin(store, clock)
+    for _ in range(4):
+        answer_one(conduct, clock)
+    clock.jump(-7200.0)
+    assert answer_one(begin(store, clock), clock) == (1, 2)
+    with store.read() as connection:
+        assert [row.kind for row in connection.execute(select(schema.event))] == ["clock-jump"]
+
+
+def test_answer__disk_full__is_not_acknowledged_and_may_come_again(store) -> None:
+    clock = ObedientClock()
+    conduct = begin(store, clock, PROTOCOL.replace("reversals = 6", "reversals = 40"))  # enough trials to fill a page
+    with store.engine.connect() as connection:
+        pages = connection.exec_driver_sql("PRAGMA page_count").scalar_one()
+        connection.exec_driver_sql(f"PRAGMA max_page_count = {pages}")  # of the pooled connection: no page more
+    acknowledged = []
+    with pytest.raises(StoreFault, match="full"):
+        while True:
+            if conduct.session.stage == "break":
+                conduct.session.end_break()
+            acknowledged.append(answer_one(conduct, clock))
+    assert [(row[0], row[2]) for row in stored(store)] == acknowledged
+    if conduct.pending is not None:
+        stands = conduct.pending[0]
+        with store.engine.connect() as connection:
+            connection.exec_driver_sql("PRAGMA max_page_count = 1000000")
+        answer = records.Answer(response_of(stands.trial), clock.utc())
+        assert conduct.answer(answer).number == stands.trial.number
+        assert len(stored(store)) == len(acknowledged) + 1
+
+
+def test_answer__database_locked__is_told_and_may_come_again(store) -> None:
+    clock = ObedientClock()
+    conduct = begin(store, clock)
+    conduct.present(nobody)
+    with store.engine.connect() as connection:
+        connection.exec_driver_sql("PRAGMA busy_timeout = 1")
+    other = sqlite3.connect(store.path, isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    answer = records.Answer("1", clock.utc())
+    with pytest.raises(StoreFault, match="locked"):
+        conduct.answer(answer)
+    other.execute("ROLLBACK")
+    other.close()
+    assert conduct.answer(answer).number == 0
+    assert len(stored(store)) == 1
+
+
+def test_answer__sent_again__is_acknowledged_again_and_stored_once(store) -> None:
+    clock = ObedientClock()
+    conduct = begin(store, clock)
+    run = conduct.present(nobody).run
+    first = conduct.answer(records.Answer("1", clock.utc()))
+    again = conduct.session.already(run, 0)
+    assert again is not None
+    assert (again.correct, again.again) == (first.correct, True)
+    assert conduct.session.already(run, 1) is None
+    assert len(stored(store)) == 1
+
+
+def test_already__another_sessions_run__is_nothing(store) -> None:
+    clock = ObedientClock()
+    mine, other = begin(store, clock), begin(store, clock, subject=1)
+    run = mine.present(nobody).run
+    mine.answer(records.Answer("1", clock.utc()))
+    assert other.session.already(run, 0) is None
+
+
+@pytest.mark.parametrize("response", ["0", "4", "", "left"])
+def test_answer__not_allowed__is_refused_and_nothing_stored(store, response) -> None:
+    clock = ObedientClock()
+    conduct = begin(store, clock)
+    conduct.present(nobody)
+    with pytest.raises(BadInput, match="allowed: 1, 2, 3"):
+        conduct.answer(records.Answer(response, clock.utc()))
+    assert stored(store) == []
+
+
+def test_answer__without_a_trial__is_refused(store) -> None:
+    clock = ObedientClock()
+    with pytest.raises(BadInput, match="no trial waits"):
+        begin(store, clock).answer(records.Answer("1", clock.utc()))
+
+
+def test_break__after_its_trials__waits_until_it_is_ended_and_is_remembered(store) -> None:
+    clock = ObedientClock()
+    conduct = begin(store, clock)
+    for _ in range(20):
+        answer_one(conduct, clock)
+    assert conduct.session.stage == "break"
+    with pytest.raises(BadInput, match="'break'"):
+        conduct.present(nobody)
+    conduct.session.end_break()
+    assert begin(store, clock).session.stage == "trial"
+
+
+def test_give_up_run__goes_on_with_the_next_and_marks_it(store) -> None:
+    clock = ObedientClock()
+    conduct = begin(store, clock)
+    for _ in range(4):
+        answer_one(conduct, clock)
+    conduct.give_up_run()
+    assert answer_one(conduct, clock) == (2, 0)
+    with store.read() as connection:
+        assert [run.state for run in records.latest_runs(connection, conduct.session.id)] == [
+            "done",
+            "stopped",
+            "running",
+        ]
+    with pytest.raises(BadInput, match="no trial waits"):
+        conduct.answer(records.Answer("1", clock.utc()))
+
+
+def test_replay__store_changed_by_hand__is_refused(store) -> None:
+    clock = ObedientClock()
+    conduct = begin(store, clock)
+    for _ in range(6):
+        answer_one(conduct, clock)
+    with store.begin() as connection:
+        connection.execute(schema.trial.update().where(schema.trial.c.number == 2).values(level_db_sl=3.0))
+    with pytest.raises(BadInput, match="does not replay"):
+        begin(store, clock)
+
+
+def test_subjects__latin_square__have_orders_of_their_own(store) -> None:
+    clock = ObedientClock()
+    orders = [[run.frequency_hz for run in begin(store, clock, subject=one).session.runs] for one in (0, 1)]
+    assert orders[0][1:] != orders[1][1:]
+    assert sorted(orders[0][1:]) == sorted(orders[1][1:]) == [50.0, 100.0, 200.0]
+
+
+def test_consent__asked_for__comes_before_the_first_trial(store) -> None:
+    clock = ObedientClock()
+    conduct = begin(store, clock)
+    with store.begin() as connection:
+        connection.execute(schema.session.update().values(consented_utc=None))
+    again = Session(store, conduct.session.id, 0, conduct.session.task, clock)
+    assert again.stage == "consent"
+    with pytest.raises(BadInput, match="'consent'"):
+        again.next_trial()
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [("200]", "500]", "500 Hz"), ('"index"', '"ring"', "'ring'")])
+def test_station__what_it_cannot_play__is_refused(old, new, message) -> None:
+    with pytest.raises(BadInput, match=message):
+        DetectionTask(parse_protocol(PROTOCOL.replace(old, new)), station())

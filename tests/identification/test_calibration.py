@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from tactuator.errors import BadInput
+from tactuator.identification.calibration import fit_line
+
+GAIN = 0.19898
+DISPLACEMENT_MM = np.linspace(-12.0, 12.0, 13)
+
+
+def test_fit_line__paper_gain_with_noise__agrees_with_linregress() -> None:
+    rng = np.random.default_rng(3)
+    voltage = GAIN * DISPLACEMENT_MM + 0.05 + 1e-3 * rng.standard_normal(13)
+    found = fit_line(DISPLACEMENT_MM, voltage)
+    line = stats.linregress(DISPLACEMENT_MM, voltage)
+    assert found.gain_v_per_mm == pytest.approx(line.slope, rel=1e-12)
+    assert found.offset_v == pytest.approx(line.intercept, rel=1e-9)
+    assert found.gain_confidence_v_per_mm == pytest.approx(stats.t.isf(0.025, 11) * line.stderr, rel=1e-9)
+    assert abs(found.gain_v_per_mm / GAIN - 1.0) < 0.005
+    assert found.refused == ()
+
+
+def test_fit_line__many_calibrations__confidence_covers_95_in_100() -> None:
+    rng = np.random.default_rng(4)
+    inside = 0
+    for _ in range(400):
+        found = fit_line(DISPLACEMENT_MM, GAIN * DISPLACEMENT_MM + 2e-3 * rng.standard_normal(13))
+        inside += abs(found.gain_v_per_mm - GAIN) < found.gain_confidence_v_per_mm
+    assert 0.91 < inside / 400 < 0.985
+
+
+def test_fit_line__gauge_error__is_taken_out_of_the_slope() -> None:
+    rng = np.random.default_rng(5)
+    true = np.repeat(np.linspace(-2.0, 2.0, 9), 200)
+    read = true + 0.5 * rng.standard_normal(true.size)
+    plain = fit_line(read, GAIN * true)
+    corrected = fit_line(read, GAIN * true, gauge_error_mm=0.5)
+    assert plain.gain_v_per_mm < 0.93 * GAIN
+    assert corrected.gain_v_per_mm == pytest.approx(GAIN, rel=0.02)
+
+
+@settings(max_examples=30, deadline=None)
+@given(which=st.integers(0, 12), off=st.sampled_from([-0.5, -0.1, 0.1, 0.5]))
+def test_fit_line__one_pair_off__is_refused_by_its_name(which: int, off: float) -> None:
+    voltage = GAIN * DISPLACEMENT_MM + 1e-3 * np.random.default_rng(6).standard_normal(13)
+    voltage[which] += off
+    found = fit_line(DISPLACEMENT_MM, voltage, names=[f"p{k}" for k in range(13)])
+    assert [pair.name for pair in found.refused] == [f"p{which}"]
+    assert f"p{which}" in str(found.refused[0])
+    assert found.gain_v_per_mm == pytest.approx(GAIN, rel=0.005)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "match"),
+    [
+        ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0], "4 or more"),
+        ([1.0, 2.0, 3.0, np.nan], [1.0, 2.0, 3.0, 4.0], "finite"),
+        ([1.0, 1.0, 1.0, 1.0], [1.0, 2.0, 3.0, 4.0], "displacement is the same"),
+        ([1.0, 2.0, 3.0, 4.0], [2.0, 2.0, 2.0, 2.0], "voltage is the same"),
+        ([1.0, 2.0, 3.0, 4.0], [2.0, 2.0, 2.0], "as many"),
+        ([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0], [0.0, 1.001, 2.0, 2.999, 4.0, 50.0, -60.0, 70.0], "a quarter"),
+    ],
+)
+def test_fit_line__no_line__is_refused(x, y, match: str) -> None:
+    with pytest.raises(BadInput, match=match):
+        fit_line(x, y)

@@ -1,0 +1,275 @@
+"""Simulate, estimate, recover: independent simulation (scipy), many plants, open and closed loop, friction."""
+
+import numpy as np
+import pytest
+from scipy import optimize, signal
+
+from tactuator.errors import BadInput
+from tactuator.identification.estimate.loops import dahl_state
+from tactuator.identification.estimate.recursive import identify_recursively
+from tactuator.identification.estimate.states import companion_states
+from tactuator.identification.identify import identify
+from tactuator.signals.excitation import log_chirp, paper_mix, prbs, steps
+from tactuator.signals.record import Record
+from tests.identification.plants import PAPER, RATE_HZ, closed_loop, open_loop
+
+BAND_HZ = np.geomspace(0.4, 300.0, 200)
+
+
+def error_db(found, plant, frequency=BAND_HZ):
+    return 20.0 * np.log10(np.abs(found.model.response(frequency) / plant.response(frequency)))
+
+
+def test_identify__coloured_noise_in_closed_loop__least_squares_is_biased_and_refined_is_not() -> None:
+    rng = np.random.default_rng(11)
+    record = closed_loop(PAPER, rng, 12.0, noise=0.3, colour=0.7)
+    assert record is not None
+    refined, plain = identify(record, order=2), identify(record, order=2, method="rls")
+    assert np.max(np.abs(error_db(refined, PAPER))) < 0.4
+    assert np.max(np.abs(error_db(plain, PAPER))) > 3.0 * np.max(np.abs(error_db(refined, PAPER)))
+    assert refined.tests.white
+    assert refined.tests.uncorrelated_with_input
+
+
+def test_identify__output_error_with_scipy__agrees() -> None:
+    rng = np.random.default_rng(12)
+    record = open_loop(PAPER, rng, 10.0)
+    found = identify(record)
+
+    def residual(theta):
+        b, a, _ = signal.cont2discrete(([2875.0 * theta[0]], [1.0, 94.0 * theta[1], 290.0 * theta[2]]), 1.0 / RATE_HZ)
+        return record.position - signal.lfilter(b[0], a, record.command)
+
+    peer = optimize.least_squares(residual, [0.9, 1.1, 1.2]).x * [2875.0, 94.0, 290.0]
+    ours = np.array([found.model.num[0], *found.model.den[1:]])
+    # both within a small part of the standard error of each other
+    half_widths = found.model.confidence()
+    limits = np.array([half_widths["num_s0"], half_widths["den_s1"], half_widths["den_s0"]])
+    assert np.all(np.abs(ours - peer) < 0.2 * limits)
+
+
+def test_identify__strong_noise_fed_back__is_seen_as_feedback() -> None:
+    record = closed_loop(PAPER, np.random.default_rng(26), 8.0, noise=3.0)
+    assert record is not None
+    assert identify(record, order=2).tests.feedback
+    assert not identify(open_loop(PAPER, np.random.default_rng(26), 8.0, noise=3.0), order=2).tests.feedback
+
+
+def rubbed(rng, coulomb=4e-3, presliding=10e-3, hum=True):
+    """The paper's plant with Dahl friction, hum and converters, stepped independently of the package."""
+    command = paper_mix(12.0, RATE_HZ, 10.0, rng, plant=_paper_system(), travel_v=2.4)
+    a, b, c, _, _ = signal.cont2discrete(signal.tf2ss(PAPER.num, PAPER.den), 1.0 / RATE_HZ)
+    (a00, a01), (a10, a11), (b0, b1), (c0, c1) = a.tolist()[0], a.tolist()[1], b[:, 0].tolist(), c[0].tolist()
+    x0 = x1 = force = last = 0.0
+    position = np.empty(command.size)
+    for k, u in enumerate(command.tolist()):
+        y = c0 * x0 + c1 * x1
+        moved = y - last
+        last = y
+        force = (force + coulomb / presliding * moved) / (1.0 + abs(moved) / presliding)
+        position[k] = y
+        drive = u - force
+        x0, x1 = a00 * x0 + a01 * x1 + b0 * drive, a10 * x0 + a11 * x1 + b1 * drive
+    time = np.arange(command.size) / RATE_HZ
+    sensed = position + 2e-4 * rng.standard_normal(command.size)
+    if hum:
+        sensed += 1e-3 * np.sin(2.0 * np.pi * 60.0 * time) + 3e-4 * np.sin(2.0 * np.pi * 120.0 * time + 1.0)
+    step = 20.0 / 65536.0
+    return Record(RATE_HZ, command, step * np.round(sensed / step))
+
+
+def _paper_system():
+    from tactuator.signals.systems import ContinuousSystem
+
+    return ContinuousSystem.from_polynomials(PAPER.num, PAPER.den)
+
+
+def test_identify__friction_and_hum__response_and_coulomb_level_are_recovered() -> None:
+    found = identify(rubbed(np.random.default_rng(13)))
+    assert found.friction is not None
+    assert found.friction.coulomb == pytest.approx(4e-3, rel=0.05)
+    assert found.friction.presliding == pytest.approx(10e-3, rel=0.2)
+    assert np.max(np.abs(error_db(found, PAPER))) < 0.02
+    without = identify(rubbed(np.random.default_rng(13)), friction=False)
+    assert np.max(np.abs(error_db(without, PAPER))) > np.max(np.abs(error_db(found, PAPER)))
+
+
+def test_identify__no_friction__claims_none() -> None:
+    rng = np.random.default_rng(14)
+    assert identify(open_loop(PAPER, rng, 10.0)).friction is None
+
+
+def test_identify__friction_rules_a_positioning_drive_in_closed_loop__mass_and_friction_are_found() -> None:
+    """A slide with Coulomb friction of a third of its command, position and velocity fed back, 1 kHz, metres."""
+    rng = np.random.default_rng(5)
+    rate, count, mass, viscous, coulomb, gain = 1000.0, 12000, 95.0, 203.0, 20.0, 35.0
+    slow = signal.butter(2, 4.0 / 500.0, output="sos")
+    reference = signal.sosfilt(slow, np.cumsum(np.repeat(rng.uniform(-1.0, 1.0, count // 500), 500)))
+    reference *= 0.12 / np.max(np.abs(reference))
+    command, position = np.empty(count), np.empty(count)
+    x = v = z = 0.0
+    for k in range(count):
+        position[k] = x + 1e-6 * rng.standard_normal()
+        command[k] = min(max(9600.0 * (reference[k] - position[k]) - 72.9 * v, -10.0), 10.0)
+        for _ in range(5):
+            moved = v * 2e-4 / 2e-5
+            z = (z + moved) / (1.0 + abs(moved))
+            v += (gain * command[k] - viscous * v - coulomb * z) / mass * 2e-4
+            x += v * 2e-4
+    found = identify(Record(rate, command, position))
+    assert found.friction is not None
+    assert found.friction.coulomb == pytest.approx(coulomb / gain, rel=0.1)
+    frequency = np.geomspace(1.0, 50.0, 40)
+    s = 2j * np.pi * frequency
+    expected = (gain / mass) / (s * (s + viscous / mass))
+    assert np.max(np.abs(20.0 * np.log10(np.abs(found.model.response(frequency) / expected)))) < 0.6
+    assert any("integrator" in remark for remark in found.remarks)
+
+
+def test_identify__resonances_and_antiresonance__four_poles_two_zeros() -> None:
+    rng = np.random.default_rng(15)
+    num = 4e3 * np.array([1.0, 15.1, (2.0 * np.pi * 60.0) ** 2])
+    den = np.polymul([1.0, 5.03, (2.0 * np.pi * 40.0) ** 2], [1.0, 22.6, (2.0 * np.pi * 90.0) ** 2])
+    command = rng.standard_normal(20000)
+    system = signal.cont2discrete(signal.tf2ss(num, den), 1e-3)
+    clean = signal.dlsim((*system[:4], 1e-3), command)[1][:, 0]
+    found = identify(Record(1000.0, command, clean + 0.03 * clean.std() * rng.standard_normal(20000)))
+    assert (found.order, found.model.num.size - 1) == (4, 2)
+    frequency = np.geomspace(1.0, 300.0, 100)
+    s = 2j * np.pi * frequency
+    expected = np.polyval(num, s) / np.polyval(den, s)
+    assert np.max(np.abs(20.0 * np.log10(np.abs(found.model.response(frequency) / expected)))) < 0.2
+
+
+def test_identify__slow_process_with_dead_time__delay_is_found() -> None:
+    rng = np.random.default_rng(16)
+    command = steps(4000.0, 1.0, 60.0, rng)
+    system = signal.cont2discrete(([2e-3], [1.0, 0.08, 0.0008]), 1.0)
+    clean = np.concatenate([np.zeros(12), signal.lfilter(system[0][0], system[1], command)[:-12]])
+    found = identify(Record(1.0, command, clean + 0.01 * clean.std() * rng.standard_normal(4000)))
+    assert found.model.delay_s == pytest.approx(12.0, abs=1.0)
+    assert found.model.band_hz[1] == pytest.approx(0.45)
+
+
+@pytest.mark.parametrize("kind", ["step", "chirp", "prbs"])
+def test_identify__other_excitations__recover_the_plant(kind: str) -> None:
+    rng = np.random.default_rng(17)
+    command = {
+        "step": np.concatenate([np.zeros(4000), np.ones(36000)]),
+        "chirp": log_chirp(10.0, RATE_HZ, 0.4, 300.0),
+        "prbs": prbs(10.0, RATE_HZ, 1000.0, rng),
+    }[kind]
+    clean = signal.lfilter(*PAPER.sampled(), command)
+    found = identify(Record(RATE_HZ, command, clean + 1e-3 * clean.std() * rng.standard_normal(command.size)))
+    assert found.order == 2
+    assert np.max(np.abs(error_db(found, PAPER))) < 0.05
+
+
+def test_identify__units_changed__model_changes_by_the_factor_alone() -> None:
+    record = open_loop(PAPER, np.random.default_rng(18), 5.0)
+    one = identify(record)
+    other = identify(Record(RATE_HZ, record.command * 1e3, record.position * 1e-6))
+    np.testing.assert_allclose(other.model.num, one.model.num * 1e-9, rtol=1e-4)
+    np.testing.assert_allclose(other.model.den, one.model.den, rtol=1e-4)
+
+
+def test_identify__acceleration__zeros_at_the_origin() -> None:
+    rng = np.random.default_rng(19)
+    command = rng.standard_normal(20000)
+    system = signal.cont2discrete(signal.tf2ss([5.0, 0.0, 0.0], [1.0, 40.0, 4e4]), 1.0 / RATE_HZ)
+    clean = signal.dlsim((*system[:4], 1.0 / RATE_HZ), command)[1][:, 0]
+    record = Record(RATE_HZ, command, clean + 0.02 * clean.std() * rng.standard_normal(20000))
+    found = identify(record, quantity="acceleration")
+    assert found.order == 2
+    np.testing.assert_allclose(found.model.num, [5.0, 0.0, 0.0], rtol=0.01)
+    np.testing.assert_allclose(found.model.den, [1.0, 40.0, 4e4], rtol=0.02)
+
+
+def test_identify__swapped_or_reversed__is_said() -> None:
+    rng = np.random.default_rng(20)
+    record = open_loop(PAPER, rng, 5.0, noise=1e-3)
+    reversed_sign = identify(Record(RATE_HZ, record.command, -record.position))
+    assert any("negative correlation" in remark for remark in reversed_sign.remarks)
+    chirp = log_chirp(4.0, RATE_HZ, 1.0, 300.0)
+    clean = signal.lfilter(*PAPER.sampled(), chirp)
+    swapped = identify(Record(RATE_HZ, clean, chirp), order=2)
+    assert any("swapped" in remark for remark in swapped.remarks)
+
+
+def short(count: int) -> Record:
+    record = open_loop(PAPER, np.random.default_rng(21), 2.0, noise=1e-3)
+    return Record(RATE_HZ, record.command[:count], record.position[:count])
+
+
+@pytest.mark.parametrize(
+    ("record", "match"),
+    [
+        (Record(RATE_HZ, np.ones(5000), np.random.default_rng(0).standard_normal(5000)), "command is constant"),
+        (Record(RATE_HZ, np.random.default_rng(0).standard_normal(5000), np.zeros(5000)), "position is constant"),
+        (Record(RATE_HZ, np.zeros(10), np.zeros(10)), "100 or more"),
+        (
+            Record(
+                RATE_HZ,
+                np.sin(2.0 * np.pi * 5.0 * np.arange(40000) / RATE_HZ),
+                np.cos(2.0 * np.pi * 5.0 * np.arange(40000) / RATE_HZ),
+            ),
+            "excites order 2",
+        ),
+    ],
+)
+def test_identify__record_that_cannot_tell__is_refused(record: Record, match: str) -> None:
+    with pytest.raises(BadInput, match=match):
+        identify(record)
+
+
+def test_identify__shorter_than_the_slowest_time_constant__is_refused() -> None:
+    with pytest.raises(BadInput, match="time constant"):
+        identify(short(800), order=2)
+
+
+def test_identify__clipped_converter__is_said_or_refused() -> None:
+    record = open_loop(PAPER, np.random.default_rng(22), 5.0, noise=1e-3)
+    top = 0.9 * np.max(np.abs(record.position))
+    found = identify(Record(RATE_HZ, record.command, np.clip(record.position, -top, top)))
+    assert any("position is clipped" in remark for remark in found.remarks)
+    low = np.quantile(np.abs(record.position), 0.5)
+    with pytest.raises(BadInput, match="clipped"):
+        identify(Record(RATE_HZ, record.command, np.clip(record.position, -low, low)))
+
+
+@pytest.mark.parametrize("asked", [{"order": 0}, {"order": 7}, {"method": "guess"}, {"quantity": "warmth"}])
+def test_identify__unknown_option__is_refused(asked) -> None:
+    with pytest.raises(BadInput, match="allowed"):
+        identify(short(2000), **asked)
+
+
+def test_recursive__paper_plant__converges_and_history_ends_at_the_estimate() -> None:
+    record = open_loop(PAPER, np.random.default_rng(23), 20.0, noise=1e-3)
+    found = identify_recursively(record.command, record.position, RATE_HZ)
+    np.testing.assert_allclose(found.den, PAPER.den, rtol=2e-3)
+    assert found.num[0] == pytest.approx(2875.0, rel=2e-3)
+    assert abs(found.num_history[-1, 0] - found.num[0]) < abs(found.num_history[0, 0] - found.num[0]) + 1e-9
+    assert np.all(found.variance_history[-1] < found.variance_history[5])
+    with pytest.raises(BadInput, match="fewer zeros"):
+        identify_recursively(record.command, record.position, RATE_HZ, poles=2, zeros=2)
+    with pytest.raises(BadInput, match="one shape"):
+        identify_recursively(record.command[:10], record.position, RATE_HZ)
+
+
+def test_model_family__covariance__spreads_like_the_band() -> None:
+    record = open_loop(PAPER, np.random.default_rng(24), 5.0, noise=1.0)
+    model = identify(record, order=2).model
+    members = model.family(200, np.random.default_rng(1))
+    assert len(members) == 200
+    levels = [20.0 * np.log10(abs(one.response(5.0) / model.response(np.array([5.0]))[0])) for one in members]
+    assert 1.96 * np.std(levels) == pytest.approx(float(model.band_db(np.array([5.0]))[0]), rel=0.35)
+
+
+def test_dahl_and_states__agree_with_the_test_s_own_loop() -> None:
+    """The record's own friction path, seen by the core, drives the plant back to the record."""
+    record = rubbed(np.random.default_rng(25), hum=False)
+    clean = companion_states(PAPER.den, record.command, RATE_HZ)[:, 0] * 2875.0
+    for _ in range(3):
+        state = dahl_state(clean, 10e-3)
+        clean = companion_states(PAPER.den, record.command - 4e-3 * state, RATE_HZ)[:, 0] * 2875.0
+    assert np.std(record.position - clean) < 3e-4

@@ -1,0 +1,101 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import signal
+
+from tactuator.errors import BadInput
+from tactuator.identification.estimate.loops import dahl_state, recursive_least_squares, run_states
+from tactuator.identification.estimate.states import companion_states, shift
+from tests.identification.plants import PAPER, RATE_HZ
+
+
+def test_companion_states__paper_plant__agree_with_scipy_zero_order_hold() -> None:
+    command = np.random.default_rng(0).standard_normal(20000)
+    states = companion_states(PAPER.den, command, RATE_HZ)
+    np.testing.assert_allclose(2875.0 * states[:, 0], signal.lfilter(*PAPER.sampled(), command), atol=1e-10)
+
+
+def test_companion_states__first_order_hold__agrees_with_scipy_foh() -> None:
+    command = np.cumsum(np.random.default_rng(1).standard_normal(5000))
+    a, b, c, d, _ = signal.cont2discrete(signal.tf2ss(PAPER.num, PAPER.den), 1.0 / RATE_HZ, method="foh")
+    _, expected, _ = signal.dlsim((a, b, c, d, 1.0 / RATE_HZ), command)
+    made = 2875.0 * companion_states(PAPER.den, command - command[0], RATE_HZ, hold="first-order")[:, 0]
+    shifted = command - command[0]
+    _, expected, _ = signal.dlsim((a, b, c, d, 1.0 / RATE_HZ), shifted)
+    np.testing.assert_allclose(made, expected[:, 0], atol=1e-8)
+
+
+@settings(max_examples=15, deadline=None)
+@given(delay=st.floats(0.0, 5.0))
+def test_companion_states__fractional_delay__is_a_finer_grid_shifted(delay: float) -> None:
+    steps = 20
+    whole = round(delay * steps)
+    command = np.random.default_rng(2).standard_normal(300)
+    fine = np.concatenate([np.full(whole, command[0]), np.repeat(command, steps)])[: 300 * steps]
+    expected = companion_states(PAPER.den, fine, RATE_HZ * steps)[::steps]
+    made = companion_states(PAPER.den, command, RATE_HZ, delay_s=whole / steps / RATE_HZ)
+    np.testing.assert_allclose(made, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_shift__later_and_earlier__hold_the_ends() -> None:
+    assert shift(np.array([1.0, 2.0, 3.0]), 2).tolist() == [1.0, 1.0, 1.0]
+    assert shift(np.array([1.0, 2.0, 3.0]), -1).tolist() == [2.0, 3.0, 3.0]
+    assert shift(np.array([1.0, 2.0]), 5).tolist() == [1.0, 1.0]
+
+
+def test_recursive_least_squares__no_forgetting__is_batch_least_squares() -> None:
+    rng = np.random.default_rng(3)
+    rows = rng.standard_normal((3000, 4))
+    output = rows @ [1.0, -2.0, 3.0, 0.5] + 0.1 * rng.standard_normal(3000)
+    found = recursive_least_squares(rows, output, every=100)
+    np.testing.assert_allclose(found.theta, np.linalg.lstsq(rows, output)[0], atol=1e-7)
+    np.testing.assert_allclose(found.inverse_information, np.linalg.inv(rows.T @ rows), rtol=1e-5, atol=1e-9)
+    assert found.theta_history.shape == (30, 4)
+    assert np.all(np.diff(found.variance_history, axis=0) <= 0.0)
+
+
+def test_recursive_least_squares__forgetting__follows_a_change() -> None:
+    rng = np.random.default_rng(4)
+    rows = rng.standard_normal((4000, 1))
+    output = rows[:, 0] * np.where(np.arange(4000) < 2000, 1.0, 2.0)
+    assert recursive_least_squares(rows, output, forgetting=0.99).theta[0] == pytest.approx(2.0, abs=1e-6)
+    assert recursive_least_squares(rows, output).theta[0] == pytest.approx(1.5, abs=0.05)
+
+
+def test_recursive_least_squares__agrees_with_a_plain_numpy_recursion() -> None:
+    rng = np.random.default_rng(5)
+    rows, output = rng.standard_normal((200, 3)), rng.standard_normal(200)
+    theta, m = np.zeros(3), np.eye(3) * 1e3
+    for phi, y in zip(rows, output, strict=True):
+        gain = m @ phi / (0.98 + phi @ m @ phi)
+        theta = theta + gain * (y - phi @ theta)
+        m = (m - np.outer(gain, phi @ m)) / 0.98
+    found = recursive_least_squares(rows, output, forgetting=0.98, start_variance=1e3)
+    np.testing.assert_allclose(found.theta, theta, rtol=1e-9)
+    np.testing.assert_allclose(found.inverse_information, m, rtol=1e-8)
+
+
+def test_core__out_of_range__is_refused() -> None:
+    with pytest.raises(BadInput, match="forgetting"):
+        recursive_least_squares(np.ones((5, 1)), np.ones(5), forgetting=1.5)
+    with pytest.raises(BadInput, match="parameters"):
+        recursive_least_squares(np.ones((5, 17)), np.ones(5))
+    with pytest.raises(BadInput, match="states"):
+        run_states(np.zeros((25, 25)), np.zeros(25), np.zeros(25), np.zeros(3))
+
+
+def test_run_states__decaying__never_lingers_in_subnormal_numbers() -> None:
+    pulse = np.zeros(40000)
+    pulse[0] = 1.0
+    states = companion_states(np.array([1.0, 400.0]), pulse, RATE_HZ)
+    assert np.all((np.abs(states) > 1e-201) | (states == 0.0))
+    assert states[-1, 0] == 0.0
+
+
+def test_dahl_state__long_stroke__saturates_and_turns_within_the_presliding() -> None:
+    position = np.concatenate([np.linspace(0.0, 1.0, 1000), np.linspace(1.0, 0.0, 1000)])
+    state = dahl_state(position, 0.01)
+    assert state[999] == pytest.approx(1.0, abs=1e-3)
+    assert state[1100] == pytest.approx(-1.0, abs=1e-3)
+    assert np.max(np.abs(state)) <= 1.0

@@ -1,0 +1,115 @@
+"""What every board does beyond every rig: the same bits, images, tables, faults."""
+
+import numpy as np
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.rig.board.link import Mode, RigFault
+from tactuator.rig.boards import emulated_rig, in_process_rig, wired_rig
+from tactuator.rig.open import open_rig
+from tactuator.rig.rig import Rig
+from tactuator.rig.simulated import SimulatedRig
+from tactuator.rig.trace import join_traces
+from tests.rig.every_rig import BOARDS, begin, tones
+from tests.rig.guard.guarded import designed
+
+
+@pytest.fixture(scope="module", params=list(BOARDS))
+def rig(request):
+    with BOARDS[request.param](designed().display) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def expected():
+    with in_process_rig(designed().display, 1) as rig:
+        rig.load(designed())
+        return [rig.play(tones()), rig.play(tones(500))]
+
+
+def test_rig__two_blocks__are_bit_for_bit_those_of_this_machine(rig, expected):
+    assert isinstance(rig, Rig)
+    begin(rig)
+    for block, wanted in zip((tones(), tones(500)), expected, strict=True):
+        trace = rig.play(block)
+        assert np.array_equal(trace.position_v, wanted.position_v)
+        assert np.array_equal(trace.command_v, wanted.command_v)
+
+
+def test_rig__stream__is_bit_for_bit_what_the_blocks_are(rig, expected):
+    begin(rig)
+    blocks = np.array_split(np.concatenate([tones(), tones(500)]), 9)
+    found = join_traces(rig.stream(iter(blocks)), rig.rate_hz, rig.channels)
+    wanted = join_traces(expected, rig.rate_hz, rig.channels)
+    for name in ("position_v", "command_v", "saturated"):
+        assert np.array_equal(getattr(found, name), getattr(wanted, name))
+    assert np.array_equal(found.reference, wanted.reference)
+
+
+def test_rig__stream_left_early__goes_on_in_the_next(rig):
+    begin(rig)
+    next(rig.stream(tones(400) for _ in range(20)))
+    assert len(rig.play(tones(300))) == 300
+    assert rig.status().mode is Mode.RUNNING
+
+
+def test_rig__sensor_fails__raises_and_is_cleared_by_the_next_load(rig):
+    begin(rig)
+    rig.play(tones(200))
+    rig.finger("thumb").break_sensor("open")
+    with pytest.raises(RigFault, match="sensor open"):
+        rig.play(tones(800))
+    assert rig.status().mode is Mode.FAULT
+    rig.finger("thumb").break_sensor("sound")
+    rig.load(designed())
+    assert np.max(np.abs(rig.play(tones(400)).position_v)) > 0.05
+
+
+def test_rig__another_display_wired_after_a_motion__is_no_fault(rig):
+    rig.drive(np.tile(0.4 * np.sin(2.0 * np.pi * np.arange(1000) / 4000.0)[:, None], (1, 3)))
+    begin(rig)
+    assert len(rig.play(np.zeros((300, 3)))) == 300
+
+
+def test_rig__image_flipped__is_refused_and_the_loaded_one_stays(rig):
+    begin(rig)
+    before = rig.status().image_crc
+    with pytest.raises(BadInput, match="image"):
+        rig.load_image(b"TACI" + bytes(60))
+    assert rig.status().image_crc == before
+
+
+def test_rig__safety_table__outlives_other_images(rig):
+    before = rig.status().safety_crc
+    rig.load(designed())
+    assert rig.status().safety_crc == before != 0
+
+
+def test_open__names__give_rigs_or_say_what_is_allowed():
+    display = designed().display
+    assert isinstance(open_rig("simulated", display), SimulatedRig)
+    with pytest.raises(BadInput, match="allowed: simulated, in-process, emulated:mps2-an386"):
+        open_rig("toaster", display)
+    with pytest.raises(BadInput, match="cannot be opened"):
+        open_rig("board:no-such-port", display)
+    with pytest.raises(BadInput, match="board 'x' is not known"):
+        open_rig("emulated:x", display)
+
+
+def test_emulator__missing__is_told_with_what_to_install(monkeypatch):
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    with pytest.raises(BadInput, match="make install-boards"):
+        emulated_rig("mps2-an500", designed().display)
+
+
+def test_emulator__ends_on_its_own__is_told():
+    from tactuator.rig.transport.emulator import Emulator
+    from tactuator.rig.transport.transport import LinkDown
+
+    transport = Emulator("mps2-an500")
+    rig = wired_rig(transport, designed().display, 1, "float32")
+    transport._process.kill()
+    transport._process.wait()
+    with pytest.raises(LinkDown, match="has ended"):
+        rig.status()
+    rig.close()

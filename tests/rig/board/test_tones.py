@@ -1,0 +1,97 @@
+"""Tones that a board makes itself, against the same tones streamed to it."""
+
+import numpy as np
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.rig.board.link import Mode, RigFault
+from tactuator.rig.board.tones import TONES_MAX, BoardTone
+from tactuator.rig.boards import emulated_rig, in_process_rig
+from tests.rig.guard.guarded import designed
+
+TRIAL = {
+    "index": (BoardTone(40.0, 100.0, 0.05, 0.2), BoardTone(40.0, 50.0, 0.35, 0.2, 0.02)),
+    "middle": (BoardTone(200.0, 30.0, 0.0, 0.5), BoardTone(7.0, 80.0, 0.0, 0.5, 0.1)),
+}
+RIGS = {
+    "in-process": lambda display: in_process_rig(display, 1),
+    "emulated": lambda display: emulated_rig("mps2-an500", display, 1),
+}
+
+
+@pytest.fixture(scope="module", params=RIGS.values(), ids=RIGS)
+def rig(request):
+    with request.param(designed().display) as made:
+        made.load(designed())
+        yield made
+
+
+def test_play_tones__a_trial__moves_as_the_same_tones_streamed(rig):
+    felt = []
+    rig.finger("index").attach(felt.append)
+    made = rig.play_tones(TRIAL, 0.6)
+    rig.finger("index").detach(felt.append)
+    assert rig.status().mode is Mode.ARMED
+    assert made.reference.shape == (2400, 3)
+    assert not made.reference[:, 1].any()
+    assert np.concatenate(felt).size == 2400
+    rig.load(designed())
+    streamed = rig.play(made.reference)
+    noise = 6e-3  # hum and noise of two runs
+    assert np.max(np.abs(made.position_v - streamed.position_v)) < noise
+    assert np.max(np.abs(made.position_v[:, 0])) > 10.0 * noise
+
+
+def test_play_tones__then_streamed_then_again__each_run_is_whole(rig):
+    first = rig.play_tones(TRIAL, 0.3)
+    rig.play(np.zeros((200, 3)))
+    again = rig.play_tones(TRIAL, 0.3)
+    assert np.array_equal(first.reference, again.reference)
+    assert np.max(np.abs(first.position_v - again.position_v)) < 6e-3
+
+
+def test_play_tones__none__is_silence(rig):
+    assert not rig.play_tones({}, 0.05).reference.any()
+
+
+def test_play_tones__beyond_comfort__is_limited_by_the_board(rig):
+    loud = rig.play_tones({"thumb": (BoardTone(3.0, 1000.0, 0.0, 0.4, 0.1),)}, 0.1)
+    assert np.max(np.abs(loud.reference)) > 600.0  # what was asked; the board plays 562 at most
+
+
+def test_play_tones__guard_ends_the_run__is_a_fault_and_rests(rig):
+    rig.finger("thumb").break_sensor("open")
+    with pytest.raises(RigFault, match=r"sensor open|travel"):
+        rig.play_tones(TRIAL, 0.5)
+    assert rig.status().at_rest
+    rig.finger("thumb").break_sensor("sound")
+    rig.load(designed())
+
+
+@pytest.mark.parametrize(
+    ("tones", "words"),
+    [
+        ({"toe": ()}, "channel 'toe' is not there; allowed: index, thumb, middle"),
+        ({"index": (BoardTone(2000.0, 1.0, 0.0, 0.2),)}, "2000 Hz; allowed on this board: below 2000 Hz"),
+        ({"index": (BoardTone(20.0, 1.0, 0.0, 0.2),) * (TONES_MAX + 1)}, "9 tones on channel 'index'"),
+    ],
+)
+def test_play_tones__what_the_board_does_not_take__is_refused_before_anything_moves(rig, tones, words):
+    with pytest.raises(BadInput, match=words):
+        rig.play_tones(tones, 0.1)
+    assert rig.status().mode is not Mode.RUNNING
+
+
+@pytest.mark.parametrize(
+    ("numbers", "words"),
+    [
+        ((0.0, 1.0, 0.0, 1.0), "above 0 Hz"),
+        ((10.0, np.nan, 0.0, 1.0), "at most 1000"),
+        ((10.0, 1001.0, 0.0, 1.0), "at most 1000"),
+        ((10.0, 1.0, -1.0, 1.0), "from 0 s on"),
+        ((10.0, 1.0, 0.0, 0.05), "at most half of it"),
+    ],
+)
+def test_board_tone__amiss__is_refused(numbers, words):
+    with pytest.raises(BadInput, match=words):
+        BoardTone(*numbers)

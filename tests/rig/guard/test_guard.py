@@ -1,0 +1,209 @@
+"""The guard on a board in closed loop with the simulated display, finger on and off, judged by the truth."""
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from tactuator.rig.boards import in_process_rig
+from tactuator.runtime._core import ffi, lib
+from tactuator.runtime.safety_table import Fault
+from tests.rig.guard.guarded import SENSORS, Guarded, designed, spoilt
+
+TRAVEL_MM = 12.5
+QUARTER_S = 1000
+SOFT = 410
+
+
+def three(samples):
+    return np.stack([samples] * 3, axis=1)
+
+
+def square(amplitude, hertz, count):
+    return amplitude * np.sign(np.sin(2.0 * np.pi * hertz * (np.arange(count) + 0.5) / 4000.0))
+
+
+@given(
+    drives=st.booleans(),
+    gain=st.sampled_from([1.0, 10.0, -1.0, -5.0, 100.0]),
+    sensor=st.sampled_from(SENSORS),
+    touched=st.booleans(),
+    when=st.integers(5, 700),
+    amplitude=st.floats(0.3, 10.0),
+    hertz=st.floats(1.0, 80.0),
+)
+@example(drives=False, gain=1.0, sensor="open", touched=False, when=60, amplitude=2.0, hertz=5.0)  # in the soft start
+@settings(max_examples=24, deadline=None)
+def test_travel__any_image_and_any_sensor_fault__is_never_reached(
+    drives, gain, sensor, touched, when, amplitude, hertz
+):
+    guarded = Guarded(designed() if drives else spoilt(designed(), gain), drives=drives)
+    guarded.touch(touched)
+    rows = three(square(amplitude if drives else 60.0 * amplitude, hertz, 2000))
+    before = guarded.run(rows[:when])
+    guarded.break_sensor(sensor)
+    after = guarded.run(rows[when:])
+    assert max(np.max(np.abs(before.displacement_mm)), np.max(np.abs(after.displacement_mm))) < TRAVEL_MM
+    commands = np.concatenate([before.command_v, after.command_v])
+    faulted = before.fault_at if before.fault_at is not None else after.fault_at and when + after.fault_at
+    if faulted is not None:
+        assert np.max(np.abs(commands[faulted + QUARTER_S :]), initial=0.0) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("sensor", "allowed"),
+    [
+        ("open", {Fault.SENSOR_OPEN}),
+        ("shorted", {Fault.SENSOR_SHORTED}),
+        ("frozen", {Fault.SENSOR_FROZEN}),
+        ("reversed", {Fault.SENSOR_REVERSED, Fault.SENSOR_DISAGREES}),
+    ],
+)
+def test_sensor__fails_at_rest__is_named_and_the_command_is_at_zero_within_250_ms(sensor, allowed):
+    guarded = Guarded(designed())
+    assert guarded.run(np.zeros((SOFT + 200, 3))).fault is Fault.NONE
+    guarded.break_sensor(sensor)
+    run = guarded.run(np.zeros((1400, 3)))
+    assert run.fault in allowed
+    assert np.max(np.abs(run.command_v[QUARTER_S:])) < 1e-3
+    assert np.max(np.abs(run.displacement_mm)) < 0.5 * TRAVEL_MM
+
+
+def test_stopping_distance__full_command__is_cut_within_a_millisecond():
+    guarded = Guarded(designed(), drives=True)
+    guarded.run(np.zeros((SOFT, 3)))
+    run = guarded.run(np.full((600, 3), 10.0))
+    assert run.fault in (Fault.COMFORT, Fault.TRAVEL)  # whichever is passed first names it
+    gone = int(np.argmax(run.command_v[run.fault_at :, 0] == 0.0)) + run.fault_at
+    assert run.command_v[gone - 1, 0] > 3.0  # from full force to nothing in one tick, whatever ramp had begun
+    assert np.all(run.command_v[gone:, 0] == 0.0)
+    assert np.max(np.abs(run.displacement_mm)) < TRAVEL_MM
+
+
+@given(
+    amplitude=st.floats(100.0, 5000.0),
+    hertz=st.floats(0.5, 1900.0),
+    touched=st.booleans(),
+    cut=st.integers(0, 1200),
+    lateness=st.sampled_from([0, 0, 100]),
+)
+@settings(max_examples=14, deadline=None)
+def test_comfort__checked_image_and_any_reference_or_link_fault__is_not_passed_by_1_db(
+    amplitude, hertz, touched, cut, lateness
+):
+    guarded = Guarded(designed())
+    guarded.touch(touched)
+    rows = three(square(amplitude, hertz, 2400))
+    runs = [guarded.run(rows[: SOFT + cut]), guarded.run(np.zeros((1, 3)), lateness=lateness)]
+    runs.append(guarded.run(rows[SOFT + cut :], heard=False))
+    displacement = np.concatenate([run.displacement_mm for run in runs])
+    assert np.max(np.abs(displacement)) < TRAVEL_MM
+    for channel in range(3):
+        assert felt_peak_db_sl(guarded, displacement[:, channel], channel) < 56.0
+
+
+def felt_peak_db_sl(guarded, displacement_mm, channel):
+    """Peak of the truth through the designed H's inverse, in the band where H is designed and below."""
+    from scipy import signal
+
+    from tactuator.synthesis.prefilter.felt_weighting import weighting_sections
+
+    described = guarded.display.channels[channel]
+    position_v = described.sensor_gain_v_per_mm * displacement_mm
+    smooth = signal.butter(2, 300.0, fs=4000.0, output="sos")  # H is designed up to 300 Hz
+    felt = signal.sosfilt(smooth, signal.sosfilt(weighting_sections(described, 4000.0), position_v))
+    return 20.0 * np.log10(max(1e-9, float(np.max(np.abs(felt)))))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e10])
+def test_reference__no_number_or_200_db__is_limited_on_the_board(value):
+    guarded = Guarded(designed())
+    rows = np.zeros((SOFT + 800, 3))
+    rows[SOFT:, 0] = value
+    run = guarded.run(rows)
+    assert np.all(np.isfinite(run.command_v))
+    assert np.max(np.abs(run.displacement_mm)) < TRAVEL_MM
+
+
+def test_command__not_a_number_when_driven__is_a_named_fault():
+    guarded = Guarded(designed(), drives=True)
+    guarded.run(np.zeros((SOFT, 3)))
+    assert guarded.run(np.full((10, 3), np.nan)).fault is Fault.NOT_A_NUMBER
+
+
+@pytest.mark.parametrize(("lateness", "heard", "fault"), [(100, True, Fault.LATE), (0, False, Fault.SILENCE)])
+def test_time__late_or_silent__fades_out_and_is_named(lateness, heard, fault):
+    guarded = Guarded(designed())
+    tone = three(50.0 * np.sin(np.arange(SOFT + 4000) * 0.05))
+    guarded.run(tone[:SOFT])
+    run = guarded.run(tone[SOFT : SOFT + 2400], lateness=lateness, heard=heard)
+    assert run.fault is fault
+    assert np.max(np.abs(run.command_v[run.fault_at + QUARTER_S :])) < 1e-3
+    assert np.max(np.abs(np.diff(run.displacement_mm, axis=0))) < 0.2
+
+
+@pytest.fixture(scope="module")
+def safety():
+    """The index finger's limits, but for comfort."""
+    channel = ffi.new("tact_safety_channel *", Guarded(designed()).board.safety.channel[0])
+    channel.comfort_max, channel.frozen_ticks = 1e5, lib.TACT_SAFETY_NEVER
+    return channel
+
+
+def guard_of(channel, turns):
+    """A guard at rest that is compared every so many ticks, and its table."""
+    table, state = ffi.new("tact_guard_table *"), ffi.new("tact_guard_state *")
+    lib.tact_guard_make(table, channel, turns)
+    lib.tact_guard_reset(state, 0)
+    return table, state
+
+
+@given(seed=st.integers(0, 2**32 - 1), turns=st.sampled_from([1, 3]), share=st.floats(-1.5, 1.5))
+@settings(max_examples=60, deadline=None)
+def test_reversal__any_motion__is_told_by_means_over_forty_turns(safety, seed, turns, share):
+    """Against the two means as docs/safety.md defines them, in double precision; too close to call is not asked."""
+    table, state = guard_of(safety, turns)
+    rng = np.random.default_rng(seed)
+    step_v, agreement, power, code = safety.converter.step_v_single, 0.0, 0.0, 1000
+    state.compared_code = code
+    for turn in range(200):
+        w = float(np.float32(rng.normal() * 10.0 ** rng.uniform(-5.0, -2.0)))
+        codes = round(share * turns * w / step_v)
+        code += codes
+        state.model.second, state.last_code = w, code
+        faults = lib.tact_guard_compare(table, state, turn)
+        agreement += 0.025 * (turns * w * step_v * codes - agreement)
+        power += 0.025 * ((turns * w) ** 2 - power)
+        near = min(abs(power / safety.reversal_power - 1.0), abs(agreement / (-0.5 * power) - 1.0))
+        if near > 1e-3:
+            is_reversed = power > safety.reversal_power and agreement < -0.5 * power
+            assert bool(faults & (1 << Fault.SENSOR_REVERSED)) == is_reversed
+
+
+@pytest.mark.parametrize(("ticks", "faults"), [("NEVER", 0), (50, 1 << Fault.SENSOR_FROZEN)])
+def test_frozen__a_reading_that_stays__is_a_fault_unless_it_may_for_ever(safety, ticks, faults):
+    channel = ffi.new("tact_safety_channel *", safety[0])
+    channel.frozen_ticks = lib.TACT_SAFETY_NEVER if ticks == "NEVER" else ticks
+    table, state = guard_of(channel, 3)
+    state.last_code = state.compared_code = 1000
+    assert lib.tact_guard_compare(table, state, 49) == 0
+    assert lib.tact_guard_compare(table, state, lib.TACT_SAFETY_NEVER + 1) == faults
+
+
+@pytest.mark.parametrize("touched", [False, True])
+@pytest.mark.parametrize("press_v", [0.1, 0.3, 0.7, 1.5])
+def test_use__finger_presses_and_lets_go__trips_nothing(press_v, touched):
+    with in_process_rig(designed().display, 1) as rig:
+        rig.load(designed())
+        rig.finger("index").touch("finger" if touched else None)
+        rig.finger("index").press(np.concatenate([np.zeros(400), np.full(1200, press_v), np.zeros(400)]))
+        assert np.max(np.abs(rig.play(np.zeros((2400, 3))).position_v)) > 0.01
+
+
+def test_use__50_db_sl_with_and_without_finger__trips_nothing():
+    for touched in (False, True):
+        guarded = Guarded(designed())
+        guarded.touch(touched)
+        time_s = np.arange(SOFT + 2000) / 4000.0
+        rows = np.stack([316.0 * np.sin(2.0 * np.pi * f * time_s) for f in (3.0, 20.0, 200.0)], axis=1)
+        assert guarded.run(rows).fault is Fault.NONE

@@ -1,0 +1,129 @@
+"""Playing: progress, pause, a stop that ramps, and rest whatever happens."""
+
+import numpy as np
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.files.reference import ReferenceHead, open_reference, write_reference
+from tactuator.rig.player import play_reference
+from tactuator.rig.simulated import SimulatedRig
+from tactuator.rig.trace import Trace
+
+CHANNELS = ("a", "b")
+
+
+class Recorder:
+    """A rig that keeps what it was given."""
+
+    rate_hz = 4000.0
+    channels = CHANNELS
+
+    def __init__(self, fails_after=None):
+        self.blocks, self.rests, self.fails_after = [], 0, fails_after
+
+    def load(self, controller):
+        pass
+
+    def play(self, reference):
+        if self.fails_after is not None and len(self.blocks) == self.fails_after:
+            raise OSError("the cable is out")
+        self.blocks.append(np.array(reference))
+        flat = np.zeros(reference.shape)
+        return Trace(self.rate_hz, self.channels, flat, flat, flat, flat > 1)
+
+    def stream(self, blocks):
+        return (self.play(block) for block in blocks)
+
+    def drive(self, command_v):
+        raise NotImplementedError
+
+    def rest(self):
+        self.rests += 1
+
+    @property
+    def played(self):
+        return np.concatenate(self.blocks)
+
+
+@pytest.fixture
+def reference(tmp_path):
+    def write(samples, channels=CHANNELS, rate_hz=4000.0):
+        with write_reference(tmp_path / "r.wav", ReferenceHead(rate_hz, channels)) as writer:
+            writer.write(samples)
+        return open_reference(tmp_path / "r.wav")
+
+    return write
+
+
+def test_play__to_the_end__every_sample_then_rest(reference):
+    samples = np.random.default_rng(0).standard_normal((9001, 2)).astype(np.float32)
+    rig, seen = Recorder(), []
+    played = play_reference(rig, reference(samples), progress=seen.append)
+    np.testing.assert_allclose(rig.played, samples, rtol=1e-5)
+    assert rig.rests == 1
+    assert (played.stopped, played.paused_s) == (False, 0.0)
+    assert played.played_s == pytest.approx(9001 / 4000)
+    assert seen == sorted(seen)
+    assert seen[-1] == pytest.approx(9001 / 4000)
+
+
+def test_play__channels_in_another_order__each_to_its_own(reference):
+    rig = Recorder()
+    play_reference(rig, reference(np.tile([[1.0, 2.0]], (400, 1)), channels=("b", "a")))
+    np.testing.assert_allclose(rig.played, np.tile([[2.0, 1.0]], (400, 1)), rtol=1e-6)
+
+
+def test_play__stop__ramps_down_and_rests(reference):
+    rig, asked = Recorder(), iter(["run"] * 10)
+    played = play_reference(rig, reference(np.full((40000, 2), 100.0)), lambda: next(asked, "stop"))
+    assert played.stopped
+    assert rig.rests == 1
+    assert np.abs(np.diff(rig.played[:, 0])).max() < 100.0 * np.pi / 2 / 400 * 1.01
+    assert rig.played[-1, 0] == pytest.approx(0.0, abs=1e-6)
+    assert played.played_s == pytest.approx(0.6)
+
+
+def test_play__pause__ramps_holds_and_goes_on_where_it_was(reference):
+    rig = Recorder()
+    wishes = iter(["run"] * 4 + ["pause"] * 10)
+    played = play_reference(rig, reference(np.full((20000, 2), 50.0)), lambda: next(wishes, "run"))
+    assert played.paused_s == pytest.approx(8 * 0.05)
+    assert played.played_s == pytest.approx(5.0)
+    assert not played.stopped
+    assert np.abs(np.diff(rig.played[:, 0])).max() < 50.0 * np.pi / 2 / 400 * 1.01
+    np.testing.assert_array_equal(rig.blocks[8], 0.0)
+    assert rig.played[-1, 0] == pytest.approx(50.0)
+
+
+@pytest.mark.parametrize("fails_after", [0, 3])
+def test_play__fault__rests_and_tells(reference, fails_after):
+    rig = Recorder(fails_after)
+    with pytest.raises(OSError, match="cable"):
+        play_reference(rig, reference(np.ones((4000, 2))))
+    assert rig.rests == 1
+
+
+@pytest.mark.parametrize(
+    ("samples", "options", "words"),
+    [
+        (np.ones((400, 2)), {"rate_hz": 8000.0}, "8000 Hz; allowed on this rig: 4000"),
+        (np.ones((400, 2)), {"channels": ("a", "c")}, "channels a, c"),
+        (np.full((400, 2), 600.0), {}, "peak at 55.6 dB SL"),
+    ],
+)
+def test_play__reference_not_for_this_rig__refused_before_anything_moves(reference, samples, options, words):
+    rig = Recorder()
+    with pytest.raises(BadInput, match=words):
+        play_reference(rig, reference(samples, **options))
+    assert rig.blocks == []
+
+
+def test_play__simulated_display__is_what_was_rendered(controller, tmp_path):
+    names = tuple(channel.name for channel in controller.display.channels)
+    samples = 50.0 * np.sin(2 * np.pi * 100 * np.arange(4000) / 4000)[:, None] * np.ones((1, 3))
+    with write_reference(tmp_path / "r.h5", ReferenceHead(4000.0, names)) as writer:
+        writer.write(samples)
+    rig = SimulatedRig(controller.display, 0)
+    rig.load(controller)
+    played = play_reference(rig, open_reference(tmp_path / "r.h5"))
+    assert (played.played_s, played.saturated_s) == (1.0, 0.0)

@@ -1,0 +1,96 @@
+"""Zero-order hold and bilinear transforms against closed forms, scipy and 50 digits."""
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import signal
+
+from tactuator.errors import BadInput
+from tactuator.signals.discretise import bilinear, zero_order_hold
+from tactuator.signals.systems import ContinuousSystem
+
+MOTOR = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])
+
+
+def held_reference(frequency_hz: float, rate_hz: float) -> complex:
+    """The paper's motor under a zero-order hold by partial fractions, 50 digits."""
+    with mpmath.workdps(50):
+        root = mpmath.sqrt(47**2 - 290)
+        fast, slow = -47 - root, -47 + root
+        z, step = mpmath.expjpi(2 * mpmath.mpf(frequency_hz) / rate_hz), 1 / mpmath.mpf(rate_hz)
+        value = mpmath.mpc(0)
+        for pole, other in ((fast, slow), (slow, fast)):
+            held = mpmath.exp(pole * step)
+            value += 2875 / (pole - other) * (held - 1) / pole / (z - held)
+        return complex(value)
+
+
+@pytest.mark.parametrize("rate_hz", [4000.0, 8000.0, 16000.0, 32000.0, 64000.0])
+def test_zero_order_hold__paper_motor__agrees_with_fifty_digits(rate_hz: float) -> None:
+    sampled = zero_order_hold(MOTOR, rate_hz)
+    for frequency in (0.1, 0.4, 10.0, 300.0, 1900.0):
+        assert sampled.response(frequency) == pytest.approx(held_reference(frequency, rate_hz), rel=1e-9)
+
+
+@settings(max_examples=50)
+@given(
+    st.lists(st.floats(-900.0, -1.0), min_size=2, max_size=5),
+    st.lists(st.floats(-500.0, -20.0), min_size=0, max_size=2),
+)
+def test_zero_order_hold__random_plants__step_responses_meet_at_the_samples(
+    poles: list[float], zeros: list[float]
+) -> None:
+    if len(zeros) >= len(poles):
+        zeros = zeros[: len(poles) - 1]
+    plant = ContinuousSystem(np.array(zeros), np.array(poles), 1000.0)
+    sampled = zero_order_hold(plant, 2000.0)
+    times = np.arange(200) / 2000.0
+    _, exact = signal.step(signal.ZerosPolesGain(plant.zeros, plant.poles, plant.gain).to_ss(), T=times)
+    here = signal.sosfilt(sampled.sections(), np.ones(times.size))
+    np.testing.assert_allclose(here, exact, rtol=1e-5, atol=1e-7 * np.abs(exact).max())
+
+
+def test_zero_order_hold__fractional_dead_time__shifts_the_step_response() -> None:
+    late = ContinuousSystem(MOTOR.zeros, MOTOR.poles, MOTOR.gain, 2.3 / 4000.0)
+    sampled = zero_order_hold(late, 4000.0)
+    assert sampled.delay_samples == 2
+    times = np.arange(400) / 4000.0
+    here = signal.sosfilt(sampled.sections(), np.ones(400))
+    slow, fast = sorted(MOTOR.poles.real)
+    after = np.maximum(times - 0.3 / 4000.0, 0.0)
+    gain = 2875.0 / (slow * fast)
+    exact = gain * (1.0 + (fast * np.exp(slow * after) - slow * np.exp(fast * after)) / (slow - fast))
+    np.testing.assert_allclose(here, exact, atol=1e-9)
+
+
+def test_bilinear__paper_controller__is_scipys() -> None:
+    controller = ContinuousSystem.from_polynomials(12.264 * np.array([1.0, 111.0, 530.0]), [1.0, 260.0, 0.0])
+    num, den = signal.bilinear(12.264 * np.array([1.0, 111.0, 530.0]), [1.0, 260.0, 0.0], 4000.0)
+    hz = np.array([0.4, 20.0, 300.0, 1500.0])
+    _, expected = signal.freqz(num, den, worN=hz, fs=4000.0)
+    np.testing.assert_allclose(bilinear(controller, 4000.0).response(hz), expected, rtol=1e-9)
+
+
+def test_bilinear__strictly_proper__has_zeros_at_nyquist() -> None:
+    assert bilinear(MOTOR, 4000.0).zeros.tolist() == [-1.0, -1.0]
+
+
+def test_discretise__improper__is_refused() -> None:
+    improper = ContinuousSystem(np.array([-1.0, -2.0]), np.array([-3.0]), 1.0)
+    for transform in (zero_order_hold, bilinear):
+        with pytest.raises(BadInput, match="2 zeros and 1 poles; allowed: no more zeros than poles"):
+            transform(improper, 4000.0)
+
+
+def test_bilinear__dead_time_between_samples_or_pole_at_twice_the_rate__is_refused() -> None:
+    with pytest.raises(BadInput, match=r"dead time is 0\.5 samples"):
+        bilinear(ContinuousSystem(MOTOR.zeros, MOTOR.poles, 1.0, 0.5 / 4000.0), 4000.0)
+    with pytest.raises(BadInput, match="twice the rate"):
+        bilinear(ContinuousSystem(np.empty(0), np.array([8000.0]), 1.0), 4000.0)
+
+
+def test_zero_order_hold__gain_alone__stays_a_gain() -> None:
+    static = zero_order_hold(ContinuousSystem(np.empty(0), np.empty(0), 3.0, 1.5 / 4000.0), 4000.0)
+    assert (static.gain, static.delay_samples) == (3.0, 2)

@@ -1,0 +1,95 @@
+"""Displays that the design's tests share: the examples of the documentation, built in place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+from tactuator.display.controller import Controller
+from tactuator.display.description import Channel, Display, Threshold
+from tactuator.display.load import Load
+from tactuator.display.requirements import FeedbackRequirements, PrefilterRequirements
+from tactuator.perception.library import curve
+from tactuator.signals.systems import ContinuousSystem
+from tactuator.synthesis import paper
+from tactuator.synthesis.design import design_controller
+
+PAPER_LIMITS = FeedbackRequirements(
+    phase_margin_deg=50.0,
+    sensitivity_peak=1.405,
+    mains_hz=(60.0, 120.0, 180.0),
+    mains_max_db=(-11.94, -24.09, -31.19),
+    rejection_hz=(10.0,),
+    rejection_max_db=(-6.85,),
+    command_noise_gain_max=30.0,
+)
+"""What the paper's C keeps, sampled at 4 kHz with a sample of delay (facts, section 1)."""
+
+FINGER_LIMITS = FeedbackRequirements(
+    phase_margin_deg=50.0,
+    sensitivity_peak=1.45,
+    mains_hz=(60.0, 120.0, 180.0),
+    mains_max_db=(-11.0, -23.0, -30.0),
+    rejection_hz=(1.0, 5.0, 10.0),
+    rejection_max_db=(-23.5, -10.0, -4.4),
+    command_noise_gain_max=30.0,
+)
+
+_SIBLINGS: dict[str, tuple[float, list[float], list[float], tuple[float, float, float]]] = {
+    "index": (0.19898, [2875.0], [1.0, 94.0, 290.0], (0.12, 31.0, 360.0)),
+    "thumb": (0.2012, [2650.0], [1.0, 101.0, 310.0], (0.15, 38.0, 420.0)),
+    "middle": (0.1967, [3020.0], [1.0, 88.0, 275.0], (0.11, 28.0, 340.0)),
+}
+
+
+def channel(name: str = "index", **changes: Any) -> Channel:
+    """One of the three fingers' channels, with its finger load."""
+    gain, num, den, load = _SIBLINGS[name]
+    made = Channel(
+        name,
+        name,
+        gain,
+        12.5,
+        ContinuousSystem.from_polynomials(num, den),
+        Threshold(curve("bolanowski-1988")),
+        loads=(Load("finger", *load),),
+        feedback=FINGER_LIMITS,
+    )
+    return replace(made, **changes)
+
+
+def three_fingers(**changes: Any) -> Display:
+    """The display of the paper with its siblings, loaded and unloaded."""
+    made = Display("three fingers", 4000.0, 1, tuple(channel(name) for name in _SIBLINGS))
+    return replace(made, **changes)
+
+
+def paper_alone(**changes: Any) -> Display:
+    """The paper's plant alone, with the limits that the paper's C keeps."""
+    return Display("paper", 4000.0, 1, (channel(loads=(), feedback=PAPER_LIMITS, **changes),))
+
+
+def of(plant: ContinuousSystem, poles: int = 8, rate_hz: float = 4000.0, **changes: Any) -> Display:
+    """A display of one channel with that plant, unloaded."""
+    made = channel(plant=plant, loads=(), prefilter=PrefilterRequirements(poles), **changes)
+    return Display("other", rate_hz, 1, (made,))
+
+
+def with_structure(display: Display, structure: str) -> Display:
+    """The display with another structure on every channel."""
+    channels = (replace(one, feedback=replace(one.feedback, structure=structure)) for one in display.channels)
+    return replace(display, channels=tuple(channels))
+
+
+@cache
+def three_finger_controller(poles: int = 8) -> Controller:
+    """The three fingers' controller, designed once."""
+    return design_controller(three_fingers(), poles)
+
+
+@cache
+def paper_controller(poles: int = 4) -> Controller:
+    """The paper's C on the paper's plant, with a prefilter of our own."""
+    assert paper.PREFILTER_POLES == 4
+    return design_controller(with_structure(paper_alone(), "paper"), poles)

@@ -1,0 +1,199 @@
+"""Synthesised loops: every limit kept on every plant, better than the paper's C, and a plain word where nothing is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactuator.display.controller import ChannelController
+from tactuator.display.description import Channel, Display
+from tactuator.errors import BadInput
+from tactuator.loop.feedback import FeedbackLoop
+from tactuator.signals.discretise import bilinear
+from tactuator.signals.sections import backward_difference
+from tactuator.signals.systems import ContinuousSystem
+from tactuator.synthesis import paper
+from tactuator.synthesis.design import design_controller
+from tactuator.synthesis.family import plant_family
+from tactuator.synthesis.loop.assessment import assess, shortfalls
+from tactuator.synthesis.loop.problem import LoopProblem
+from tactuator.synthesis.loop.structure import COUNT, LoopStructure
+from tactuator.synthesis.noise_gain import command_noise_gain
+from tests.synthesis.displays import channel, of, paper_alone, three_finger_controller, three_fingers
+
+RATE_HZ = 4000.0
+
+
+def kept(own: ChannelController, one: Channel, rate_hz: float = RATE_HZ) -> bool:
+    feedback = own.feedback(rate_hz)
+    assert feedback is not None
+    assessments = assess(feedback, plant_family(one, rate_hz, 1), one.feedback)
+    return shortfalls(assessments, one.feedback) == ()
+
+
+def test_assess__paper_c__keeps_its_own_limits_with_the_mean_of_the_facts() -> None:
+    """facts, section 1: mean |S| of -22.51 dB over 0.4-10 Hz, noise gain 12, every limit of paper.toml kept."""
+    one = paper_alone().channels[0]
+    (found,) = assess(bilinear(paper.FEEDBACK, RATE_HZ), plant_family(one, RATE_HZ, 1), one.feedback)
+    assert found.mean_rejection_db == pytest.approx(-22.51, abs=0.005)
+    assert found.noise_gain == pytest.approx(12.0, abs=0.3)
+    assert shortfalls((found,), one.feedback) == ()
+
+
+def test_synthesise__paper_limits__18_db_better_than_the_papers_c() -> None:
+    display = paper_alone()
+    own = design_controller(display, 4).channels[0]
+    assert kept(own, display.channels[0])
+    assert own.report["rejection_db"]["mean"] <= -22.51 - 1.8
+    assert own.feedback_sos is not None
+    assert len(own.feedback_sos) <= 3
+
+
+@pytest.mark.parametrize("index", [0, 1, 2])
+def test_synthesise__three_fingers__every_limit_on_every_load(index: int) -> None:
+    display = three_fingers()
+    own = three_finger_controller().channels[index]
+    assert kept(own, display.channels[index])
+    assert own.designed_for == ("none", "finger")
+    assert own.report["margins"]["complementary_peak"] <= 1.15 + 1e-6
+    assert own.report["prefilter"]["max_error_db"] <= 0.25
+
+
+@pytest.mark.parametrize("poles", [4, 6])
+def test_synthesise__fewer_poles__prefilter_within_its_target(poles: int) -> None:
+    most = {4: 0.70, 6: 0.40}[poles]
+    for display in (replace(three_fingers(), channels=(channel("middle"),)), paper_alone()):
+        assert design_controller(display, poles).channels[0].report["prefilter"]["max_error_db"] <= most
+
+
+def test_synthesise__twice__the_same_controller() -> None:
+    one, other = (design_controller(paper_alone(), 4).channels[0] for _ in range(2))
+    assert np.array_equal(one.prefilter_sos, other.prefilter_sos)
+    assert np.array_equal(np.asarray(one.feedback_sos), np.asarray(other.feedback_sos))
+
+
+def test_synthesise__identified_family__held_too() -> None:
+    """The models that identification cannot tell apart count like loads."""
+    family = tuple(
+        ContinuousSystem.from_polynomials([2875.0 * gain], [1.0, 94.0 * damping, 290.0])
+        for gain, damping in ((0.95, 1.05), (1.05, 0.95))
+    )
+    one = channel(family=family)
+    display = Display("uncertain", RATE_HZ, 1, (one,))
+    own = design_controller(display, 4).channels[0]
+    assert len(own.designed_for) == 6
+    assert kept(own, one)
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [
+        ContinuousSystem.from_polynomials([200.0], [1.0, 20.0]),
+        ContinuousSystem.from_polynomials([2875.0 * 2000.0], np.polymul([1.0, 94.0, 290.0], [1.0, 2000.0])),
+        ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0], 5e-4),
+        ContinuousSystem.from_polynomials([10.0 * 942.0**2], [1.0, 2 * 0.1 * 942.0, 942.0**2]),
+    ],
+    ids=["first order", "third order", "dead time", "resonant at 150 Hz"],
+)
+def test_synthesise__other_plants__limits_kept_and_prefilter_within_05_db(plant: ContinuousSystem) -> None:
+    display = of(plant)
+    own = design_controller(display).channels[0]
+    assert kept(own, display.channels[0])
+    assert own.report["prefilter"]["max_error_db"] <= 0.5
+
+
+@pytest.mark.parametrize("rate_hz", [2e3, 64e3])
+def test_synthesise__other_rates__limits_kept(rate_hz: float) -> None:
+    display = replace(three_fingers(), rate_hz=rate_hz, channels=(channel(),))
+    assert kept(design_controller(display, 8).channels[0], display.channels[0], rate_hz)
+
+
+def test_synthesise__weaker__still_stable() -> None:
+    """A saturated command is a loop of lower gain: no loop of ours is conditionally stable."""
+    one = three_fingers().channels[0]
+    feedback = three_finger_controller().channels[0].feedback(RATE_HZ)
+    assert feedback is not None
+    for found in assess(feedback, plant_family(one, RATE_HZ, 1), one.feedback):
+        assert found.margins.gain_reduction_db == -np.inf
+
+
+def refusal(**limits: object) -> str:
+    one = channel(feedback=replace(three_fingers().channels[0].feedback, **limits))
+    with pytest.raises(BadInput) as caught:
+        design_controller(Display("asked too much", RATE_HZ, 1, (one,)), 4)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_synthesise__too_much_hum_rejection__says_what_binds_and_what_is_possible() -> None:
+    text = refusal(mains_max_db=(-20.0, -23.0, -30.0))
+    assert "nothing satisfies the requirements" in text
+    assert "|T| dB at 60 Hz -20" in text
+    possible = text.split("allowed, all others kept: ")[1]
+    hum = float(next(way for way in possible.split(" or ") if way.startswith("|T| dB at 60 Hz")).split()[-1])
+    assert -20.0 < hum < -17.0
+
+
+def test_synthesise__what_the_refusal_says_is_possible__is_possible() -> None:
+    text = refusal(mains_max_db=(-20.0, -23.0, -30.0))
+    way = next(way for way in text.split("kept: ")[1].split(" or ") if way.startswith("|T| dB at 60 Hz"))
+    limits = replace(three_fingers().channels[0].feedback, mains_max_db=(float(way.split()[-1]) + 0.05, -23.0, -30.0))
+    one = channel(feedback=limits)
+    own = design_controller(Display("possible", RATE_HZ, 1, (one,)), 4).channels[0]
+    assert kept(own, one)
+
+
+def test_synthesise__rejection_beyond_everything__names_the_rejection_that_is_possible() -> None:
+    assert "allowed, all others kept: |S| dB at 1 Hz" in refusal(rejection_max_db=(-40.0, -20.0, -15.0))
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        ({"sensitivity_peak": 0.9}, "sensitivity_peak is 0.9; allowed: above 1"),
+        ({"phase_margin_deg": 95.0}, "phase_margin_deg is 95; allowed: below 90"),
+        ({"mains_hz": (10.0,), "mains_max_db": (-11.0,)}, "S \\+ T = 1"),
+        ({"mains_hz": (1900.0,), "mains_max_db": (-11.0,)}, "mains_hz has 1900 Hz; allowed: below 1800"),
+    ],
+)
+def test_synthesise__contradictory_requirements__each_its_own_sentence(limits: dict[str, object], words: str) -> None:
+    one = channel(feedback=replace(three_fingers().channels[0].feedback, **limits))
+    with pytest.raises(BadInput, match=words):
+        design_controller(Display("contradiction", RATE_HZ, 1, (one,)), 4)
+
+
+def test_loop_structure__log_response__is_that_of_the_system() -> None:
+    structure = LoopStructure(RATE_HZ)
+    rng = np.random.default_rng(3)
+    frequency = np.geomspace(0.1, 1900.0, 60)
+    difference = backward_difference(frequency, RATE_HZ) * np.exp(2j * np.pi * frequency / RATE_HZ)
+    for _ in range(20):
+        parameters = rng.uniform(-4.0, 0.0, COUNT)
+        parameters[[2, 5, 7, 9, 11]] = rng.uniform(-0.7, 1.2, 5)
+        log_c, _ = structure.log_response(parameters, difference)
+        assert np.allclose(np.exp(log_c), structure.system(parameters).response(frequency), rtol=1e-8)
+
+
+def test_loop_problem__slopes__are_those_of_finite_differences() -> None:
+    one = channel()
+    problem = LoopProblem(plant_family(one, RATE_HZ, 1), one.feedback, RATE_HZ, 1.15)
+    values = [1.0, 17.0 / RATE_HZ, 2.7, 0.06, 0.05, 1.0, 0.1, 1.0, 0.09, 0.8, 0.09, 1.0]
+    parameters = np.log(values)
+    parameters[0] -= np.log(abs(problem.structure.system(parameters).response(20.0) * one.plant.response(20.0)))
+    here = problem.at(parameters)
+    for index in range(COUNT):
+        step = np.zeros(COUNT)
+        step[index] = 1e-6
+        up, down = problem.at(parameters + step), problem.at(parameters - step)
+        assert (up.mean_db - down.mean_db) / 2e-6 == pytest.approx(here.mean_slope[:, index], rel=1e-4, abs=1e-5)
+        assert (up.excess - down.excess) / 2e-6 == pytest.approx(here.excess_slope[:, index], rel=1e-4, abs=1e-4)
+
+
+def test_command_noise_gain__simulated_white_noise__agrees() -> None:
+    """Against the impulse response of C S: the root of the sum of its squares."""
+    one = channel()
+    loop = FeedbackLoop(bilinear(paper.FEEDBACK, RATE_HZ), plant_family(one, RATE_HZ, 1)[0].sampled)
+    frequency = np.arange(0, 2**15 + 1) * RATE_HZ / 2**16
+    frequency[0] = 1e-6
+    impulse = np.fft.irfft(loop.command_sensitivity(frequency))
+    assert command_noise_gain(loop) == pytest.approx(np.sqrt(np.sum(impulse**2)), rel=1e-4)

@@ -1,0 +1,259 @@
+"""Word length: verdicts on known cases, and errors against the rounded words themselves with fifty digits."""
+
+import struct
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tactuator.display.controller import Controller, Limits
+from tactuator.errors import BadInput
+from tactuator.runtime.image import build_image
+from tactuator.runtime.q31 import VOLTS_FULL_SCALE
+from tactuator.signals.discretise import zero_order_hold
+from tactuator.wordlength.assessment import (
+    ERROR_MAX_DB,
+    FELT_MAX_DB_SL,
+    FormatReport,
+    assess,
+    holds,
+    recommended,
+    require_safe,
+    response_error_db,
+)
+from tactuator.wordlength.direct_forms import FULL_SCALE_V
+from tactuator.wordlength.formats import FORMATS
+from tactuator.wordlength.resampled import at_rate
+from tests.runtime.paper_display import changed, channel, controller, display, louder
+from tests.signals.precisely import difference_response, polynomial_response
+
+MADE = controller(display(channel()))
+BY_NAME = {each.name: each for each in FORMATS}
+BAND = np.geomspace(0.4, 300.0, 120)
+
+
+def report(made: Controller, name: str) -> FormatReport:
+    return assess(made, (BY_NAME[name],))[0]
+
+
+@pytest.fixture(scope="module")
+def reports() -> dict[str, FormatReport]:
+    return {each.name: each for each in assess(MADE)}
+
+
+def test_assess__papers_controller__is_safe_in_every_format_but_sixteen_bits(reports: dict[str, FormatReport]) -> None:
+    assert [name for name, each in reports.items() if not each.safe] == ["q15 biquads"]
+    assert not reports["q15 biquads"].stable  # facts, section 2: at every rate
+    assert recommended(tuple(reports.values())) == "float32"
+
+
+def test_assess__what_is_said__agrees_with_the_verdict(reports: dict[str, FormatReport]) -> None:
+    for each in reports.values():
+        if not each.stable:
+            assert each.response_error_db is each.roundoff_db_sl is each.limit_cycle_db_sl is None
+            continue
+        assert each.response_error_db is not None
+        assert each.roundoff_db_sl is not None
+        assert each.limit_cycle_db_sl is not None
+        felt = max(each.roundoff_db_sl, each.limit_cycle_db_sl)
+        assert each.safe == (each.response_error_db <= ERROR_MAX_DB and felt <= FELT_MAX_DB_SL)
+
+
+def test_assess__order_of_round_off__delta_and_error_feedback_are_quieter(reports: dict[str, FormatReport]) -> None:
+    level = {name: each.roundoff_db_sl for name, each in reports.items()}
+    cycle = {name: each.limit_cycle_db_sl for name, each in reports.items()}
+    assert level["float32"] < level["float32 biquads"] - 20.0
+    wider_db = 20.0 * np.log10(VOLTS_FULL_SCALE / FULL_SCALE_V)  # the delta form's last bit is so much greater
+    assert level["q31"] - wider_db < level["q31 biquads fed back"] < level["q31 biquads"] - 20.0
+    assert cycle["q31"] - wider_db < cycle["q31 biquads"] - 20.0
+    assert cycle["q31 biquads fed back"] < cycle["q31 biquads"] - 20.0
+
+
+@pytest.mark.parametrize(("rate_hz", "stable"), [(4000.0, True), (64_000.0, False)])
+def test_assess__slow_direct_sections_at_a_high_rate__their_poles_round_outside(rate_hz: float, stable: bool) -> None:
+    # poles at 0.4 Hz: 1 + a1 + a2 is 1.5e-9 at 64 kHz, where float32 has multiples of 6e-8
+    pole = np.exp(-2.0 * np.pi * 0.4 / rate_hz)
+    slow = np.array([[(1.0 - pole) ** 2, 0.0, 0.0, 1.0, -2.0 * pole, pole**2]])
+    made = changed(at_rate(MADE, rate_hz), prefilter_sos=slow)
+    written = {name: BY_NAME[name].write(made, 0) for name in ("q15 biquads", "float32 biquads", "float32", "q31")}
+    verdicts = {name: holds(made, 0, each) for name, each in written.items()}
+    assert verdicts == {"q15 biquads": False, "float32 biquads": stable, "float32": True, "q31": True}
+    if not stable:
+        found = report(made, "float32 biquads")
+        assert (found.stable, found.safe, found.response_error_db) == (False, False, None)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "error_db"), [(4000.0, 0.004), (8000.0, 0.008), (16_000.0, 0.105), (32_000.0, 0.28)]
+)
+def test_response_error__float32_biquads__is_facts_or_what_pairing_makes_of_it(rate_hz: float, error_db: float) -> None:
+    made = at_rate(MADE, rate_hz)
+    found = response_error_db(made, 0, BY_NAME["float32 biquads"].write(made, 0))
+    assert error_db / 10.0 < found < error_db * 10.0
+
+
+@pytest.mark.parametrize("rate_hz", [4000.0, 8000.0, 16_000.0, 32_000.0])
+def test_assess__sixteen_bit_sections__are_unstable_at_every_rate_of_facts(rate_hz: float) -> None:
+    found = report(at_rate(MADE, rate_hz), "q15 biquads")
+    assert (found.stable, found.safe, found.roundoff_db_sl) == (False, False, None)
+
+
+@pytest.mark.parametrize("rate_hz", [4000.0, 8000.0, 16_000.0, 32_000.0])
+def test_response_error__q31_biquads__is_at_most_facts(rate_hz: float) -> None:
+    made = at_rate(MADE, rate_hz)
+    assert response_error_db(made, 0, BY_NAME["q31 biquads"].write(made, 0)) <= 0.016
+
+
+@pytest.mark.parametrize("name", ["float32", "q31"])
+def test_assess__delta_form_at_8_khz__is_safe(name: str) -> None:
+    found = report(at_rate(MADE, 8000.0), name)
+    assert found.safe
+    assert found.response_error_db is not None
+    assert found.response_error_db < 1e-3
+
+
+def test_assess__loop_that_does_not_close__is_stable_in_no_format() -> None:
+    found = assess(louder(MADE, 60.0))
+    assert not any(each.stable or each.safe for each in found)
+    assert recommended(found) is None
+
+
+def test_assess__several_channels__the_worst() -> None:
+    both = controller(display(channel("index"), channel("thumb")))
+    alone = [report(controller(display(channel(name))), "float32 biquads") for name in ("index", "thumb")]
+    found = report(both, "float32 biquads")
+    for figure in ("response_error_db", "roundoff_db_sl", "limit_cycle_db_sl"):
+        assert getattr(found, figure) == max(getattr(each, figure) for each in alone)
+
+
+def test_assess__no_feedback__is_judged_by_the_prefilter_alone() -> None:
+    found = report(changed(MADE, feedback_sos=None), "float32")
+    assert found.safe
+
+
+# --- what one format cannot hold is no reason to be silent about the others ---
+
+REFUSED = [
+    (changed(MADE, limits=Limits(20.0, 2.0)), r"command_v is 20; allowed in Q31: at most 15 V"),
+    (
+        changed(MADE, feedback_sos=np.array([[400.0, -390.0, 0.0, 1.0, -0.2, 0.0]])),
+        r"a coefficient of 400 is too large for Q31; allowed: below 256",
+    ),
+]
+
+
+@pytest.mark.parametrize(("made", "words"), REFUSED, ids=["command limit", "coefficient"])
+def test_assess__what_q31_cannot_hold__is_told_for_q31_alone(made: Controller, words: str) -> None:
+    found = report(made, "q31")
+    assert (found.safe, found.stable) == (False, False)
+    assert found.refused is not None
+    assert report(made, "float32").refused is None
+    with pytest.raises(BadInput, match=words):
+        require_safe(made, "q31")
+
+
+def test_assess__pole_that_only_double_precision_keeps_inside__is_refused_by_name() -> None:
+    # rings at 50 Hz with 1 - |z|^2 = 2e-11, where float32 has a1' and a2' no closer than 1e-10
+    radius = 1.0 - 1e-11
+    outside = []
+    for hertz in np.linspace(50.0, 51.0, 6):
+        cosine = np.cos(2.0 * np.pi * hertz / 4000.0)
+        ring = np.array([[1e-3, 0.0, 0.0, 1.0, -2.0 * radius * cosine, radius**2]])
+        try:
+            BY_NAME["float32"].write(changed(MADE, prefilter_sos=ring), 0)
+        except BadInput as error:
+            outside.append(str(error))
+            assert not report(changed(MADE, prefilter_sos=ring), "float32").stable
+    assert outside
+    assert all("a section has a pole outside the unit circle" in each for each in outside)
+
+
+# --- worst error of |H|, from the words with fifty digits ---
+
+
+def loop_error_db(made: Controller, left: tuple[NDArray[np.complex128], ...]) -> float:
+    """Worst |H| error where F and C are `left`."""
+    of, own = made.display, made.channels[0]
+    plant = zero_order_hold(of.channels[0].plant, of.rate_hz)
+    held = replace(plant, delay_samples=plant.delay_samples + of.delay_samples).response(BAND)
+    assert own.feedback_sos is not None
+    exact = tuple(direct(sos, made.rate_hz, None) for sos in (own.prefilter_sos, own.feedback_sos))
+    responses = [f * c * held / (1.0 + c * held) for f, c in (left, exact)]
+    return float(np.max(np.abs(20.0 * np.log10(np.abs(responses[0] / responses[1])))))
+
+
+def direct(sos: NDArray[np.float64], rate_hz: float, word: type[np.float32] | None) -> NDArray[np.complex128]:
+    """Response of sections in 1/z, their numbers rounded to `word`."""
+    total = np.ones(BAND.size, dtype=np.complex128)
+    for row in sos:
+        words = [float(value) if word is None else float(word(value)) for value in row]
+        total *= polynomial_response(words[:3], BAND, rate_hz) / polynomial_response(words[3:], BAND, rate_hz)
+    return total
+
+
+@pytest.mark.parametrize("rate_hz", [4000.0, 16_000.0, 64_000.0])
+def test_response_error__float32_biquads__is_that_of_the_rounded_numbers(rate_hz: float) -> None:
+    made = at_rate(MADE, rate_hz)
+    own = made.channels[0]
+    assert own.feedback_sos is not None
+    left = tuple(direct(sos, rate_hz, np.float32) for sos in (own.prefilter_sos, own.feedback_sos))
+    found = response_error_db(made, 0, BY_NAME["float32 biquads"].write(made, 0))
+    assert found == pytest.approx(loop_error_db(made, left), rel=1e-4)
+
+
+@pytest.mark.parametrize("name", ["float32", "q31"])
+@pytest.mark.parametrize("rate_hz", [4000.0, 16_000.0, 64_000.0])
+def test_response_error__delta_form__is_that_of_the_images_own_words(name: str, rate_hz: float) -> None:
+    made = at_rate(MADE, rate_hz)
+    own = made.channels[0]
+    assert own.feedback_sos is not None
+    rows = image_rows(build_image(made, name, "0" * 64), name, len(own.prefilter_sos), len(own.feedback_sos))
+    left = []
+    for cascade in rows:
+        responses = (difference_response(row, BAND, rate_hz) for row in cascade)
+        left.append(np.prod(list(responses), axis=0))
+    if name == "q31":
+        left[0] *= 512.0 / 1000.0  # full scale of the output over that of the reference
+    found = response_error_db(made, 0, BY_NAME[name].write(made, 0))
+    assert found == pytest.approx(loop_error_db(made, tuple(left)), rel=0.02, abs=2e-9)
+
+
+def image_rows(image: bytes, name: str, prefilters: int, feedbacks: int) -> tuple[list[list[float]], list[list[float]]]:
+    """b0, b1, b2, a1, a2 of every section: they are the last of an image of one channel, before its CRC."""
+    size, rows = (20 if name == "float32" else 24), []
+    for at in range(len(image) - 4 - size * (prefilters + feedbacks), len(image) - 4, size):
+        if name == "float32":
+            rows.append(list(struct.unpack_from("<5f", image, at)))
+            continue
+        words = struct.unpack_from("<5i4B", image, at)
+        shifts = (words[5], words[6], words[7], words[6], words[7])
+        rows.append([word / 2.0 ** (21 + shift) for word, shift in zip(words[:5], shifts, strict=True)])
+    return rows[:prefilters], rows[prefilters:]
+
+
+# --- what `build` asks ---
+
+
+@pytest.mark.parametrize("loads", ["float32", "q31"])
+def test_require_safe__papers_controller__gives_the_report(loads: str) -> None:
+    found = require_safe(MADE, loads)
+    assert found.safe
+    assert found.loads == loads
+
+
+def test_require_safe__loop_that_does_not_close__is_refused_with_the_figures() -> None:
+    with pytest.raises(BadInput, match=r"float32 is not safe for this controller \(unstable\); allowed: what"):
+        require_safe(louder(MADE, 60.0), "float32")
+
+
+def test_require_safe__format_that_no_board_runs__is_refused() -> None:
+    with pytest.raises(BadInput, match="format is 'q31 biquads'; allowed: float32, q31"):
+        require_safe(MADE, "q31 biquads")
+
+
+def test_recommended__only_formats_that_load__and_only_safe_ones() -> None:
+    one = FormatReport("a", True, 0.0, -90.0, -90.0, None, True)
+    assert recommended((one,)) is None
+    assert recommended((one, replace(one, loads="q31", safe=False))) is None
+    assert recommended((one, replace(one, loads="q31"), replace(one, loads="float32"))) == "q31"

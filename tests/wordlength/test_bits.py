@@ -1,0 +1,65 @@
+"""Bits needed: by hand for one pole, against facts' table for the paper's filters, and for any controller."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactuator.signals.discretise import bilinear
+from tactuator.signals.systems import SampledSystem
+from tactuator.synthesis import paper
+from tactuator.wordlength.bits import MOST_BITS, BitsNeeded, controller_bits, filter_bits
+from tests.runtime.paper_display import channel, controller, display
+
+# facts, section 2: fractional bits to be stable and to keep 0.1 dB, at 4, 8, 16, 32 kHz
+F_BITS = {
+    "direct": [(19, 28), (22, 33), (29, 36), (32, 37)],
+    "sections": [(15, 20), (18, 23), (18, 24), (21, 26)],
+    "delta": [(1, 10), (1, 12), (1, 11), (1, 9)],
+}
+RATES_HZ = (4000.0, 8000.0, 16000.0, 32000.0)
+
+
+def test_filter_bits__first_order_low_pass__is_what_its_pole_needs() -> None:
+    # a pole at 1 - 2^-6: rounded to five bits or fewer it lies on the unit circle
+    system = SampledSystem(np.empty(0), np.array([1.0 - 2.0**-6]), 2.0**-6, 4000.0)
+    assert filter_bits(system, "sections").stable == 6
+
+
+@pytest.mark.parametrize("form", F_BITS)
+def test_filter_bits__papers_prefilter__are_facts_within_what_pairing_moves(form: str) -> None:
+    for rate_hz, (stable, accurate) in zip(RATES_HZ, F_BITS[form], strict=True):
+        found = filter_bits(bilinear(paper.PREFILTER, rate_hz), form)  # type: ignore[arg-type]
+        assert found.stable == pytest.approx(stable, abs=3)
+        assert found.accurate == pytest.approx(accurate, abs=4)
+
+
+def test_filter_bits__more_than_there_are__is_one_above_the_most() -> None:
+    slow = SampledSystem(np.empty(0), np.array([1.0 - 1e-7] * 8), 1.0, 64_000.0)
+    assert filter_bits(slow, "direct") == BitsNeeded(MOST_BITS + 1, MOST_BITS + 1)
+
+
+def test_controller_bits__papers__sections_need_more_at_every_doubling_and_delta_hardly() -> None:
+    found = controller_bits(controller(display(channel())), RATES_HZ)
+    assert set(found) == {"prefilter", "feedback"}
+    for forms in found.values():
+        for form in ("direct", "sections"):
+            assert forms[form][32000.0].stable >= forms[form][4000.0].stable + 3
+            assert forms[form][32000.0].accurate >= forms[form][4000.0].accurate + 3
+        assert all(bits.stable <= 2 and bits.accurate <= 13 for bits in forms["delta"].values())
+
+
+def test_controller_bits__several_channels__the_most_of_any() -> None:
+    each = [controller_bits(controller(display(channel(name))), RATES_HZ[:1]) for name in ("index", "thumb")]
+    both = controller_bits(controller(display(channel("index"), channel("thumb"))), RATES_HZ[:1])
+    for name, forms in both.items():
+        for form, by_rate in forms.items():
+            alone = [one[name][form][4000.0] for one in each]
+            assert by_rate[4000.0].accurate == max(bits.accurate for bits in alone)
+            assert by_rate[4000.0].stable == max(bits.stable for bits in alone)
+
+
+def test_controller_bits__without_feedback__says_nothing_of_it() -> None:
+    made = controller(display(channel()))
+    open_loop = replace(made, channels=(replace(made.channels[0], feedback_sos=None),))
+    assert set(controller_bits(open_loop, RATES_HZ[:1])) == {"prefilter"}
