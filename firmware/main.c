@@ -11,7 +11,7 @@ static tact_link link;
 static float stream[STREAM_ROWS * CHANNELS];
 static int32_t trace[TRACE_ROWS * CHANNELS * 2];
 
-void tact_port_tick(void)
+static void tick(void)
 {
     int32_t codes[TACT_CHANNELS_MAX];
     if (tact_port_holds())
@@ -28,7 +28,7 @@ int main(void)
     static uint8_t bytes[CHUNK];
     float rate_hz = 0.0f;
     tact_board_reset(&board, CHANNELS, stream, STREAM_ROWS, trace, TRACE_ROWS);
-    tact_link_reset(&link, &board, NULL, TACT_BOARD_NAME);
+    tact_link_reset(&link, &board, TACT_BOARD_NAME);
     link.enter = tact_port_enter;
     link.leave = tact_port_leave;
     tact_port_begin(&board, &link);
@@ -39,7 +39,7 @@ int main(void)
                 tact_port_send(link.wire, link.wire_size);
         if (board.safety.channels && board.safety.rate_hz != rate_hz) {
             rate_hz = board.safety.rate_hz;
-            tact_port_start_timer(rate_hz);
+            tact_port_start_timer(rate_hz, tick);
         }
     }
 }

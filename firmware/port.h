@@ -1,6 +1,6 @@
 /* Port: all that a board has of its own. One file implements it for each board; docs/porting.md tells how.
  *
- *     timer ----> tact_port_tick() in main.c ----> put_out, read_in     (in the interrupt)
+ *     timer ----> tick, given by main.c ----> put_out, read_in          (in the interrupt)
  *     link  <---> tact_port_receive, tact_port_send                     (in the main loop)
  */
 #ifndef TACT_PORT_H
@@ -12,11 +12,11 @@
 #include "board/board.h"
 #include "link/link.h"
 
-/* Clocks, converters at rest, link; called once, before anything else. May set link->wired, link->bench. */
+/* Clocks, converters at rest, link; called once, before anything else. May register a simulated display and set link->bench. */
 void tact_port_begin(tact_board *board, tact_link *link);
 
-/* The timer's interrupt at this rate from now on; it calls tact_port_tick(). */
-void tact_port_start_timer(float rate_hz);
+/* The timer's interrupt at this rate from now on; it calls `tick`. */
+void tact_port_start_timer(float rate_hz, void (*tick)(void));
 
 /* Codes to the D/A, now. */
 void tact_port_put_out(const int32_t *codes);
@@ -42,8 +42,5 @@ void tact_port_send(const uint8_t *bytes, size_t size);
 /* The timer's interrupt kept out, and let in again. */
 void tact_port_enter(void);
 void tact_port_leave(void);
-
-/* In main.c: one period. */
-void tact_port_tick(void);
 
 #endif

@@ -1,3 +1,3 @@
 #include "arithmetic/float_pair.h"
 
-extern inline tact_pair tact_pair_get(const void *at);
+extern inline tact_float_pair tact_float_pair_get(const void *at);

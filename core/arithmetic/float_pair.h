@@ -7,23 +7,23 @@
  *     address, a multiple of 8:  | first | second |  <-->  one register of 64 bits = two of 32
  *
  * Example use:
- *   const tact_pair state = tact_pair_get(&section_state);
+ *   const tact_float_pair state = tact_float_pair_get(&section_state);
  *   float y = b0 * x + state.first;
  */
-#ifndef TACT_PAIR_H
-#define TACT_PAIR_H
+#ifndef TACT_FLOAT_PAIR_H
+#define TACT_FLOAT_PAIR_H
 
 typedef struct {
     float first, second;
-} tact_pair;
+} tact_float_pair;
 
 /* The two floats at an address that is a multiple of 8. */
-inline tact_pair tact_pair_get(const void *at)
+inline tact_float_pair tact_float_pair_get(const void *at)
 {
     typedef double __attribute__((__may_alias__)) whole;
     const union {
         double both;
-        tact_pair pair;
+        tact_float_pair pair;
     } copy = {*(const whole *)at};
     return copy.pair;
 }

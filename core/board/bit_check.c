@@ -19,11 +19,11 @@ static float uniform(tact_noise *noise)
     return (float)((int32_t)(tact_noise_bits(noise) >> 8) - 8388608) * (1.0f / 8388608.0f);
 }
 
-static float sample(tact_exercise *exercise, float full, float before)
+static float sample(tact_bit_check *check, float full, float before)
 {
-    tact_noise *noise = &exercise->noise;
+    tact_noise *noise = &check->noise;
     const uint32_t bits = tact_noise_bits(noise);
-    switch (exercise->kind) {
+    switch (check->kind) {
     case 0:
         return full * uniform(noise);
     case 1:
@@ -45,44 +45,44 @@ static float sample(tact_exercise *exercise, float full, float before)
     }
 }
 
-void tact_exercise_begin(tact_exercise *exercise, const tact_image *image, uint32_t seed)
+void tact_bit_check_begin(tact_bit_check *check, const tact_image *image, uint32_t seed)
 {
-    tact_noise_seed(&exercise->noise, seed, 0);
-    exercise->left = exercise->kind = exercise->digest = 0;
+    tact_noise_seed(&check->noise, seed, 0);
+    check->left = check->kind = check->digest = 0;
     for (int32_t c = 0; c < TACT_CHANNELS_MAX; c++) {
-        exercise->reference[c] = exercise->position_v[c] = 0.0f;
+        check->reference[c] = check->position_v[c] = 0.0f;
         if (image->format == TACT_Q31)
-            tact_controller_q31_reset(&exercise->controller[c].q31);
+            tact_controller_q31_reset(&check->controller[c].q31);
         else
-            tact_controller_reset(&exercise->controller[c].single);
+            tact_controller_reset(&check->controller[c].single);
     }
 }
 
-void tact_exercise_next(tact_exercise *exercise, int32_t channels)
+void tact_bit_check_next(tact_bit_check *check, int32_t channels)
 {
-    if (exercise->left == 0) {
-        const uint32_t bits = tact_noise_bits(&exercise->noise);
-        exercise->kind = (bits >> 16) % KINDS;
-        exercise->left = 16u + (bits & 511u);
+    if (check->left == 0) {
+        const uint32_t bits = tact_noise_bits(&check->noise);
+        check->kind = (bits >> 16) % KINDS;
+        check->left = 16u + (bits & 511u);
     }
-    exercise->left--;
+    check->left--;
     for (int32_t c = 0; c < channels; c++) {
-        exercise->reference[c] = sample(exercise, 1000.0f, exercise->reference[c]);
-        exercise->position_v[c] = sample(exercise, 10.0f, exercise->position_v[c]);
+        check->reference[c] = sample(check, 1000.0f, check->reference[c]);
+        check->position_v[c] = sample(check, 10.0f, check->position_v[c]);
     }
 }
 
-static float answer(tact_exercise *exercise, const tact_image *image, int32_t c)
+static float answer(tact_bit_check *check, const tact_image *image, int32_t c)
 {
     if (image->format == TACT_Q31)
-        return tact_controller_q31_step(&image->tables.q31[c], &exercise->controller[c].q31, exercise->reference[c],
-                                        exercise->position_v[c]);
-    exercise->controller[c].single.broken = 0;
-    return tact_controller_step(&image->tables.single[c], &exercise->controller[c].single, exercise->reference[c],
-                                tact_finite(exercise->position_v[c], TACT_POSITION_MAX));
+        return tact_controller_q31_step(&image->tables.q31[c], &check->controller[c].q31, check->reference[c],
+                                        check->position_v[c]);
+    check->controller[c].single.broken = 0;
+    return tact_controller_step(&image->tables.single[c], &check->controller[c].single, check->reference[c],
+                                tact_finite(check->position_v[c], TACT_POSITION_MAX));
 }
 
-static void digest(tact_exercise *exercise, float command_v)
+static void digest(tact_bit_check *check, float command_v)
 {
     union {
         float value;
@@ -91,31 +91,31 @@ static void digest(tact_exercise *exercise, float command_v)
     both.value = command_v;
     const uint8_t bytes[4] = {(uint8_t)(both.bits & 255u), (uint8_t)(both.bits >> 8 & 255u),
                               (uint8_t)(both.bits >> 16 & 255u), (uint8_t)(both.bits >> 24)};
-    exercise->digest = tact_crc32(exercise->digest, bytes, 4);
+    check->digest = tact_crc32(check->digest, bytes, 4);
 }
 
-uint32_t tact_exercise_run(tact_exercise *exercise, const tact_image *image, uint32_t samples)
+uint32_t tact_bit_check_run(tact_bit_check *check, const tact_image *image, uint32_t samples)
 {
     for (uint32_t k = 0; k < samples; k++) {
-        tact_exercise_next(exercise, image->channels);
+        tact_bit_check_next(check, image->channels);
         for (int32_t c = 0; c < image->channels; c++)
-            digest(exercise, answer(exercise, image, c));
+            digest(check, answer(check, image, c));
     }
-    return exercise->digest;
+    return check->digest;
 }
 
-uint32_t tact_exercise_record(tact_exercise *exercise, const tact_image *image, uint32_t samples, float *reference,
+uint32_t tact_bit_check_record(tact_bit_check *check, const tact_image *image, uint32_t samples, float *reference,
                               float *position_v, float *command_v)
 {
     for (uint32_t k = 0; k < samples; k++) {
-        tact_exercise_next(exercise, image->channels);
+        tact_bit_check_next(check, image->channels);
         for (int32_t c = 0; c < image->channels; c++) {
             const uint32_t at = k * (uint32_t)image->channels + (uint32_t)c;
-            reference[at] = exercise->reference[c];
-            position_v[at] = exercise->position_v[c];
-            command_v[at] = answer(exercise, image, c);
-            digest(exercise, command_v[at]);
+            reference[at] = check->reference[c];
+            position_v[at] = check->position_v[c];
+            command_v[at] = answer(check, image, c);
+            digest(check, command_v[at]);
         }
     }
-    return exercise->digest;
+    return check->digest;
 }

@@ -1,16 +1,16 @@
-/* Exercise: samples that look for differences between processors, and a digest of what comes of them.
+/* Bit check: samples that look for differences between processors, and a digest of what comes of them.
  *
  * References and positions come from integers (xoshiro128++) in stretches: full scale, noise, subnormals, steps,
  * silence, single bits, huge and tiny numbers, NaN and infinities. The digest is a CRC-32 over the bits of every
  * command of every channel: host and target agree in one number, or differ somewhere.
  *
  * Example use:
- *   tact_exercise exercise;
- *   tact_exercise_begin(&exercise, &image, 1);
- *   uint32_t digest = tact_exercise_run(&exercise, &image, 1000000);
+ *   tact_bit_check check;
+ *   tact_bit_check_begin(&check, &image, 1);
+ *   uint32_t digest = tact_bit_check_run(&check, &image, 1000000);
  */
-#ifndef TACT_EXERCISE_H
-#define TACT_EXERCISE_H
+#ifndef TACT_BIT_CHECK_H
+#define TACT_BIT_CHECK_H
 
 #include <stdint.h>
 
@@ -23,18 +23,18 @@ typedef struct {
     uint32_t digest;
     float reference[TACT_CHANNELS_MAX], position_v[TACT_CHANNELS_MAX];
     tact_board_controller_state controller[TACT_CHANNELS_MAX];
-} tact_exercise;
+} tact_bit_check;
 
-void tact_exercise_begin(tact_exercise *exercise, const tact_image *image, uint32_t seed);
+void tact_bit_check_begin(tact_bit_check *check, const tact_image *image, uint32_t seed);
 
 /* The next reference and position of every channel. */
-void tact_exercise_next(tact_exercise *exercise, int32_t channels);
+void tact_bit_check_next(tact_bit_check *check, int32_t channels);
 
 /* samples more through the image's controllers; the digest of all since the beginning. */
-uint32_t tact_exercise_run(tact_exercise *exercise, const tact_image *image, uint32_t samples);
+uint32_t tact_bit_check_run(tact_bit_check *check, const tact_image *image, uint32_t samples);
 
 /* The same, and the inputs and commands themselves, (samples, channels) each: for tests. */
-uint32_t tact_exercise_record(tact_exercise *exercise, const tact_image *image, uint32_t samples, float *reference,
+uint32_t tact_bit_check_record(tact_bit_check *check, const tact_image *image, uint32_t samples, float *reference,
                               float *position_v, float *command_v);
 
 #endif

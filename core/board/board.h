@@ -44,13 +44,13 @@ typedef union {
 } tact_board_controller_state;
 
 /* What one channel's period works on, side by side and in the order of its use, so that few instructions load it. What
- * is read in pairs (pair.h) lies at multiples of 8 bytes. */
+ * is read in pairs (float_pair.h) lies at multiples of 8 bytes. */
 typedef struct {
     tact_board_controller_state controller;
     tact_guard_table guard_table;
     float filters[23];     /* a designed controller's: F's two sections and two of C; of C's last b1 b2 a1 */
     float command_max_v;   /* its limit */
-    tact_pair to_code;     /* D/A: offset_v | steps per volt */
+    tact_float_pair to_code;     /* D/A: offset_v | steps per volt */
     tact_guard_state guard;
     float delayed_v[TACT_BOARD_DELAY_MAX]; /* what will be put out: at the motor, but for the D/A's last bit */
     int32_t delayed[TACT_BOARD_DELAY_MAX]; /* its code; TACT_TRACE_... << 24 turn its upper bits over */

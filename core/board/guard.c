@@ -11,9 +11,9 @@ extern inline float tact_guard_sense(const tact_guard_table *table, tact_guard_s
 extern inline float tact_guard_weigh(const tact_guard_table *table, tact_section_state *state, float y);
 extern inline uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick);
 
-static tact_pair pair(float first, float second)
+static tact_float_pair pair(float first, float second)
 {
-    const tact_pair made = {first, second};
+    const tact_float_pair made = {first, second};
     return made;
 }
 

@@ -51,20 +51,20 @@ typedef enum {
 
 /* What a tick needs of a safety table, two numbers to a load. */
 typedef struct {
-    tact_pair reading;    /* volts of y per code | drive */
-    tact_pair returning;  /* 1 - damp | spring */
-    tact_pair correcting; /* w | x, per volt of nu */
-    tact_pair resting;    /* stop_lead | stop_max_v */
-    tact_pair differing;  /* disagreement_v | comfort_max */
-    tact_pair reversing;  /* agreement below which the power is looked at | least power */
+    tact_float_pair reading;    /* volts of y per code | drive */
+    tact_float_pair returning;  /* 1 - damp | spring */
+    tact_float_pair correcting; /* w | x, per volt of nu */
+    tact_float_pair resting;    /* stop_lead | stop_max_v */
+    tact_float_pair differing;  /* disagreement_v | comfort_max */
+    tact_float_pair reversing;  /* agreement below which the power is looked at | least power */
     float weighting[5 * TACT_WEIGHTING_COUNT];
     float reversed_share; /* agreement in the power of a reversed sensor */
     uint32_t frozen_ticks;
 } tact_guard_table;
 
 typedef struct {
-    tact_pair model; /* x | w: position and velocity */
-    tact_pair means; /* agreement | power: w dy in volts and codes, w^2; sums, each term fading over some 40 turns */
+    tact_float_pair model; /* x | w: position and velocity */
+    tact_float_pair means; /* agreement | power: w dy in volts and codes, w^2; sums, each term fading over some 40 turns */
     tact_section_state weighting[TACT_WEIGHTING_COUNT];
     float motor_before_v;             /* in the period before this one */
     float place, apart;               /* of the last objection: predicted place of rest, and |nu|, by size */
@@ -89,7 +89,7 @@ uint32_t tact_guard_look_closer(const tact_guard_table *table, tact_guard_state 
 /* tact_section_step() of a section whose input is not silent: nothing comes to rest. */
 inline float tact_section_awake(float b0, float b1, float b2, float a1, float a2, tact_section_state *state, float x)
 {
-    const tact_pair s = tact_pair_get(state);
+    const tact_float_pair s = tact_float_pair_get(state);
     const float y = b0 * x + s.first;
     state->s1 = s.first + ((b1 * x - a1 * y) + s.second);
     state->s2 = s.second + (b2 * x - a2 * y);
@@ -101,9 +101,9 @@ inline float tact_section_awake(float b0, float b1, float b2, float a1, float a2
 inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *state, int32_t code, float motor_v,
                               uint32_t tick, int *objects)
 {
-    const tact_pair reading = tact_pair_get(&table->reading), model = tact_pair_get(&state->model);
-    const tact_pair returning = tact_pair_get(&table->returning), correcting = tact_pair_get(&table->correcting);
-    const tact_pair resting = tact_pair_get(&table->resting);
+    const tact_float_pair reading = tact_float_pair_get(&table->reading), model = tact_float_pair_get(&state->model);
+    const tact_float_pair returning = tact_float_pair_get(&table->returning), correcting = tact_float_pair_get(&table->correcting);
+    const tact_float_pair resting = tact_float_pair_get(&table->resting);
     const float x = model.first, w = model.second;
     const float y = (float)code * reading.first;
     const float nu = y - x, apart = __builtin_fabsf(nu);
@@ -130,8 +130,8 @@ inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *s
 inline float tact_guard_weigh(const tact_guard_table *table, tact_section_state *state, float y)
 {
     const float *k = table->weighting;
-    const tact_pair b0b1 = tact_pair_get(k), b2a1 = tact_pair_get(k + 2), a2b0 = tact_pair_get(k + 4);
-    const tact_pair b1b2 = tact_pair_get(k + 6), a1a2 = tact_pair_get(k + 8);
+    const tact_float_pair b0b1 = tact_float_pair_get(k), b2a1 = tact_float_pair_get(k + 2), a2b0 = tact_float_pair_get(k + 4);
+    const tact_float_pair b1b2 = tact_float_pair_get(k + 6), a1a2 = tact_float_pair_get(k + 8);
     const float value =
         tact_section_awake(b0b1.first, b0b1.second, b2a1.first, b2a1.second, a2b0.first, &state[0], y);
     return tact_section_awake(a2b0.second, b1b2.first, b1b2.second, a1a2.first, a1a2.second, &state[1], value);
@@ -143,7 +143,7 @@ inline uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_sta
     const int32_t code = state->last_code;
     const uint32_t same_ticks = tick - state->changed_tick;
     const float moved = (float)(code - state->compared_code), w = state->model.second;
-    const tact_pair means = tact_pair_get(&state->means);
+    const tact_float_pair means = tact_float_pair_get(&state->means);
     const float agreement = TACT_GUARD_KEPT * means.first + w * moved;
     const float felt = tact_guard_weigh(table, state->weighting, (float)code * table->reading.first);
     state->means.first = agreement;

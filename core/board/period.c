@@ -3,7 +3,7 @@
 /* What acts seldom stays out of the way of what every tick does: its calls would cost the others registers. */
 #define SELDOM static __attribute__((noinline))
 
-/* tact_pair_get() reads at multiples of 8 bytes. */
+/* tact_float_pair_get() reads at multiples of 8 bytes. */
 #define AT_8(member) typedef char member##_is_not_at_a_multiple_of_8[offsetof(tact_board_channel, member) % 8 ? -1 : 1]
 AT_8(controller);
 AT_8(guard_table);
@@ -69,16 +69,16 @@ SELDOM float rest_designed(tact_controller_state *state, float y, float smooth, 
 static inline float cascade_designed(tact_controller_state *state, const float *k, float reference, float position_v)
 {
     tact_section_state *f = state->prefilter, *c = state->feedback;
-    const tact_pair k0 = tact_pair_get(k), k1 = tact_pair_get(k + 2), k2 = tact_pair_get(k + 4);
+    const tact_float_pair k0 = tact_float_pair_get(k), k1 = tact_float_pair_get(k + 2), k2 = tact_float_pair_get(k + 4);
     const float smooth = tact_section_awake(k0.first, k0.second, k1.first, k1.second, k2.first, &f[0], reference);
-    const tact_pair k3 = tact_pair_get(k + 6), k4 = tact_pair_get(k + 8);
+    const tact_float_pair k3 = tact_float_pair_get(k + 6), k4 = tact_float_pair_get(k + 8);
     const float wanted = tact_section_awake(k2.second, k3.first, k3.second, k4.first, k4.second, &f[1], smooth);
     const float error = wanted - position_v;
-    const tact_pair k5 = tact_pair_get(k + 10), k6 = tact_pair_get(k + 12), k7 = tact_pair_get(k + 14);
+    const tact_float_pair k5 = tact_float_pair_get(k + 10), k6 = tact_float_pair_get(k + 12), k7 = tact_float_pair_get(k + 14);
     const float lead = tact_section_awake(k5.first, k5.second, k6.first, k6.second, k7.first, &c[0], error);
-    const tact_pair k8 = tact_pair_get(k + 16), k9 = tact_pair_get(k + 18);
+    const tact_float_pair k8 = tact_float_pair_get(k + 16), k9 = tact_float_pair_get(k + 18);
     const float x = tact_section_awake(k7.second, k8.first, k8.second, k9.first, k9.second, &c[1], lead);
-    const tact_pair s = tact_pair_get(&c[2]), k10 = tact_pair_get(k + 20);
+    const tact_float_pair s = tact_float_pair_get(&c[2]), k10 = tact_float_pair_get(k + 20);
     const float y = x + s.first;
     c[2].s1 = s.first + ((k10.first * x - k[22] * y) + s.second);
     c[2].s2 = s.second + k10.second * x;
@@ -86,9 +86,9 @@ static inline float cascade_designed(tact_controller_state *state, const float *
 }
 
 /* The nearest code of a command that the D/A can reach. */
-static inline int32_t reachable_code(const tact_pair *to_code, float command_v)
+static inline int32_t reachable_code(const tact_float_pair *to_code, float command_v)
 {
-    const tact_pair to = tact_pair_get(to_code);
+    const tact_float_pair to = tact_float_pair_get(to_code);
     const float steps = (command_v - to.first) * to.second;
     return (int32_t)(steps + __builtin_copysignf(0.5f, steps));
 }

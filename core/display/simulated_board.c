@@ -31,7 +31,7 @@ static void numbers(tact_reader *reader, double *into, int32_t count)
 static void read_plants(tact_reader *reader, tact_display *table, tact_plant *plants)
 {
     table->plants = plants;
-    table->plant_count = integer(reader, 1, TACT_WIRED_PLANTS_MAX);
+    table->plant_count = integer(reader, 1, TACT_SIMULATED_BOARD_PLANTS_MAX);
     const int32_t order = integer(reader, 1, TACT_ORDER_MAX);
     for (int32_t p = 0; p < table->plant_count; p++) {
         tact_plant *plant = &plants[p];
@@ -72,55 +72,81 @@ static void read_channel(tact_reader *reader, tact_display *table, tact_plant *p
     read_plants(reader, table, plants);
 }
 
-void tact_wired_reset(tact_wired *wired, float *force, float *felt_mm)
+void tact_simulated_board_reset(tact_simulated_board *simulated, float *force, float *felt_mm)
 {
-    uint8_t *bytes = (uint8_t *)wired;
-    for (size_t i = 0; i < sizeof *wired; i++)
+    uint8_t *bytes = (uint8_t *)simulated;
+    for (size_t i = 0; i < sizeof *simulated; i++)
         bytes[i] = 0;
-    wired->force = force;
-    wired->felt_mm = felt_mm;
+    simulated->force = force;
+    simulated->felt_mm = felt_mm;
 }
 
-int tact_wired_parse(tact_wired *wired, const uint8_t *bytes, size_t size, int32_t channels)
+int tact_simulated_board_parse(tact_simulated_board *simulated, const uint8_t *bytes, size_t size, int32_t channels)
 {
-    tact_wired_reset(wired, wired->force, wired->felt_mm);
-    if (size < 20 || size > TACT_WIRED_MAX)
+    tact_simulated_board_reset(simulated, simulated->force, simulated->felt_mm);
+    if (size < 20 || size > TACT_SIMULATED_BOARD_MAX)
         return 0;
     tact_reader reader = {bytes, size, size - 4, 0};
     const uint32_t crc = tact_read_u32(&reader);
     reader = (tact_reader){bytes, size - 4, 0, 0};
-    if (crc != tact_crc32(0, bytes, size - 4) || tact_read_u32(&reader) != TACT_WIRED_MAGIC ||
-        tact_read_u16(&reader) != TACT_WIRED_VERSION || tact_read_u16(&reader) != channels ||
+    if (crc != tact_crc32(0, bytes, size - 4) || tact_read_u32(&reader) != TACT_SIMULATED_BOARD_MAGIC ||
+        tact_read_u16(&reader) != TACT_SIMULATED_BOARD_VERSION || tact_read_u16(&reader) != channels ||
         tact_read_u32(&reader) != size || channels > TACT_CHANNELS_MAX)
         return 0;
     const uint32_t seed = tact_read_u32(&reader);
     for (int32_t c = 0; c < channels && !reader.overrun; c++) {
-        read_channel(&reader, &wired->table[c], wired->plant[c]);
-        tact_display_reset(&wired->table[c], &wired->state[c], seed, (uint32_t)c);
+        read_channel(&reader, &simulated->table[c], simulated->plant[c]);
+        tact_display_reset(&simulated->table[c], &simulated->state[c], seed, (uint32_t)c);
     }
     if (reader.overrun || reader.at != size - 4)
         return 0;
-    wired->channels = channels;
-    wired->crc = crc;
+    simulated->channels = channels;
+    simulated->crc = crc;
     return 1;
 }
 
-void tact_wired_latch(tact_wired *wired, const int32_t *codes)
+static int take(void *context, const uint8_t *bytes, size_t size, int32_t channels)
 {
-    for (int32_t c = 0; c < wired->channels; c++)
-        (void)tact_display_latch(&wired->table[c], &wired->state[c], codes[c], (double)wired->force_v[c]);
+    return tact_simulated_board_parse(context, bytes, size, channels);
 }
 
-static int32_t through_sensor(tact_wired *wired, int32_t channel, int32_t code)
+static int32_t touch_or_break(void *context, uint8_t type, tact_reader *in)
 {
-    const tact_converter *converter = &wired->table[channel].converter;
-    switch (wired->sensor[channel]) {
+    tact_simulated_board *simulated = context;
+    const uint32_t channel = tact_read_u8(in);
+    const int32_t what = tact_read_u8(in);
+    if (in->overrun || in->at != in->size || channel >= (uint32_t)simulated->channels)
+        return TACT_BAD_PAYLOAD;
+    if (type == TACT_ASK_BREAK && what <= TACT_SENSOR_REVERSED)
+        simulated->sensor[channel] = what;
+    else if (type == TACT_ASK_TOUCH && what < simulated->table[channel].plant_count)
+        simulated->state[channel].touched = what;
+    else
+        return TACT_BAD_PAYLOAD;
+    return TACT_DONE;
+}
+
+void tact_simulated_board_join(tact_simulated_board *simulated, tact_link *link)
+{
+    link->display = (tact_link_display){simulated, take, touch_or_break, simulated->force, simulated->felt_mm, &simulated->crc};
+}
+
+void tact_simulated_board_latch(tact_simulated_board *simulated, const int32_t *codes)
+{
+    for (int32_t c = 0; c < simulated->channels; c++)
+        (void)tact_display_latch(&simulated->table[c], &simulated->state[c], codes[c], (double)simulated->force_v[c]);
+}
+
+static int32_t through_sensor(tact_simulated_board *simulated, int32_t channel, int32_t code)
+{
+    const tact_converter *converter = &simulated->table[channel].converter;
+    switch (simulated->sensor[channel]) {
     case TACT_SENSOR_OPEN:
         return converter->code_max;
     case TACT_SENSOR_SHORTED:
         return 0;
     case TACT_SENSOR_FROZEN:
-        return wired->code[channel];
+        return simulated->code[channel];
     case TACT_SENSOR_REVERSED:
         return -code > converter->code_max ? converter->code_max : -code;
     default:
@@ -128,55 +154,55 @@ static int32_t through_sensor(tact_wired *wired, int32_t channel, int32_t code)
     }
 }
 
-void tact_wired_read(tact_wired *wired, int32_t *codes)
+void tact_simulated_board_read(tact_simulated_board *simulated, int32_t *codes)
 {
-    for (int32_t c = 0; c < wired->channels; c++) {
-        const int32_t code = tact_display_read(&wired->table[c], &wired->state[c]);
-        codes[c] = wired->code[c] = through_sensor(wired, c, code);
+    for (int32_t c = 0; c < simulated->channels; c++) {
+        const int32_t code = tact_display_read(&simulated->table[c], &simulated->state[c]);
+        codes[c] = simulated->code[c] = through_sensor(simulated, c, code);
     }
 }
 
-void tact_wired_advance(tact_wired *wired)
+void tact_simulated_board_advance(tact_simulated_board *simulated)
 {
-    for (int32_t c = 0; c < wired->channels; c++)
-        tact_display_advance(&wired->table[c], &wired->state[c]);
+    for (int32_t c = 0; c < simulated->channels; c++)
+        tact_display_advance(&simulated->table[c], &simulated->state[c]);
 }
 
-void tact_wired_feel(tact_wired *wired, const tact_board *board)
+void tact_simulated_board_feel(tact_simulated_board *simulated, const tact_board *board)
 {
     const uint32_t row = board->tick & (board->trace_capacity - 1);
-    for (int32_t c = 0; c < wired->channels; c++)
-        wired->felt_mm[row * (uint32_t)wired->channels + (uint32_t)c] = (float)wired->state[c].displacement_mm;
+    for (int32_t c = 0; c < simulated->channels; c++)
+        simulated->felt_mm[row * (uint32_t)simulated->channels + (uint32_t)c] = (float)simulated->state[c].displacement_mm;
 }
 
-void tact_wired_press(tact_wired *wired, const tact_board *board)
+void tact_simulated_board_press(tact_simulated_board *simulated, const tact_board *board)
 {
     const uint32_t tick = board->tick, row = tick & (board->stream_capacity - 1);
     const int streams = board->mode == TACT_RUNNING && board->source == TACT_STREAM &&
                         tick - board->stream_at < board->stream_end - board->stream_at;
-    for (int32_t c = 0; c < wired->channels; c++)
-        wired->force_v[c] = streams ? wired->force[row * (uint32_t)wired->channels + (uint32_t)c] : 0.0f;
+    for (int32_t c = 0; c < simulated->channels; c++)
+        simulated->force_v[c] = streams ? simulated->force[row * (uint32_t)simulated->channels + (uint32_t)c] : 0.0f;
 }
 
-int tact_wired_period(tact_wired *wired, tact_board *board, uint32_t lateness)
+int tact_simulated_board_period(tact_simulated_board *simulated, tact_board *board, uint32_t lateness)
 {
     int32_t codes[TACT_CHANNELS_MAX];
-    if (wired->channels != board->channels || tact_board_waits(board))
+    if (simulated->channels != board->channels || tact_board_waits(board))
         return 0;
     tact_period_latch(board, codes);
-    tact_wired_press(wired, board);
-    tact_wired_latch(wired, codes);
-    tact_wired_read(wired, codes);
-    tact_wired_feel(wired, board);
+    tact_simulated_board_press(simulated, board);
+    tact_simulated_board_latch(simulated, codes);
+    tact_simulated_board_read(simulated, codes);
+    tact_simulated_board_feel(simulated, board);
     tact_period_step(board, codes, lateness);
-    tact_wired_advance(wired);
+    tact_simulated_board_advance(simulated);
     return 1;
 }
 
-uint32_t tact_wired_run(tact_wired *wired, tact_board *board, uint32_t most)
+uint32_t tact_simulated_board_run(tact_simulated_board *simulated, tact_board *board, uint32_t most)
 {
     uint32_t periods = 0;
-    while (periods < most && tact_wired_period(wired, board, 0))
+    while (periods < most && tact_simulated_board_period(simulated, board, 0))
         periods++;
     return periods;
 }

@@ -18,13 +18,12 @@ static void let_in(const tact_link *link)
         link->leave();
 }
 
-void tact_link_reset(tact_link *link, tact_board *board, tact_wired *wired, const char *name)
+void tact_link_reset(tact_link *link, tact_board *board, const char *name)
 {
     uint8_t *bytes = (uint8_t *)link;
     for (size_t i = 0; i < sizeof *link; i++)
         bytes[i] = 0;
     link->board = board;
-    link->wired = wired;
     for (int i = 0; i < TACT_BOARD_NAME_SIZE - 1 && name[i] != 0; i++)
         link->name[i] = (uint8_t)name[i];
     link->cobs.buffer = link->received;
@@ -60,7 +59,7 @@ static int32_t commit_image(tact_link *link, uint32_t size, uint8_t *refusal)
     const int taken = tact_board_take_image(board, &link->image);
     let_in(link);
     if (taken) /* its states were another controller's, in another arithmetic perhaps */
-        tact_exercise_begin(&link->exercise, &board->image, 0);
+        tact_bit_check_begin(&link->bit_check, &board->image, 0);
     return taken ? TACT_DONE : TACT_NOT_IN_THIS_MODE;
 }
 
@@ -76,14 +75,14 @@ static int32_t commit_safety(tact_link *link, uint32_t size, uint8_t *refusal)
     return taken ? TACT_DONE : TACT_NOT_IN_THIS_MODE;
 }
 
-static int32_t commit_wired(tact_link *link, uint32_t size, uint8_t *refusal)
+static int32_t commit_display(tact_link *link, uint32_t size, uint8_t *refusal)
 {
     int taken = 0;
-    if (!link->wired)
+    if (!link->display.take)
         return TACT_NOT_HERE;
     keep_out(link);
     if (link->board->mode == TACT_OFF)
-        taken = tact_wired_parse(link->wired, link->upload, size, link->board->channels);
+        taken = link->display.take(link->display.context, link->upload, size, link->board->channels);
     for (int32_t c = 0; taken && c < link->board->channels; c++)
         tact_guard_reset(&link->board->channel[c].guard, link->board->ticks); /* what it saw last was another display */
     let_in(link);
@@ -111,8 +110,8 @@ static int32_t commit(tact_link *link, tact_reader *in, tact_writer *out)
         outcome = commit_image(link, size, &refusal);
     } else if (kind == TACT_UPLOAD_SAFETY) {
         outcome = commit_safety(link, size, &refusal);
-    } else if (kind == TACT_UPLOAD_WIRED) {
-        outcome = commit_wired(link, size, &refusal);
+    } else if (kind == TACT_UPLOAD_DISPLAY) {
+        outcome = commit_display(link, size, &refusal);
     }
     tact_write_u8(out, refusal);
     return outcome;
@@ -129,11 +128,11 @@ static uint32_t take_rows(tact_link *link, tact_reader *in, uint32_t first, uint
         for (uint32_t i = 0; i < some; i++) {
             for (uint32_t c = 0; c < width; c++)
                 rows[i * width + c] = tact_read_f32(in);
-            for (uint32_t c = 0; c < width && link->wired; c++) {
+            for (uint32_t c = 0; c < width && link->display.take; c++) {
                 const float force_v = forces ? tact_read_f32(in) : 0.0f;
                 const uint32_t row = (first + k + i) & (board->stream_capacity - 1);
                 if (first + k + i >= board->stream_end)
-                    link->wired->force[row * width + c] = force_v;
+                    link->display.force_v[row * width + c] = force_v;
             }
         }
         keep_out(link);
@@ -150,7 +149,7 @@ static int32_t take_stream(tact_link *link, tact_reader *in, tact_writer *out)
     uint32_t count = tact_read_u16(in);
     const uint32_t forces = tact_read_u8(in);
     const uint32_t row_size = (uint32_t)board->channels * (forces ? 8u : 4u);
-    if (in->overrun || in->size - in->at != count * row_size || (forces && !link->wired))
+    if (in->overrun || in->size - in->at != count * row_size || (forces && !link->display.take))
         return TACT_BAD_PAYLOAD;
     if (run != board->run)
         return TACT_OTHER_RUN;
@@ -230,7 +229,7 @@ static int32_t move(tact_link *link, uint8_t type, tact_reader *in, tact_writer 
 
 /* -- trials ---------------------------------------------------------------------------------------------------------- */
 
-static int32_t run_exercise(tact_link *link, tact_reader *in, tact_writer *out)
+static int32_t run_bit_check(tact_link *link, tact_reader *in, tact_writer *out)
 {
     const tact_board *board = link->board;
     const uint32_t seed = tact_read_u32(in), samples = tact_read_u32(in);
@@ -240,8 +239,8 @@ static int32_t run_exercise(tact_link *link, tact_reader *in, tact_writer *out)
     if (board->mode != TACT_OFF || board->image.format == 0)
         return TACT_NOT_IN_THIS_MODE;
     if (restart)
-        tact_exercise_begin(&link->exercise, &board->image, seed);
-    tact_write_u32(out, tact_exercise_run(&link->exercise, &board->image, samples));
+        tact_bit_check_begin(&link->bit_check, &board->image, seed);
+    tact_write_u32(out, tact_bit_check_run(&link->bit_check, &board->image, samples));
     return TACT_DONE;
 }
 
@@ -257,24 +256,6 @@ static int32_t run_bench(tact_link *link, tact_reader *in, tact_writer *out)
     for (int i = 0; i < 3; i++)
         tact_write_u32(out, counts[i]);
     tact_write_u32(out, samples);
-    return TACT_DONE;
-}
-
-static int32_t touch_or_break(tact_link *link, uint8_t type, tact_reader *in)
-{
-    tact_wired *wired = link->wired;
-    const uint32_t channel = tact_read_u8(in);
-    const int32_t what = tact_read_u8(in);
-    if (!wired)
-        return TACT_NOT_HERE;
-    if (in->overrun || in->at != in->size || channel >= (uint32_t)wired->channels)
-        return TACT_BAD_PAYLOAD;
-    if (type == TACT_ASK_BREAK && what <= TACT_SENSOR_REVERSED)
-        wired->sensor[channel] = what;
-    else if (type == TACT_ASK_TOUCH && what < wired->table[channel].plant_count)
-        wired->state[channel].touched = what;
-    else
-        return TACT_BAD_PAYLOAD;
     return TACT_DONE;
 }
 
@@ -305,13 +286,13 @@ static int32_t carry_out(tact_link *link, const tact_frame *frame, tact_writer *
         return take_stimulus(link, &in);
     case TACT_ASK_TRACE:
         return tact_report_trace(link, &in, out);
-    case TACT_ASK_EXERCISE:
-        return run_exercise(link, &in, out);
+    case TACT_ASK_BIT_CHECK:
+        return run_bit_check(link, &in, out);
     case TACT_ASK_BENCH:
         return run_bench(link, &in, out);
     case TACT_ASK_TOUCH:
     case TACT_ASK_BREAK:
-        return touch_or_break(link, frame->type, &in);
+        return link->display.take ? link->display.request(link->display.context, frame->type, &in) : TACT_NOT_HERE;
     default:
         return TACT_UNKNOWN_REQUEST;
     }

@@ -15,12 +15,12 @@
  *     STREAM             run u32, first u32, count u16, forces u8, rows f32   end u32, tick u32
  *     STIMULUS           channel u8, count u8, tones                          -
  *     TRACE              run u32, first u32, count u16, felt u8               first u32, count u16, rows
- *     EXERCISE           seed u32, samples u32, restart u8                    digest u32
+ *     BIT_CHECK          seed u32, samples u32, restart u8                    digest u32
  *     BENCH              samples u32                                          least, most, sum (u32), samples u32
  *     TOUCH              channel u8, load u8                                  -
  *     BREAK              channel u8, sensor u8                                -
  *
- * The last three are for boards whose display is simulated (`wired`). Memory is bounded at both ends: a frame is at
+ * TOUCH and BREAK are for boards whose display is simulated, which registers itself in `display`. Memory is bounded at both ends: a frame is at
  * most TACT_FRAME_MAX bytes, the stream and the trace are the board's rings.
  *
  * Example use:
@@ -36,7 +36,7 @@
 #include "wire/cobs.h"
 #include "board/bit_check.h"
 #include "wire/frame.h"
-#include "display/simulated_board.h"
+#include "wire/bytes.h"
 
 typedef enum {
     TACT_ASK_STATUS = 1,
@@ -50,7 +50,7 @@ typedef enum {
     TACT_ASK_STREAM = 0x20,
     TACT_ASK_STIMULUS,
     TACT_ASK_TRACE,
-    TACT_ASK_EXERCISE = 0x30,
+    TACT_ASK_BIT_CHECK = 0x30,
     TACT_ASK_BENCH,
     TACT_ASK_TOUCH,
     TACT_ASK_BREAK
@@ -67,14 +67,24 @@ typedef enum {
     TACT_NOT_HERE
 } tact_outcome;
 
-enum { TACT_UPLOAD_IMAGE = 1, TACT_UPLOAD_SAFETY, TACT_UPLOAD_WIRED };
-enum { TACT_UPLOAD_SIZE = TACT_WIRED_MAX, TACT_BOARD_NAME_SIZE = 16 };
+enum { TACT_UPLOAD_IMAGE = 1, TACT_UPLOAD_SAFETY, TACT_UPLOAD_DISPLAY };
+enum { TACT_UPLOAD_SIZE = 8192, TACT_BOARD_NAME_SIZE = 16 };
 
 typedef struct tact_link tact_link;
 
+/* What stands in the place of a board's converters. `take` NULL: the converters are real. */
+typedef struct {
+    void *context;
+    int (*take)(void *context, const uint8_t *bytes, size_t size, int32_t channels); /* an upload: 1 if it is taken */
+    int32_t (*request)(void *context, uint8_t type, tact_reader *in); /* TOUCH or BREAK: the tact_outcome */
+    float *force_v;                                                   /* ring beside the board's stream */
+    const float *felt_mm;                                             /* ring beside the board's trace */
+    const uint32_t *crc;                                              /* of what was taken; 0: nothing yet */
+} tact_link_display;
+
 struct tact_link {
     tact_board *board;
-    tact_wired *wired; /* NULL: the converters are real */
+    tact_link_display display;
     /* Keeps the timer's interrupt out and lets it in again; NULL where there is none. */
     void (*enter)(void);
     void (*leave)(void);
@@ -84,7 +94,7 @@ struct tact_link {
     tact_cobs cobs;
     uint32_t heard, dropped; /* whole frames; spoilt ones */
     int32_t upload_kind;
-    tact_exercise exercise;
+    tact_bit_check bit_check;
     tact_image image;   /* a candidate, until it has been checked */
     tact_safety safety;
     uint8_t received[TACT_FRAME_MAX];
@@ -95,7 +105,7 @@ struct tact_link {
 };
 
 /* Without a frame yet. name: at most 15 characters. */
-void tact_link_reset(tact_link *link, tact_board *board, tact_wired *wired, const char *name);
+void tact_link_reset(tact_link *link, tact_board *board, const char *name);
 
 /* One byte in; 1 when an answer lies in `wire`, to be sent before the next byte is given. */
 int tact_link_receive(tact_link *link, uint8_t byte);

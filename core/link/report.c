@@ -16,7 +16,7 @@ int32_t tact_report_status(const tact_link *link, tact_writer *out)
     tact_write_f32(out, board->safety.rate_hz);
     tact_write_u32(out, board->safety.channels ? board->safety.crc : 0);
     tact_write_u32(out, board->image.format ? board->image.crc : 0);
-    tact_write_u32(out, link->wired && link->wired->channels ? link->wired->crc : 0);
+    tact_write_u32(out, link->display.take ? *link->display.crc : 0);
     tact_write_u32(out, board->stream_capacity);
     tact_write_u32(out, board->trace_capacity);
     tact_write_u32(out, board->run);
@@ -49,7 +49,7 @@ static void write_rows(const tact_link *link, tact_writer *out, uint32_t first, 
         for (uint32_t c = 0; c < width; c++)
             tact_write_u32(out, (uint32_t)words[2 * c + 1]);
         for (uint32_t c = 0; c < width && felt; c++)
-            tact_write_f32(out, link->wired->felt_mm[row * width + c]);
+            tact_write_f32(out, link->display.felt_mm[row * width + c]);
     }
 }
 
@@ -60,7 +60,7 @@ int32_t tact_report_trace(const tact_link *link, tact_reader *in, tact_writer *o
     uint32_t count = tact_read_u16(in);
     const int felt = tact_read_u8(in) != 0;
     const uint32_t row_size = (uint32_t)board->channels * (felt ? 12u : 8u);
-    if (in->overrun || in->at != in->size || (felt && !link->wired))
+    if (in->overrun || in->at != in->size || (felt && !link->display.take))
         return TACT_BAD_PAYLOAD;
     if (run != board->run)
         return TACT_OTHER_RUN;

@@ -11,6 +11,7 @@
  * instruction of the board and leaves the machine to the host meanwhile, for longer where the host is behind. */
 
 #include "board/period.h"
+#include "display/simulated_board.h"
 #include "port.h"
 #include "semihosting.h"
 
@@ -32,9 +33,10 @@ enum { UART_FULL = 1, UART_HAS = 2, UART_BOTH = 3 };
 void tact_systick(void);
 
 static tact_board *the_board;
-static tact_wired wired;
+static tact_simulated_board simulated;
 static float force[STREAM_ROWS * TACT_CHANNELS_MAX], felt_mm[STREAM_ROWS * TACT_CHANNELS_MAX];
 static int from_host = -1, to_host = -1;
+static void (*the_tick)(void);
 static uint32_t timer, missed, lateness; /* timer: SYSTICK_CONTROL when it runs */
 
 static void count_instructions(uint32_t samples, uint32_t *counts);
@@ -42,9 +44,9 @@ static void count_instructions(uint32_t samples, uint32_t *counts);
 void tact_port_begin(tact_board *board, tact_link *link)
 {
     the_board = board;
-    tact_wired_reset(&wired, force, felt_mm);
+    tact_simulated_board_reset(&simulated, force, felt_mm);
     board->allows_hold = 1;
-    link->wired = &wired;
+    tact_simulated_board_join(&simulated, link);
     link->bench = count_instructions;
     from_host = tact_host_open("to-board", 0);
     if (from_host >= 0)
@@ -53,8 +55,9 @@ void tact_port_begin(tact_board *board, tact_link *link)
     UART_CONTROL = UART_BOTH;
 }
 
-void tact_port_start_timer(float rate_hz)
+void tact_port_start_timer(float rate_hz, void (*tick)(void))
 {
+    the_tick = tick;
     SYSTICK_CONTROL = 0;
     SYSTICK_RELOAD = (uint32_t)((float)CLOCK_HZ / rate_hz + 0.5f) - 1u;
     SYSTICK_VALUE = 0;
@@ -66,7 +69,7 @@ void tact_systick(void)
     const uint32_t reload = SYSTICK_RELOAD, value = SYSTICK_VALUE; /* reads 0 at the wrap itself */
     (void)SYSTICK_CONTROL; /* takes back the mark of the wrap that brought us here */
     lateness = (value == 0 ? 0 : reload - value) * 256u / (reload + 1u) + missed;
-    tact_port_tick();
+    the_tick();
     missed = SYSTICK_CONTROL & SYSTICK_WRAPPED ? 256u : 0u;
 }
 
@@ -78,7 +81,7 @@ uint32_t tact_port_lateness(void)
 int tact_port_holds(void)
 {
     const int rests = the_board->leaving == TACT_STAYS && the_board->mode != TACT_RUNNING;
-    return wired.channels != the_board->channels || rests || tact_board_waits(the_board);
+    return simulated.channels != the_board->channels || rests || tact_board_waits(the_board);
 }
 
 /* What the display's computation takes is no time of the board's. */
@@ -95,23 +98,23 @@ static void timer_goes_on(void)
 void tact_port_put_out(const int32_t *codes)
 {
     timer_stands();
-    tact_wired_press(&wired, the_board);
-    tact_wired_latch(&wired, codes);
+    tact_simulated_board_press(&simulated, the_board);
+    tact_simulated_board_latch(&simulated, codes);
     timer_goes_on();
 }
 
 void tact_port_read_in(int32_t *codes)
 {
     timer_stands();
-    tact_wired_read(&wired, codes);
-    tact_wired_feel(&wired, the_board);
+    tact_simulated_board_read(&simulated, codes);
+    tact_simulated_board_feel(&simulated, the_board);
     timer_goes_on();
 }
 
 void tact_port_finish(void)
 {
     timer_stands();
-    tact_wired_advance(&wired);
+    tact_simulated_board_advance(&simulated);
     timer_goes_on();
 }
 

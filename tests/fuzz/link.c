@@ -4,13 +4,14 @@
 #include <string.h>
 
 #include "wire/crc32.h"
+#include "display/simulated_board.h"
 #include "link/link.h"
 #include "board/period.h"
 
 enum { CHANNELS = 3, ROWS = 64 };
 
 static tact_board board;
-static tact_wired wired;
+static tact_simulated_board simulated;
 static tact_link link_under_test;
 static float stream[ROWS * CHANNELS], force[ROWS * CHANNELS], felt_mm[ROWS * CHANNELS];
 static int32_t trace[ROWS * CHANNELS * 2];
@@ -46,8 +47,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     static uint8_t content[TACT_FRAME_MAX], wire[TACT_WIRE_MAX];
     size_t at = 0;
     tact_board_reset(&board, CHANNELS, stream, ROWS, trace, ROWS);
-    tact_wired_reset(&wired, force, felt_mm);
-    tact_link_reset(&link_under_test, &board, &wired, "fuzzed");
+    tact_simulated_board_reset(&simulated, force, felt_mm);
+    tact_link_reset(&link_under_test, &board, "fuzzed");
+    tact_simulated_board_join(&simulated, &link_under_test);
     board.allows_hold = 1;
     while (at + 3 < size) {
         const size_t length = data[at];
@@ -60,15 +62,15 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         const size_t payload = length < left - 1 ? length : left - 1;
         const uint8_t type = data[at + 1];
         memcpy(content + 4, data + at + 2, payload);
-        if (type == TACT_ASK_EXERCISE && payload >= 8)
-            memset(content + 9, 0, 3); /* no endless exercises */
+        if (type == TACT_ASK_BIT_CHECK && payload >= 8)
+            memset(content + 9, 0, 3); /* no endless bit checks */
         if (type == TACT_ASK_COMMIT && payload == 9)
             seal_upload(content + 4);
         const size_t sealed = tact_frame_seal(content, type, 1, payload);
         const size_t encoded = tact_cobs_encode(content, sealed, wire, sizeof wire);
         for (size_t i = 0; i < encoded; i++)
             (void)tact_link_receive(&link_under_test, wire[i]);
-        (void)tact_wired_run(&wired, &board, 4);
+        (void)tact_simulated_board_run(&simulated, &board, 4);
         at += 2 + payload;
     }
     if (board.mode != TACT_OFF && board.safety.channels == 0)

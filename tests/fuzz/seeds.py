@@ -10,10 +10,10 @@ import numpy as np
 from tactuator.rig.board.commissioning import safety_table
 from tactuator.rig.board.frames import Frame as LinkFrame
 from tactuator.rig.board.frames import Request, cobs_encode, frame_bytes
-from tactuator.rig.board.link import IMAGE, SAFETY, SILENT, STIMULUS, STREAM, WIRED
+from tactuator.rig.board.link import IMAGE, SAFETY, SILENT, SIMULATED_DISPLAY, STIMULUS, STREAM
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import safety_bytes
-from tactuator.runtime.simulated_board import wired_display_bytes
+from tactuator.runtime.simulated_board import simulated_board_bytes
 from tests.runtime.paper_display import channel, controller, display
 
 _PIECE = 240
@@ -61,11 +61,11 @@ def conversations() -> dict[str, bytes]:
         of = display(*(channel(name) for name in names))
         count = len(names)
         safety = upload(SAFETY, safety_bytes(safety_table(of)))
-        wired = upload(WIRED, wired_display_bytes(of, 1)[0])
+        simulated = upload(SIMULATED_DISPLAY, simulated_board_bytes(of, 1)[0])
         trace = frame(Request.TRACE, struct.pack("<IIHB", 1, 0, 64, 1))
         for number_format in ("float32", "q31"):
             image = upload(IMAGE, build_image(controller(of), number_format, "0" * 64))
-            ready = safety + image + wired + arm
+            ready = safety + image + simulated + arm
             rows = b"".join(stream(1, at, count) for at in range(0, 64, min(_ROWS, (_PIECE - 11) // (4 * count))))
             name = f"{number_format}-{count}"
             made[f"stream-{name}"] = (
@@ -73,19 +73,19 @@ def conversations() -> dict[str, bytes]:
             )
             if count == 1:
                 made[f"tones-{name}"] = (
-                    safety + image + wired + stimulus(0) + arm + frame(Request.START, start.pack(1, STIMULUS, 0, 0))
+                    safety + image + simulated + stimulus(0) + arm + frame(Request.START, start.pack(1, STIMULUS, 0, 0))
                     + status * 20 + trace + stop + status * 40 + off
                 )  # fmt: skip
                 made[f"broken-{name}"] = (
                     ready + frame(Request.START, start.pack(1, SILENT, 0, 0)) + frame(Request.TOUCH, bytes([0, 1]))
                     + frame(Request.BREAK, bytes([0, 1])) + status * 30 + clear + off
-                    + frame(Request.EXERCISE, struct.pack("<IIB", 1, 100, 1))
+                    + frame(Request.BIT_CHECK, struct.pack("<IIB", 1, 100, 1))
                 )  # fmt: skip
-        exercises = [frame(Request.EXERCISE, struct.pack("<IIB", 1, 100, restart)) for restart in (1, 0)]
+        bit_checks = [frame(Request.BIT_CHECK, struct.pack("<IIB", 1, 100, restart)) for restart in (1, 0)]
         images = [upload(IMAGE, build_image(controller(of), each, "0" * 64)) for each in ("float32", "q31")]
-        made[f"exercises-{count}"] = safety + images[0] + exercises[0] + images[1] + exercises[1]
+        made[f"bit-checks-{count}"] = safety + images[0] + bit_checks[0] + images[1] + bit_checks[1]
         made[f"driven-{count}"] = (
-            safety + wired + arm + frame(Request.START, start.pack(1, STREAM, 1, 1))
+            safety + simulated + arm + frame(Request.START, start.pack(1, STREAM, 1, 1))
             + stream(1, 0, count, True) + frame(Request.BENCH, struct.pack("<I", 4)) + stop * 30 + status
         )  # fmt: skip
     garbage = b"\xff\x00" + cobs_encode(b"\0" * 300) + frame_bytes(LinkFrame(Request.STATUS, 7, b"")) + b"\xff" * 300

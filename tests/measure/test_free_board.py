@@ -9,7 +9,7 @@ from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport.transport import InProcess
-from tactuator.runtime.simulated_board import wired_display_bytes
+from tactuator.runtime.simulated_board import simulated_board_bytes
 from tests.rig.guard.guarded import designed
 
 
@@ -25,7 +25,7 @@ def multisine(rig):
 def test_measure__free_board__agrees_with_the_simulated_display(measure):
     made = designed()
     free = BoardRig(LinkClient(InProcess()), made.display, waits=False, sleep=lambda seconds: None)
-    free.wire(*wired_display_bytes(made.display, 1))
+    free.simulate(*simulated_board_bytes(made.display, 1))
     free.load(made)
     simulated = SimulatedRig(made.display, 2)
     simulated.load(made)

@@ -14,7 +14,7 @@ from tactuator.rig.boards import emulated_rig, in_process_rig
 from tactuator.rig.open import open_rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport.transport import InProcess
-from tactuator.runtime.simulated_board import wired_display_bytes
+from tactuator.runtime.simulated_board import simulated_board_bytes
 from tests.rig.board.emulated_ports import socket_board
 from tests.rig.guard.guarded import designed
 
@@ -60,7 +60,7 @@ def _simulated(display: Display) -> Iterator[SimulatedRig]:
 
 def _lossy(display: Display) -> BoardRig:
     rig = BoardRig(LinkClient(Lossy(), 0.01, tries=20), display)
-    rig.wire(*wired_display_bytes(display, SEED))
+    rig.simulate(*simulated_board_bytes(display, SEED))
     return rig
 
 
@@ -89,7 +89,7 @@ RIGS: dict[str, Callable[[Display], AbstractContextManager[SimulatedRig | BoardR
 def begin(rig: BoardRig) -> None:
     """The display as it was in the beginning, and the controller."""
     rig.off()
-    rig.wire(*wired_display_bytes(designed().display, SEED))
+    rig.simulate(*simulated_board_bytes(designed().display, SEED))
     rig.load(designed())
 
 

@@ -18,7 +18,7 @@ from tactuator.rig.trace import join_traces, recut_traces
 from tactuator.rig.transport.socket import connect
 from tactuator.rig.transport.transport import InProcess, LinkDown
 from tactuator.runtime.safety_table import Fault
-from tactuator.runtime.simulated_board import wired_display_bytes
+from tactuator.runtime.simulated_board import simulated_board_bytes
 from tests.rig.board.emulated_ports import serial_board, socket_board
 from tests.rig.guard.guarded import designed
 
@@ -29,7 +29,7 @@ SOFT = soft_ticks(4000.0)
 def free_rig(transport=None):
     """A board in this process whose time goes on by 32 ticks with every request, whatever it has to play."""
     rig = BoardRig(LinkClient(transport or InProcess()), designed().display, waits=False, sleep=lambda seconds: None)
-    rig.wire(*wired_display_bytes(designed().display, 1))
+    rig.simulate(*simulated_board_bytes(designed().display, 1))
     rig.load(designed())
     return rig
 

@@ -1,4 +1,4 @@
-"""Boards in the emulator, and one in this process, as rigs: the display's simulation is wired to their converters."""
+"""Boards as rigs: in the emulator, in this process, or at a port."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tactuator.rig.transport.emulator import Emulator
 from tactuator.rig.transport.serial import SerialPort
 from tactuator.rig.transport.socket import SCHEME, connect
 from tactuator.rig.transport.transport import InProcess, Transport
-from tactuator.runtime.simulated_board import wired_display_bytes
+from tactuator.runtime.simulated_board import simulated_board_bytes
 
 _EMULATED_ANSWER_S = 10.0
 _SERIAL_ANSWER_S = 1.0
@@ -24,21 +24,21 @@ def emulated_rig(
 ) -> BoardRig:
     """`display`, simulated, on a board of the emulator ("mps2-an500"). Raises BadInput if QEMU or the cross-compiler
     is missing."""
-    return wired_rig(Emulator(board, counting), display, seed, number_format)
+    return simulated_board_rig(Emulator(board, counting), display, seed, number_format)
 
 
 def in_process_rig(display: Display, seed: int = 0, number_format: str = "float32") -> BoardRig:
     """The same board and link in this very process: what the emulated ones are compared with."""
-    return wired_rig(InProcess(), display, seed, number_format)
+    return simulated_board_rig(InProcess(), display, seed, number_format)
 
 
-def wired_rig(transport: Transport, display: Display, seed: int, number_format: str) -> BoardRig:
+def simulated_board_rig(transport: Transport, display: Display, seed: int, number_format: str) -> BoardRig:
     """A board with a simulated display behind any transport; closed again if it cannot be set up."""
     client = LinkClient(transport, _EMULATED_ANSWER_S)
     try:
         rig = BoardRig(client, display, number_format)
-        content, loads = wired_display_bytes(display, seed)
-        rig.wire(content, loads)
+        content, loads = simulated_board_bytes(display, seed)
+        rig.simulate(content, loads)
     except BaseException:
         client.close()
         raise
@@ -54,7 +54,7 @@ def serial_rig(url: str, display: Display, seed: int = 0) -> BoardRig:
         rig = BoardRig(client, display)
         rig.off()  # whoever was here before may have left it running
         if client.status().allows_hold:
-            rig.wire(*wired_display_bytes(display, seed))
+            rig.simulate(*simulated_board_bytes(display, seed))
     except BaseException:
         client.close()
         raise

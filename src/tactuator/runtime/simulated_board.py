@@ -15,15 +15,15 @@ from tactuator.runtime.image import sealed
 from tactuator.runtime.tables import display_table
 
 
-def wired_display_bytes(display: Display, seed: int) -> tuple[bytes, tuple[tuple[str | None, ...], ...]]:
+def simulated_board_bytes(display: Display, seed: int) -> tuple[bytes, tuple[tuple[str | None, ...], ...]]:
     """The display for `seed`, and for each channel the names of its loads in the order of the board's numbers."""
     parts, loads = [], []
     for channel in display.channels:
         table, _keep, names = display_table(channel, display.rate_hz)
-        if len(names) > lib.TACT_WIRED_PLANTS_MAX:
+        if len(names) > lib.TACT_SIMULATED_BOARD_PLANTS_MAX:
             raise BadInput(
                 f"channel {channel.name!r}: {len(names) - 1} loads; "
-                f"allowed on an emulated board: at most {lib.TACT_WIRED_PLANTS_MAX - 1}"
+                f"allowed on an emulated board: at most {lib.TACT_SIMULATED_BOARD_PLANTS_MAX - 1}"
             )
         converter = channel.converter
         parts.append(struct.pack("<iidd", converter.bits, converter.polarity, converter.range_v, converter.offset_v))
@@ -32,8 +32,10 @@ def wired_display_bytes(display: Display, seed: int) -> tuple[bytes, tuple[tuple
     body = struct.pack("<I", seed) + b"".join(parts)
     head = struct.pack("<4sHHI", b"TACW", 1, len(display.channels), 12 + len(body) + 4)
     content = sealed(head + body)
-    if len(content) > lib.TACT_WIRED_MAX:
-        raise BadInput(f"the display takes {len(content)} bytes; allowed on an emulated board: {lib.TACT_WIRED_MAX}")
+    if len(content) > lib.TACT_SIMULATED_BOARD_MAX:
+        raise BadInput(
+            f"the display takes {len(content)} bytes; allowed on an emulated board: {lib.TACT_SIMULATED_BOARD_MAX}"
+        )
     return content, tuple(loads)
 
 

@@ -1,4 +1,4 @@
-"""The exercise of the bit comparison: whose states it goes on from."""
+"""The bit check: the states that it goes on from."""
 
 import struct
 
@@ -8,26 +8,26 @@ from tactuator.runtime.image import build_image
 from tests.rig.guard.guarded import designed
 
 
-def exercised(rig, samples: int, restart: bool) -> bytes:
-    return rig.client.must(Request.EXERCISE, struct.pack("<IIB", 0, samples, restart))
+def bit_checked(rig, samples: int, restart: bool) -> bytes:
+    return rig.client.must(Request.BIT_CHECK, struct.pack("<IIB", 0, samples, restart))
 
 
-def test_exercise__another_image_in_between__begins_anew() -> None:
+def test_bit_check__another_image_in_between__begins_anew() -> None:
     """Found by fuzzing: a Q31 controller went on from a float32 one's states, beyond what its accumulators hold."""
     digests = []
     for before in (None, "float32", "q31"):
         with in_process_rig(designed().display, 1) as rig:
             if before:
                 rig.load_image(build_image(designed(), before, "0" * 64))
-                exercised(rig, 500, True)
+                bit_checked(rig, 500, True)
             rig.load_image(build_image(designed(), "q31", "1" * 64))
-            digests.append(exercised(rig, 500, before is None))
+            digests.append(bit_checked(rig, 500, before is None))
     assert digests[0] == digests[1] == digests[2]
 
 
-def test_exercise__in_pieces__is_one() -> None:
+def test_bit_check__in_pieces__is_one() -> None:
     with in_process_rig(designed().display, 1) as rig:
         rig.load(designed())
-        whole = exercised(rig, 900, True)
-        exercised(rig, 350, True)
-        assert exercised(rig, 550, False) == whole
+        whole = bit_checked(rig, 900, True)
+        bit_checked(rig, 350, True)
+        assert bit_checked(rig, 550, False) == whole

@@ -5,7 +5,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.rig.board.link import Mode, RigFault
-from tactuator.rig.boards import emulated_rig, in_process_rig, wired_rig
+from tactuator.rig.boards import emulated_rig, in_process_rig, simulated_board_rig
 from tactuator.rig.open import open_rig
 from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
@@ -107,7 +107,7 @@ def test_emulator__ends_on_its_own__is_told():
     from tactuator.rig.transport.transport import LinkDown
 
     transport = Emulator("mps2-an500")
-    rig = wired_rig(transport, designed().display, 1, "float32")
+    rig = simulated_board_rig(transport, designed().display, 1, "float32")
     transport._process.kill()
     transport._process.wait()
     with pytest.raises(LinkDown, match="has ended"):

@@ -17,7 +17,7 @@ from tactuator.rig.transport.transport import InProcess
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import Fault
-from tactuator.runtime.simulated_board import wired_display_bytes
+from tactuator.runtime.simulated_board import simulated_board_bytes
 from tactuator.synthesis.design import design_controller
 
 SENSORS = ("sound", "open", "shorted", "frozen", "reversed")
@@ -60,11 +60,11 @@ class Guarded:
         self.display: Display = controller.display
         self.transport = InProcess()
         self.rig = BoardRig(LinkClient(self.transport), self.display)
-        content, loads = wired_display_bytes(self.display, seed)
-        self.rig.wire(content, loads)
+        content, loads = simulated_board_bytes(self.display, seed)
+        self.rig.simulate(content, loads)
         self.rig.client.upload(IMAGE, build_image(controller, number_format, "0" * 64))
         self.rig.client.must(Request.ARM)
-        self.board, self.wired = self.transport.board, self.transport.wired
+        self.board, self.simulated = self.transport.board, self.transport.simulated
         self.drives = drives
         self.start()
 
@@ -96,11 +96,11 @@ class Guarded:
     def touch(self, yes: bool) -> None:
         """A finger on every channel, or none."""
         for channel in range(3):
-            self.wired.state[channel].touched = int(yes)
+            self.simulated.state[channel].touched = int(yes)
 
     def break_sensor(self, what: str, channel: int = 0) -> None:
         """What happens to one channel's sensor."""
-        self.wired.sensor[channel] = SENSORS.index(what)
+        self.simulated.sensor[channel] = SENSORS.index(what)
 
     def run(self, rows: NDArray[np.float64], lateness: int = 0, heard: bool = True) -> Run:
         """One tick for each row of the reference (n, 3)."""
@@ -113,9 +113,9 @@ class Guarded:
             lib.tact_board_stream(self.board, self.board.tick, row, 1)
             if heard:
                 self.board.silence = 0
-            lib.tact_wired_period(self.wired, self.board, lateness)
+            lib.tact_simulated_board_period(self.simulated, self.board, lateness)
             for channel in range(3):
-                state = self.wired.state[channel]
+                state = self.simulated.state[channel]
                 moved[k, channel], command[k, channel] = state.displacement_mm, state.motor_v
             if at is None and self.board.mode == lib.TACT_FAULT:
                 at = k

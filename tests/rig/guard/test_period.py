@@ -27,7 +27,7 @@ def uncommon(controller):
 def answers(guarded, rows, left=0.0):
     """What the board put into its queue at every tick, and what the controllers say; until it is in a fault. left: in
     all states of the prefilters to begin with."""
-    board, wired = guarded.board, guarded.wired
+    board, simulated = guarded.board, guarded.simulated
     states = [ffi.new("tact_controller_state *") for _ in range(3)]
     for c, state in enumerate(states):
         lib.tact_controller_reset(state)
@@ -39,12 +39,12 @@ def answers(guarded, rows, left=0.0):
         fade, authority, slot = np.float32(board.fade), np.float32(board.authority), board.delay_at
         lib.tact_board_stream(board, board.tick, ffi.from_buffer("float[]", np.ascontiguousarray(row)), 1)
         board.silence = 0
-        lib.tact_wired_period(wired, board, 0)
+        lib.tact_simulated_board_period(simulated, board, 0)
         for c, state in enumerate(states):
             safety, channel = board.safety.channel[c], board.channel[c]
             most = np.float32(safety.reference_max)
             reference = fade * np.clip(row[c], -most, most)
-            position_v = lib.tact_converter_position_v(ffi.addressof(safety.converter), wired.code[c])
+            position_v = lib.tact_converter_position_v(ffi.addressof(safety.converter), simulated.code[c])
             command_v = lib.tact_controller_step(channel.single, state, reference, position_v)
             found.append(channel.delayed_v[slot])
             wanted.append(float(authority * np.float32(command_v)))

@@ -18,7 +18,7 @@ from tactuator.rig.transport.transport import LinkDown, Transport
 from tactuator.runtime.image import REASONS, ImageRefusal
 from tactuator.runtime.safety_table import Fault, SafetyRefusal
 
-IMAGE, SAFETY, WIRED = 1, 2, 3
+IMAGE, SAFETY, SIMULATED_DISPLAY = 1, 2, 3
 SILENT, STREAM, STIMULUS = 0, 1, 2
 _ANSWER_S, _TRIES = 2.0, 5
 _CHUNK = 1024

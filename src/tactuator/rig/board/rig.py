@@ -19,9 +19,9 @@ from tactuator.rig.board.frames import Request
 from tactuator.rig.board.link import (
     IMAGE,
     SAFETY,
+    SIMULATED_DISPLAY,
     STIMULUS,
     STREAM,
-    WIRED,
     LinkClient,
     Mode,
     RigFault,
@@ -197,9 +197,9 @@ class BoardRig:
         """Write the safety table of the display, whatever table was there; the board must be in OFF."""
         self._client.upload(SAFETY, safety_bytes(safety_table(self._display)))
 
-    def wire(self, content: bytes, loads: tuple[tuple[str | None, ...], ...]) -> None:
+    def simulate(self, content: bytes, loads: tuple[tuple[str | None, ...], ...]) -> None:
         """Put a simulated display in the place of the converters (boards that have none)."""
-        self._client.upload(WIRED, content)
+        self._client.upload(SIMULATED_DISPLAY, content)
         self._fingers = tuple(BoardFinger(self._client, index, names) for index, names in enumerate(loads))
 
     def off(self) -> None:

@@ -68,7 +68,7 @@ def _digests(rig: BoardRig, controller: Controller, samples: int, seed: int) -> 
     digests = []
     for at in range(0, samples, _CHUNK):
         payload = struct.pack("<IIB", seed, min(_CHUNK, samples - at), at == 0)
-        digests.append(rig.client.must(Request.EXERCISE, payload, patience=10.0))
+        digests.append(rig.client.must(Request.BIT_CHECK, payload, patience=10.0))
     return digests
 
 

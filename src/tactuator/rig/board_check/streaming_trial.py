@@ -18,7 +18,7 @@ from tactuator.rig.board.stream import StreamDry
 from tactuator.rig.boards import in_process_rig
 from tactuator.rig.trace import Trace, join_traces
 from tactuator.rig.transport.emulator import EmulatorUart
-from tactuator.runtime.simulated_board import wired_display_bytes
+from tactuator.runtime.simulated_board import simulated_board_bytes
 
 INSTRUCTION_NS = 8
 """125 million instructions a second: what a Cortex-M4F at 168 MHz does at 1.34 clocks an instruction."""
@@ -80,7 +80,7 @@ def try_streaming(
     uart = EmulatorUart(board, f"shift={instruction_ns.bit_length() - 1},sleep=off")
     client = LinkClient(uart, _ANSWER_S)
     with BoardRig(client, controller.display, waits=False, lead_s=_LEAD_S) as rig:
-        rig.wire(*wired_display_bytes(controller.display, seed))
+        rig.simulate(*simulated_board_bytes(controller.display, seed))
         rig.load(controller)
         before, begun_s = (uart.sent, uart.received), time.monotonic()
         trace, dry, fault = _streamed(rig, rows)

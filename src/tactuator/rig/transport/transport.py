@@ -42,7 +42,7 @@ class InProcess:
 
     def __init__(self, name: str = "in-process", channels: int = 3) -> None:
         self.board: Any = ffi.new("tact_board *")
-        self.wired: Any = ffi.new("tact_wired *")
+        self.simulated: Any = ffi.new("tact_simulated_board *")
         self.link: Any = ffi.new("tact_link *")
         self._stream = ffi.new("float[]", _ROWS * channels)
         self._trace = ffi.new("int32_t[]", _ROWS * channels * 2)
@@ -50,8 +50,9 @@ class InProcess:
         self._felt = ffi.new("float[]", _ROWS * channels)
         self._answers = ffi.new("uint8_t[]", _ANSWERS)
         lib.tact_board_reset(self.board, channels, self._stream, _ROWS, self._trace, _ROWS)
-        lib.tact_wired_reset(self.wired, self._force, self._felt)
-        lib.tact_link_reset(self.link, self.board, self.wired, name.encode())
+        lib.tact_simulated_board_reset(self.simulated, self._force, self._felt)
+        lib.tact_link_reset(self.link, self.board, name.encode())
+        lib.tact_simulated_board_join(self.simulated, self.link)
         self.board.allows_hold = 1
         self._waiting = bytearray()
 
@@ -72,10 +73,10 @@ class InProcess:
 
     def run(self, ticks: int) -> int:
         """Periods of the board, until it waits; how many."""
-        return int(lib.tact_wired_run(self.wired, self.board, ticks))
+        return int(lib.tact_simulated_board_run(self.simulated, self.board, ticks))
 
     def _let_run(self) -> None:
         running = self.board.mode == lib.TACT_RUNNING or self.board.leaving != lib.TACT_STAYS
-        if running and self.wired.channels and not lib.tact_board_waits(self.board):
+        if running and self.simulated.channels and not lib.tact_board_waits(self.board):
             leaving = self.board.leaving != lib.TACT_STAYS
             self.run(_LONG if self.board.holds and not leaving else _BREATH)
