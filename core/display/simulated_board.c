@@ -128,7 +128,9 @@ static int32_t touch_or_break(void *context, uint8_t type, tact_reader *in)
 
 void tact_simulated_board_join(tact_simulated_board *simulated, tact_link *link)
 {
-    link->display = (tact_link_display){simulated, take, touch_or_break, simulated->force, simulated->felt_mm, &simulated->crc};
+    link->display = (tact_link_display){simulated,        take,
+                                        touch_or_break,   simulated->force,
+                                        simulated->felt_mm, &simulated->crc};
 }
 
 void tact_simulated_board_latch(tact_simulated_board *simulated, const int32_t *codes)
@@ -172,7 +174,8 @@ void tact_simulated_board_feel(tact_simulated_board *simulated, const tact_board
 {
     const uint32_t row = board->tick & (board->trace_capacity - 1);
     for (int32_t c = 0; c < simulated->channels; c++)
-        simulated->felt_mm[row * (uint32_t)simulated->channels + (uint32_t)c] = (float)simulated->state[c].displacement_mm;
+        simulated->felt_mm[row * (uint32_t)simulated->channels + (uint32_t)c] =
+            (float)simulated->state[c].displacement_mm;
 }
 
 void tact_simulated_board_press(tact_simulated_board *simulated, const tact_board *board)

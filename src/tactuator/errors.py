@@ -1,9 +1,37 @@
-"""The one error that a user's input can cause."""
+"""Errors that tactuator raises on purpose, each with the exit status that the command line ends with.
+
+    TactuatorError
+    ├── BadInput       2   input that cannot be used
+    ├── NoDesign       2   no controller keeps what was asked for
+    ├── DeviceFault    3   a rig, a link or a sound card failed
+    │   ├── LinkDown       the other end of a link does not answer (rig/transport)
+    │   ├── RigFault       the guard of a board ended the run (rig/board)
+    │   └── StreamDry      a stream ran dry (rig/board)
+    └── StoreFault     2   the database of an experiment cannot be read or written
+
+Every message is one line: what was got, and what is allowed.
+"""
 
 
-class BadInput(ValueError):
-    """Input that cannot be used.
+class TactuatorError(Exception):
+    """An error with a message of one line for the person who asked; `exit_status` is the command line's."""
 
-    The message is one line: what was got, and what is allowed. The command line prints it on standard error and
-    exits with status 2.
-    """
+    exit_status = 2
+
+
+class BadInput(TactuatorError, ValueError):
+    """Input that cannot be used; the message tells what was got and what is allowed."""
+
+
+class NoDesign(TactuatorError, ValueError):
+    """No controller keeps the limits that were asked for; the message tells which limits bind."""
+
+
+class DeviceFault(TactuatorError):
+    """A device failed while it was in use; the input was not at fault."""
+
+    exit_status = 3
+
+
+class StoreFault(TactuatorError):
+    """The database of an experiment cannot be read or written; nothing was changed."""

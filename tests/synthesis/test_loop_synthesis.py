@@ -7,7 +7,7 @@ import pytest
 
 from tactuator.display.controller import ChannelController
 from tactuator.display.description import Channel, Display
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, NoDesign
 from tactuator.loop.feedback import FeedbackLoop
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.sections import backward_difference
@@ -119,7 +119,7 @@ def test_synthesise__weaker__still_stable() -> None:
 
 def refusal(**limits: object) -> str:
     one = channel(feedback=replace(three_fingers().channels[0].feedback, **limits))
-    with pytest.raises(BadInput) as caught:
+    with pytest.raises(NoDesign) as caught:
         design_controller(Display("asked too much", RATE_HZ, 1, (one,)), 4)
     assert "\n" not in str(caught.value)
     return str(caught.value)

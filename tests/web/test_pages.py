@@ -4,11 +4,12 @@ import pytest
 from sqlalchemy import func, select
 from websockets.exceptions import ConnectionClosed
 
+from tactuator.errors import StoreFault
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.studies import open_study
 from tactuator.experiment.store import records, schema
-from tactuator.experiment.store.store import Store, StoreFault
+from tactuator.experiment.store.store import Store
 from tactuator.web.app import FORBIDDEN, UNKNOWN, build_app
 from tactuator.web.lab import Lab
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, station, tokens

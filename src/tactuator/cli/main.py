@@ -15,7 +15,7 @@ from typer.exceptions import TyperException
 
 from tactuator import __version__
 from tactuator.cli.verbs import VERBS
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, TactuatorError
 
 DONE, BAD_INPUT, OWN_FAULT, INTERRUPTED, TERMINATED = 0, 2, 70, 130, 143
 
@@ -67,8 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         status = build_app(needed_verbs(arguments))(args=arguments, prog_name="tactuator", standalone_mode=False)
         sys.stdout.flush()
-    except BadInput as error:
-        return _say(str(error), BAD_INPUT)
+    except TactuatorError as error:
+        return _say(str(error), error.exit_status)
     except TyperException as error:
         return _say(error.format_message() + _got(error, arguments), BAD_INPUT)
     except BrokenPipeError:

@@ -43,7 +43,7 @@ class Rig(Protocol):
 
         A block is asked for when it is needed, which is some time before it is played (none where time waits for it).
         Ask for the traces as fast as they come. Left before its end, the stream goes on to the end of what was fed;
-        `rest` ends it at once. Raises as `play` does, and BadInput if the stream ran dry: there is no silent gap.
+        `rest` ends it at once. Raises as `play` does, and DeviceFault if the stream ran dry: there is no silent gap.
         """
         ...
 

@@ -9,14 +9,14 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import TypeVar
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, StoreFault, TactuatorError
 from tactuator.experiment.result.tables import ResultTable
 from tactuator.experiment.session.clock import Clock, JumpWatch
 from tactuator.experiment.session.presented_session import Conduct
 from tactuator.experiment.session.session import NextTrial, Session
 from tactuator.experiment.session.task import Task
 from tactuator.experiment.store import records
-from tactuator.experiment.store.store import Store, StoreFault
+from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.presenter import Watch
 
 _T = TypeVar("_T")
@@ -89,7 +89,7 @@ class Lab:
         with suppress(Exception):
             await asyncio.get_running_loop().run_in_executor(self._worker, self.task.station.rig.rest)
         self.paused = not self.auto_start
-        fault = RigAtRest(str(error) if isinstance(error, BadInput) else f"{type(error).__name__}: {error}")
+        fault = RigAtRest(str(error) if isinstance(error, TactuatorError) else f"{type(error).__name__}: {error}")
         self.tell(str(fault))
         return fault
 

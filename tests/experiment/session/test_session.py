@@ -5,12 +5,12 @@ import sqlite3
 import pytest
 from sqlalchemy import select
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, StoreFault
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.session import Session
 from tactuator.experiment.store import records, schema
-from tactuator.experiment.store.store import Store, StoreFault
+from tactuator.experiment.store.store import Store
 from tests.experiment.session.apparatuses import (
     PROTOCOL,
     ObedientClock,

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, StoreFault
 from tactuator.experiment.protocol.plan import PlannedRun
 from tactuator.experiment.session.clock import Clock
 from tactuator.experiment.session.task import Course, Task
 from tactuator.experiment.store import records
-from tactuator.experiment.store.store import Store, StoreFault
+from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.trial import Trial
 
 Stage = Literal["consent", "break", "introduction", "trial", "done"]

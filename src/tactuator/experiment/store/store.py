@@ -11,14 +11,10 @@ from typing import Any
 from sqlalchemy import Connection, Engine, create_engine, event
 from sqlalchemy.exc import DatabaseError, OperationalError
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, StoreFault
 from tactuator.experiment.store.migrations import migrate
 
 _BUSY_MS = 2000
-
-
-class StoreFault(Exception):
-    """Nothing was saved: the disk is full, the database locked or damaged. The message is one line for a person."""
 
 
 class Store:

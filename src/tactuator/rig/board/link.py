@@ -12,7 +12,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, DeviceFault
 from tactuator.rig.board.frames import ANSWER, PAYLOAD_MAX, Frame, FrameReader, Outcome, Request, frame_bytes
 from tactuator.rig.transport.transport import LinkDown, Transport
 from tactuator.runtime.image import REASONS, ImageRefusal
@@ -33,7 +33,7 @@ class Mode(IntEnum):
     FAULT = 3
 
 
-class RigFault(BadInput):
+class RigFault(DeviceFault):
     """The guard of a board has ended a run; the command is at zero, or on its way there."""
 
     def __init__(self, fault: Fault, channel: int) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from tactuator.display.controller import Controller
 from tactuator.display.description import Display
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, DeviceFault
 from tactuator.files.controller import controller_hash
 from tactuator.rig.board.commissioning import SILENCE_S, safety_table, soft_ticks
 from tactuator.rig.board.finger import BoardFinger
@@ -216,7 +216,7 @@ class BoardRig:
         """Output to rest as far as the board can be reached, and the transport closed."""
         try:
             self.rest()
-        except BadInput:
+        except (BadInput, DeviceFault):
             pass
         finally:
             self._client.close()

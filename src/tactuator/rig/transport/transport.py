@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-from tactuator.errors import BadInput
+from tactuator.errors import DeviceFault
 from tactuator.runtime._core import ffi, lib
 
 _BREATH = 32
@@ -13,7 +13,7 @@ _ROWS = 4096
 _ANSWERS = 1 << 16
 
 
-class LinkDown(BadInput):
+class LinkDown(DeviceFault):
     """The board cannot be reached any more: the port has vanished, or the emulator has ended."""
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from tactuator.display.description import Channel
-from tactuator.errors import BadInput
+from tactuator.errors import NoDesign
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis.family import Member
 from tactuator.synthesis.loop.assessment import MemberAssessment, assess, figures, shortfalls
@@ -44,7 +44,7 @@ def synthesise(
     """Controllers for a family of plants, the best first: integrator, lead-lag, notch; at most three sections.
 
     Each keeps every requirement, and comes with the worst plant's mean |S| in dB; they are local optima, all different.
-    Raises BadInput if
+    Raises NoDesign if
     the requirements contradict each other or if nothing satisfies them: the message names those that bind, and what
     would be possible.
     """
@@ -67,7 +67,7 @@ def synthesise(
         if means:
             return
     nearest = sorted(solutions, key=lambda one: one.excess_db)[:3]
-    raise BadInput(f"channel {channel.name!r}: " + diagnosis(problem, nearest, starts, limits, family))
+    raise NoDesign(f"channel {channel.name!r}: " + diagnosis(problem, nearest, starts, limits, family))
 
 
 def _bounds(problem: LoopProblem, plant: ContinuousSystem) -> optimize.Bounds:
