@@ -29,22 +29,22 @@ void tact_board_reset(tact_board *board, int32_t channels_max, float *stream, ui
     board->trace_capacity = trace_capacity;
 }
 
-/* -- leaving ------------------------------------------------------------------------------------------------------ */
+/* -- ending ------------------------------------------------------------------------------------------------------ */
 
 static void leave(tact_board *board, int32_t how)
 {
-    if (how <= board->leaving)
+    if (how <= board->ending)
         return;
-    board->leaving = how;
+    board->ending = how;
     board->fading = 1;
     if (how == TACT_FADES)
         board->fade_step = -1.0f / (float)board->safety.fade_ticks;
     if (how == TACT_RAMPS)
-        board->authority_step = -1.0f / (float)board->safety.ramp_ticks;
+        board->command_fade_step = -1.0f / (float)board->safety.ramp_ticks;
     if (how == TACT_RAMPS_QUICKLY)
-        board->authority_step = -1.0f / (float)board->safety.quick_ticks;
+        board->command_fade_step = -1.0f / (float)board->safety.quick_ticks;
     if (how == TACT_CUT) {
-        board->authority = board->authority_step = 0.0f; /* a soft start that has just begun ends here too */
+        board->command_fade = board->command_fade_step = 0.0f; /* a soft start that has just begun ends here too */
         empty_queues(board);
     }
 }
@@ -71,8 +71,8 @@ static void fail(tact_board *board, int32_t fault, int32_t channel)
 {
     if (board->mode != TACT_FAULT) {
         if (board->mode == TACT_ARMED) {
-            board->leaving = TACT_CUT;
-            board->authority = 0.0f;
+            board->ending = TACT_CUT;
+            board->command_fade = 0.0f;
         }
         board->mode = TACT_FAULT;
         board->fault = fault;
@@ -106,25 +106,25 @@ static float soft_step(const tact_board *board)
 void tact_board_fade(tact_board *board)
 {
     board->fade += board->fade_step;
-    board->authority += board->authority_step;
+    board->command_fade += board->command_fade_step;
     if (board->fade >= 1.0f)
         board->fade = 1.0f, board->fade_step = 0.0f;
-    if (board->authority >= 1.0f) {
-        board->authority = 1.0f, board->authority_step = 0.0f;
-        if (board->leaving == TACT_STAYS && board->fade == 0.0f)
+    if (board->command_fade >= 1.0f) {
+        board->command_fade = 1.0f, board->command_fade_step = 0.0f;
+        if (board->ending == TACT_STAYS && board->fade == 0.0f)
             board->fade_step = soft_step(board);
     }
-    if (board->leaving != TACT_STAYS && board->fade <= 0.0f) {
+    if (board->ending != TACT_STAYS && board->fade <= 0.0f) {
         board->fade = board->fade_step = 0.0f;
         leave(board, TACT_RAMPS);
     }
-    if (board->leaving != TACT_STAYS && board->authority <= 0.0f) {
-        board->authority = board->authority_step = 0.0f;
-        board->leaving = board->mode == TACT_RUNNING ? TACT_STAYS : TACT_CUT;
+    if (board->ending != TACT_STAYS && board->command_fade <= 0.0f) {
+        board->command_fade = board->command_fade_step = 0.0f;
+        board->ending = board->mode == TACT_RUNNING ? TACT_STAYS : TACT_CUT;
         if (board->mode == TACT_RUNNING)
             board->mode = TACT_ARMED;
     }
-    board->fading = board->fade_step != 0.0f || board->authority_step != 0.0f;
+    board->fading = board->fade_step != 0.0f || board->command_fade_step != 0.0f;
 }
 
 /* -- transitions -------------------------------------------------------------------------------------------------- */
@@ -132,12 +132,12 @@ void tact_board_fade(tact_board *board)
 int tact_board_is_at_rest(const tact_board *board)
 {
     return board->mode == TACT_OFF || board->mode == TACT_ARMED ||
-           (board->mode == TACT_FAULT && board->authority == 0.0f);
+           (board->mode == TACT_FAULT && board->command_fade == 0.0f);
 }
 
 int tact_board_waits(const tact_board *board)
 {
-    return board->holds && board->mode == TACT_RUNNING && board->leaving == TACT_STAYS &&
+    return board->holds && board->mode == TACT_RUNNING && board->ending == TACT_STAYS &&
            board->source == TACT_STREAM && board->tick - board->stream_at >= board->stream_end - board->stream_at;
 }
 
@@ -148,7 +148,7 @@ int tact_board_arm(tact_board *board)
     if (board->mode != TACT_OFF || board->safety.channels == 0)
         return 0;
     board->fault = TACT_FAULT_NONE;
-    board->leaving = TACT_STAYS;
+    board->ending = TACT_STAYS;
     board->mode = TACT_ARMED;
     return 1;
 }
@@ -180,10 +180,10 @@ int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t dr
     board->runs_designed = board->is_designed && !drives;
     board->holds = holds;
     board->silence = 0;
-    board->leaving = TACT_STAYS;
-    board->fade = board->authority = 0.0f;
+    board->ending = TACT_STAYS;
+    board->fade = board->command_fade = 0.0f;
     board->fade_step = 0.0f;
-    board->authority_step = soft_step(board);
+    board->command_fade_step = soft_step(board);
     board->fading = 1;
     board->mode = TACT_RUNNING;
     return 1;
@@ -205,9 +205,9 @@ int tact_board_off(tact_board *board)
 
 int tact_board_clear(tact_board *board)
 {
-    if (board->mode == TACT_FAULT && board->authority == 0.0f) {
+    if (board->mode == TACT_FAULT && board->command_fade == 0.0f) {
         board->mode = TACT_OFF;
-        board->leaving = TACT_STAYS;
+        board->ending = TACT_STAYS;
         for (int32_t c = 0; c < board->channels; c++)
             board->channel[c].guard.means.first = board->channel[c].guard.means.second = 0.0f;
     }

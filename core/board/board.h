@@ -35,7 +35,7 @@
 enum { TACT_BOARD_DELAY_MAX = 8 };
 typedef enum { TACT_OFF = 0, TACT_ARMED, TACT_RUNNING, TACT_FAULT } tact_board_mode;
 typedef enum { TACT_SILENT = 0, TACT_STREAM, TACT_STIMULUS } tact_board_source;
-typedef enum { TACT_STAYS = 0, TACT_FADES, TACT_RAMPS, TACT_RAMPS_QUICKLY, TACT_CUT } tact_board_leaving;
+typedef enum { TACT_STAYS = 0, TACT_FADES, TACT_RAMPS, TACT_RAMPS_QUICKLY, TACT_CUT } tact_board_ending;
 enum { TACT_TRACE_COMMAND_LIMITED = 1 };
 
 typedef union {
@@ -63,7 +63,7 @@ typedef struct {
 } tact_board_channel;
 
 typedef struct {
-    int32_t mode, fault, fault_channel, leaving;
+    int32_t mode, fault, fault_channel, ending;
     int32_t source, drives, holds, allows_hold;
     uint32_t run;         /* number of the run, given by who starts it */
     uint32_t tick;        /* of the run */
@@ -71,8 +71,8 @@ typedef struct {
     uint32_t silence;     /* ticks since the link was heard */
     uint32_t fault_tick;
     uint32_t late;        /* interrupts that came too late */
-    float fade, authority; /* of the reference, of the command */
-    float fade_step, authority_step;
+    float fade, command_fade; /* of the reference, of the command */
+    float fade_step, command_fade_step;
     int32_t fading; /* one of the two steps is not zero */
     int32_t cuts;   /* channels that are cut */
     int32_t turn;   /* which channels are compared next: those at turn, turn + turns, ... */

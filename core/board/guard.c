@@ -7,7 +7,7 @@ enum { SAME_TICKS_OF_A_FROZEN_ONE = 8 };
 extern inline float tact_section_awake(float b0, float b1, float b2, float a1, float a2, tact_section_state *state,
                                        float x);
 extern inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *state, int32_t code,
-                                     float motor_v, uint32_t tick, int *objects);
+                                     float motor_v, uint32_t tick, int *violated);
 extern inline float tact_guard_weigh(const tact_guard_table *table, tact_section_state *state, float y);
 extern inline uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick);
 
@@ -43,7 +43,7 @@ void tact_guard_reset(tact_guard_state *state, uint32_t tick)
 {
     state->model = state->means = pair(0.0f, 0.0f);
     state->motor_before_v = state->place = state->apart = 0.0f;
-    state->last_code = state->compared_code = state->objects = 0;
+    state->last_code = state->compared_code = state->violated = 0;
     state->changed_tick = tick;
     for (int i = 0; i < TACT_WEIGHTING_COUNT; i++)
         state->weighting[i].s1 = state->weighting[i].s2 = 0.0f;
@@ -84,7 +84,7 @@ static void settle(tact_section_state *state)
         state[i].s1 = state[i].s2 = 0.0f;
 }
 
-uint32_t tact_guard_look_closer(const tact_guard_table *table, tact_guard_state *state, float felt,
+uint32_t tact_guard_confirm(const tact_guard_table *table, tact_guard_state *state, float felt,
                                 uint32_t same_ticks)
 {
     uint32_t faults = 0;

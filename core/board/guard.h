@@ -20,9 +20,9 @@
  * The compiler's own __builtin_fabsf is one instruction, and no call.
  *
  * Example use:
- *   int objects = 0;
- *   float position_v = tact_guard_sense(&table, &state, code, motor_v, tick, &objects);
- *   if (objects) faults = tact_guard_name(&safety->channel[c], &state, tick);
+ *   int violated = 0;
+ *   float position_v = tact_guard_sense(&table, &state, code, motor_v, tick, &violated);
+ *   if (violated) faults = tact_guard_name(&safety->channel[c], &state, tick);
  */
 #ifndef TACT_GUARD_H
 #define TACT_GUARD_H
@@ -67,8 +67,8 @@ typedef struct {
     tact_float_pair means; /* agreement | power: w dy in volts and codes, w^2; sums, each term fading over some 40 turns */
     tact_section_state weighting[TACT_WEIGHTING_COUNT];
     float motor_before_v;             /* in the period before this one */
-    float place, apart;               /* of the last objection: predicted place of rest, and |nu|, by size */
-    int32_t objects;                  /* whether there is one that nobody has seen to */
+    float place, apart;               /* of the last violation: predicted place of rest, and |nu|, by size */
+    int32_t violated;                 /* a limit is, and nobody has seen to it */
     int32_t last_code, compared_code; /* of the last tick, and of the last comparison */
     uint32_t changed_tick;            /* since when the reading is last_code */
 } tact_guard_state;
@@ -79,11 +79,11 @@ void tact_guard_make(tact_guard_table *table, const tact_safety_channel *safety,
 /* At rest at zero. tick: any count of ticks, here and below the same. */
 void tact_guard_reset(tact_guard_state *state, uint32_t tick);
 
-/* 1 << fault for each fault that the last reading shows; when tact_guard_sense() objects. */
+/* 1 << fault for each fault that the last reading shows; when tact_guard_sense() found a limit violated. */
 uint32_t tact_guard_name(const tact_safety_channel *safety, const tact_guard_state *state, uint32_t tick);
 
 /* What tact_guard_compare() suspects, told: 1 << fault for each fault found. Weighting at rest where all is quiet. */
-uint32_t tact_guard_look_closer(const tact_guard_table *table, tact_guard_state *state, float felt,
+uint32_t tact_guard_confirm(const tact_guard_table *table, tact_guard_state *state, float felt,
                                 uint32_t same_ticks);
 
 /* tact_section_step() of a section whose input is not silent: nothing comes to rest. */
@@ -96,10 +96,10 @@ inline float tact_section_awake(float b0, float b1, float b2, float a1, float a2
     return y;
 }
 
-/* One reading, with the volts that the motor has from now on: gives y; 1 to objects where a limit is passed (NaN
- * passes). */
+/* One reading, with the volts that the motor has from now on: gives y; *violated becomes 1 where a limit is
+ * passed (NaN passes it). */
 inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *state, int32_t code, float motor_v,
-                              uint32_t tick, int *objects)
+                              uint32_t tick, int *violated)
 {
     const tact_float_pair reading = tact_float_pair_get(&table->reading), model = tact_float_pair_get(&state->model);
     const tact_float_pair returning = tact_float_pair_get(&table->returning), correcting = tact_float_pair_get(&table->correcting);
@@ -121,7 +121,7 @@ inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *s
     if (!(place <= resting.second && apart <= table->differing.first)) {
         state->place = place;
         state->apart = apart;
-        state->objects = *objects = 1;
+        state->violated = *violated = 1;
     }
     return y;
 }
@@ -154,7 +154,7 @@ inline uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_sta
     if (!is_quiet && __builtin_fabsf(felt) <= table->differing.second && !(agreement < table->reversing.first) &&
         same_ticks < table->frozen_ticks)
         return 0;
-    return tact_guard_look_closer(table, state, felt, same_ticks);
+    return tact_guard_confirm(table, state, felt, same_ticks);
 }
 
 #endif

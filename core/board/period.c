@@ -112,7 +112,7 @@ SELDOM int put_limited(const tact_board *board, tact_board_channel *channel, flo
     const tact_controller *table = channel->single;
     tact_controller_state *state = &channel->controller.single;
     const float limited_v = tact_controller_limit(table, state, reference, command_v);
-    put_marked(channel, board->delay_at, board->authority * limited_v, 1);
+    put_marked(channel, board->delay_at, board->command_fade * limited_v, 1);
     channel->broken = state->broken;
     return state->broken;
 }
@@ -127,7 +127,7 @@ static int run_single(const tact_board *board, tact_board_channel *channel, floa
     const float command_v = cascade_any(table, &channel->controller.single, reference, position_v);
     if (!(__builtin_fabsf(command_v) <= table->command_max_v))
         return put_limited(board, channel, reference, command_v);
-    put(channel, board->delay_at, board->authority * command_v);
+    put(channel, board->delay_at, board->command_fade * command_v);
     return 0;
 }
 
@@ -135,7 +135,7 @@ static int run_q31(const tact_board *board, tact_board_channel *channel, float w
 {
     tact_controller_q31_state *state = &channel->controller.q31;
     const float command_v = tact_controller_q31_step(channel->q31, state, board->fade * want, position_v);
-    put_marked(channel, board->delay_at, board->authority * command_v, state->clamped);
+    put_marked(channel, board->delay_at, board->command_fade * command_v, state->clamped);
     return 0;
 }
 
@@ -143,7 +143,7 @@ static int run_direct(const tact_board *board, tact_board_channel *channel, floa
 {
     const float command_v = tact_board_within(want, channel->safety->command_max_v);
     (void)position_v;
-    put_marked(channel, board->delay_at, board->authority * (board->fade * command_v), command_v != want);
+    put_marked(channel, board->delay_at, board->command_fade * (board->fade * command_v), command_v != want);
     channel->broken = want - want != 0.0f;
     return channel->broken;
 }
@@ -153,11 +153,11 @@ SELDOM void see_to(tact_board *board)
 {
     for (int32_t c = 0; c < board->channels; c++) {
         tact_board_channel *channel = &board->channel[c];
-        const int32_t broken = channel->broken, objects = channel->guard.objects;
-        channel->broken = channel->guard.objects = 0;
+        const int32_t broken = channel->broken, violated = channel->guard.violated;
+        channel->broken = channel->guard.violated = 0;
         if (broken)
             tact_board_fail(board, 1u << TACT_FAULT_NOT_A_NUMBER, c);
-        if (objects)
+        if (violated)
             tact_board_fail(board, tact_guard_name(channel->safety, &channel->guard, board->ticks), c);
     }
 }
@@ -193,7 +193,7 @@ SELDOM int run_channels(tact_board *board, const int32_t *codes, const float *wa
 /* The same for what `design` gives, in one piece. */
 static inline int run_designed(tact_board *board, const int32_t *codes, const float *wants)
 {
-    const float fade = board->fade, authority = board->authority;
+    const float fade = board->fade, command_fade = board->command_fade;
     const uint32_t tick = board->ticks;
     const int32_t slot = board->delay_at, channels = board->channels;
     tact_board_channel *channel = board->channel, *const end = channel + channels;
@@ -209,7 +209,7 @@ static inline int run_designed(tact_board *board, const int32_t *codes, const fl
         tact_controller_state *state = &channel->controller.single;
         const float command_v = cascade_designed(state, channel->filters, reference, position_v);
         if (__builtin_fabsf(command_v) <= channel->command_max_v)
-            put(channel, slot, authority * command_v);
+            put(channel, slot, command_fade * command_v);
         else
             found |= put_limited(board, channel, reference, command_v);
     }
@@ -285,7 +285,7 @@ void tact_period_step(tact_board *board, const int32_t *codes, uint32_t lateness
     if (board->safety.channels == 0)
         return;
     watch_time(board, lateness);
-    if (board->mode == TACT_RUNNING || (board->mode == TACT_FAULT && board->authority > 0.0f))
+    if (board->mode == TACT_RUNNING || (board->mode == TACT_FAULT && board->command_fade > 0.0f))
         step_running(board, codes);
     else
         step_resting(board, codes);

@@ -80,7 +80,7 @@ uint32_t tact_port_lateness(void)
 
 int tact_port_holds(void)
 {
-    const int rests = the_board->leaving == TACT_STAYS && the_board->mode != TACT_RUNNING;
+    const int rests = the_board->ending == TACT_STAYS && the_board->mode != TACT_RUNNING;
     return simulated.channels != the_board->channels || rests || tact_board_waits(the_board);
 }
 
@@ -129,7 +129,7 @@ static uint32_t breath(const volatile tact_board *board)
 {
     if (board->mode == TACT_FAULT)
         return SETTLE;
-    return board->holds && board->leaving == TACT_STAYS ? LONGEST : BREATH;
+    return board->holds && board->ending == TACT_STAYS ? LONGEST : BREATH;
 }
 
 static void let_run(void)

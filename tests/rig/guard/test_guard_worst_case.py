@@ -19,7 +19,7 @@ from tactuator.rig.board.commissioning import safety_table
 from tests.rig.guard.felt_reference import SIZE, FeltReference
 from tests.rig.guard.guarded import Guarded, designed
 
-RATE_HZ, HALF_SOFT, LEAVING = 4000.0, 200, 200
+RATE_HZ, HALF_SOFT, ENDING = 4000.0, 200, 200
 LOUDEST_DB_SL, CHANNEL, HISTORY, AFTER = 56.0, 1, 600, 300
 Rows = NDArray[np.float64]
 
@@ -33,23 +33,24 @@ class Course:
     lifted: int | None
     stopped: int | None = None
     fade: Rows = field(init=False)
-    authority: Rows = field(init=False)
+    command_fade: Rows = field(init=False)
     starts: set[int] = field(init=False)
 
     def __post_init__(self) -> None:
         self.starts = {0}
         begins = 0
         tick = np.arange(self.length)
-        authority, fade = self._soft(tick)
+        command_fade, fade = self._soft(tick)
         if self.stopped is not None:
             leaves = tick - self.stopped
-            begins = self.stopped + 2 * LEAVING + 2
-            fade = np.where(leaves > 0, np.clip(1.0 - leaves / LEAVING, 0.0, 1.0), fade)
-            authority = np.where(leaves > 0, np.clip(2.0 - leaves / LEAVING, 0.0, 1.0), authority)
+            begins = self.stopped + 2 * ENDING + 2
+            fade = np.where(leaves > 0, np.clip(1.0 - leaves / ENDING, 0.0, 1.0), fade)
+            command_fade = np.where(leaves > 0, np.clip(2.0 - leaves / ENDING, 0.0, 1.0), command_fade)
             again = self._soft(tick - begins)
-            authority, fade = (np.where(tick >= begins, *pair) for pair in zip(again, (authority, fade), strict=True))
+            both = zip(again, (command_fade, fade), strict=True)
+            command_fade, fade = (np.where(tick >= begins, *pair) for pair in both)
             self.starts.add(begins)
-        self.authority, self.fade = authority, fade
+        self.command_fade, self.fade = command_fade, fade
 
     @staticmethod
     def _soft(tick: NDArray[np.int64]) -> tuple[Rows, Rows]:
@@ -91,7 +92,7 @@ def answers(course: Course, ticks: range) -> tuple[Rows, Rows]:
                 s[0], s[1], value = b1 * value - a1 * out + s[1], b2 * value - a2 * out, out
         a, b = plants[course.touched(tick)]
         x = a @ x + b * motor
-        motor = course.authority[tick] * value
+        motor = course.command_fade[tick] * value
     return y, volts
 
 

@@ -36,7 +36,7 @@ def answers(guarded, rows, left=0.0):
                 section.s1 = section.s2 = left
     found, wanted = [], []
     for row in np.asarray(rows, dtype=np.float32):
-        fade, authority, slot = np.float32(board.fade), np.float32(board.authority), board.delay_at
+        fade, command_fade, slot = np.float32(board.fade), np.float32(board.command_fade), board.delay_at
         lib.tact_board_stream(board, board.tick, ffi.from_buffer("float[]", np.ascontiguousarray(row)), 1)
         board.silence = 0
         lib.tact_simulated_board_period(simulated, board, 0)
@@ -47,7 +47,7 @@ def answers(guarded, rows, left=0.0):
             position_v = lib.tact_converter_position_v(ffi.addressof(safety.converter), simulated.code[c])
             command_v = lib.tact_controller_step(channel.single, state, reference, position_v)
             found.append(channel.delayed_v[slot])
-            wanted.append(float(authority * np.float32(command_v)))
+            wanted.append(float(command_fade * np.float32(command_v)))
         if board.mode != lib.TACT_RUNNING:
             break
     return np.array(found), np.array(wanted)

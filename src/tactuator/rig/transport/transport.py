@@ -76,7 +76,7 @@ class InProcess:
         return int(lib.tact_simulated_board_run(self.simulated, self.board, ticks))
 
     def _let_run(self) -> None:
-        running = self.board.mode == lib.TACT_RUNNING or self.board.leaving != lib.TACT_STAYS
+        running = self.board.mode == lib.TACT_RUNNING or self.board.ending != lib.TACT_STAYS
         if running and self.simulated.channels and not lib.tact_board_waits(self.board):
-            leaving = self.board.leaving != lib.TACT_STAYS
-            self.run(_LONG if self.board.holds and not leaving else _BREATH)
+            ending = self.board.ending != lib.TACT_STAYS
+            self.run(_LONG if self.board.holds and not ending else _BREATH)
