@@ -8,7 +8,7 @@ BIN = .venv/bin
 # One core for each test worker; results that do not depend on how many threads a machine has.
 TEST_ENV = OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: help python install reproduce test check lint types contract core-warnings soak bench docs readme lock \
+.PHONY: help python install reproduce test check check-slow lint types contract core-warnings soak bench docs readme lock \
 	install-test install-boards fix clean
 .NOTPARALLEL:
 .SILENT:
@@ -34,6 +34,9 @@ reproduce: install ## the paper end to end, into out/paper
 
 test: check ## everything that must hold: style, types, floors, warnings, tests
 	$(TEST_ENV) $(BIN)/python -m pytest -n $(WORKERS) $(ARGS)
+
+check-slow: install-test ## what takes minutes: a minute of fuzzing, packing and installing for real
+	$(TEST_ENV) $(BIN)/python -m pytest -m slow -n $(WORKERS) $(ARGS)
 
 check: install-test lint types contract core-warnings
 
@@ -63,7 +66,7 @@ readme: install ## write README's picture and table anew from a run
 	$(BIN)/python tools/readme_table.py
 
 lock: install-test ## resolve requirements/*.in into the hashed locks (ARGS=--upgrade for the newest)
-	$(PYTHON) tools/lock.py $(ARGS)
+	$(BIN)/python tools/lock.py $(ARGS)
 	$(PYTHON) tools/install.py test
 
 fix: install-test ## put imports and formatting right

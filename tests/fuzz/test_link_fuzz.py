@@ -34,6 +34,7 @@ def fuzz(folder: Path, seconds: int) -> str:
     return done.stderr
 
 
+@pytest.mark.slow
 def test_link__a_minute_of_fuzzing__breaks_nothing(tmp_path):
     said = fuzz(tmp_path, 60)
     runs = next(line for line in said.splitlines() if "number_of_executed_units" in line)

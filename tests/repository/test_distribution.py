@@ -8,6 +8,8 @@ import tarfile
 import zipfile
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 BUILD = "import sys; from setuptools import build_meta as b; print(getattr(b, sys.argv[1])(sys.argv[2]))"
 
@@ -21,6 +23,7 @@ def packed(kind: str, source: Path, target: Path) -> Path:
     return target / done.stdout.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_source_distribution__built_elsewhere__gives_a_wheel_with_core_and_data(tmp_path):
     tree, unpacked = tmp_path / "tree", tmp_path / "unpacked"
     unwanted = shutil.ignore_patterns("*.so", "*.egg-info", "__pycache__")

@@ -1,10 +1,13 @@
 """What holds for the repository as a whole."""
 
 import ast
+import importlib.metadata
 import re
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = [
@@ -12,7 +15,7 @@ SOURCES = [
     for folder in ("src", "tests", "benchmarks", "tools", "core", "firmware", "docs", "requirements", ".ci")
     for path in sorted((ROOT / folder).rglob("*"))
     if path.is_file() and "__pycache__" not in path.parts and ".egg-info" not in str(path)
-] + [path for path in sorted(ROOT.iterdir()) if path.is_file()]
+] + [path for path in sorted(ROOT.iterdir()) if path.is_file() and path.name != ".git"]
 TEXTS = [path for path in SOURCES if path.suffix not in {".so", ".o", ".wav", ".flac", ".h5", ".png", ".gz", ".npz"}]
 CODE = [path for path in SOURCES if path.suffix in {".py", ".c", ".h"}]
 LONGEST_FILE, LONGEST_FUNCTION = 350, 60
@@ -31,12 +34,44 @@ def test_locks__every_line__names_no_host_and_every_package_has_a_hash():
         assert [package for package in packages if "--hash=sha256:" not in package] == []
 
 
-def test_locks__test_set__holds_the_runtime_set():
-    def pins(lock: str) -> set[str]:
-        text = (ROOT / "requirements" / lock).read_text(encoding="ascii")
-        return set(re.findall(r"^(\S+==\S+(?: ; .*?)?) \\$", text, flags=re.MULTILINE))
+def pins(lock: str) -> dict[str, str]:
+    text = (ROOT / "requirements" / lock).read_text(encoding="ascii")
+    return dict(re.findall(r"^(\S+)==(\S+) \\$", text, flags=re.MULTILINE))
 
-    assert pins("run.txt") <= pins("test.txt")
+
+def wanted(source: str) -> list[str]:
+    lines = (ROOT / "requirements" / source).read_text(encoding="ascii").splitlines()
+    return [line.strip().lower() for line in lines if line.strip() and not line.startswith(("#", "-"))]
+
+
+def test_locks__test_set__holds_the_runtime_set():
+    assert pins("run.txt").items() <= pins("test.txt").items()
+
+
+@pytest.mark.parametrize("name", ["run", "test"])
+def test_locks__whatever_is_wanted__is_pinned(name):
+    assert set(wanted(f"{name}.in")) - pins(f"{name}.txt").keys() == set()
+
+
+@pytest.mark.parametrize("python", ["3.11", "3.12", "3.13", "3.14"])
+@pytest.mark.parametrize(
+    "system", [("linux", "Linux", "x86_64"), ("linux", "Linux", "aarch64"), ("darwin", "Darwin", "arm64")]
+)
+def test_locks__every_python_and_system__lack_nothing_that_a_package_asks_for(python, system):
+    sys_platform, platform_system, machine = system
+    where = {
+        "python_version": python, "python_full_version": f"{python}.1", "sys_platform": sys_platform, "extra": "",
+        "platform_system": platform_system, "platform_machine": machine, "os_name": "posix",
+    }  # fmt: skip
+    locked, lacking = pins("test.txt"), []
+    for name in locked:
+        for line in importlib.metadata.requires(name) or []:
+            asked = Requirement(line)
+            if asked.name.lower() != "pip" and (asked.marker is None or asked.marker.evaluate(where)):
+                version = locked.get(canonicalize_name(asked.name), "")
+                if not version or not asked.specifier.contains(version, prereleases=True):
+                    lacking.append(f"{name}: {line}")
+    assert lacking == []
 
 
 @pytest.mark.parametrize("word", ["/" + "work/", "/" + "root/", "pypi" + ".org", "pythonhosted" + ".org"])
@@ -77,8 +112,5 @@ def test_links__in_the_documents__lead_somewhere():
 
 def test_dependencies__each__has_its_reason():
     page = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8").lower()
-    wanted = []
-    for name in ("run.in", "test.in"):
-        lines = (ROOT / "requirements" / name).read_text(encoding="ascii").splitlines()
-        wanted += [line.strip().lower() for line in lines if line.strip() and not line.startswith(("#", "-"))]
-    assert [name for name in wanted if f"| {name} |" not in page] == []
+    names = [*wanted("run.in"), *wanted("test.in")]
+    assert [name for name in names if f"| {name} |" not in page] == []
