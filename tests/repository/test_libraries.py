@@ -46,6 +46,7 @@ plant = { num = [2875.0], den = [1.0, 94.0, 290.0] }
 PROTOCOL = """
 [study]
 name = "libraries"
+consent = "You may stop at any time."
 seed = 1
 
 [procedure]
