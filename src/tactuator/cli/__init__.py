@@ -1,4 +1,4 @@
-"""The command line: `tactuator VERB ... [--json]`. A face only: nothing is computed here.
+"""The command line `tactuator VERB ... [--json]`; it only asks and prints, and computes nothing.
 
 Each verb is a module of the same name with `register(app)`, listed in `verbs`. `main` keeps the promises that hold
 for all of them: exit status 0 (done), 1 (done, and the verdict is no), 2 (bad input or no design), 3 (a device

@@ -1,4 +1,4 @@
-"""What a verb prints: one JSON object for programs, or a table for people; progress goes to standard error."""
+"""Printing of a verb's answer: one JSON object for programs, or a table for people; progress goes to standard error."""
 
 import dataclasses
 import json
@@ -56,7 +56,7 @@ def plain(value: object) -> object:
 
 
 def shown(one: ResultTable) -> Group:
-    """The table, and its notes below."""
+    """Return the table with its notes below."""
     table = Table(*one.columns, title=one.caption)
     for row in one.rows:
         table.add_row(*row)

@@ -1,4 +1,4 @@
-"""`tactuator build`: a controller as an image for a board."""
+"""The verb `build`: a controller as an image for a board."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tactuator.wordlength.assessment import require_safe
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the verb to the application."""
 
     @app.command()
     def build(

@@ -1,4 +1,4 @@
-"""`tactuator calibrate`: sensor gain from pairs of displacement and voltage."""
+"""The verb `calibrate`: the sensor gain from pairs of displacement and voltage."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tactuator.identification.calibration import Calibration, fit_line
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the verb to the application."""
 
     @app.command()
     def calibrate(
@@ -26,7 +26,9 @@ def register(app: typer.Typer) -> None:
         strict: Annotated[bool, typer.Option("--strict", help="Stop where a pair is off the line.")] = False,
         as_json: AsJson = False,
     ) -> None:
-        """Sensor gain, offset and linearity with confidence; pairs off the line are refused, each by its name."""
+        """Estimate sensor gain, offset and linearity with confidence; pairs off the line are refused, each
+        by its name.
+        """
         read = read_pairs(pairs)
         found = fit_line(read.displacement_mm, read.voltage_v, gauge_error_mm=gauge_error_mm, names=read.names)
         if found.refused and strict:
@@ -37,7 +39,7 @@ def register(app: typer.Typer) -> None:
 
 
 def document(found: Calibration) -> dict[str, Any]:
-    """What `--json` prints."""
+    """Return the answer that `--json` prints."""
     return {
         "sensor_gain_v_per_mm": found.gain_v_per_mm,
         "sensor_gain_confidence_v_per_mm": found.gain_confidence_v_per_mm,

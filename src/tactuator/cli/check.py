@@ -1,4 +1,4 @@
-"""`tactuator check`: the verdict on a controller."""
+"""The verb `check`: the verdict on a controller."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SHOWN = ("max_error_db", "worst_band_db_sl", "resonance_peak", "max_change_db",
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the verb to the application."""
 
     @app.command()
     def check(
@@ -43,7 +43,9 @@ def _table(verdict: Verdict) -> Table:
 
 
 def _outcome(figures: dict[str, Any]) -> str:
-    """An objective may report a load without judging it: what a finger changes is objective iv's to judge."""
+    """Return the outcome in words; an objective may report a load without judging it, since what a finger changes is
+    objective iv's to judge.
+    """
     return _word(figures["met"]) if figures.get("judged", True) else "reported"
 
 

@@ -1,4 +1,4 @@
-"""`tactuator corpus`: a tree of speech files to references, on this machine's cores or a Dask cluster."""
+"""The verb `corpus`: a tree of speech files to references, on this machine's cores or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tactuator.speech.render import LEVEL_DB_SL
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the verb to the application."""
 
     @app.command()
     def corpus(

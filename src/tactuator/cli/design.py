@@ -1,4 +1,4 @@
-"""`tactuator design`: a controller from a display file."""
+"""The verb `design`: a controller from a display file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tactuator.synthesis.exchange.continuous_form import continuous_form
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the verb to the application."""
 
     @app.command()
     def design(
@@ -93,7 +93,7 @@ def _cell(value: Any) -> str:
 
 
 def _printed(channel: ChannelController, rate_hz: float) -> list[str]:
-    """C and F in continuous form (whose bilinear transform the sections are), as a paper prints them."""
+    """Return C and F in continuous form (whose bilinear transform the sections are), as a paper prints them."""
     systems: dict[str, SampledSystem | None] = {"C": channel.feedback(rate_hz), "F": channel.prefilter(rate_hz)}
     lines = []
     for letter, system in systems.items():

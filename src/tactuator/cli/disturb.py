@@ -1,4 +1,4 @@
-"""`tactuator disturb`: what a pressing, lifting or trembling finger does to the position."""
+"""The verb `disturb`: the effect of a pressing, lifting or trembling finger on the position."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tactuator.measure.disturbance import DisturbanceReport, disturbance
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the verb to the application."""
 
     @app.command()
     def disturb(
@@ -60,7 +60,7 @@ def register(app: typer.Typer) -> None:
 
 
 def document(report: DisturbanceReport) -> dict[str, Any]:
-    """One channel as `--json` prints it."""
+    """Return one channel as `--json` prints it."""
     return {
         "channel": report.channel,
         "unit": report.unit,

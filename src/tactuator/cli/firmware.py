@@ -1,4 +1,4 @@
-"""`tactuator firmware`: programs for boards, their bits and their cost."""
+"""The verb `firmware`: programs for boards, their bits and their cost."""
 
 from __future__ import annotations
 
@@ -120,5 +120,5 @@ def _trial_table(found: StreamingTrial) -> Table:
 
 
 def _controller(path: Path | None) -> Controller:
-    """The controller of a file, or the one that `design` makes for the example display."""
+    """Return the controller of a file, or the one that `design` makes for the example display."""
     return design_controller(paper_display()) if path is None else read_controller(path)

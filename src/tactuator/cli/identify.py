@@ -1,4 +1,4 @@
-"""`tactuator identify`: a model with its uncertainty from a record."""
+"""The verb `identify`: a model with its uncertainty from a record."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _FAMILY = 8
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the verb to the application."""
 
     @app.command("identify")
     def identify_verb(
@@ -57,7 +57,7 @@ def register(app: typer.Typer) -> None:
 
 
 def document(found: Identification) -> dict[str, Any]:
-    """What `--json` prints."""
+    """Return the answer that `--json` prints."""
     model, frequency = found.model, found.frequency_hz()
     confidence = model.confidence()
     n, m = model.den.size - 1, model.num.size - 1

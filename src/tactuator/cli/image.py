@@ -1,4 +1,4 @@
-"""`tactuator image`: what an image file is, and whether a board would take it."""
+"""The verb `image`: the content of an image file, and the core's verdict on it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tactuator.runtime.image import REASONS, ImageRefusal, check_image, read_ima
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the verb to the application."""
 
     @app.command()
     def image(
@@ -53,7 +53,9 @@ def register(app: typer.Typer) -> None:
 
 
 def _is_of(path: Path, content: bytes, written: str, file: Path) -> bool:
-    """Whether the image was built from that controller; BadInput if the display it is for could not run it."""
+    """Return whether the image was built from that controller. Raises BadInput if the display it is for could not run
+    it.
+    """
     made = read_controller(path)
     refusal = check_image(content, made.rate_hz, made.delay_samples, len(made.channels))
     if refusal is not ImageRefusal.GOOD:

@@ -1,4 +1,4 @@
-"""`tactuator measure`: the response of a display at a level, with confidence."""
+"""The verb `measure`: the response of a display at a level, with confidence."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ Frequencies = np.ndarray[tuple[int], np.dtype[np.float64]]
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the verb to the application."""
 
     @app.command()
     def measure(
@@ -94,7 +94,7 @@ def _over_the_band(made: Controller) -> Frequencies:
 
 
 def _stepped(rig: Rig, wanted: Frequencies, level_db_sl: float, asked: dict[str, Any]) -> tuple[Response, ...]:
-    """Frequency by frequency, with a bar."""
+    """Measure frequency by frequency, with a progress bar."""
     with progress() as bar:
         task = bar.add_task("response", total=wanted.size)
 
@@ -105,7 +105,7 @@ def _stepped(rig: Rig, wanted: Frequencies, level_db_sl: float, asked: dict[str,
 
 
 def frequencies(text: str) -> Frequencies:
-    """Numbers with commas between; BadInput otherwise."""
+    """Return the numbers of a text, with commas between them. Raises BadInput for another text."""
     try:
         return np.array([float(cell) for cell in text.split(",") if cell.strip()], dtype=np.float64)
     except ValueError:
@@ -113,7 +113,7 @@ def frequencies(text: str) -> Frequencies:
 
 
 def document(responses: Sequence[Response]) -> dict[str, Any]:
-    """What `--json` prints."""
+    """Return the answer that `--json` prints."""
     return {
         "responses": [
             {

@@ -1,4 +1,4 @@
-"""`tactuator noise`: what a resting finger feels of hum, noise and loop resonance."""
+"""The verb `noise`: hum, noise and loop resonance, as a resting finger feels them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tactuator.rig.touchable import touch_all
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the verb to the application."""
 
     @app.command()
     def noise(
@@ -42,7 +42,9 @@ def register(app: typer.Typer) -> None:
         seed: Seed = 0,
         as_json: AsJson = False,
     ) -> None:
-        """Felt levels against threshold under proportional gains and under the loop; exit status 1 if one is felt."""
+        """Compare felt levels with the threshold, under proportional gains and under the loop; exit status 1 if one is
+        felt.
+        """
         made = chosen_controller(display, controller)
         probed = [(f"gain {gain:g}", proportional_controller(made.display, gain)) for gain in frequencies(gains)]
         runs: list[tuple[str, Sequence[FeltNoise]]] = []
@@ -69,7 +71,7 @@ def register(app: typer.Typer) -> None:
 
 
 def document(felt: FeltNoise) -> dict[str, Any]:
-    """One channel under one controller, as `--json` prints it."""
+    """Return one channel under one controller, as `--json` prints it."""
     return vars(felt) | {
         "worst_line_db_sl": felt.worst_line_db_sl,
         "worst_noise_db_sl": felt.worst_noise_db_sl,

@@ -29,7 +29,7 @@ RigOption = Annotated[str, typer.Option("--rig", help="simulated, emulated:BOARD
 
 
 def chosen_controller(display: Path | None, controller: Path | None) -> Controller:
-    """The controller of a file, or one designed for a display; with both, the file's on that display.
+    """Return the controller of a file, or one designed for a display; with both, that of the file on that display.
 
     BadInput for neither, or for two that do not fit.
     """
@@ -52,7 +52,9 @@ def chosen_controller(display: Path | None, controller: Path | None) -> Controll
 
 @contextmanager
 def opened_rig(name: str, controller: Controller, seed: int) -> Iterator[Rig]:
-    """The rig of that name for the controller's display, open for the length of the context; BadInput if unknown."""
+    """Yield the rig of that name for the controller's display, open for the length of the context. Raises BadInput if
+    unknown.
+    """
     rig = open_rig(name, controller.display, seed)
     try:
         yield rig

@@ -1,4 +1,4 @@
-"""`tactuator play`: a reference on a rig."""
+"""The verb `play`: a reference on a rig."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from tactuator.rig.player import Played, Wish, play_reference
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the verb to the application."""
 
     @app.command()
     def play(
@@ -63,7 +63,7 @@ def _pace() -> Callable[[float], None]:
 
 @contextmanager
 def _wishes() -> Iterator[Callable[[], Wish]]:
-    """What the person at the keyboard wishes; Ctrl-C and SIGTERM are a wish to stop."""
+    """Yield a function that tells what the person at the keyboard wishes; Ctrl-C and SIGTERM are a wish to stop."""
     state: dict[str, Wish] = {"wish": "run"}
 
     def stop(number: int, frame: FrameType | None) -> None:
@@ -89,7 +89,7 @@ def _wishes() -> Iterator[Callable[[], Wish]]:
 
 @contextmanager
 def _keys_at_once() -> Iterator[None]:
-    """On a terminal, keys come without Enter."""
+    """Let keys come without Enter, where there is a terminal."""
     if not sys.stdin.isatty():
         yield
         return

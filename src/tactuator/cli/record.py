@@ -1,4 +1,4 @@
-"""`tactuator record`: a record of one channel under an excitation, from any rig."""
+"""The verb `record`: a record of one channel under an excitation, from any rig."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ EXCITATIONS = ("mix", "steps", "noise", "prbs", "chirp", "multisine")
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the verb to the application."""
 
     @app.command("record")
     def record_verb(
@@ -76,7 +76,9 @@ def register(app: typer.Typer) -> None:
 def planned(
     excitation: str, channel: Channel, rate_hz: float, duration_s: float, travel_share: float, seed: int
 ) -> NDArray[np.float64]:
-    """The command (n,), volts: as large as the share of travel and 0.9 of the range allow by the display's plant."""
+    """Return the command (n,), volts: as large as the share of travel and 0.9 of the range allow by the display's
+    plant.
+    """
     if excitation not in EXCITATIONS:
         raise BadInput(f"excitation {excitation!r}; allowed: {', '.join(EXCITATIONS)}")
     if not 0.0 < travel_share <= 1.0:

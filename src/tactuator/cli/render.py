@@ -1,4 +1,4 @@
-"""`tactuator render`: speech to a reference in dB SL, and what is felt of it."""
+"""The verb `render`: speech to a reference in dB SL, and the prediction of what is felt of it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tactuator.speech.render import LEVEL_DB_SL
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the verb to the application."""
 
     @app.command()
     def render(

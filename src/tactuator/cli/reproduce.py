@@ -1,4 +1,4 @@
-"""`tactuator reproduce`: the paper's study, end to end, on the simulated display."""
+"""The verb `reproduce`: the paper's study, end to end, on the simulated display."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tactuator.speech.reading import SpeechFile
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the verb to the application."""
 
     @app.command()
     def reproduce(
@@ -43,7 +43,7 @@ def register(app: typer.Typer) -> None:
 
 
 def _watched(plan: Plan, file: SpeechFile) -> Study:
-    """The study, with a bar for each of its steps."""
+    """Run the study with a bar for each of its steps."""
     with progress() as bars:
         tasks = {step: bars.add_task(step, total=1.0) for step in STEPS}
         tell: Progress = lambda step, done: bars.update(tasks[step], completed=done)  # noqa: E731

@@ -1,4 +1,4 @@
-"""`tactuator waveforms`: a set of synthetic waveforms, and an identification protocol that asks for them."""
+"""The verb `waveforms`: a set of synthetic waveforms, and an identification protocol that asks for them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PROTOCOL = "protocol.toml"
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the verb to the application."""
 
     @app.command()
     def waveforms(

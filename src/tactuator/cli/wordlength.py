@@ -1,4 +1,4 @@
-"""`tactuator wordlength`: what number formats leave of a controller."""
+"""The verb `wordlength`: the effect of number formats on a controller."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _DOUBLINGS = 4
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the verb to the application."""
 
     @app.command()
     def wordlength(
@@ -65,7 +65,7 @@ def _assess(controller: Controller) -> tuple[FormatReport, ...]:
 
 
 def _draw(controller: Controller, path: Path) -> dict[str, object]:
-    """Write the picture; its numbers, for the answer."""
+    """Write the picture and return its numbers, for the answer."""
     from tactuator.report.plates.resolution import require_ending, resolution_plate, save_resolution
 
     require_ending(path)

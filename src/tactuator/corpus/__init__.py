@@ -1,1 +1,1 @@
-"""Many files on many workers: the same job for each, whatever computes it."""
+"""Work on many files by many workers: the same job for each, whatever computes it."""

@@ -28,7 +28,9 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class CorpusResult:
-    """manifest: what stands in manifest.json. done: rendered by this run; kept: finished by an earlier one."""
+    """Result of a corpus. manifest: the content of manifest.json. done: rendered by this run; kept: finished by an
+    earlier one.
+    """
 
     manifest: Mapping[str, Any]
     done: int
@@ -36,7 +38,7 @@ class CorpusResult:
 
     @property
     def failures(self) -> list[dict[str, str]]:
-        """Files of which nothing came, with the reason."""
+        """Return the files of which nothing came, with the reason."""
         return list(self.manifest["failures"])
 
 
@@ -87,7 +89,7 @@ def _make(out: Path) -> None:
 
 
 def _sweep(out: Path) -> None:
-    """What killed workers left half-written beside its place."""
+    """Remove what killed workers left half-written beside its place."""
     for path in out.rglob(".*-*"):
         if path.is_file() and path.suffix in (*SUFFIXES, ".json"):
             path.unlink(missing_ok=True)
@@ -115,7 +117,7 @@ def _entry(outcome: Outcome, path: Path) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """JSON has no numbers that are not finite: null stands for them."""
+    """Return the value with null for numbers that are not finite, which JSON does not have."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, dict):

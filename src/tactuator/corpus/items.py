@@ -1,4 +1,4 @@
-"""A tree of speech files and what each is to become."""
+"""Items of a corpus: the tree of speech files and the reference that each is to become."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Item:
 
 
 def find_items(folder: str | Path, out: str | Path, ending: str = ".wav") -> tuple[Item, ...]:
-    """Every speech file beneath `folder`, in the order of their names, but nothing that lies in `out`.
+    """Return every speech file beneath `folder`, in the order of their names, but nothing that lies in `out`.
 
     a/b.flac becomes a/b.wav; where two files would become one, they keep their own endings: a/b.flac.wav. Raises
     BadInput where the folder is missing or holds no speech file.
@@ -43,7 +43,7 @@ def find_items(folder: str | Path, out: str | Path, ending: str = ".wav") -> tup
 
 
 def file_sha256(path: str | Path) -> str:
-    """SHA-256 (hex) of a file's bytes."""
+    """Return SHA-256 (hex) of a file's bytes."""
     digest = hashlib.sha256()
     with Path(path).open("rb") as file:
         while part := file.read(1 << 20):
@@ -52,5 +52,7 @@ def file_sha256(path: str | Path) -> str:
 
 
 def item_seed(seed: int, source: str) -> int:
-    """The seed of one file's simulation: it depends on the corpus's seed and the file's name, not on the order."""
+    """Return the seed of one file's simulation: it depends on the corpus's seed and the file's name, not on
+    the order.
+    """
     return int.from_bytes(hashlib.sha256(f"{seed}:{source}".encode()).digest()[:4], "little")

@@ -1,4 +1,6 @@
-"""What is finished of a corpus, line by line as it happens, so that a run goes on where another stopped."""
+"""Journal of a corpus: every item that is finished, line by line as it happens, so that a run goes on where another
+stopped.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ class Journal:
 
 @contextmanager
 def open_journal(folder: Path, parameters: Mapping[str, Any]) -> Iterator[Journal]:
-    """The journal in `folder`, begun anew if it is of other parameters. A last line that was cut off is dropped."""
+    """Yield the journal in `folder`, begun anew if it is of other parameters; a last line that was cut off
+    is dropped.
+    """
     path = folder / NAME
     head = json.dumps({"parameters": parameters}, sort_keys=True, allow_nan=False)
     lines = path.read_text(encoding="utf-8", errors="replace").split("\n") if path.is_file() else []

@@ -1,5 +1,4 @@
-"""One file's work, in whatever process it is done: everything it needs is in the task, everything it says in the
-outcome."""
+"""The work on one file, in whatever process it is done: the task holds everything it needs, the outcome all it says."""
 
 from __future__ import annotations
 
@@ -19,7 +18,9 @@ from tactuator.speech.job import RenderJob, render_file
 
 @dataclass(frozen=True)
 class Task:
-    """source, out: paths as the worker sees them; item: the source's name in the corpus. controller, coding: JSON."""
+    """Work on one file. source, out: paths as the worker sees them; item: the source's name in the corpus. controller,
+    coding: JSON.
+    """
 
     item: str
     source: str
@@ -33,7 +34,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """figures: what came of the file, plain JSON; error: one line, where nothing came of it."""
+    """Outcome of a task. figures: what came of the file, plain JSON; error: one line, where nothing came of it."""
 
     item: str
     source_sha256: str | None
@@ -64,5 +65,5 @@ def _one_line(text: str) -> str:
 
 @lru_cache(maxsize=2)
 def _controller(text: str) -> Controller:
-    """A worker reads a controller once: the limits derived from it are kept with it."""
+    """Return the controller, read once in each worker: the limits derived from it are kept with it."""
     return parse_controller(json.loads(text))

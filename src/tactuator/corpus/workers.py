@@ -1,4 +1,6 @@
-"""Who does the tasks: processes of this machine, or a Dask cluster. Outcomes come as they are done, in any order."""
+"""Workers that do the tasks: processes of this machine, or a Dask cluster. Outcomes come as they are done, in any
+order.
+"""
 
 from __future__ import annotations
 
@@ -22,10 +24,10 @@ AHEAD = 4
 
 
 class Workers(Protocol):
-    """Something that does tasks."""
+    """Protocol of whatever does tasks."""
 
     def outcomes(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
-        """One outcome for every task, as they are done."""
+        """Yield one outcome for every task, as the tasks are done."""
         ...
 
 
@@ -33,7 +35,7 @@ class Here:
     """No other process: one task after the other."""
 
     def outcomes(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
-        """One outcome for every task, in order."""
+        """Yield one outcome for every task, in order."""
         return map(do_task, tasks)
 
 
@@ -46,7 +48,7 @@ class LocalProcesses:
         self.count = (os.cpu_count() or 1) if count is None else count
 
     def outcomes(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
-        """One outcome for every task, as they are done."""
+        """Yield one outcome for every task, as the tasks are done."""
         lost: dict[str, int] = {}
         waiting = list(tasks)
         while waiting:
@@ -66,7 +68,7 @@ class LocalProcesses:
                 yield Outcome(task.item, None, None, f"{task.item}: its worker died {ATTEMPTS} times; not rendered")
 
     def _pool(self, tasks: Sequence[Task], begun: list[Task]) -> Iterator[Outcome]:
-        """`begun` ends up holding what was handed out and not done."""
+        """Yield outcomes from one pool; `begun` ends up holding the tasks that were handed out and not done."""
         queue = iter(tasks)
         pool = ProcessPoolExecutor(self.count, _context(), initializer=_leave_interrupts_to_the_parent)
         running: dict[Future[Outcome], Task] = {}
@@ -86,7 +88,7 @@ class LocalProcesses:
 
 
 def _context() -> BaseContext:
-    """New processes come from one that has loaded what they need, where the system can do that."""
+    """Return a context whose processes start from one that has loaded what they need, where the system can do that."""
     if "forkserver" not in get_all_start_methods():
         return get_context("spawn")
     context = get_context("forkserver")
@@ -119,7 +121,9 @@ class DaskCluster:
             ) from None
 
     def outcomes(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
-        """One outcome for every task, as they are done; the scheduler gives a killed worker's tasks to others."""
+        """Yield one outcome for every task, as the tasks are done; the scheduler gives a killed worker's tasks to
+        others.
+        """
         names = {}
         queue, ahead = iter(tasks), self._distributed.as_completed(loop=self._client.loop)
         for task in self._first(queue):

@@ -25,8 +25,9 @@ class AntiWindup:
 
 @dataclass(frozen=True)
 class Limits:
-    """command_v: the greatest |u|. travel_v: the sensor voltage at the mechanical limit. comfort_db_sl: the greatest
-    felt level."""
+    """Limits of one channel. command_v: the greatest |u|. travel_v: the sensor voltage at the mechanical limit.
+    comfort_db_sl: the greatest felt level.
+    """
 
     command_v: float
     travel_v: float
@@ -58,17 +59,17 @@ class ChannelController:
             object.__setattr__(self, "feedback_sos", check_sections(self.feedback_sos))
 
     def prefilter(self, rate_hz: float) -> SampledSystem:
-        """F as a sampled system."""
+        """Return F as a sampled system."""
         return SampledSystem.from_sections(self.prefilter_sos, rate_hz)
 
     def feedback(self, rate_hz: float) -> SampledSystem | None:
-        """C as a sampled system (without the computing delay), or None."""
+        """Return C as a sampled system (without the computing delay), or None."""
         return None if self.feedback_sos is None else SampledSystem.from_sections(self.feedback_sos, rate_hz)
 
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """What `controller.json` holds: one ChannelController for each channel of the display it was designed for."""
+    """Content of controller.json: one ChannelController for each channel of the display it was designed for."""
 
     display: Display
     channels: tuple[ChannelController, ...]
@@ -82,16 +83,16 @@ class Controller:
 
     @property
     def rate_hz(self) -> float:
-        """Sampling rate, hertz."""
+        """Return the sampling rate, hertz."""
         return self.display.rate_hz
 
     @property
     def delay_samples(self) -> int:
-        """Computing delay from A/D to D/A."""
+        """Return the computing delay from A/D to D/A, samples."""
         return self.display.delay_samples
 
     def require_runs(self, display: Display) -> None:
-        """Raises BadInput if `display` has other channels, another rate or another computing delay."""
+        """Raise BadInput if `display` has other channels, another rate or another computing delay."""
         names = ", ".join(channel.name for channel in display.channels)
         mine = ", ".join(channel.name for channel in self.channels)
         if mine != names:
@@ -103,7 +104,7 @@ class Controller:
             )
 
     def channel(self, name: str) -> ChannelController:
-        """The controller of that channel; BadInput if there is none."""
+        """Return the channel's controller. Raises BadInput if there is none of that name."""
         for channel in self.channels:
             if channel.name == name:
                 return channel

@@ -38,7 +38,7 @@ class Converter:
 
     @property
     def step_v(self) -> float:
-        """One converter step, volts: the range over 2^bits codes."""
+        """Return one converter step, volts: the range over 2^bits codes."""
         return 2.0 * self.range_v / 2.0**self.bits
 
 
@@ -63,7 +63,7 @@ class Threshold:
 
 @dataclass(frozen=True)
 class Environment:
-    """What disturbs a channel: hum (volts peak at the sensor) at hum_hz, white sensor noise, Dahl friction.
+    """Disturbances of a channel: hum (volts peak at the sensor) at hum_hz, white sensor noise, Dahl friction.
 
     friction_v: Coulomb level in volts of command. presliding_v: sensor volts over which it builds up. The figures are
     what the display is believed to have: the simulated display obeys them, the verdict is judged by them.
@@ -88,7 +88,7 @@ class Environment:
 
 @dataclass(frozen=True)
 class Channel:
-    """One finger's actuator.
+    """The actuator of one finger.
 
     plant: command (V) to sensor voltage (V); quantity: what that voltage is proportional to, with
     sensor_gain_v_per_mm in volts per mm, mm/s or mm/s^2 accordingly. travel_mm: mechanical limit, +/-. family: other
@@ -120,7 +120,7 @@ class Channel:
             raise BadInput(f"channel {self.name!r}: two loads have the same name; allowed: each name once")
 
     def load(self, name: str) -> Load:
-        """The load of that name; BadInput if there is none."""
+        """Return the load of that name. Raises BadInput if there is none."""
         for load in self.loads:
             if load.name == name:
                 return load
@@ -128,11 +128,13 @@ class Channel:
         raise BadInput(f"channel {self.name!r}: load {name!r} is not described; allowed: {allowed}")
 
     def loaded_plant(self, load: Load | None) -> ContinuousSystem:
-        """The plant under `load`, or as it is."""
+        """Return the plant under `load`; for None, the plant without load."""
         return self.plant if load is None else load.applied_to(self.plant, self.quantity)
 
     def threshold_voltage(self, frequency_hz: ArrayLike) -> NDArray[np.float64]:
-        """|H| that the curve asks for: peak volts of y at threshold (r = 1), at `frequency_hz` (any shape)."""
+        """Return the |H| that the curve asks for: peak volts of y at threshold (r = 1), at `frequency_hz`
+        (any shape).
+        """
         frequency = np.asarray(frequency_hz, dtype=np.float64)
         speed = (2.0 * np.pi * frequency) ** DERIVATIVES[self.quantity]
         return self.sensor_gain_v_per_mm * self.threshold.curve.displacement_mm(frequency) * speed
@@ -169,7 +171,7 @@ class Display:
                 )
 
     def channel(self, name: str) -> Channel:
-        """The channel of that name; BadInput if there is none."""
+        """Return the channel of that name. Raises BadInput if there is none."""
         for channel in self.channels:
             if channel.name == name:
                 return channel

@@ -1,4 +1,4 @@
-"""What touches a display, as an impedance at the finger port."""
+"""Loads: the impedance of whatever touches a display at the finger port."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Load:
                 raise BadInput(f"load {self.name!r}: {field} is {value:g}; allowed: zero or more")
 
     def applied_to(self, plant: ContinuousSystem, quantity: Quantity = "displacement") -> ContinuousSystem:
-        """The plant under this load: P0/(1 + P0 Z), its dead time outside; P0 gives the displacement."""
+        """Return the plant under this load: P0/(1 + P0 Z), its dead time outside; P0 gives the displacement."""
         order = DERIVATIVES[quantity]
         zeros, extra_poles = _integrated(plant, order)
         numerator = np.real(np.poly(zeros))
@@ -50,7 +50,7 @@ class Load:
 def _integrated(
     plant: ContinuousSystem, order: int
 ) -> tuple[np.ndarray[tuple[int], np.dtype[np.complex128]], np.ndarray[tuple[int], np.dtype[np.complex128]]]:
-    """Zeros and added poles of plant / s^order: zeros at the origin cancel first."""
+    """Return the zeros and the added poles of plant / s^order; zeros at the origin cancel first."""
     zeros = list(plant.zeros)
     missing = order
     for zero in plant.zeros:

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PlantModel:
-    """num, den: descending powers of s, den monic; delay_s: dead time.
+    """An identified plant. num, den: descending powers of s, den monic; delay_s: dead time.
 
     covariance: of (num[0..m], den[1..n], delay_s), (m + n + 2, m + n + 2), zero for what was not estimated. band_hz:
     where the record speaks of the plant. quantity: what the output is proportional to; units: of command and position.
@@ -43,21 +43,23 @@ class PlantModel:
 
     @property
     def system(self) -> ContinuousSystem:
-        """The model as a system."""
+        """Return the model as a continuous system."""
         return ContinuousSystem.from_polynomials(self.num, self.den, self.delay_s)
 
     def response(self, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
-        """Complex response at `frequency_hz` (any shape)."""
+        """Return the complex response at `frequency_hz` (any shape)."""
         return self._evaluate(self.num, self.den, self.delay_s, np.asarray(frequency_hz, dtype=np.float64))
 
     def band_db(self, frequency_hz: ArrayLike) -> Array:
-        """95 % half-width of the magnitude in dB at `frequency_hz` (m,): the covariance carried over to first order."""
+        """Return the 95 % half-width of the magnitude in dB at `frequency_hz` (m,): the covariance carried over to
+        first order.
+        """
         gradient = self._log_gradient(np.asarray(frequency_hz, dtype=np.float64)).real
         variance = np.einsum("ij,jk,ik->i", gradient, self.covariance, gradient)
         return np.asarray(1.959964 * 20.0 / np.log(10.0) * np.sqrt(np.maximum(variance, 0.0)))
 
     def confidence(self) -> dict[str, float]:
-        """95 % half-widths: of the gain num[-1]/den[-1], of each coefficient, of the dead time."""
+        """Return the 95 % half-widths: of the gain num[-1]/den[-1], of each coefficient, of the dead time."""
         errors = 1.959964 * np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         m, n = self.num.size - 1, self.den.size - 1
         made = {f"num_s{m - k}": float(errors[k]) for k in range(m + 1)}
@@ -65,7 +67,7 @@ class PlantModel:
         return {"gain": self._gain_confidence(), **made, "delay_s": float(errors[-1])}
 
     def family(self, count: int, rng: np.random.Generator) -> tuple[ContinuousSystem, ...]:
-        """`count` plants drawn from the covariance, for a design that must hold for all; stable as the model is.
+        """Return `count` plants drawn from the covariance, for a design that must hold for all; stable as the model is.
 
         The first two are the ends of the most uncertain direction, 2 standard errors away, if those are of the kind.
         """
@@ -98,7 +100,7 @@ class PlantModel:
         return np.asarray(self.covariance / np.outer(self._sizes(), self._sizes()))
 
     def _gain_confidence(self) -> float:
-        """Of num[-1]/den[-1], or of num[0] where the plant integrates."""
+        """Return the 95 % half-width of num[-1]/den[-1], or of num[0] where the plant integrates."""
         m = self.num.size - 1
         if self.den[-1] == 0.0:
             return float(1.959964 * np.sqrt(max(self.covariance[0, 0], 0.0)))

@@ -1,4 +1,4 @@
-"""What a display must do: the tables [feedback], [prefilter] and [objectives] of a display file."""
+"""Requirements on a display: the tables [feedback], [prefilter] and [objectives] of a display file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Structure = Literal["integrator-lead-lag", "paper", "none"]
 
 @dataclass(frozen=True)
 class FeedbackRequirements:
-    """What the loop must keep, for every load; None or an empty tuple asks nothing.
+    """Requirements that the loop must keep under every load; None or an empty tuple asks nothing.
 
     phase_margin_deg: at least. sensitivity_peak: max|S|, at most. mains_max_db: |T| at `mains_hz`, at most.
     rejection_max_db: |S| at `rejection_hz`, at most. command_noise_gain_max: rms of CS for white sensor noise.
@@ -46,8 +46,9 @@ class FeedbackRequirements:
 
 @dataclass(frozen=True)
 class PrefilterRequirements:
-    """poles: of the prefilter. falls_above_hz: beyond it nothing is passed harder than the strongest frequency in the
-    band."""
+    """Requirements on the prefilter. poles: its number of poles. falls_above_hz: beyond it nothing is passed harder
+    than the strongest frequency in the band.
+    """
 
     poles: int = 4
     falls_above_hz: float = 400.0

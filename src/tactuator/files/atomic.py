@@ -83,7 +83,7 @@ def _made_parents(target: Path) -> list[Path]:
 
 
 def _take_the_place_of(target: Path, beside: Path) -> None:
-    """Rename, and put the old folder back if anything comes between the two renames."""
+    """Rename the folder, and put the old one back if anything comes between the two renames."""
     old = beside.with_name(beside.name + "-old")
     try:
         if target.exists():

@@ -25,7 +25,8 @@ _ROWS = 200_000
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """values: column name to (n,), all of one length unless the format allows others. rate_hz: of the file, if it says.
+    """Columns of a file. values: column name to (n,), all of one length unless the format allows others. rate_hz: of
+    the file, if it says.
 
     attributes: plain text that the file carries. cut: rows beyond MOST_SAMPLES were left unread.
     """
@@ -153,7 +154,7 @@ def _read_matlab(path: Path) -> Columns:
 
 
 def _gather(name: str, value: Any, found: dict[str, Array]) -> None:
-    """Numbers, rows and columns of a variable; fields of a struct as name.field."""
+    """Gather the numbers, rows and columns of a variable; fields of a struct as name.field."""
     if hasattr(value, "_fieldnames"):
         for field_name in value._fieldnames:
             _gather(f"{name}.{field_name}", getattr(value, field_name), found)

@@ -1,4 +1,4 @@
-"""controller.json: a designed controller with the display it was designed for."""
+"""The file controller.json: a designed controller with the display it was designed for."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FORMAT = "tactuator-controller/1"
 
 
 def controller_document(controller: Controller) -> dict[str, Any]:
-    """The document of controller.json, its hash included."""
+    """Return the document of controller.json, its hash included."""
     document: dict[str, Any] = {
         "format": FORMAT,
         "tool": controller.tool or __version__,
@@ -33,7 +33,7 @@ def controller_document(controller: Controller) -> dict[str, Any]:
 
 
 def controller_hash(controller: Controller) -> str:
-    """SHA-256 (hex) of the document without its hash: what a response or an experiment records."""
+    """Return SHA-256 (hex) of the document without its hash: what a response or an experiment records."""
     return str(controller_document(controller)["hash"])
 
 
@@ -59,7 +59,7 @@ def read_controller(path: str | Path) -> Controller:
 
 
 def parse_controller(document: dict[str, Any]) -> Controller:
-    """The controller of a document; BadInput for another format or a hash that does not fit."""
+    """Return the controller of a document. Raises BadInput for another format or a hash that does not fit."""
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         got = document.get("format") if isinstance(document, dict) else type(document).__name__
         raise BadInput(f"format is {got!r}; allowed: {FORMAT!r}")

@@ -18,7 +18,7 @@ _NUMBERS = ("frequency_hz", _LEVEL, _ACCELERATION, _ERROR)
 
 
 def resolve_curve(name_or_path: str, beside: Path = Path()) -> ThresholdCurve:
-    """The library's curve of that name, or the CSV of that path (relative to the folder `beside`)."""
+    """Return the library's curve of that name, or the CSV of that path (relative to the folder `beside`)."""
     if name_or_path in curve_names():
         return curve(name_or_path)
     path = beside / name_or_path

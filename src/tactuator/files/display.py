@@ -55,7 +55,7 @@ def read_display(path: str | Path) -> Display:
 
 
 def parse_display(document: Document, beside: Path = Path()) -> Display:
-    """The display of a document's tables; relative paths in it start at the folder `beside`."""
+    """Return the display of a document's tables; relative paths in it start at the folder `beside`."""
     allowed = {"display", "channel", "objectives", *SHARED_TABLES}
     for key in document:
         if key not in allowed:
@@ -75,7 +75,7 @@ def parse_display(document: Document, beside: Path = Path()) -> Display:
 
 
 def with_curve(display: Display, curve: ThresholdCurve) -> Display:
-    """The display with `curve` in place of every channel's own."""
+    """Return the display with `curve` in place of every channel's own."""
     channels = (replace(one, threshold=replace(one.threshold, curve=curve)) for one in display.channels)
     return replace(display, channels=tuple(channels))
 
@@ -171,7 +171,9 @@ def _threshold(keys: ThresholdKeys, beside: Path) -> Threshold:
 def _plant_and_family(
     own: ChannelOwnKeys, beside: Path, where: str
 ) -> tuple[ContinuousSystem, float, tuple[ContinuousSystem, ...]]:
-    """The plant, the leading coefficient its file gave the denominator (loads are in its units), and its family."""
+    """Return the plant, the leading coefficient its file gave the denominator (loads are in its units), and
+    its family.
+    """
     family = tuple(system_of(member, f"{where} family") for member in own.family)
     table = own.plant
     if isinstance(table, str):
@@ -196,7 +198,9 @@ def _model_document(path: Path, where: str) -> dict[str, Any]:
 
 
 def system_of(table: PlantTable, where: str) -> ContinuousSystem:
-    """The system of a {num, den} or {zeros, poles, gain} table; BadInput where it is neither or not a system."""
+    """Return the system of a {num, den} or {zeros, poles, gain} table. Raises BadInput where it is neither or not a
+    system.
+    """
     by_polynomials = table.num is not None and table.den is not None
     by_roots = table.poles is not None and table.gain is not None
     if by_polynomials == by_roots:
@@ -217,7 +221,9 @@ def _complex(root: float | tuple[float, float]) -> complex:
 
 
 def display_document(display: Display) -> dict[str, Any]:
-    """Plain tables that `parse_display` turns into an equal display: curves with their points, plants as roots."""
+    """Return the plain tables that `parse_display` turns into an equal display: curves with their points, plants as
+    roots.
+    """
     return {
         "display": {
             "name": display.name,

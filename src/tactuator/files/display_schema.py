@@ -17,7 +17,9 @@ class _Table(BaseModel):
 
 
 class PlantTable(_Table):
-    """{num, den} in descending powers of s, or {zeros, poles, gain} (rad/s; a complex number is [re, im])."""
+    """A plant as {num, den} in descending powers of s, or {zeros, poles, gain} (rad/s; a complex number is
+    [re, im]).
+    """
 
     num: list[Number] | None = None
     den: list[Number] | None = None
@@ -48,7 +50,7 @@ class LoadTable(_Table):
 
 
 class ConverterKeys(_Table):
-    """Keys of [converter]."""
+    """Keys of [converter], each with its default."""
 
     bits: Whole = 16
     range_v: Number = 10.0
@@ -64,7 +66,7 @@ class ThresholdKeys(_Table):
 
 
 class FeedbackKeys(_Table):
-    """Keys of [feedback]."""
+    """Keys of [feedback], each with its default."""
 
     structure: Literal["integrator-lead-lag", "paper", "none"] = "integrator-lead-lag"
     phase_margin_deg: Positive | None = 50.0
@@ -79,7 +81,7 @@ class FeedbackKeys(_Table):
 
 
 class PrefilterKeys(_Table):
-    """Keys of [prefilter]."""
+    """Keys of [prefilter], each with its default."""
 
     poles: Whole = 4
     falls_above_hz: Positive = 400.0
@@ -96,7 +98,7 @@ class EnvironmentKeys(_Table):
 
 
 class ObjectivesKeys(_Table):
-    """Keys of [objectives]."""
+    """Keys of [objectives], each with its default."""
 
     flatness_db: Positive = 1.0
     mains_max_db_sl: Number = 0.0
@@ -108,7 +110,7 @@ class ObjectivesKeys(_Table):
 
 
 class DisplayKeys(_Table):
-    """Keys of [display]."""
+    """Keys of [display], each with its default."""
 
     name: str = "display"
     rate_hz: Number

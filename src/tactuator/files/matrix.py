@@ -14,7 +14,7 @@ from tactuator.errors import BadInput
 
 @dataclass(frozen=True, eq=False)
 class NamedMatrix:
-    """counts: (stimuli, responses). Names are the file's, or 1, 2, 3, ..."""
+    """A confusion matrix with names. counts: (stimuli, responses). Names are the file's, or 1, 2, 3, ..."""
 
     counts: NDArray[np.float64]
     stimuli: tuple[str, ...]

@@ -1,4 +1,6 @@
-"""model.json: an identified plant with its uncertainty, as `identify` writes it and a display file names it."""
+"""The file model.json: an identified plant with its uncertainty, as `identify` writes it and a display file
+names it.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,7 @@ FORMAT = "tactuator-model/1"
 
 
 def model_document(model: PlantModel, family: Sequence[ContinuousSystem] = ()) -> dict[str, Any]:
-    """The document of model.json; `family`: other plants that the record cannot tell from the model."""
+    """Return the document of model.json; `family`: other plants that the record cannot tell from the model."""
     return {
         "format": FORMAT,
         "tool": __version__,

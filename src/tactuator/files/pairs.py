@@ -14,7 +14,9 @@ from tactuator.errors import BadInput
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """displacement_mm, voltage_v: (n,); names: how each pair is called (its own name column, or its row)."""
+    """Pairs of a calibration. displacement_mm, voltage_v: (n,); names: how each pair is called (its own name column, or
+    its row).
+    """
 
     displacement_mm: NDArray[np.float64]
     voltage_v: NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Records: our own HDF5, and whatever else holds a command and a position."""
+"""Reading of records, in our own HDF5 and in whatever else holds a command and a position, and writing."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _assemble(
 
 
 def _known_rate(columns: Columns, rate_hz: float | None) -> float | None:
-    """From the option, or the file: an attribute, a variable fs or Ts; the two must agree."""
+    """Return the rate that the option or the file (an attribute, a variable fs or Ts) gives; the two must agree."""
     if rate_hz is not None and not (np.isfinite(rate_hz) and rate_hz > 0.0):
         raise BadInput(f"the rate given is {rate_hz:g} Hz; allowed: a positive number")
     inside = columns.rate_hz

@@ -1,4 +1,4 @@
-"""References: what a display is to play, in threshold units, one column a channel.
+"""Reading and writing of references: signals to be played, in threshold units, one column a channel.
 
 A WAV is float32 with 1.0 standing for a stated level (60 dB SL: amplitude 1000); the level stands in its INFO comment
 and, with curves, band and provenance, in NAME.json beside it. An HDF5 file holds threshold units themselves in the
@@ -35,7 +35,9 @@ FORMAT = "tactuator-reference/1"
 
 @dataclass(frozen=True)
 class ReferenceHead:
-    """What a reference says of itself. curves: channel -> (name, SHA-256 of the points); provenance: plain JSON."""
+    """The statement of a reference about itself. curves: channel -> (name, SHA-256 of the points); provenance: plain
+    JSON.
+    """
 
     rate_hz: float
     channels: tuple[str, ...]
@@ -46,11 +48,11 @@ class ReferenceHead:
 
     @property
     def full_scale(self) -> float:
-        """Threshold units for which 1.0 stands in a WAV."""
+        """Return the number of threshold units for which 1.0 stands in a WAV."""
         return float(10.0 ** (self.full_scale_db_sl / 20.0))
 
     def document(self) -> dict[str, Any]:
-        """What stands in NAME.json."""
+        """Return the content of NAME.json."""
         named = {name: {"name": curve, "hash": digest} for name, (curve, digest) in self.curves.items()}
         return {
             "format": FORMAT,
@@ -64,7 +66,7 @@ class ReferenceHead:
         }
 
     def comment(self) -> str:
-        """What stands in a WAV's INFO comment."""
+        """Return the content of a WAV's INFO comment."""
         curve = ",".join(sorted({name for name, _ in self.curves.values()}))
         return (
             f"tactuator reference: 1.0 = {self.full_scale_db_sl:g} dB SL; channels {','.join(self.channels)}; "
@@ -82,7 +84,9 @@ class ReferenceWriter:
 
     @property
     def sha256(self) -> str:
-        """SHA-256 (hex) of the samples so far as a WAV holds them, whatever the file's kind; see `content_sha256`."""
+        """Return SHA-256 (hex) of the samples so far as a WAV holds them, whatever the file's kind; see
+        `content_sha256`.
+        """
         return self._digest.hexdigest()
 
     def write(self, block: NDArray[np.float64]) -> None:
@@ -135,7 +139,7 @@ def write_reference(path: str | Path, head: ReferenceHead, frames: int = 0) -> I
 
 
 def check_suffix(path: Path) -> None:
-    """BadInput unless `path` ends as a reference does."""
+    """Raise BadInput unless `path` ends as a reference does."""
     if path.suffix not in SUFFIXES:
         raise BadInput(f"reference {path}: ending {path.suffix!r}; allowed: {', '.join(SUFFIXES)}")
 
@@ -150,11 +154,11 @@ class ReferenceFile:
 
     @property
     def duration_s(self) -> float:
-        """Seconds."""
+        """Return the length of the reference, seconds."""
         return self.frames / self.head.rate_hz
 
     def blocks(self, block_frames: int = BLOCK_FRAMES) -> Iterator[NDArray[np.float64]]:
-        """Blocks (n, channels), threshold units."""
+        """Yield the reference in blocks (n, channels), threshold units."""
         if self.path.suffix == ".wav":
             with soundfile.SoundFile(self.path) as file:
                 while len(block := file.read(block_frames, dtype="float64", always_2d=True)):
@@ -180,7 +184,9 @@ def open_reference(path: str | Path) -> ReferenceFile:
 
 
 def content_sha256(path: str | Path) -> str:
-    """SHA-256 (hex) of a reference's samples as a WAV holds them (see `sample_shares`), whatever the file's kind."""
+    """Return SHA-256 (hex) of a reference's samples as a WAV holds them (see `sample_shares`), whatever the file's
+    kind.
+    """
     reference, digest = open_reference(path), hashlib.sha256()
     for block in reference.blocks():
         digest.update(sample_shares(block, reference.head).data)
@@ -188,7 +194,7 @@ def content_sha256(path: str | Path) -> str:
 
 
 def sample_shares(block: NDArray[np.float64], head: ReferenceHead) -> NDArray[np.float32]:
-    """A block (n, channels) of threshold units as little-endian float32 shares of full scale, row by row."""
+    """Return a block (n, channels) of threshold units as little-endian float32 shares of full scale, row by row."""
     return np.ascontiguousarray(block / head.full_scale, dtype="<f4")
 
 
@@ -213,7 +219,7 @@ def _dataset(file: h5py.File, head: ReferenceHead) -> Any:
 
 
 def _require_room(beside: Path, frames: int, channels: int) -> None:
-    """OSError where so many frames do not fit on the disk: HDF5 in particular does not survive to find out."""
+    """Raise OSError where so many frames do not fit on the disk: HDF5 in particular does not survive to find out."""
     wanted = -(-frames // BLOCK_FRAMES) * BLOCK_FRAMES * channels * 4 + (1 << 16) if frames else 0
     if wanted and hasattr(os, "posix_fallocate"):
         with beside.open("r+b") as file:
@@ -228,7 +234,7 @@ def _require_room(beside: Path, frames: int, channels: int) -> None:
 
 @contextmanager
 def _told(path: Path) -> Iterator[None]:
-    """A disk that is full, or a place that cannot be written, as one line."""
+    """Turn the error of a full disk, or of a place that cannot be written, into BadInput of one line."""
     try:
         yield
     except BadInput:

@@ -17,7 +17,8 @@ _RATE_TOLERANCE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Stamps:
-    """rate_hz: even rate. place: where each sample stands on the even grid, in samples, (n,). count: of that grid.
+    """Time stamps on an even grid. rate_hz: even rate. place: where each sample stands on the even grid, in samples,
+    (n,). count: of that grid.
 
     even: the samples are the grid already. remarks: what is wrong, to be said.
     """
@@ -29,7 +30,7 @@ class Stamps:
     remarks: tuple[str, ...]
 
     def spread(self, values: Array, hold: bool) -> Array:
-        """Values (n,) on the even grid (count,): held (a command) or interpolated (a position)."""
+        """Return the values (n,) on the even grid (count,): held (a command) or interpolated (a position)."""
         if self.even:
             return values
         grid = np.arange(self.count, dtype=np.float64)
@@ -67,14 +68,16 @@ def read_stamps(time_s: Array, rate_hz: float | None) -> Stamps:
 
 
 def _typical_step(step: Array) -> float:
-    """Median, sharpened by the mean of all that are near it (stamps rounded to few digits alternate)."""
+    """Return the median step, sharpened by the mean of all that are near it (stamps rounded to few digits
+    alternate).
+    """
     median = float(np.median(step))
     near = np.abs(step - median) <= 0.6 * median
     return float(np.mean(step[near]))
 
 
 def _quantum(time_s: Array) -> float:
-    """The last decimal place that the stamps were printed with, seconds; 0 where they have all their digits."""
+    """Return the last decimal place that the stamps were printed with, seconds; 0 where they have all their digits."""
     some = time_s[:1000]
     for digits in range(10):
         scaled = some * 10.0**digits

@@ -33,13 +33,13 @@ class FeedbackLoop:
 
     @cached_property
     def open_loop(self) -> System:
-        """L = C P as one system."""
+        """Return L = C P as one system."""
         product: System = self.controller * self.plant  # the systems refuse a mixture
         return product
 
     @cached_property
     def is_stable(self) -> bool:
-        """Whether the closed loop is stable."""
+        """Return whether the closed loop is stable."""
         return is_stable(self.open_loop)
 
     def require_stable(self) -> None:
@@ -50,26 +50,26 @@ class FeedbackLoop:
             )
 
     def open_response(self, frequency_hz: ArrayLike) -> Response:
-        """L at `frequency_hz` (hertz, any shape)."""
+        """Return the open-loop response L at `frequency_hz` (hertz, any shape)."""
         return self.controller.response(frequency_hz) * self.plant.response(frequency_hz)
 
     def sensitivity(self, frequency_hz: ArrayLike) -> Response:
-        """S = 1/(1 + L): from a disturbance of the position to the position."""
+        """Return S = 1/(1 + L): from a disturbance of the position to the position."""
         numerator, denominator = self.open_loop.fraction(frequency_hz)
         return np.asarray(denominator / (numerator + denominator))
 
     def complementary(self, frequency_hz: ArrayLike) -> Response:
-        """T = L/(1 + L): from F's output to the position, and (with a minus sign) from sensor noise to it."""
+        """Return T = L/(1 + L): from F's output to the position, and (with a minus sign) from sensor noise to it."""
         numerator, denominator = self.open_loop.fraction(frequency_hz)
         return np.asarray(numerator / (numerator + denominator))
 
     def command_sensitivity(self, frequency_hz: ArrayLike) -> Response:
-        """C S: from F's output to the command."""
+        """Return C S: from F's output to the command."""
         (c, c_den), (p, p_den) = self.controller.fraction(frequency_hz), self.plant.fraction(frequency_hz)
         return np.asarray(c * p_den / (c * p + c_den * p_den))
 
     def load_sensitivity(self, frequency_hz: ArrayLike) -> Response:
-        """P S: from a voltage added to the command (friction, a force) to the position."""
+        """Return P S: from a voltage added to the command (friction, a force) to the position."""
         (c, c_den), (p, p_den) = self.controller.fraction(frequency_hz), self.plant.fraction(frequency_hz)
         return np.asarray(p * c_den / (c * p + c_den * p_den))
 
@@ -84,16 +84,16 @@ class TwoDegreeLoop:
 
     @cached_property
     def feedback(self) -> FeedbackLoop | None:
-        """The loop behind the prefilter, or None."""
+        """Return the loop behind the prefilter, or None."""
         return None if self.controller is None else FeedbackLoop(self.controller, self.plant)
 
     def position_response(self, frequency_hz: ArrayLike) -> Response:
-        """H = F T (or F P): volts of y per unit of reference."""
+        """Return H = F T (or F P): volts of y per unit of reference."""
         loop = self.feedback
         behind = self.plant.response(frequency_hz) if loop is None else loop.complementary(frequency_hz)
         return self.prefilter.response(frequency_hz) * behind
 
     def command_response(self, frequency_hz: ArrayLike) -> Response:
-        """F C S (or F): volts of command per unit of reference."""
+        """Return F C S (or F): volts of command per unit of reference."""
         ahead = self.prefilter.response(frequency_hz)
         return ahead if self.feedback is None else ahead * self.feedback.command_sensitivity(frequency_hz)

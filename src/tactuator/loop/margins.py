@@ -1,4 +1,4 @@
-"""How far a loop is from instability.
+"""Stability margins of a loop: how far it is from instability.
 
 Disk margin: Seiler, Packard & Gahinet (2020), "An introduction to disk margins", IEEE Control Systems 40(5), after
 Blight, Dailey & Gangsaas (1994): the balanced (S - T) margin alpha = 2 / max|S - T| means that the loop stays stable
@@ -32,7 +32,7 @@ class Peak:
 
 @dataclass(frozen=True)
 class DiskMargin:
-    """alpha (dimensionless), the frequency where it is attained, and what it guarantees.
+    """Disk margin of a loop: alpha (dimensionless), the frequency where it is attained, and what it guarantees.
 
     gain_db: gain may change by this much either way (inf if alpha >= 2). phase_deg: phase may change by this much.
     """
@@ -42,12 +42,12 @@ class DiskMargin:
 
     @property
     def gain_db(self) -> float:
-        """The gain change, either way, that the disk allows, dB."""
+        """Return the gain change in dB, either way, that the disk allows."""
         return float("inf") if self.alpha >= 2.0 else float(20.0 * np.log10((2.0 + self.alpha) / (2.0 - self.alpha)))
 
     @property
     def phase_deg(self) -> float:
-        """The phase change, either way, that the disk allows, degrees."""
+        """Return the phase change in degrees, either way, that the disk allows."""
         return float(np.degrees(2.0 * np.arctan(self.alpha / 2.0)))
 
 
@@ -76,12 +76,12 @@ class Margins:
 
     @property
     def sensitivity_peak(self) -> float:
-        """max |S|."""
+        """Return the peak of the sensitivity, max |S|."""
         return self.sensitivity.value
 
     @property
     def complementary_peak(self) -> float:
-        """max |T|."""
+        """Return the peak of the complementary sensitivity, max |T|."""
         return self.complementary.value
 
     def __str__(self) -> str:
@@ -94,7 +94,7 @@ class Margins:
 
 
 def margins(loop: FeedbackLoop) -> Margins:
-    """Margins of `loop`, each refined to the frequency where it is attained.
+    """Return the margins of `loop`, each refined to the frequency where it is attained.
 
     Raises UnstableLoop if the closed loop is unstable: such a loop has none.
     """
@@ -116,8 +116,9 @@ def margins(loop: FeedbackLoop) -> Margins:
 
 
 def analysis_grid_hz(loop: FeedbackLoop, points: int = 1500) -> Array:
-    """Frequencies on which nothing is overlooked: even in log frequency over every root's decade, and dense around
-    each open- and closed-loop pole, in proportion to its damping."""
+    """Return the frequencies (hertz) on which a loop is examined: even in log frequency over every root's decade, and
+    dense around each open- and closed-loop pole, in proportion to its damping.
+    """
     open_loop = loop.open_loop
     if isinstance(open_loop, SampledSystem):
         top = open_loop.rate_hz / 2.0
@@ -145,7 +146,7 @@ def _highest_hz(open_loop: ContinuousSystem, roots: NDArray[np.complex128]) -> f
 
 
 def _peak(magnitude: Callable[[Array], Array], grid: Array, values: Array) -> tuple[float, float]:
-    """The greatest value and its frequency, refined around the three highest maxima of the grid."""
+    """Return the greatest value and its frequency, refined around the three highest maxima of the grid."""
     best = int(np.argmax(values))
     found, at = float(values[best]), float(grid[best])
     inner = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])) + 1
@@ -163,14 +164,16 @@ def _peak(magnitude: Callable[[Array], Array], grid: Array, values: Array) -> tu
 
 
 def _crossings(function: Callable[[float], float], grid: Array, values: Array) -> list[float]:
-    """Frequencies where `function` changes its sign, given its values on the grid."""
+    """Return the frequencies where `function` changes its sign, given its values on the grid."""
     signs = np.signbit(values)
     places = np.flatnonzero(signs[1:] != signs[:-1])
     return [_crossing(lambda x: function(float(np.exp(x))), *np.log(grid[[i, i + 1]]).tolist()) for i in places]
 
 
 def _crossing(function: Callable[[float], float], low: float, high: float) -> float:
-    """Between two logarithms of frequency; at one of them where it is zero there but for rounding."""
+    """Return the frequency of a zero between two logarithms of frequency; an end of them where it is zero there but for
+    rounding.
+    """
     at_low, at_high = function(low), function(high)
     if np.signbit(at_low) == np.signbit(at_high):
         return float(np.exp(low if abs(at_low) < abs(at_high) else high))
@@ -178,7 +181,7 @@ def _crossing(function: Callable[[float], float], low: float, high: float) -> fl
 
 
 def _phase_margin(loop: FeedbackLoop, grid: Array, response: NDArray[np.complex128]) -> tuple[float, float, float]:
-    """(crossover_hz, phase_margin_deg, delay_margin_s), each the worst over all crossovers."""
+    """Return (crossover_hz, phase_margin_deg, delay_margin_s), each the worst over all crossovers."""
     crossovers = _crossings(lambda f: float(np.log(np.abs(loop.open_response(f)))), grid, np.log(np.abs(response)))
     if not crossovers:
         return float("nan"), float("inf"), float("inf")
@@ -189,7 +192,7 @@ def _phase_margin(loop: FeedbackLoop, grid: Array, response: NDArray[np.complex1
 
 
 def _gain_margins(loop: FeedbackLoop, grid: Array, response: NDArray[np.complex128]) -> tuple[float, float, float]:
-    """(gain_margin_db, gain_reduction_db, phase_crossover_hz) from the crossings of the negative real axis."""
+    """Return (gain_margin_db, gain_reduction_db, phase_crossover_hz) from the crossings of the negative real axis."""
     found = _crossings(lambda f: float(np.imag(loop.open_response(f))), grid, response.imag)
     crossings = [f for f in found if np.real(loop.open_response(f)) < 0.0]
     if isinstance(loop.open_loop, SampledSystem) and response[-1].real < 0.0:

@@ -21,7 +21,7 @@ class UnstableLoop(BadInput):
 
 
 def closed_roots(zeros: Roots, poles: Roots, gain: float) -> Roots:
-    """Roots of prod(x - poles) + gain prod(x - zeros), as eigenvalues of the closed cascade.
+    """Return the roots of prod(x - poles) + gain prod(x - zeros), as eigenvalues of the closed cascade.
 
     Raises BadInput with more zeros than poles, or where the direct path makes the loop algebraically undefined.
     """
@@ -58,7 +58,8 @@ def _ordered(roots: Roots) -> Roots:
 
 
 def closed_poles(open_loop: System) -> Roots:
-    """Poles of 1/(1 + L): rad/s for a continuous loop without dead time; z - 1 for a sampled loop, delay included.
+    """Return the poles of 1/(1 + L): rad/s for a continuous loop without dead time; z - 1 for a sampled loop, delay
+    included.
 
     Raises BadInput for a continuous loop with dead time: it has infinitely many.
     """
@@ -73,7 +74,7 @@ def closed_poles(open_loop: System) -> Roots:
 
 
 def is_stable(open_loop: System) -> bool:
-    """Whether unity negative feedback around `open_loop` is stable (hidden cancellations included)."""
+    """Return whether unity negative feedback around `open_loop` is stable (hidden cancellations included)."""
     if isinstance(open_loop, SampledSystem):
         step = closed_poles(open_loop)
         return bool(np.all(2.0 * step.real + np.abs(step) ** 2 < 0.0))  # |1 + d| < 1, without cancellation
@@ -83,7 +84,8 @@ def is_stable(open_loop: System) -> bool:
 
 
 def _right_half_plane_roots(open_loop: ContinuousSystem) -> int:
-    """Roots of 1 + L in the right half-plane of a loop with dead time, by the principle of the argument.
+    """Return the number of roots of 1 + L in the right half-plane of a loop with dead time, by the principle of the
+    argument.
 
     G = (1 + L) D/Q, with D the open loop's denominator and Q a stable polynomial of the same order, has no pole there
     and tends to one; its phase turns by -pi for every root as the frequency goes from 0 to infinity.

@@ -19,7 +19,7 @@ _SETTLE_S, _READ_S = 3.0, 0.5
 
 
 def calibrate(plan: Plan) -> dict[str, Calibration]:
-    """Sensor gain of every channel: steady positions over 80 % of the travel, read by gauge and by sensor.
+    """Calibrate every channel's sensor gain from steady positions over 80 % of the travel, read by gauge and by sensor.
 
     The gauge errs by GAUGE_ERROR_MM; the sensor is averaged over half a second.
     """
@@ -44,12 +44,14 @@ def calibrate(plan: Plan) -> dict[str, Calibration]:
 
 
 def _gauge(readings: list[float], rate_hz: float) -> Callable[[NDArray[np.float64]], None]:
-    """A dial gauge: it notes where each block has come to rest."""
+    """Return a dial gauge that notes the position at which each block has come to rest."""
     return lambda displacement_mm: readings.append(_steady(displacement_mm, rate_hz))
 
 
 def _reaching_travel(plan: Plan) -> NDArray[np.float64]:
-    """Command (V) that would bring each channel to the end of its travel, by the display file, shape (channels,)."""
+    """Return the command (V) that would bring each channel to the end of its travel, by the display file, shape
+    (channels,).
+    """
     return np.array(
         [one.travel_mm * one.sensor_gain_v_per_mm / abs(one.plant.response(0.0)) for one in plan.display.channels]
     )

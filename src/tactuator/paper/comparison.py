@@ -14,7 +14,7 @@ from tactuator.paper.thresholds import bias_and_spread_db
 
 @dataclass(frozen=True)
 class Row:
-    """what, as the paper has it, as it came out here."""
+    """A row of the table: what is compared, as the paper has it, as it came out here."""
 
     what: str
     paper: str
@@ -22,7 +22,7 @@ class Row:
 
 
 def comparison(study: Study) -> tuple[Row, ...]:
-    """Every row, in the paper's order."""
+    """Return every row, in the paper's order."""
     return (*_plant_rows(study), *_loop_rows(study), *_response_rows(study), *_person_rows(study))
 
 
@@ -109,6 +109,6 @@ def _person_rows(study: Study) -> list[Row]:
 
 
 def markdown(rows: tuple[Row, ...]) -> str:
-    """The rows as a Markdown table."""
+    """Return the rows as a Markdown table."""
     head = "| what | paper (2004) | here |\n|---|---|---|\n"
     return head + "".join(f"| {row.what} | {row.paper} | {row.here} |\n" for row in rows)

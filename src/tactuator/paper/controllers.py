@@ -12,13 +12,15 @@ from tactuator.synthesis.design import design_controller
 
 
 def paper_controller(display: Display) -> Controller:
-    """The paper's C on every channel, and a prefilter of the paper's order fitted to each channel's curve."""
+    """Return the paper's C on every channel, and a prefilter of the paper's order fitted to each channel's curve."""
     channels = tuple(replace(one, feedback=replace(one.feedback, structure="paper")) for one in display.channels)
     return design_controller(replace(display, channels=channels), poles=paper.PREFILTER_POLES)
 
 
 def reshaped_controller(display: Display, curve: ThresholdCurve) -> Controller:
-    """The same for another curve: C stays, the prefilters follow the curve over what it covers of the band."""
+    """Return a controller for another curve: C stays, the prefilters follow the curve over what it covers
+    of the band.
+    """
     channels = []
     for one in display.channels:
         low, high = one.threshold.band_hz

@@ -23,13 +23,15 @@ class PaperLoop:
 
 
 def paper_loop(display: Display) -> PaperLoop:
-    """C and P as the paper prints them; sampled: bilinear C, held P, the display's computing delay."""
+    """Return the loops of C and P as the paper prints them and as they run: bilinear C, held P, the display's computing
+    delay.
+    """
     continuous = FeedbackLoop(paper.FEEDBACK, paper.PLANT)
     sampled = sampled_loop(display, display.channels[0])
     return PaperLoop(continuous, margins(continuous), sampled, margins(sampled))
 
 
 def sampled_loop(display: Display, channel: Channel) -> FeedbackLoop:
-    """The paper's C on one of the display's channels, as it runs."""
+    """Return the paper's C on one of the display's channels, as it runs."""
     plant = sampled_plant(channel.plant, display.rate_hz, display.delay_samples)
     return FeedbackLoop(bilinear(paper.FEEDBACK, display.rate_hz), plant)

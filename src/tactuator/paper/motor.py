@@ -30,7 +30,9 @@ class Motor:
 
 
 def record_motors(plan: Plan) -> Trace:
-    """One record of every channel under the paper's mix of steps, noise and sinusoids, no controller, no finger."""
+    """Record every channel under the paper's mix of steps, noise and sinusoids, without controller and
+    without finger.
+    """
     rig = SimulatedRig(plan.display, plan.seed_of("identification record"))
     rng = np.random.default_rng(plan.seed_of("excitation"))
     command = np.stack([_excitation(one, rig.rate_hz, rng) for one in plan.display.channels], axis=1)
@@ -43,7 +45,7 @@ def _excitation(channel: Channel, rate_hz: float, rng: np.random.Generator) -> N
 
 
 def identify_motors(plan: Plan, trace: Trace, progress: Progress) -> dict[str, Motor]:
-    """Recursive least squares of a second-order model for every channel of the record."""
+    """Identify a second-order model of every channel of the record by recursive least squares."""
     found = {}
     for index, channel in enumerate(plan.display.channels):
         estimate = identify_recursively(trace.command_v[:, index], trace.position_v[:, index], trace.rate_hz)
@@ -64,7 +66,9 @@ class OpenLoopResponse:
 
 
 def measure_motors(plan: Plan, progress: Progress) -> OpenLoopResponse:
-    """Stepped sine straight into the motors, at MOTOR_HZ, as loud as half the range or a fifth of the travel allows."""
+    """Measure by stepped sine straight into the motors, at MOTOR_HZ, as loud as half the range or a fifth of the travel
+    allows.
+    """
     rig = SimulatedRig(plan.display, plan.seed_of("open-loop response"))
     rows = []
     for done, hertz in enumerate(MOTOR_HZ, start=1):

@@ -13,7 +13,7 @@ from tactuator.rig.simulated import SimulatedRig
 
 @dataclass(frozen=True)
 class NoiseProbe:
-    """What a resting finger would feel of each channel: by proportional gain, and under the designed controller."""
+    """Felt noise of each channel under a resting finger, by proportional gain and under the designed controller."""
 
     proportional: dict[float, tuple[FeltNoise, ...]]
     designed: tuple[FeltNoise, ...]

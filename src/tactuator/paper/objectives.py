@@ -19,7 +19,9 @@ JUDGED_AT_DB_SL = 30.0
 
 @dataclass(frozen=True)
 class Objective:
-    """number: i to iv; what it asks, in words; its figures by name; whether they keep the display's tolerances."""
+    """An objective of the paper. number: i to iv; what it asks, in words; its figures by name; whether they keep the
+    display's tolerances.
+    """
 
     number: str
     asks: str
@@ -30,7 +32,7 @@ class Objective:
 def judge_objectives(
     plan: Plan, controller: Controller, responses: tuple[ResponsePoint, ...], noise: NoiseProbe
 ) -> tuple[Objective, ...]:
-    """Each objective over all channels."""
+    """Judge each objective over all channels."""
     return (
         _follows(plan, responses),
         _quiet_mains(plan, noise),

@@ -1,4 +1,4 @@
-"""report.html: what was done, figure by figure, with the numbers."""
+"""The page report.html: everything that was done, figure by figure, with the numbers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tactuator.speech.render import LEVEL_DB_SL
 
 
 def report_page(study: Study, plates: Sequence[Plate]) -> str:
-    """The page, with every plate in it."""
+    """Return the page, with every plate in it."""
     by_name = {plate.name: plate for plate in plates}
     sections = (
         _objectives(study),
@@ -166,7 +166,7 @@ _WORDS = {
 
 
 def _worded(figures: Figures) -> str:
-    """The figures of an objective as a person reads them."""
+    """Return the figures of an objective as a person reads them."""
     return ", ".join(_WORDS[key].format(v if isinstance(v, str) else f"{v:.3g}") for key, v in figures.items())
 
 

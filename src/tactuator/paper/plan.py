@@ -1,4 +1,4 @@
-"""What the paper's study is: display, frequencies and levels, observers, and where randomness comes from."""
+"""Plan of the paper's study: display, frequencies and levels, observers, and the source of randomness."""
 
 from __future__ import annotations
 
@@ -42,27 +42,30 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Plan:
-    """display: what is simulated; seed: of everything random; speech: a file, or None for the shipped sample."""
+    """Parameters of a study. display: what is simulated; seed: of everything random; speech: a file, or None for the
+    shipped sample.
+    """
 
     display: Display
     seed: int = 1
     speech: Path | None = None
 
     def seed_of(self, step: str) -> int:
-        """A seed of its own for every step, so that one step's randomness does not hang on another's."""
+        """Return a seed of its own for every step, so that one step's randomness does not hang on another's."""
         digest = hashlib.sha256(f"{self.seed}/{step}".encode()).digest()
         return int.from_bytes(digest[:4], "little")
 
 
 def paper_display() -> Display:
-    """The display as the paper describes it, index finger first, with two plausible siblings."""
+    """Return the display as the paper describes it, index finger first, with two plausible siblings."""
     with as_file(files("tactuator.paper") / "data" / "display.toml") as path:
         return read_display(path)
 
 
 def observers(library: ThresholdCurve) -> tuple[Observer, ...]:
-    """Three simulated subjects: less sensitive than the library curve at low frequencies, more at high (the paper's
-    figure 11), each in its own way: (offset dB, tilt dB per decade, slope, lapse)."""
+    """Return three simulated subjects: less sensitive than the library curve at low frequencies, more at high (the
+    paper's figure 11), each in its own way: (offset dB, tilt dB per decade, slope, lapse).
+    """
     people = {"S1": (0.4, -3.2, 2.5, 0.01), "S2": (-1.2, -2.4, 3.0, 0.02), "S3": (1.1, -4.0, 2.0, 0.01)}
     return tuple(
         Observer(name, tilted(library, name, offset, tilt), Psychometric(Weibull(slope), lapse=lapse))
@@ -71,7 +74,7 @@ def observers(library: ThresholdCurve) -> tuple[Observer, ...]:
 
 
 def tilted(library: ThresholdCurve, name: str, offset_db: float, tilt_db_per_decade: float) -> ThresholdCurve:
-    """The library curve moved by offset + tilt log10(f / 20 Hz)."""
+    """Return the library curve moved by offset + tilt log10(f / 20 Hz)."""
     moved = offset_db + tilt_db_per_decade * np.log10(library.frequency_hz / 20.0)
     source = f"{library.name} {offset_db:+g} dB {tilt_db_per_decade:+g} dB/decade about 20 Hz"
     return ThresholdCurve(name, library.frequency_hz, library.level_db_re_1um + moved, "synthetic", source)

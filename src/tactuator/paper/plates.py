@@ -27,7 +27,9 @@ from tactuator.synthesis import paper
 
 
 def plates(study: Study) -> tuple[Plate, ...]:
-    """fig01 to fig12 as in the paper (12: speech), then noise, prefilter, resolution and the reshaped response."""
+    """Return the plates: fig01 to fig12 as in the paper (12: speech), then noise, prefilter, resolution and the
+    reshaped response.
+    """
     display = study.plan.display
     first = display.channels[0]
     curve = first.threshold.curve
@@ -94,7 +96,7 @@ def _run(points: list[ResponsePoint]) -> LevelResponse:
 
 
 def _thresholds(study: Study) -> Plate:
-    """Each observer's mean over the fingers, with the standard error of that mean."""
+    """Draw each observer's mean over the fingers, with the standard error of that mean."""
     people = []
     for name in dict.fromkeys(one.observer for one in study.thresholds):
         own = [one for one in study.thresholds if one.observer == name]

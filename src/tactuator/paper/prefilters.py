@@ -40,12 +40,12 @@ class Prefilters:
 
     @property
     def worst_fitted(self) -> PrefilterFit:
-        """The channel with the greatest error."""
+        """Return the fit of the channel with the greatest error."""
         return max(self.fitted.values(), key=lambda fit: fit.max_error_db)
 
 
 def judge_prefilters(display: Display) -> Prefilters:
-    """The paper's F on its own motor, and a prefilter of the same order fitted to H/T for every channel."""
+    """Judge the paper's F on its own motor, and a prefilter of the same order fitted to H/T for every channel."""
     index = display.channels[0]
     c = bilinear(paper.FEEDBACK, display.rate_hz)
     plant = sampled_loop(display, index).plant
@@ -58,12 +58,12 @@ def judge_prefilters(display: Display) -> Prefilters:
 
 
 def paper_response() -> TwoDegreeLoop:
-    """H = F T in continuous time, as the paper prints it; of unit gain at rest."""
+    """Return H = F T in continuous time, as the paper prints it; of unit gain at rest."""
     return TwoDegreeLoop(paper.PREFILTER, paper.FEEDBACK, paper.PLANT)
 
 
 def _judged(channel: Channel, loop: TwoDegreeLoop) -> Judged:
-    """0 dB is put at the curve's level at its lowest frequency."""
+    """Return the error with 0 dB put at the curve's level at its lowest frequency."""
     curve = channel.threshold.curve
     low, high = channel.threshold.band_hz
     own = curve.frequency_hz[(curve.frequency_hz >= low) & (curve.frequency_hz <= high)]

@@ -1,4 +1,4 @@
-"""What comes out: report.html, figures with their tables, and summary.json."""
+"""Publication of a study: report.html, figures with their tables, and summary.json."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ RATES_HZ = (4000.0, 8000.0, 16000.0, 32000.0)
 
 
 def bits_needed() -> Needed:
-    """For the paper's F, and for its C in the loop with one sample of delay."""
+    """Return the bits for the paper's F, and for its C in the loop with one sample of delay."""
     f: dict[str, dict[float, BitsNeeded]] = {form: {} for form in FORMS}
     c: dict[str, dict[float, BitsNeeded]] = {form: {} for form in FORMS if form != "direct"}
     for rate_hz in RATES_HZ:

@@ -40,12 +40,14 @@ class ResponsePoint:
 
     @property
     def error_db(self) -> float:
-        """Measured against expected."""
+        """Return the measured response against the expected one, dB."""
         return float(db(self.measured_v / self.expected_v))
 
 
 def nominal_response(controller: Controller, channel: str, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
-    """H of a channel from the shipped sections and the nominal plant without load, volts of y per threshold unit."""
+    """Return H of a channel from the shipped sections and the nominal plant without load, volts of y per threshold
+    unit.
+    """
     display, own = controller.display, controller.channel(channel)
     plant = sampled_plant(display.channel(channel).plant, display.rate_hz, display.delay_samples)
     loop = TwoDegreeLoop(own.prefilter(display.rate_hz), own.feedback(display.rate_hz), plant)
@@ -61,7 +63,7 @@ def measure_responses(
     levels_db_sl: tuple[float, ...] = LEVELS_DB_SL,
     loads: tuple[str, ...] = (UNLOADED, LOADED),
 ) -> tuple[ResponsePoint, ...]:
-    """Stepped sine with lock-in at RESPONSE_HZ, all channels at once, every level, every load."""
+    """Measure by stepped sine with lock-in at RESPONSE_HZ, all channels at once, every level, every load."""
     points: list[ResponsePoint] = []
     together = 1.0 - 0.01 / (len(RESPONSE_HZ) * len(controller.channels))
     runs = [(load, level) for load in loads for level in levels_db_sl]
@@ -83,13 +85,15 @@ def measure_responses(
 
 
 def touch(rig: SimulatedRig, display: Display, load: str) -> None:
-    """Put the first load of every channel on, or take all off."""
+    """Put the first load of every channel on, or take all loads off."""
     for channel in display.channels:
         rig.finger(channel.name).touch(channel.loads[0].name if load != UNLOADED and channel.loads else None)
 
 
 def worst_error_db(points: tuple[ResponsePoint, ...], load: str, level_db_sl: float) -> float:
-    """Greatest |measured against expected| of a load and level over all channels, saturated points left out."""
+    """Return the greatest |measured against expected|, dB, of a load and level over all channels, saturated points left
+    out.
+    """
     errors = [
         abs(one.error_db) for one in points if (one.load, one.level_db_sl, one.saturated) == (load, level_db_sl, False)
     ]

@@ -44,7 +44,7 @@ class Reshaped:
 
 @dataclass(frozen=True)
 class Study:
-    """Everything that came out."""
+    """Results of the study, step by step."""
 
     plan: Plan
     calibration: dict[str, Calibration]
@@ -66,7 +66,9 @@ class Study:
 
 
 def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> Study:
-    """Run it all; file: the plan's speech file as `check_speech` found it, so that a bad one is refused first."""
+    """Run the whole study; file: the plan's speech file as `check_speech` found it, so that a bad one is
+    refused first.
+    """
     calibration = calibrate(plan)
     progress("calibration", 1.0)
     record = record_motors(plan)
@@ -108,7 +110,9 @@ def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> Study:
 
 
 def _without_friction(plan: Plan, controller: Controller, progress: Progress) -> tuple[ResponsePoint, ...]:
-    """The response at 0 dB SL of the same display with its friction taken away: what is missing with it is friction."""
+    """Measure the response at 0 dB SL of the same display with its friction taken away: what is missing with it is
+    friction.
+    """
     channels = tuple(
         replace(one, environment=replace(one.environment, friction_v=0.0)) for one in controller.display.channels
     )

@@ -17,7 +17,9 @@ from tactuator.speech.synthesis import sample_path
 
 @dataclass(frozen=True)
 class Spoken:
-    """file: what was presented; report: felt against asked; limiting: what the limiter took from each finger."""
+    """Speech on the display. file: what was presented; report: felt against asked; limiting: what the limiter took from
+    each finger.
+    """
 
     file: SpeechFile
     report: FeltReport
@@ -25,12 +27,16 @@ class Spoken:
 
 
 def check_speech(plan: Plan) -> SpeechFile:
-    """The plan's speech file, read through. Raises BadInput for one that cannot be used: ask before all else is run."""
+    """Return the plan's speech file, read through. Raises BadInput for one that cannot be used: call it before all else
+    is run.
+    """
     return scan_speech(sample_path() if plan.speech is None else plan.speech)
 
 
 def speak(plan: Plan, controller: Controller, file: SpeechFile, progress: Progress) -> Spoken:
-    """The file coded `direct` at LEVEL_DB_SL on all channels of the simulated display, felt at the finger ports."""
+    """Play the file coded `direct` at LEVEL_DB_SL on all channels of the simulated display and measure it at the finger
+    ports.
+    """
     reference, _, limiting = render_array(file.path, controller)
     progress("speech", 0.5)
     rig = SimulatedRig(controller.display, plan.seed_of("speech"))

@@ -1,4 +1,4 @@
-"""summary.json: every figure of the study, by name."""
+"""The file summary.json: every figure of the study, by name."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tactuator.paper.thresholds import bias_and_spread_db
 
 
 def summary(study: Study) -> dict[str, Any]:
-    """Plain numbers, strings and lists; the same seed gives the same."""
+    """Return the figures as plain numbers, strings and lists; the same seed gives the same."""
     first = study.plan.display.channels[0].name
     error = study.curve.standard_error_db
     return {
@@ -63,7 +63,7 @@ def summary(study: Study) -> dict[str, Any]:
 
 
 def summary_text(study: Study) -> str:
-    """The summary as it is written to summary.json."""
+    """Return the text of the summary as it is written to summary.json."""
     return json.dumps(summary(study), indent=1, allow_nan=False, default=float) + "\n"
 
 
@@ -116,7 +116,7 @@ def _prefilter(study: Study) -> dict[str, Any]:
 
 
 def _noise(study: Study) -> list[dict[str, Any]]:
-    """Felt hum, noise and resonance by proportional gain; gain null: the designed loop."""
+    """Return felt hum, noise and resonance by proportional gain; gain null: the designed loop."""
     heard = [(gain, one) for gain, channels in study.noise.proportional.items() for one in channels]
     rows = [*heard, *((None, one) for one in study.noise.designed)]
     return [

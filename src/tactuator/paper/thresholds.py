@@ -45,7 +45,8 @@ class Threshold:
 
 
 def measure_thresholds(plan: Plan, controller: Controller, progress: Progress) -> tuple[Threshold, ...]:
-    """Every observer on every channel at THRESHOLD_HZ by the paper's procedure, felt through the simulated display.
+    """Measure every observer on every channel at THRESHOLD_HZ by the paper's procedure, felt through the simulated
+    display.
 
     Two processes share the work; the outcome does not depend on how it is shared.
     """
@@ -70,7 +71,7 @@ def _leave_interrupts_to_the_parent() -> None:
 
 
 def one_observer(plan: Plan, controller: Controller, observer: Observer, channel: str) -> tuple[Threshold, ...]:
-    """All of one observer's runs on one channel."""
+    """Measure all of one observer's runs on one channel."""
     alone = only(controller, channel)
     rig = SimulatedRig(alone.display, plan.seed_of(f"thresholds of {observer.name}, {channel}"))
     rig.load(alone)
@@ -89,13 +90,15 @@ def one_observer(plan: Plan, controller: Controller, observer: Observer, channel
 
 
 def only(controller: Controller, channel: str) -> Controller:
-    """The controller of one channel, on a display that has no other."""
+    """Return the controller of one channel, on a display that has no other."""
     display = replace(controller.display, channels=(controller.display.channel(channel),))
     return Controller(display, (controller.channel(channel),), controller.tool)
 
 
 def _start_db_sl(observer: Observer, library: ThresholdCurve, hertz: float) -> float:
-    """Well above what is expected, on a whole decibel, as an experimenter who knows roughly would start."""
+    """Return a level well above what is expected, on a whole decibel, as an experimenter who knows roughly
+    would start.
+    """
     expected = float(observer.curve.level_db_re_1um_at(hertz) - library.level_db_re_1um_at(hertz))
     return float(round(expected)) + _START_ABOVE_DB
 
@@ -120,7 +123,7 @@ def _outcome(run: RunRecord, observer: Observer, channel: str, library: Threshol
 
 
 def new_curve(library: ThresholdCurve, thresholds: tuple[Threshold, ...]) -> ThresholdCurve:
-    """The library curve moved to the observers, at its own frequencies from the lowest measured up to 300 Hz.
+    """Return the library curve moved to the observers, at its own frequencies from the lowest measured up to 300 Hz.
 
     Each observer's differences from the library are smoothed by a parabola in log frequency (least squares; the last
     4 Hz are extrapolated); the curve moves by the mean of the parabolas. standard_error_db: of that mean, from how the
@@ -140,12 +143,12 @@ def new_curve(library: ThresholdCurve, thresholds: tuple[Threshold, ...]) -> Thr
 
 
 def _difference(library: ThresholdCurve, thresholds: tuple[Threshold, ...], observer: str, hertz: float) -> float:
-    """An observer's mean over the fingers, above the library."""
+    """Return an observer's mean over the fingers, less the library's level, dB."""
     levels = [one.level_db_re_1um for one in thresholds if (one.observer, one.frequency_hz) == (observer, hertz)]
     return float(np.mean(levels) - library.level_db_re_1um_at(hertz))
 
 
 def bias_and_spread_db(thresholds: tuple[Threshold, ...]) -> tuple[float, float]:
-    """Mean and standard deviation of estimate less truth over all runs (facts: about -0.4 and 1 dB)."""
+    """Return the mean and standard deviation of estimate less truth over all runs (facts: about -0.4 and 1 dB)."""
     errors: NDArray[np.float64] = np.array([one.level_db_re_1um - one.true_db for one in thresholds])
     return float(errors.mean()), float(errors.std(ddof=1))

@@ -73,25 +73,25 @@ class ThresholdCurve:
             )
 
     def level_db_re_1um_at(self, frequency_hz: ArrayLike) -> NDArray[np.float64]:
-        """Threshold level (dB re 1 um peak) at `frequency_hz` (any shape, zero allowed)."""
+        """Return the threshold level (dB re 1 um peak) at `frequency_hz` (any shape, zero allowed)."""
         frequency = np.clip(np.asarray(frequency_hz, dtype=np.float64), *self.frequency_hz[[0, -1]])
         return np.asarray(np.interp(np.log(frequency), np.log(self.frequency_hz), self.level_db_re_1um))
 
     def amplitude_um(self, frequency_hz: ArrayLike) -> NDArray[np.float64]:
-        """Peak displacement at threshold, micrometres."""
+        """Return the peak displacement at threshold, micrometres."""
         return from_db(self.level_db_re_1um_at(frequency_hz))
 
     def displacement_mm(self, frequency_hz: ArrayLike) -> NDArray[np.float64]:
-        """Peak displacement at threshold, millimetres."""
+        """Return the peak displacement at threshold, millimetres."""
         return self.amplitude_um(frequency_hz) * 1e-3
 
     def covers(self, low_hz: float, high_hz: float) -> bool:
-        """Whether the points reach over the band."""
+        """Return whether the points reach over the whole band."""
         return bool(self.frequency_hz[0] <= low_hz and high_hz <= self.frequency_hz[-1])
 
     @property
     def content_hash(self) -> str:
-        """SHA-256 (hex) of the points as little-endian doubles: the same curve has the same hash anywhere."""
+        """Return SHA-256 (hex) of the points as little-endian doubles: the same curve has the same hash anywhere."""
         digest = hashlib.sha256()
         digest.update(self.frequency_hz.astype("<f8").tobytes())
         digest.update(self.level_db_re_1um.astype("<f8").tobytes())

@@ -11,17 +11,17 @@ COMFORT_DB_SL = 55.0
 
 
 def displacement_mm(level_db_sl: ArrayLike, frequency_hz: ArrayLike, curve: ThresholdCurve) -> NDArray[np.float64]:
-    """Peak displacement (mm) of a sinusoid at `level_db_sl`; arguments broadcast."""
+    """Return the peak displacement (mm) of a sinusoid at `level_db_sl`; arguments broadcast."""
     return from_db(level_db_sl) * curve.displacement_mm(frequency_hz)
 
 
 def level_db_sl(peak_displacement_mm: ArrayLike, frequency_hz: ArrayLike, curve: ThresholdCurve) -> NDArray[np.float64]:
-    """Sensation level (dB SL) of a sinusoid of that peak displacement; arguments broadcast."""
+    """Return the sensation level (dB SL) of a sinusoid of that peak displacement; arguments broadcast."""
     return db(np.asarray(peak_displacement_mm) / curve.displacement_mm(frequency_hz))
 
 
 def sensor_volts(
     level_db_sl: ArrayLike, frequency_hz: ArrayLike, curve: ThresholdCurve, sensor_gain_v_per_mm: float
 ) -> NDArray[np.float64]:
-    """Peak sensor voltage (V) of a sinusoid at `level_db_sl`; arguments broadcast."""
+    """Return the peak sensor voltage (V) of a sinusoid at `level_db_sl`; arguments broadcast."""
     return sensor_gain_v_per_mm * displacement_mm(level_db_sl, frequency_hz, curve)

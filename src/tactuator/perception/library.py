@@ -23,13 +23,13 @@ _SHIPPED: dict[str, tuple[str, Provenance, str]] = {
 
 
 def curve_names() -> tuple[str, ...]:
-    """Names that `curve` knows."""
+    """Return the names that `curve` knows."""
     return tuple(_SHIPPED)
 
 
 @cache
 def curve(name: str) -> ThresholdCurve:
-    """The curve of that name; BadInput names what is there if it is not."""
+    """Return the curve of that name. Raises BadInput, with the names that there are, for another."""
     if name not in _SHIPPED:
         raise BadInput(f"threshold curve {name!r} is not in the library; allowed: {', '.join(_SHIPPED)}")
     filename, provenance, source = _SHIPPED[name]
@@ -46,6 +46,8 @@ def level_from_acceleration(
     frequency_hz: np.ndarray[tuple[int], np.dtype[np.float64]],
     acceleration_m_s2_rms: np.ndarray[tuple[int], np.dtype[np.float64]],
 ) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Level (dB re 1 um peak) of a sinusoid of that rms acceleration: 20 log10(sqrt(2) a / (2 pi f)^2 / 1e-6)."""
+    """Return the level (dB re 1 um peak) of a sinusoid of that rms acceleration: 20 log10(sqrt(2) a / (2 pi f)^2 /
+    1e-6).
+    """
     peak_m = np.sqrt(2.0) * acceleration_m_s2_rms / (2.0 * np.pi * frequency_hz) ** 2
     return np.asarray(20.0 * np.log10(peak_m / 1e-6))

@@ -21,10 +21,10 @@ TARGET_3_DOWN_1_UP = 0.5 ** (1.0 / 3.0)
 
 
 class Shape(Protocol):
-    """F: the probability of a correct response with guessing and lapses taken out."""
+    """Shape F of a psychometric function: the probability of a correct response with guessing and lapses taken out."""
 
     def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> NDArray[np.float64]:
-        """F at `level_db` relative to threshold, where F(0) = `at_threshold`; arguments broadcast."""
+        """Return F at `level_db` relative to threshold, where F(0) = `at_threshold`; arguments broadcast."""
         ...
 
 
@@ -38,7 +38,7 @@ class Weibull:
         _positive("Weibull slope", self.slope)
 
     def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> NDArray[np.float64]:
-        """F at `level_db` re threshold."""
+        """Return F at `level_db` re threshold."""
         return weibull_rise(level_db, self.slope, at_threshold)
 
 
@@ -52,7 +52,7 @@ class Logistic:
         _positive("logistic slope per dB", self.slope_per_db)
 
     def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> NDArray[np.float64]:
-        """F at `level_db` re threshold."""
+        """Return F at `level_db` re threshold."""
         start = np.asarray(at_threshold, dtype=np.float64)
         exponent = -np.asarray(level_db, dtype=np.float64) * self.slope_per_db - np.log(start / (1.0 - start))
         return np.asarray(1.0 / (1.0 + np.exp(np.clip(exponent, -700.0, 700.0))))
@@ -75,19 +75,19 @@ class MaxOfM:
             raise BadInput(f"max-of-m with {self.intervals} intervals; allowed: 2 or more")
 
     def d_prime(self, level_db: ArrayLike, at_threshold: ArrayLike) -> NDArray[np.float64]:
-        """d' at `level_db` re threshold."""
+        """Return d' at `level_db` re threshold."""
         grid, rises = _max_of_m_table(self.intervals)
         base = np.interp(np.asarray(at_threshold, dtype=np.float64), rises, grid)
         return np.asarray(base * 10.0 ** (self.exponent * np.asarray(level_db, dtype=np.float64) / 20.0))
 
     def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> NDArray[np.float64]:
-        """F at `level_db` re threshold."""
+        """Return F at `level_db` re threshold."""
         grid, rises = _max_of_m_table(self.intervals)
         return np.asarray(np.interp(self.d_prime(level_db, at_threshold), grid, rises))
 
 
 def weibull_rise(level_db: ArrayLike, slope: ArrayLike, at_threshold: ArrayLike) -> NDArray[np.float64]:
-    """F of a Weibull in amplitude with F(0) = at_threshold; arguments broadcast."""
+    """Return F of a Weibull in amplitude with F(0) = at_threshold; arguments broadcast."""
     rate = -np.log1p(-np.asarray(at_threshold, dtype=np.float64))
     exponent = np.asarray(slope, dtype=np.float64) * np.asarray(level_db, dtype=np.float64) * (np.log(10.0) / 20.0)
     return np.asarray(-np.expm1(-rate * np.exp(np.minimum(exponent, 300.0))))
@@ -95,7 +95,7 @@ def weibull_rise(level_db: ArrayLike, slope: ArrayLike, at_threshold: ArrayLike)
 
 @dataclass(frozen=True)
 class Psychometric:
-    """psi: probability of a correct response against level in dB re threshold.
+    """Psychometric function psi: the probability of a correct response against level in dB re threshold.
 
     Raises BadInput unless 0 <= guess < target < 1 - lapse.
     """
@@ -114,21 +114,21 @@ class Psychometric:
 
     @property
     def at_threshold(self) -> float:
-        """F at the threshold."""
+        """Return F at the threshold (0 dB)."""
         return (self.target - self.guess) / (1.0 - self.guess - self.lapse)
 
     def rise(self, level_db: ArrayLike) -> NDArray[np.float64]:
-        """F at `level_db` re threshold."""
+        """Return F at `level_db` re threshold."""
         return self.shape.rise(level_db, self.at_threshold)
 
     def probability(self, level_db: ArrayLike) -> NDArray[np.float64]:
-        """psi at `level_db` re threshold."""
+        """Return psi at `level_db` re threshold."""
         return np.asarray(self.guess + (1.0 - self.guess - self.lapse) * self.rise(level_db))
 
 
 @cache
 def _max_of_m_table(intervals: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """d' on a grid, and F there."""
+    """Return d' on a grid, and F at each of its points."""
     grid = np.concatenate(([0.0], np.geomspace(1e-3, 12.0, 600)))
     z = np.linspace(-9.0, 21.0, 3001)
     density = np.exp(-0.5 * (z - grid[:, None]) ** 2) / np.sqrt(2.0 * np.pi)

@@ -27,27 +27,27 @@ class Box:
 
     @property
     def left(self) -> Point:
-        """Middle of the left edge."""
+        """Return the middle of the left edge."""
         return (self.centre[0] - self.width / 2.0, self.centre[1])
 
     @property
     def right(self) -> Point:
-        """Middle of the right edge."""
+        """Return the middle of the right edge."""
         return (self.centre[0] + self.width / 2.0, self.centre[1])
 
     @property
     def top(self) -> Point:
-        """Middle of the upper edge."""
+        """Return the middle of the upper edge."""
         return (self.centre[0], self.centre[1] + self.height / 2.0)
 
     @property
     def bottom(self) -> Point:
-        """Middle of the lower edge."""
+        """Return the middle of the lower edge."""
         return (self.centre[0], self.centre[1] - self.height / 2.0)
 
 
 def canvas(width: float, height: float) -> tuple[Figure, Axes]:
-    """An empty drawing of width by height grid units, without axes."""
+    """Return an empty drawing of width by height grid units, without axes."""
     made = Figure(figsize=(WIDTH_IN, WIDTH_IN * height / width))
     axes = made.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_xlim(0.0, width)
@@ -69,13 +69,13 @@ def draw_box(axes: Axes, box: Box) -> None:
 
 
 def draw_sum(axes: Axes, centre: Point, signs: str = "") -> None:
-    """A summing junction with its signs at its lower left."""
+    """Draw a summing junction with its signs at its lower left."""
     axes.add_patch(Circle(centre, 0.13, facecolor="white", edgecolor=INK, zorder=3))
     axes.text(centre[0] - 0.17, centre[1] - 0.24, signs, ha="center", fontsize=9, color=INK)
 
 
 def draw_path(axes: Axes, points: Sequence[Point], label: str = "", above: float = 0.1) -> None:
-    """A line through the points, an arrow at its end, and a label over the middle of its first stretch."""
+    """Draw a line through the points, an arrow at its end, and a label over the middle of its first stretch."""
     for start, end in pairwise(points[:-1]):
         axes.plot([start[0], end[0]], [start[1], end[1]], color=INK, linewidth=1.0, zorder=1)
     arrow = {"arrowstyle": "-|>", "color": INK, "shrinkA": 0, "shrinkB": 0, "linewidth": 1.0}

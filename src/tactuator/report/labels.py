@@ -89,7 +89,7 @@ class LabelPlacer:
 
 
 def _dense(points: Array, step: float = 3.0) -> Array:
-    """Points along a polyline, no further apart than `step` pixels."""
+    """Return the points along a polyline, no further apart than `step` pixels."""
     points = points[np.all(np.isfinite(points), axis=1)]
     if len(points) < 2:
         return points

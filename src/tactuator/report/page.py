@@ -36,7 +36,7 @@ class Table:
     rows: Sequence[Sequence[str]]
 
     def html(self) -> str:
-        """The table as HTML."""
+        """Return the table as HTML."""
         head = "".join(f"<th scope='col'>{escape(cell)}</th>" for cell in self.header)
         body = "".join(f"<tr>{''.join(_cell(cell) for cell in row)}</tr>" for row in self.rows)
         return f"<div class='table'><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
@@ -53,7 +53,7 @@ class Section:
 
 
 def page(title: str, introduction: Sequence[str], sections: Sequence[Section], footer: str) -> str:
-    """The page as one HTML file without links to anywhere else."""
+    """Return the page as one HTML file without links to anywhere else."""
     contents = "".join(f"<li><a href='#{_anchor(one.title)}'>{escape(one.title)}</a></li>" for one in sections)
     body = "".join(_section(one) for one in sections)
     lead = "".join(f"<p>{escape(text)}</p>" for text in introduction)

@@ -16,7 +16,9 @@ from tactuator.errors import BadInput
 
 @dataclass(frozen=True, eq=False)
 class Plate:
-    """name: file name without ending. table: columns of equal length, name (with unit) to values."""
+    """A figure with its name and table. name: file name without ending. table: columns of equal length, name (with
+    unit) to values.
+    """
 
     name: str
     title: str
@@ -30,14 +32,14 @@ class Plate:
             raise BadInput(f"columns of {self.name} have {lengths} rows; allowed: as many in each")
 
     def svg(self) -> str:
-        """The figure as SVG text: the same figure gives the same bytes, and looks the same with any fonts."""
+        """Return the figure as SVG text: the same figure gives the same bytes, and looks the same with any fonts."""
         with matplotlib.rc_context({"svg.hashsalt": self.name, "svg.fonttype": "path"}):
             stream = io.StringIO()
             self.figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": "tactuator"})
         return stream.getvalue()
 
     def csv(self) -> str:
-        """The table as CSV text, floats with nine digits."""
+        """Return the table as CSV text, floats with nine digits."""
         stream = io.StringIO()
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(self.table)

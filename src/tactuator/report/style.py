@@ -1,4 +1,4 @@
-"""How every figure looks: one size of type, colours that stay apart in print and for colour-blind readers."""
+"""The style of every figure: one size of type, colours that stay apart in print and for colour-blind readers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _TICKS_HZ = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000
 
 
 def figure(rows: int = 1, columns: int = 1, height_in: float = 4.0, **subplots: Any) -> tuple[Figure, Any]:
-    """A figure of the house's width, and its axes as `Figure.subplots(rows, columns, **subplots)` gives them."""
+    """Return a figure of the house's width, and its axes as `Figure.subplots(rows, columns, **subplots)` gives them."""
     made = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
     axes = made.subplots(rows, columns, **subplots)
     for one in made.axes:
@@ -28,7 +28,7 @@ def figure(rows: int = 1, columns: int = 1, height_in: float = 4.0, **subplots: 
 
 
 def dress(axes: Axes) -> None:
-    """Grid, type size and spines of one pair of axes."""
+    """Set the grid, type size and spines of one pair of axes."""
     axes.grid(True, color="#e3e3e3", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=8, colors=INK)
@@ -37,7 +37,9 @@ def dress(axes: Axes) -> None:
 
 
 def frequency_axis(axes: Axes, low_hz: float, high_hz: float, label: bool = True) -> None:
-    """Logarithmic frequency from low to high, marked 1-2-5 in plain numbers; every other mark where they crowd."""
+    """Set a logarithmic frequency axis from low to high, marked 1-2-5 in plain numbers; every other mark where they
+    crowd.
+    """
     axes.set_xscale("log")
     axes.set_xlim(low_hz, high_hz)
     ticks: Sequence[float] = [tick for tick in _TICKS_HZ if low_hz <= tick <= high_hz]
@@ -49,5 +51,5 @@ def frequency_axis(axes: Axes, low_hz: float, high_hz: float, label: bool = True
 
 
 def legend(axes: Axes, **keywords: Any) -> None:
-    """A small legend without a frame."""
+    """Add a small legend without a frame."""
     axes.legend(**({"fontsize": 8, "frameon": False} | keywords))

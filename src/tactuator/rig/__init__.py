@@ -1,1 +1,1 @@
-"""Rigs: things that run a controller and can be touched. Simulated here, on boards elsewhere, one protocol."""
+"""Rigs that run a controller and can be touched: simulated here, on boards elsewhere, under one protocol."""

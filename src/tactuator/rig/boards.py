@@ -22,18 +22,21 @@ def emulated_rig(
     number_format: str = "float32",
     counting: str | None = "shift=3,sleep=off",
 ) -> BoardRig:
-    """`display`, simulated, on a board of the emulator ("mps2-an500"). Raises BadInput if QEMU or the cross-compiler
-    is missing."""
+    """Return a rig of `display`, simulated, on a board of the emulator ("mps2-an500"). Raises BadInput if QEMU or the
+    cross-compiler is missing.
+    """
     return simulated_board_rig(Emulator(board, counting), display, seed, number_format)
 
 
 def in_process_rig(display: Display, seed: int = 0, number_format: str = "float32") -> BoardRig:
-    """The same board and link in this very process: what the emulated ones are compared with."""
+    """Return a rig with the same board and link in this very process, with which the emulated ones are compared."""
     return simulated_board_rig(InProcess(), display, seed, number_format)
 
 
 def simulated_board_rig(transport: Transport, display: Display, seed: int, number_format: str) -> BoardRig:
-    """A board with a simulated display behind any transport; closed again if it cannot be set up."""
+    """Return the rig of a board with a simulated display behind any transport; it is closed again if it cannot be set
+    up.
+    """
     client = LinkClient(transport, _EMULATED_ANSWER_S)
     try:
         rig = BoardRig(client, display, number_format)
@@ -46,8 +49,9 @@ def simulated_board_rig(transport: Transport, display: Display, seed: int, numbe
 
 
 def serial_rig(url: str, display: Display, seed: int = 0) -> BoardRig:
-    """`display` on the board at `url`, a serial port or socket://host:port. A board whose display is simulated gets
-    this one, with `seed`."""
+    """Return the rig of `display` on the board at `url`, a serial port or socket://host:port. A board whose display is
+    simulated gets this one, with `seed`.
+    """
     transport: Transport = connect(url) if url.startswith(SCHEME) else SerialPort(url)
     client = LinkClient(transport, _SERIAL_ANSWER_S)
     try:

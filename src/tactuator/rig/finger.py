@@ -1,4 +1,4 @@
-"""What every finger port has in common: it is pressed, and it is felt."""
+"""The part that all finger ports share: pressing, and feeling the displacement."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ class Finger:
         self._pressed_v: Floats = np.zeros(0)
 
     def press(self, force_v: ArrayLike) -> None:
-        """A force for the coming samples, shape (n,), in volts of command that would push as hard; then none again.
+        """Press with a force over the coming samples, shape (n,), in volts of command that would push as hard; then
+        none again.
 
         It is added to what is still to come of earlier presses.
         """
@@ -48,7 +49,9 @@ class Finger:
 
 
 def take_forces(fingers: Sequence[Finger], count: int) -> Floats | None:
-    """The forces of the coming `count` samples, (count, fingers), which are then over; None where nothing presses."""
+    """Take the forces of the coming `count` samples, (count, fingers), so that they are over; None where nothing
+    presses.
+    """
     if not any(finger._pressed_v.size for finger in fingers):
         return None
     forces = np.zeros((count, len(fingers)))
@@ -59,12 +62,12 @@ def take_forces(fingers: Sequence[Finger], count: int) -> Floats | None:
 
 
 def anybody_feels(fingers: Sequence[Finger]) -> bool:
-    """Whether a feeler is attached anywhere."""
+    """Return whether a feeler is attached anywhere."""
     return any(finger._feelers for finger in fingers)
 
 
 def let_feel(fingers: Sequence[Finger], displacement_mm: Floats) -> None:
-    """The displacement, (n, fingers), to whoever listens; each gets an array of its own."""
+    """Hand the displacement, (n, fingers), to every feeler; each gets an array of its own."""
     for index, finger in enumerate(fingers):
         for feeler in finger._feelers:
             feeler(displacement_mm[:, index].copy())

@@ -11,12 +11,12 @@ from tactuator.rig.simulated import SimulatedRig
 
 
 def rig_names() -> str:
-    """What may be asked for, for a message or a help text."""
+    """Return the names of rigs that may be asked for, as a message or a help text lists them."""
     return ", ".join(["simulated", "in-process", *(f"emulated:{name}" for name in BOARDS), "board:URL"])
 
 
 def open_rig(spec: str, display: Display, seed: int = 0) -> Rig:
-    """The rig of that name with `display` on it.
+    """Return the rig of that name with `display` on it.
 
     URL: a serial port (COM3, /dev/ttyACM0) or `socket://host:port`. Raises BadInput for another name, or for what is
     missing (the emulator, the cross-compiler, pyserial, the port).

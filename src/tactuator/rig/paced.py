@@ -14,7 +14,7 @@ from tactuator.rig.trace import Trace
 
 
 class PacedRig:
-    """`rig`, each block of which takes its own duration over `speed` (1: real time)."""
+    """The given `rig`, slowed down: each block takes its own duration over `speed` (1: real time)."""
 
     def __init__(self, rig: Rig, speed: float = 1.0) -> None:
         self._rig = rig
@@ -22,16 +22,16 @@ class PacedRig:
 
     @property
     def rate_hz(self) -> float:
-        """Sampling rate, hertz."""
+        """Return the sampling rate, hertz."""
         return self._rig.rate_hz
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the channels."""
+        """Return the names of the channels."""
         return self._rig.channels
 
     def load(self, controller: Controller) -> None:
-        """Load the controller."""
+        """Load the controller into the rig."""
         self._rig.load(controller)
 
     def play(self, reference: ArrayLike) -> Trace:
@@ -50,7 +50,7 @@ class PacedRig:
         return self._wait(self._rig.drive(command_v), time.monotonic(), np.shape(command_v)[0])
 
     def rest(self) -> None:
-        """Output to rest."""
+        """Bring the output to rest."""
         self._rig.rest()
 
     def _wait(self, trace: Trace, began_s: float, count: int) -> Trace:

@@ -25,7 +25,7 @@ Wish = Literal["run", "pause", "stop"]
 
 @dataclass(frozen=True)
 class Played:
-    """How far it came. saturated_s: time in which a converter or the command's limit was reached."""
+    """Extent of a playing. saturated_s: time in which a converter or the command's limit was reached."""
 
     duration_s: float
     played_s: float
@@ -35,7 +35,7 @@ class Played:
 
 
 def check_reference(reference: ReferenceFile, rig: Rig) -> tuple[int, ...]:
-    """The reference's columns in the rig's order.
+    """Return the reference's columns in the rig's order.
 
     Raises BadInput where rates differ, a channel of the rig is missing, or a sample is beyond comfort (read through).
     """
@@ -100,7 +100,7 @@ class _Player:
         return Played(*times, self._stopped, saturated / rate)
 
     def _wished(self, wish: Callable[[], Wish]) -> Iterator[NDArray[np.float64]]:
-        """Block after block of the reference, or of silence, as it is wished."""
+        """Yield block after block of the reference, or of silence, as it is wished."""
         held = np.zeros((self._length, len(self._rig.channels)))
         while True:
             wanted = wish()

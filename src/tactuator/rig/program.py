@@ -1,4 +1,4 @@
-"""Firmware: the boards that there are, and their programs built from core/ and firmware/."""
+"""Boards of the emulator, and their programs built from core/ and firmware/."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ BOARDS: dict[str, Board] = {
 
 
 def find_board(name: str) -> Board:
-    """The board of that name; BadInput if there is none."""
+    """Return the board of that name. Raises BadInput if there is none."""
     if name not in BOARDS:
         raise BadInput(f"board {name!r} is not known; allowed: {', '.join(BOARDS)}")
     return BOARDS[name]
 
 
 def sources() -> list[Path]:
-    """Every file that a program is made of; BadInput where they are not beside the package."""
+    """Return every file that a program is made of. Raises BadInput where they are not beside the package."""
     folders = (ROOT / "core", ROOT / "firmware")
     if not all(folder.is_dir() for folder in folders):
         raise BadInput("the firmware's sources are not beside this installation; allowed: a checkout of the repository")
@@ -58,7 +58,7 @@ def sources() -> list[Path]:
 
 
 def build_firmware(name: str) -> Path:
-    """The program (ELF) of a board, compiled unless one of these very sources is there already.
+    """Build the program (ELF) of a board, unless one of these very sources is there already, and return its path.
 
     Raises BadInput if the compiler is missing (it says what to install) or the sources do not compile.
     """

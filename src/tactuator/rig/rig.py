@@ -1,4 +1,4 @@
-"""What every rig can do."""
+"""The protocol that every rig follows."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ class Rig(Protocol):
 
     @property
     def rate_hz(self) -> float:
-        """Sampling rate, hertz: `4000.0`."""
+        """Return the sampling rate, hertz: `4000.0`."""
         ...
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the channels in the order of every array's columns: `("index", "thumb", "middle")`."""
+        """Return the names of the channels in the order of every array's columns: `("index", "thumb", "middle")`."""
         ...
 
     def load(self, controller: Controller) -> None:
@@ -34,12 +34,14 @@ class Rig(Protocol):
         ...
 
     def play(self, reference: ArrayLike) -> Trace:
-        """Reference (n, channels), threshold units, through the loaded controller. BadInput if none is loaded."""
+        """Play a reference (n, channels), threshold units, through the loaded controller. Raises BadInput if none is
+        loaded.
+        """
         ...
 
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
-        """Blocks of reference (n, channels), threshold units, one after another without a gap; the trace of every
-        sample, in pieces as they come.
+        """Play blocks of reference (n, channels), threshold units, one after another without a gap; yield the trace of
+        every sample, in pieces as they come.
 
         A block is asked for when it is needed, which is some time before it is played (none where time waits for it).
         Ask for the traces as fast as they come. Left before its end, the stream goes on to the end of what was fed;
@@ -48,9 +50,9 @@ class Rig(Protocol):
         ...
 
     def drive(self, command_v: ArrayLike) -> Trace:
-        """Command (n, channels), volts, straight to the motors: no controller, no computing delay."""
+        """Drive the motors with a command (n, channels), volts: no controller, no computing delay."""
         ...
 
     def rest(self) -> None:
-        """Output to rest."""
+        """Bring the output to rest."""
         ...

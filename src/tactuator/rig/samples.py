@@ -1,4 +1,4 @@
-"""What a rig is asked to play or to drive, taken over, and what none takes."""
+"""Checks of the samples that a rig is asked to play or to drive."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Samples = NDArray[np.float64]
 
 
 def take_reference(reference: Samples) -> Samples:
-    """A reference of any shape, contiguous, threshold units, as an array of one's own.
+    """Return a checked copy of a reference of any shape, contiguous, threshold units.
 
     Raises BadInput for what is not finite or beyond 60 dB SL.
     """
@@ -32,7 +32,7 @@ def take_reference(reference: Samples) -> Samples:
 
 
 def take_command(command_v: Samples) -> Samples:
-    """A command of any shape, contiguous, volts, as an array of one's own. Raises BadInput for what is not finite."""
+    """Return a checked copy of a command of any shape, contiguous, volts. Raises BadInput for what is not finite."""
     own = _taken(command_v, _SINGLE_MAX)
     if own is None:
         raise BadInput("the command is not finite; allowed: volts")

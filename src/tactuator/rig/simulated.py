@@ -17,7 +17,7 @@ from tactuator.runtime.simulation import SimulatedBlock, Simulation, block_sampl
 
 
 class FingerPort(Finger):
-    """Where a finger meets one channel: the only way to what it feels, and the only way to act on it."""
+    """The port at which a finger meets one channel: the only way to what it feels, and the only way to act on it."""
 
     def __init__(self, simulation: Simulation, index: int) -> None:
         super().__init__()
@@ -30,7 +30,7 @@ class FingerPort(Finger):
 
 
 class SimulatedRig:
-    """`display` simulated: see design.md, "The simulated display". The same seed gives the same numbers."""
+    """The simulated `display` as a rig. The same seed gives the same numbers."""
 
     def __init__(self, display: Display, seed: int = 0) -> None:
         self._simulation = Simulation(display, seed)
@@ -39,17 +39,17 @@ class SimulatedRig:
 
     @property
     def display(self) -> Display:
-        """The display that is simulated."""
+        """Return the display that is simulated."""
         return self._simulation.display
 
     @property
     def rate_hz(self) -> float:
-        """Sampling rate, hertz."""
+        """Return the sampling rate, hertz."""
         return self.display.rate_hz
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the channels, in the order of every array's columns."""
+        """Return the names of the channels, in the order of every array's columns."""
         return self._names
 
     def load(self, controller: Controller) -> None:
@@ -57,7 +57,7 @@ class SimulatedRig:
         self._simulation.load(controller)
 
     def play(self, reference: ArrayLike) -> Trace:
-        """Reference (n, channels), threshold units, through the loaded controller; state carries on.
+        """Play a reference (n, channels), threshold units, through the loaded controller; state carries on.
 
         Raises BadInput, the output at rest, for a reference that is not finite or beyond 60 dB SL.
         """
@@ -65,11 +65,11 @@ class SimulatedRig:
         return self._trace(self._simulation.play(own, take_forces(self._ports, len(own))), own)
 
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
-        """See Rig.stream: each block is asked for when the one before has been played."""
+        """Play blocks as `Rig.stream` does: each block is asked for when the one before has been played."""
         return (self.play(block) for block in blocks)
 
     def drive(self, command_v: ArrayLike) -> Trace:
-        """Command (n, channels), volts, straight to the motors: no controller, no computing delay.
+        """Drive the motors with a command (n, channels), volts: no controller, no computing delay.
 
         Raises BadInput, the output at rest, for a command that is not finite.
         """
@@ -78,18 +78,18 @@ class SimulatedRig:
         return self._trace(block, np.zeros(block.command_v.shape))
 
     def rest(self, settle_s: float = 1.0) -> None:
-        """Output to zero, controller states to zero, and `settle_s` seconds for the display to come to rest in."""
+        """Set output and controller states to zero, and let `settle_s` seconds pass for the display to come to rest."""
         self._simulation.rest()
         if settle_s > 0.0:
             self.drive(np.zeros((round(settle_s * self.rate_hz), len(self._ports))))
 
     @property
     def has_finger_ports(self) -> bool:
-        """True: the display is simulated."""
+        """Return True, since the display is simulated."""
         return True
 
     def finger(self, channel: str) -> FingerPort:
-        """The finger port of a channel; BadInput if there is none of that name."""
+        """Return the finger port of a channel. Raises BadInput if there is none of that name."""
         if channel not in self.channels:
             raise BadInput(f"channel {channel!r} is not there; allowed: {', '.join(self.channels)}")
         return self._ports[self.channels.index(channel)]

@@ -14,7 +14,7 @@ from tactuator.rig.rig import Rig
 
 
 class Port(Protocol):
-    """Where a finger meets a channel, as far as a simulated subject goes."""
+    """The port at which a finger meets a channel, as far as a simulated subject goes."""
 
     def touch(self, load: str | None) -> None:
         """Put a load of the display file on, by name; None takes it off."""
@@ -25,7 +25,7 @@ class Port(Protocol):
         ...
 
     def detach(self, feeler: Callable[[NDArray[np.float64]], None], /) -> None:
-        """Take it off again."""
+        """Take a feeler off again."""
         ...
 
 
@@ -35,16 +35,16 @@ class TouchableRig(Rig, Protocol):
 
     @property
     def has_finger_ports(self) -> bool:
-        """True where the display is simulated; False where a finger goes onto it by hand."""
+        """Return True where the display is simulated; False where a finger goes onto it by hand."""
         ...
 
     def finger(self, channel: str) -> Port:
-        """The finger port of a channel; BadInput where the display is real."""
+        """Return the finger port of a channel. Raises BadInput where the display is real."""
         ...
 
 
 def touchable(rig: Rig, name: str) -> TouchableRig:
-    """The rig, where a simulated subject can sit at it. Raises BadInput where the display is real."""
+    """Return the rig, on which a simulated subject can sit. Raises BadInput where the display is real."""
     if not (isinstance(rig, TouchableRig) and rig.has_finger_ports):
         raise BadInput(f"simulated subjects at {name}; allowed: at a rig whose display is simulated")
     return rig

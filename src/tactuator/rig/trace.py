@@ -1,4 +1,4 @@
-"""What a rig gives back of a block that it has run."""
+"""Traces: the samples that a rig gives back of a block that it has run."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tactuator.errors import BadInput
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """n samples of every channel, as the processor knows them; arrays of shape (n, channels).
+    """Record of n samples of every channel, as the processor knows them; arrays of shape (n, channels).
 
     Row k is the instant k / rate_hz of the block: position_v (volts of y) is what the A/D reads then, command_v (volts
     at the motor) what the D/A begins to put out then and holds for one period; it was computed delay_samples earlier.
@@ -41,29 +41,31 @@ class Trace:
 
     @property
     def duration_s(self) -> float:
-        """Seconds."""
+        """Return the length of the trace, seconds."""
         return len(self) / self.rate_hz
 
     @property
     def time_s(self) -> NDArray[np.float64]:
-        """Seconds from the block's first instant, shape (n,)."""
+        """Return the time of each sample in seconds from the block's first instant, shape (n,)."""
         return np.arange(len(self)) / self.rate_hz
 
     def part(self, start: int, stop: int) -> Trace:
-        """Samples start to stop."""
+        """Return the part from sample start to sample stop."""
         rows = slice(start, stop)
         columns = (self.reference[rows], self.command_v[rows], self.position_v[rows], self.saturated[rows])
         return Trace(self.rate_hz, self.channels, *columns)
 
     def channel(self, name: str) -> int:
-        """The column of a channel; BadInput if there is none of that name."""
+        """Return the column of a channel. Raises BadInput if there is none of that name."""
         if name not in self.channels:
             raise BadInput(f"trace: channel {name!r} is not there; allowed: {', '.join(self.channels)}")
         return self.channels.index(name)
 
 
 def recut_traces(traces: Iterable[Trace], lengths: Iterable[int]) -> Iterator[Trace]:
-    """Traces that follow one another, as pieces of these lengths (1 or more); what is left over is left out."""
+    """Yield traces that follow one another, cut into pieces of these lengths (1 or more); what is left over is left
+    out.
+    """
     source = iter(traces)
     kept: list[Trace] = []
     for length in lengths:
@@ -78,7 +80,7 @@ def recut_traces(traces: Iterable[Trace], lengths: Iterable[int]) -> Iterator[Tr
 
 
 def join_traces(traces: Iterable[Trace], rate_hz: float, channels: tuple[str, ...]) -> Trace:
-    """Traces that follow one another as one; of no sample if there is none."""
+    """Return traces that follow one another as one; a trace without samples if there is none."""
     parts = list(traces)
     if not parts:
         nothing = np.zeros((0, len(channels)))

@@ -27,7 +27,9 @@ PREAMBLE = """
 
 
 def declarations(header: str) -> str:
-    """What cffi is to know of a header: its types, its enumerations and its functions, inline ones without bodies."""
+    """Return the declarations that cffi needs of a header: its types, its enumerations and its functions, inline ones
+    without bodies.
+    """
     text = re.sub(r"/\*.*?\*/", "", header, flags=re.DOTALL)
     text = re.sub(r"\\\n", " ", text)
     text = re.sub(r"^\s*#.*$", "", text, flags=re.MULTILINE)
@@ -43,7 +45,7 @@ def declarations(header: str) -> str:
 
 
 def _next_piece(text: str) -> tuple[str, bool, str]:
-    """The first declaration of `text`, whether it has braces, and what follows it."""
+    """Return the first declaration of `text`, a flag for braces in it, and the text that follows it."""
     text = text.lstrip()
     depth, braced = 0, False
     for at, character in enumerate(text):
@@ -58,7 +60,7 @@ def _next_piece(text: str) -> tuple[str, bool, str]:
 
 
 def in_order(headers: list[str]) -> list[str]:
-    """The headers, each after those that it includes."""
+    """Return the headers, each after those that it includes."""
     done: list[str] = []
 
     def visit(name: str) -> None:

@@ -19,7 +19,7 @@ FEEDBACK_SECTIONS_MAX = 4
 
 
 def delta_coefficients(sos: ArrayLike) -> NDArray[np.float64]:
-    """b0, b1', b2', a1', a2' of each section in double, sums exact before they are rounded: shape (n, 5)."""
+    """Return b0, b1', b2', a1', a2' of each section in double, sums exact before they are rounded: shape (n, 5)."""
     rows = []
     for section in check_sections(sos):
         b0, b1, b2, a0, a1, a2 = (Fraction(float(value)) for value in section)
@@ -29,7 +29,7 @@ def delta_coefficients(sos: ArrayLike) -> NDArray[np.float64]:
 
 
 def delta_coefficients_single(sos: ArrayLike, most: int, name: str) -> NDArray[np.float32]:
-    """`delta_coefficients` rounded to float32, shape (n, 5).
+    """Return `delta_coefficients` rounded to float32, shape (n, 5).
 
     Raises BadInput for more than `most` sections, or for a coefficient that float32 cannot hold; `name` says of what.
     """

@@ -1,4 +1,4 @@
-"""What a cut command is worth in reference: how the core keeps F and C to what the motor could do.
+"""Conditioning: the reference that a cut command is worth, by which the core keeps F and C to what the motor could do.
 
 Where u' is cut to u, the reference of which u is the answer is r + (u - u')/D, D the product of all direct gains from
 r to u' (Hanus, Kinnaert & Henrotte 1987, Automatica 23, 729-739): with F and C as that reference would have left them,
@@ -17,7 +17,9 @@ LARGEST = 1e6
 
 
 def conditioning(channel: ChannelController) -> float:
-    """Threshold units of reference for a volt of command: 1/D; 0 without feedback, or where D is next to nothing."""
+    """Return the threshold units of reference that a volt of command is worth: 1/D; 0 without feedback, or where D is
+    next to nothing.
+    """
     if channel.feedback_sos is None:
         return 0.0
     sections = np.concatenate([channel.prefilter_sos, channel.feedback_sos])
@@ -26,5 +28,5 @@ def conditioning(channel: ChannelController) -> float:
 
 
 def reference_max(channel: ChannelController) -> float:
-    """The greatest reference that conditioning may come to, threshold units: comfort."""
+    """Return the greatest reference that conditioning may come to, in threshold units: the comfort level."""
     return float(from_db(channel.limits.comfort_db_sl))

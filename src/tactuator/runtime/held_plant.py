@@ -25,8 +25,9 @@ ORDER_MAX = 8
 
 @dataclass(frozen=True)
 class HeldPlant:
-    """x(k+1) = a x + b u(k) + late (u(k-1) - u(k)); volts at the sensor and mm at the finger are rows times x, plus the
-    direct parts times u. Shapes (n, n) and (n,)."""
+    """A plant under a zero-order hold: x(k+1) = a x + b u(k) + late (u(k-1) - u(k)); volts at the sensor and mm at the
+    finger are rows times x, plus the direct parts times u. Shapes (n, n) and (n,).
+    """
 
     a: NDArray[np.float64]
     b: Vector
@@ -52,7 +53,9 @@ class HeldPlants:
 
 @dataclass(frozen=True)
 class _Canonical:
-    """den(xi) = gain u, monic; y = sensor(xi) volts and displacement(xi) mm; ascending powers of s."""
+    """A plant in canonical form: den(xi) = gain u, monic; y = sensor(xi) volts and displacement(xi) mm; ascending
+    powers of s.
+    """
 
     den: Vector
     gain: float
@@ -61,7 +64,10 @@ class _Canonical:
 
 
 def held_plants(channel: Channel, rate_hz: float) -> HeldPlants:
-    """Tables for the simulated display. Raises BadInput for an improper plant or one of too high an order."""
+    """Return the tables for the simulated display.
+
+    Raises BadInput for an improper plant or one of too high an order.
+    """
     plants = [channel.plant, *(channel.loaded_plant(load) for load in channel.loads)]
     forms = [_canonical(channel, plant) for plant in plants]
     order = max(form.den.size - 1 for form in forms)
@@ -99,7 +105,7 @@ def _check_shared_numerator(channel: Channel, forms: list[_Canonical]) -> None:
 
 
 def _typical_pole(forms: list[_Canonical]) -> float:
-    """Geometric mean of the poles that are not at the origin, rad/s."""
+    """Return the geometric mean of the poles that are not at the origin, rad/s."""
     poles = np.abs(np.concatenate([np.roots(form.den[::-1]) for form in forms]))
     poles = poles[poles > 1e-9]
     return float(np.exp(np.mean(np.log(poles)))) if poles.size else 1.0
@@ -108,7 +114,9 @@ def _typical_pole(forms: list[_Canonical]) -> float:
 def _hold(
     form: _Canonical, order: int, reference_gain: float, scale: float, rate_hz: float, fraction: float
 ) -> HeldPlant:
-    """States xi^(i) / scale^i, xi of the plant without load times its gain."""
+    """Return the plant, held, in the states xi^(i) / scale^i, where xi is that of the plant without load times its
+    gain.
+    """
     own = form.den.size - 1
     gain = form.gain / reference_gain
     a = np.eye(own, k=1) * scale
@@ -135,7 +143,7 @@ def _row(num: Vector, form: _Canonical, gain: float, scale: float) -> tuple[Vect
 
 
 def _exponential(a: NDArray[np.float64], b: Vector, duration_s: float) -> tuple[NDArray[np.float64], Vector]:
-    """exp(a t) and its integral over [0, t] times b."""
+    """Return exp(a t) and its integral over [0, t] times b."""
     own = b.size
     block = np.zeros((own + 1, own + 1))
     block[:own, :own], block[:own, own] = a * duration_s, b * duration_s
@@ -147,7 +155,7 @@ def _exponential(a: NDArray[np.float64], b: Vector, duration_s: float) -> tuple[
 
 
 def _raised(held: HeldPlant, a: NDArray[np.float64], b: Vector, order: int, scale: float) -> HeldPlant:
-    """The same plant with the higher derivatives of xi as further states, for a load that needs them.
+    """Return the same plant with the higher derivatives of xi as further states, for a load that needs them.
 
     They follow from the lower ones at the end of each sample, so that nothing jumps when the load is put on.
     """

@@ -1,4 +1,4 @@
-"""Image: a controller as the bytes that a board loads (layout: core/board/image.h), in float32 or Q31."""
+"""The image: a controller as the bytes that a board loads (layout: core/board/image.h), in float32 or Q31."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _Q31_RANGE_MAX_V = 15.0
 
 
 class ImageRefusal(IntEnum):
-    """Why the core refuses an image (tact_image_refusal)."""
+    """Reasons for which the core refuses an image (tact_image_refusal)."""
 
     GOOD = 0
     TRUNCATED = 1
@@ -68,7 +68,7 @@ REASONS: dict[ImageRefusal, str] = {
 
 @dataclass(frozen=True)
 class ImageHeader:
-    """What an image says of itself. controller_hash: SHA-256 (hex) of the controller.json it was built from."""
+    """Head of an image. controller_hash: SHA-256 (hex) of the controller.json it was built from."""
 
     format: Format
     rate_hz: float
@@ -79,7 +79,7 @@ class ImageHeader:
 
 
 def build_image(controller: Controller, number_format: str, controller_hash: str) -> bytes:
-    """The image of a controller; controller_hash (64 hex digits) names where it comes from.
+    """Return the image of a controller; controller_hash (64 hex digits) names the document that it comes from.
 
     Raises BadInput for an unknown format, a delay that boards do not have (0), a coefficient that the format cannot
     hold, or more channels and sections than a board has.
@@ -112,19 +112,19 @@ def build_image(controller: Controller, number_format: str, controller_hash: str
 
 
 def sealed(content: bytes) -> bytes:
-    """The content with its CRC-32 behind it."""
+    """Return the content with its CRC-32 behind it."""
     return content + struct.pack("<I", zlib.crc32(content))
 
 
 def check_image(image: bytes, rate_hz: float, delay_samples: int, channels: int) -> ImageRefusal:
-    """The core's own verdict on an image for a board that runs so."""
+    """Return the core's own verdict on an image for a board with this rate, delay and number of channels."""
     parsed = ffi.new("tact_image *")
     verdict = lib.tact_image_parse(parsed, ffi.from_buffer(image), len(image), rate_hz, delay_samples, channels)
     return ImageRefusal(verdict)
 
 
 def read_image_header(image: bytes) -> ImageHeader:
-    """What an image says of itself, once the core has checked all of it. BadInput, one line, if it is refused."""
+    """Return the head of an image, once the core has checked all of it. Raises BadInput, one line, if it is refused."""
     if len(image) < 20:
         raise BadInput(f"image: {REASONS[ImageRefusal.TRUNCATED]}")
     code, _, rate_hz, delay, channels, _ = struct.unpack_from("<HIfBBH", image, 6)
@@ -185,7 +185,7 @@ def _q31_bytes(section: Q31Section) -> bytes:
 
 
 def _require_range(channel: ChannelController, body: bytes, number_format: str) -> None:
-    """A channel by itself must be one that the core takes: it says what is amiss."""
+    """Raise BadInput, with the cause, unless a channel by itself is one that the core takes."""
     head = struct.pack("<4sHHIfBBH", _MAGIC, _VERSION, _FORMAT_CODES[number_format], 56 + len(body), 1.0, 1, 1, 0)
     refusal = check_image(sealed(head + bytes(32) + body), 1.0, 1, 1)
     if refusal is not ImageRefusal.GOOD:

@@ -21,7 +21,7 @@ KERNELS = {"widest": 0, "single": 1, "baseline": 2, "avx2": 3, "avx512": 4}
 
 
 def kernels_available() -> tuple[str, ...]:
-    """Names of the kernels that this processor can run."""
+    """Return the names of the kernels that this processor can run."""
     return tuple(name for name, number in KERNELS.items() if lib.tact_lanes_available(number))
 
 
@@ -37,9 +37,10 @@ class Loop:
 
 @dataclass(frozen=True)
 class LoopMetrics:
-    """What each loop did, arrays of shape (loops,): mean, rms and peak displacement (mm), rms and peak command (V),
+    """Metrics of each loop, arrays of shape (loops,): mean, rms and peak displacement (mm), rms and peak command (V),
     complex amplitude of the displacement at the probe's frequency (mm; zero without a probe; phase re a sine), samples
-    in which something saturated."""
+    in which something saturated.
+    """
 
     displacement_mean_mm: NDArray[np.float64]
     displacement_rms_mm: NDArray[np.float64]
@@ -51,8 +52,9 @@ class LoopMetrics:
 
 
 class ManyLoops:
-    """`loops` side by side at one rate and computing delay. Loop i is, bit for bit, the only channel of a `Simulation`
-    of that seed. Loops of the same structure that lie next to each other share vectors, sixteen at a time."""
+    """A number of `loops` side by side at one rate and computing delay. Loop i is, bit for bit, the only channel of a
+    `Simulation` of that seed. Loops of the same structure that lie next to each other share vectors, sixteen at a time.
+    """
 
     def __init__(self, loops: Sequence[Loop], rate_hz: float, delay_samples: int, kernel: str = "widest") -> None:
         if not loops:
@@ -74,7 +76,9 @@ class ManyLoops:
         return len(self._described)
 
     def play(self, reference: ArrayLike, force_v: ArrayLike | None = None) -> SimulatedBlock:
-        """Reference (n, 1), the same for all, or (n, loops), in threshold units; what came of it, each (n, loops)."""
+        """Play a reference (n, 1), the same for all, or (n, loops), in threshold units; return what came of it, each
+        (n, loops).
+        """
         samples = self._reference(reference).shape[0]
         block, trace = empty_block(samples, len(self))
         self._run(reference, force_v, trace, ffi.NULL, ffi.NULL)
@@ -83,7 +87,9 @@ class ManyLoops:
     def measure(
         self, reference: ArrayLike, probe_hz: float | None = None, force_v: ArrayLike | None = None
     ) -> LoopMetrics:
-        """As `play`, but what comes back is added up on the way: nothing of the size of the reference is written."""
+        """Play a reference as `play` does and return its metrics, added up on the way: nothing of the size of the
+        reference is written.
+        """
         samples = self._reference(reference).shape[0]
         sums = ffi.new("tact_metrics[]", len(self))
         probe = ffi.NULL

@@ -40,7 +40,9 @@ class Q31Section:
 
     @property
     def coefficients(self) -> tuple[float, ...]:
-        """What the mantissas stand for: b0, b1', b2', a1', a2' between the section's own full scales."""
+        """Return the values that the mantissas stand for: b0, b1', b2', a1', a2' between the section's own
+        full scales.
+        """
         row_of = (0, 1, 2, 1, 2)
         return tuple(
             math.ldexp(mantissa, -_EXTRA_BITS - self.shifts[row])
@@ -49,7 +51,7 @@ class Q31Section:
 
 
 def q31_row(values: tuple[float, ...], bits: int = 31) -> tuple[tuple[int, ...], int]:
-    """Mantissas within 2^bits and the shift that they share; BadInput for a value of 256 or more."""
+    """Return the mantissas within 2^bits and the shift that they share. Raises BadInput for a value of 256 or more."""
     largest = max(abs(value) for value in values)
     if not largest < 2.0 ** (bits - _EXTRA_BITS - SHIFT_MIN):
         raise BadInput(f"a coefficient of {largest:g} is too large for Q31; allowed: below 256 (float32 holds it)")
@@ -62,7 +64,9 @@ def q31_row(values: tuple[float, ...], bits: int = 31) -> tuple[tuple[int, ...],
 
 
 def q31_conditioning(threshold_units_per_volt: float) -> tuple[tuple[int, ...], int]:
-    """As `q31_row`: shares of the reference's full scale for one of the command's; 0 where Q31 cannot hold it."""
+    """Return, as `q31_row` does, the shares of the reference's full scale for one of the command's; 0 where Q31 cannot
+    hold it.
+    """
     share = threshold_units_per_volt * VOLTS_FULL_SCALE / REFERENCE_FULL_SCALE
     if not abs(share) < _CONDITIONING_MAX:
         share = 0.0
@@ -71,7 +75,7 @@ def q31_conditioning(threshold_units_per_volt: float) -> tuple[tuple[int, ...], 
 
 
 def q31_section(delta: ArrayLike) -> Q31Section:
-    """One section from b0, b1', b2', a1', a2' (shape (5,)), each rounded once."""
+    """Return one section from b0, b1', b2', a1', a2' (shape (5,)), each rounded once."""
     b0, b1, b2, a1, a2 = (float(value) for value in np.asarray(delta, dtype=np.float64))
     (m0,), shift0 = q31_row((b0,))
     (m1, n1), shift1 = q31_row((b1, a1))
@@ -80,7 +84,7 @@ def q31_section(delta: ArrayLike) -> Q31Section:
 
 
 def q31_cascade(sos: ArrayLike, rate_hz: float, full_scale_in: float) -> tuple[Q31Section, ...]:
-    """A cascade (n, 6) with full_scale_in at its input and 512 V at its output.
+    """Return a cascade (n, 6) with full_scale_in at its input and 512 V at its output.
 
     Raises BadInput for a coefficient that Q31 cannot hold, or an unstable section before the last.
     """
@@ -98,7 +102,8 @@ def full_scales(
     largest: NDArray[np.float64] | None = None,
     full_scale_out: float = VOLTS_FULL_SCALE,
 ) -> NDArray[np.float64]:
-    """Of the input, of what is between the sections (powers of two), and of the output: shape (n + 1,).
+    """Return the full scales of the input, of what is between the sections (powers of two), and of the output: shape (n
+    + 1,).
 
     A section's coefficients, `largest` times its input's full scale over its output's, must fit: where a slow last one
     asks for more, its output saturates for inputs that stay at full scale for long. Raises BadInput for an unstable

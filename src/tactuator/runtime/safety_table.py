@@ -22,7 +22,7 @@ NEVER_TICKS = 1 << 20
 
 
 class Fault(IntEnum):
-    """What the guard latches (tact_fault)."""
+    """Faults that the guard latches (tact_fault)."""
 
     NONE = 0
     COMFORT = 1
@@ -38,12 +38,12 @@ class Fault(IntEnum):
 
     @property
     def words(self) -> str:
-        """As told to a person: "sensor frozen"."""
+        """Return the fault in words for a person: "sensor frozen"."""
         return self.name.lower().replace("_", " ")
 
 
 class SafetyRefusal(IntEnum):
-    """Why the core refuses a table (tact_safety_refusal)."""
+    """Reasons for which the core refuses a table (tact_safety_refusal)."""
 
     GOOD = 0
     TRUNCATED = 1
@@ -109,8 +109,9 @@ class SafetyTable:
 
 
 def safety_bytes(table: SafetyTable) -> bytes:
-    """The table as a board takes it. Raises BadInput for a delay that boards do not have (0), and if the core would
-    refuse it."""
+    """Return the table as a board takes it. Raises BadInput for a delay that boards do not have (0), and if the core
+    would refuse it.
+    """
     if not 1 <= table.delay_samples <= lib.TACT_BOARD_DELAY_MAX:
         raise BadInput(f"delay_samples is {table.delay_samples}; allowed on a board: 1 to {lib.TACT_BOARD_DELAY_MAX}")
     body = struct.pack(
@@ -133,7 +134,7 @@ def safety_bytes(table: SafetyTable) -> bytes:
 
 
 def check_safety(content: bytes, channels_max: int) -> SafetyRefusal:
-    """The core's own verdict on a table for a board of so many channels."""
+    """Return the core's own verdict on a table for a board of so many channels."""
     table = ffi.new("tact_safety *")
     return SafetyRefusal(lib.tact_safety_parse(table, ffi.from_buffer(content), len(content), channels_max))
 

@@ -16,7 +16,9 @@ from tactuator.runtime.tables import display_table
 
 
 def simulated_board_bytes(display: Display, seed: int) -> tuple[bytes, tuple[tuple[str | None, ...], ...]]:
-    """The display for `seed`, and for each channel the names of its loads in the order of the board's numbers."""
+    """Return the display for `seed`, and for each channel the names of its loads in the order of the
+    board's numbers.
+    """
     parts, loads = [], []
     for channel in display.channels:
         table, _keep, names = display_table(channel, display.rate_hz)

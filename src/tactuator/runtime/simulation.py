@@ -21,7 +21,7 @@ _TRACE, _DOUBLES, _FLAGS = (ffi.typeof(name) for name in ("tact_trace *", "doubl
 
 @dataclass(frozen=True)
 class SimulatedBlock:
-    """What a block of n samples left behind, all of shape (n, channels).
+    """Signals of a block of n samples, all of shape (n, channels).
 
     command_v: at the motor, beginning at each instant. position_v: as the A/D read it at each instant.
     displacement_mm: the truth at the finger. saturated: a converter or a limit was reached. broken: the controller's
@@ -78,7 +78,7 @@ class Simulation:
         self.rest()
 
     def rest(self) -> None:
-        """Controller and computing delay to zero; no time passes for the device."""
+        """Set the controller and the computing delay to zero; no time passes for the device."""
         for index in range(len(self._loops)):
             lib.tact_closed_loop_rest(ffi.addressof(self._loops, index))
 
@@ -91,18 +91,19 @@ class Simulation:
         self._loops[channel].display_state.touched = self._loads[channel].index(load)
 
     def play(self, reference: ArrayLike, force_v: ArrayLike | None = None) -> SimulatedBlock:
-        """Reference (n, channels) in threshold units through the controller; force_v (n, channels) acts at the fingers,
-        in volts of command."""
+        """Play a reference (n, channels) in threshold units through the controller; force_v (n, channels) acts at the
+        fingers, in volts of command.
+        """
         if not self._controllers:
             raise BadInput("no controller is loaded; allowed: load one before playing a reference")
         return self._run(lib.tact_closed_loop_play, reference, "reference", force_v)
 
     def drive(self, command_v: ArrayLike, force_v: ArrayLike | None = None) -> SimulatedBlock:
-        """Command (n, channels) in volts straight to the converters, without controller and computing delay."""
+        """Drive the converters with a command (n, channels) in volts, without controller and computing delay."""
         return self._run(lib.tact_closed_loop_drive, command_v, "command", force_v)
 
     def save(self) -> SimulationState:
-        """The state of device and controller, to be restored later into this simulation."""
+        """Return the state of device and controller, to be restored later into this simulation."""
         return SimulationState(bytes(ffi.buffer(self._loops)))
 
     def restore(self, state: SimulationState) -> None:
@@ -130,7 +131,7 @@ class Simulation:
 
 
 def empty_block(samples: int, columns: int) -> tuple[SimulatedBlock, Any]:
-    """A block to be filled, and the `tact_trace` that points into it.
+    """Return a block to be filled, and the `tact_trace` that points into it.
 
     Two pieces of memory for all of it: the next block takes what one gives back, and the system, which hands out every
     page anew, is not asked.
@@ -145,7 +146,7 @@ def empty_block(samples: int, columns: int) -> tuple[SimulatedBlock, Any]:
 
 
 def check_arithmetic() -> None:
-    """Raises RuntimeError where a foreign library has made this thread flush subnormal numbers to zero."""
+    """Raise RuntimeError where a foreign library has made this thread flush subnormal numbers to zero."""
     if not lib.tact_finite_is_ieee():
         raise RuntimeError(
             "a library of this process has switched the processor to flush subnormal numbers to zero (-ffast-math does "
@@ -154,7 +155,9 @@ def check_arithmetic() -> None:
 
 
 def block_samples(samples: ArrayLike, channels: int, name: str) -> Samples:
-    """`samples` as a contiguous array (n, channels); a vector is taken where there is one channel. BadInput if not."""
+    """Return `samples` as a contiguous array (n, channels); a vector is taken where there is one channel. Raises
+    BadInput if not.
+    """
     try:
         array = np.asarray(samples)
     except ValueError:

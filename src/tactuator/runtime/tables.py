@@ -20,7 +20,7 @@ from tactuator.runtime.held_plant import HeldPlant, held_plants
 
 
 def converter_table(converter: Converter) -> Any:
-    """`tact_converter` of a channel."""
+    """Return the `tact_converter` of a channel."""
     table = ffi.new("tact_converter *")
     lib.tact_converter_make(
         table, converter.bits, converter.range_v, float(converter.polarity), float(converter.offset_v)
@@ -29,7 +29,10 @@ def converter_table(converter: Converter) -> Any:
 
 
 def controller_table(controller: ChannelController) -> Any:
-    """`tact_controller` of a channel. Raises BadInput for too many sections or coefficients beyond float32."""
+    """Return the `tact_controller` of a channel.
+
+    Raises BadInput for too many sections or coefficients beyond float32.
+    """
     table = ffi.new("tact_controller *")
     where = f"controller, channel {controller.name!r}: "
     prefilter = delta_coefficients_single(controller.prefilter_sos, PREFILTER_SECTIONS_MAX, where + "prefilter")
@@ -55,7 +58,9 @@ def _fill_sections(sections: Any, coefficients: NDArray[np.float32]) -> None:
 
 
 def display_table(channel: Channel, rate_hz: float) -> tuple[Any, list[Any], tuple[str | None, ...]]:
-    """`tact_display` of a channel, what it points to, and the names of its loads (None first: nothing touches)."""
+    """Return the `tact_display` of a channel, what it points to, and the names of its loads (None first: nothing
+    touches).
+    """
     held = held_plants(channel, rate_hz)
     plants = ffi.new("tact_plant[]", len(held.plants))
     for table, plant in zip(plants, held.plants, strict=True):

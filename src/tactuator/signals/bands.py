@@ -17,7 +17,7 @@ class Band:
 
 
 def third_octave_bands(low_hz: float, high_hz: float) -> tuple[Band, ...]:
-    """The third-octave bands whose mid frequencies 1000 * 10^(k/10) lie within [low_hz, high_hz] (2 % tolerance:
+    """Return the third-octave bands whose mid frequencies 1000 * 10^(k/10) lie within [low_hz, high_hz] (2 % tolerance:
     nominal frequencies are rounded).
 
     Raises BadInput unless 0 < low_hz <= high_hz.

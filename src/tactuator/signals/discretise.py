@@ -19,7 +19,7 @@ Matrix = NDArray[np.float64]
 
 
 def zero_order_hold(system: ContinuousSystem, rate_hz: float) -> SampledSystem:
-    """The sampled equivalent of a plant driven through a zero-order hold.
+    """Return the sampled equivalent of a plant driven through a zero-order hold.
 
     Dead time may be any: whole samples become `delay_samples`, what is left splits the held input in two (Franklin,
     Powell & Workman 1990, section 4.3) and adds a pole at z = 0. Poles are exp(p T); zeros are those of the held state
@@ -50,7 +50,7 @@ def _static(gain: float, rate_hz: float, whole: int, fraction: float) -> Sampled
 
 
 def state_space(system: ContinuousSystem, step: float) -> tuple[Matrix, Matrix, Matrix, float]:
-    """Controller canonical form in time units of `step`: states (xi, T xi', T^2 xi'', ...), y = num(xi).
+    """Return the controller canonical form in time units of `step`: states (xi, T xi', T^2 xi'', ...), y = num(xi).
 
     Returns A * step (n, n), B * step (n,), C (n,), D. A load that only changes the denominator leaves the meaning of
     the states as it is, so it may be put on and taken off with position and velocity continuous.
@@ -70,8 +70,8 @@ def state_space(system: ContinuousSystem, step: float) -> tuple[Matrix, Matrix, 
 
 
 def held_state_space(system: ContinuousSystem, step: float, fraction: float) -> tuple[Matrix, Matrix, Matrix, float]:
-    """x(k+1) = Ad x + Bd u, y = C x + D u under a zero-order hold; `fraction` of a sample of dead time adds the last
-    input as a state.
+    """Return the matrices of x(k+1) = Ad x + Bd u, y = C x + D u under a zero-order hold; `fraction` of a sample of
+    dead time adds the last input as a state.
 
     The states are those of `state_space`.
     """
@@ -90,7 +90,7 @@ def held_state_space(system: ContinuousSystem, step: float, fraction: float) -> 
 
 
 def _integrated(a: Matrix, b: Matrix, duration: float) -> tuple[Matrix, Matrix]:
-    """exp(a t) and its integral over [0, t] times b."""
+    """Return exp(a t) and its integral over [0, t] times b."""
     order = a.shape[0]
     block = np.zeros((order + 1, order + 1))
     block[:order, :order] = a
@@ -100,7 +100,7 @@ def _integrated(a: Matrix, b: Matrix, duration: float) -> tuple[Matrix, Matrix]:
 
 
 def _zeros(ad: Matrix, bd: Matrix, c: Matrix, d: float) -> NDArray[np.complex128]:
-    """Transmission zeros in z: finite generalised eigenvalues of the system matrix, found for z - 1."""
+    """Return the transmission zeros in z: finite generalised eigenvalues of the system matrix, found for z - 1."""
     order = ad.shape[0]
     system = np.zeros((order + 1, order + 1))
     system[:order, :order] = ad - np.eye(order)
@@ -119,7 +119,7 @@ def _zeros(ad: Matrix, bd: Matrix, c: Matrix, d: float) -> NDArray[np.complex128
 
 
 def bilinear(system: ContinuousSystem, rate_hz: float) -> SampledSystem:
-    """Tustin's transform s = 2 rate (z - 1)/(z + 1), without prewarping, root by root.
+    """Return Tustin's transform s = 2 rate (z - 1)/(z + 1), without prewarping, root by root.
 
     Raises BadInput for an improper system, a root at s = 2 rate, or dead time that is not a whole number of samples.
     """

@@ -13,7 +13,7 @@ Samples = NDArray[np.float64]
 
 
 def sample_count(duration_s: float, rate_hz: float) -> int:
-    """Samples in `duration_s` at `rate_hz`; BadInput unless there is at least one."""
+    """Return the number of samples in `duration_s` at `rate_hz`. Raises BadInput unless there is at least one."""
     count = round(duration_s * rate_hz) if np.isfinite(duration_s) and np.isfinite(rate_hz) else 0
     if count < 1:
         raise BadInput(f"{duration_s:g} s at {rate_hz:g} Hz is no sample; allowed: one or more")
@@ -21,13 +21,13 @@ def sample_count(duration_s: float, rate_hz: float) -> int:
 
 
 def to_unit_peak(samples: Samples) -> Samples:
-    """The same signal with a peak of 1 (silence stays silent)."""
+    """Return the same signal with a peak of 1; silence stays silent."""
     peak = float(np.max(np.abs(samples), initial=0.0))
     return samples / peak if peak > 0.0 else samples
 
 
 def steps(duration_s: float, rate_hz: float, hold_s: float, rng: np.random.Generator) -> Samples:
-    """Random levels in -1 .. 1, each held for `hold_s`; neighbours differ by at least 0.3."""
+    """Return random levels in -1 .. 1, each held for `hold_s`; neighbours differ by at least 0.3."""
     count, hold = sample_count(duration_s, rate_hz), sample_count(hold_s, rate_hz)
     levels = [0.0]
     while len(levels) * hold < count:
@@ -38,7 +38,7 @@ def steps(duration_s: float, rate_hz: float, hold_s: float, rng: np.random.Gener
 
 
 def prbs(duration_s: float, rate_hz: float, clock_hz: float, rng: np.random.Generator) -> Samples:
-    """Pseudo-random binary sequence of maximal length, +/-1, one bit for each 1/clock_hz, from a random start.
+    """Return a pseudo-random binary sequence of maximal length, +/-1, one bit for each 1/clock_hz, from a random start.
 
     Its spectrum is flat up to about 0.4 clock_hz. The register is the shortest whose period covers the duration.
     """
@@ -51,7 +51,7 @@ def prbs(duration_s: float, rate_hz: float, clock_hz: float, rng: np.random.Gene
 
 
 def noise(duration_s: float, rate_hz: float, band_hz: tuple[float, float], rng: np.random.Generator) -> Samples:
-    """Gaussian noise confined to `band_hz`, clipped at four standard deviations, scaled to a peak of 1."""
+    """Return Gaussian noise confined to `band_hz`, clipped at four standard deviations, scaled to a peak of 1."""
     count = sample_count(duration_s, rate_hz)
     frequency = np.fft.rfftfreq(count, 1.0 / rate_hz)
     inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
@@ -78,7 +78,7 @@ def sinusoids(
 
 
 def log_chirp(duration_s: float, rate_hz: float, low_hz: float, high_hz: float) -> Samples:
-    """Sinusoid whose frequency rises from low_hz to high_hz, the same time for each octave."""
+    """Return a sinusoid whose frequency rises from low_hz to high_hz, the same time for each octave."""
     if not 0.0 < low_hz < high_hz <= rate_hz / 2.0:
         raise BadInput(f"chirp from {low_hz:g} to {high_hz:g} Hz at {rate_hz:g} Hz; allowed: 0 < low < high <= rate/2")
     time = np.arange(sample_count(duration_s, rate_hz)) / rate_hz
@@ -97,7 +97,7 @@ def paper_mix(
     travel_v: float | None = None,
     band_hz: tuple[float, float] = (0.4, 300.0),
 ) -> Samples:
-    """The paper's mix of steps, noise and sinusoids (section 3) as a command in volts, shape (n,).
+    """Return the paper's mix of steps, noise and sinusoids (section 3) as a command in volts, shape (n,).
 
     A slow part (steps every 1.3 s and sinusoids in the lower band) and a fast part (noise over the whole band and
     sinusoids in the upper) are added. With a rough `plant` and `travel_v` (volts of y) each is planned to take 40 % of
@@ -123,8 +123,8 @@ def paper_mix(
 def plan_amplitude(
     shape: ArrayLike, rate_hz: float, plant: ContinuousSystem, travel_v: float, command_range_v: float
 ) -> float:
-    """Largest factor for the command `shape` (n,) with |command| <= command_range_v and, by `plant` (volts of y per
-    volt), |y| <= travel_v, start-up transient included.
+    """Return the largest factor for the command `shape` (n,) with |command| <= command_range_v and, by `plant` (volts
+    of y per volt), |y| <= travel_v, start-up transient included.
     """
     samples = np.asarray(shape, dtype=np.float64)
     if travel_v <= 0.0 or command_range_v <= 0.0 or not np.any(samples):
@@ -138,7 +138,9 @@ def plan_amplitude(
 
 
 def periodic_response(command: Samples, rate_hz: float, plant: ContinuousSystem) -> Samples:
-    """Steady answer of `plant` to a command (n,) repeated for ever, by its spectrum; an integrator's mean dropped."""
+    """Return the steady answer of `plant` to a command (n,) repeated for ever, computed by its spectrum; an
+    integrator's mean is dropped.
+    """
     spectrum = np.fft.rfft(command)
     frequency = np.fft.rfftfreq(command.size, 1.0 / rate_hz)
     response = np.zeros(frequency.size, dtype=np.complex128)

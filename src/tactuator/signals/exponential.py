@@ -10,7 +10,8 @@ _TERMS = 36  # of the series at that norm: the rest is below 1e-19
 
 
 def matrix_exponential(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """exp(matrix), shape (n, n): Taylor's series of the scaled matrix, squared again (Moler & Van Loan 2003, method 3).
+    """Return exp(matrix), shape (n, n): Taylor's series of the scaled matrix, squared again (Moler & Van Loan 2003,
+    method 3).
 
     For the few states of a plant over one sample. scipy.linalg.expm wakes every thread of the BLAS for a matrix of
     any size, which costs a hundred times the work itself, and more on a busy machine.

@@ -11,7 +11,8 @@ Complex = NDArray[np.complex128]
 
 
 def lock_in(values: ArrayLike, frequency_hz: ArrayLike, rate_hz: float, *, start: int = 0) -> Complex:
-    """Amplitudes a with values = Re sum a exp(2 pi i f k / rate) + offset + slope k: all fitted together.
+    """Return the complex amplitudes a with values = Re sum a exp(2 pi i f k / rate) + offset + slope k: all fitted
+    together.
 
     values: (n,) or (n, channels), k counting from `start`. Returns (m,) or (m, channels) for m frequencies. Fitting
     them together keeps a neighbouring line (mains, a harmonic) out of the others though no period fits the record.
@@ -33,14 +34,16 @@ def lock_in(values: ArrayLike, frequency_hz: ArrayLike, rate_hz: float, *, start
 
 
 def mains_multiples(mains_hz: float | None, high_hz: float) -> NDArray[np.float64]:
-    """Mains frequency and its multiples up to high_hz; none for None."""
+    """Return the mains frequency and its multiples up to high_hz; no frequency for None."""
     if not mains_hz:
         return np.zeros(0)
     return mains_hz * np.arange(1.0, int(high_hz / mains_hz) + 1.0)
 
 
 def off_mains(frequency_hz: ArrayLike, mains_hz: float | None = 60.0, keep_off_hz: float = 2.0) -> NDArray[np.float64]:
-    """The frequencies (m,), those nearer than keep_off_hz to a multiple of mains moved to that distance from it."""
+    """Return the frequencies (m,); those nearer than keep_off_hz to a multiple of mains are moved to that distance from
+    it.
+    """
     frequency = np.array(np.atleast_1d(frequency_hz), dtype=np.float64)
     if not mains_hz:
         return frequency

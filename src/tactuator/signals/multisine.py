@@ -18,7 +18,7 @@ Bins = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Multisine:
-    """sum of amplitude * cos(2 pi bin k / period + phase) over `period` samples at rate_hz.
+    """A sum of amplitude * cos(2 pi bin k / period + phase) over `period` samples at rate_hz.
 
     bins: excited lines, multiples of rate_hz/period, shape (m,); odd_detection, even_detection: lines left silent.
     """
@@ -33,20 +33,20 @@ class Multisine:
 
     @property
     def frequency_hz(self) -> NDArray[np.float64]:
-        """Frequencies of the excited lines, hertz, shape (m,)."""
+        """Return the frequencies of the excited lines, hertz, shape (m,)."""
         return np.asarray(self.bins * self.rate_hz / self.period)
 
     def one_period(self) -> NDArray[np.float64]:
-        """One period of the signal, shape (period,)."""
+        """Return one period of the signal, shape (period,)."""
         return _synthesise(self.period, self.bins, self.amplitude, self.phase_rad)
 
     def samples(self, periods: int) -> NDArray[np.float64]:
-        """`periods` periods in a row, shape (periods * period,)."""
+        """Return `periods` periods in a row, shape (periods * period,)."""
         return np.tile(self.one_period(), periods)
 
     @property
     def crest_factor(self) -> float:
-        """Peak over root mean square of one period."""
+        """Return the peak over root mean square of one period."""
         wave = self.one_period()
         return float(np.max(np.abs(wave)) / np.sqrt(np.mean(wave**2)))
 
@@ -62,7 +62,8 @@ def _synthesise(
 def place_lines(
     frequency_hz: ArrayLike, rate_hz: float, period: int, *, mains_hz: float | None = 60.0, keep_off_hz: float = 2.0
 ) -> Bins:
-    """Odd lines of a period nearest to `frequency_hz` (m,), each used once, `keep_off_hz` off multiples of mains.
+    """Return the odd lines of a period nearest to `frequency_hz` (m,), each used once, `keep_off_hz` off multiples of
+    mains.
 
     Odd lines alone leave every even line free to show even-order distortion. The lowest may be line 1. Raises BadInput
     where no free line is left below rate/2.
@@ -94,7 +95,7 @@ def multisine(
     rounds: int = 60,
     detection_band: tuple[int, int] | None = None,
 ) -> Multisine:
-    """A multisine with random phases, improved by `rounds` of clipping (Van der Ouderaa et al., 1988).
+    """Return a multisine with random phases, improved by `rounds` of clipping (Van der Ouderaa et al., 1988).
 
     bins: lines, (m,); amplitude: peak of each, (m,) or one number. Detection lines are the unexcited odd and even lines
     within detection_band (default: from the lowest to the highest excited line).

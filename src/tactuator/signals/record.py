@@ -14,7 +14,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """command, position: (n,), finite, at rate_hz, in command_unit and position_unit. reference: (n,) or None.
+    """A measured time series. command, position: (n,), finite, at rate_hz, in command_unit and position_unit.
+    reference: (n,) or None.
 
     about: what is known of its making (rig, date, channel, load, calibration). remarks: what had to be done to it
     (samples filled, stamps evened out), to be told to whoever uses it.
@@ -45,5 +46,5 @@ class Record:
 
     @property
     def duration_s(self) -> float:
-        """Seconds."""
+        """Return the length of the record, seconds."""
         return self.command.size / self.rate_hz

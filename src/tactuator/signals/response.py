@@ -48,25 +48,25 @@ class Response:
 
     @property
     def magnitude_v(self) -> Array:
-        """Peak volts of y, (m,)."""
+        """Return the peak of y in volts, (m,)."""
         return np.abs(self.amplitude_v)
 
     @property
     def magnitude_db(self) -> Array:
-        """Volts of y per threshold unit, dB, (m,)."""
+        """Return the magnitude in dB of volts of y per threshold unit, (m,)."""
         return db(self.amplitude_v / self.reference)
 
     @property
     def phase_rad(self) -> Array:
-        """Phase against the reference, unwrapped from the lowest frequency up, (m,)."""
+        """Return the phase against the reference, unwrapped from the lowest frequency up, (m,)."""
         return np.unwrap(np.angle(self.amplitude_v))
 
     @property
     def latency_s(self) -> Array:
-        """Phase delay, seconds: how much later than the reference a peak of y comes, (m,)."""
+        """Return the phase delay in seconds: how much later than the reference a peak of y comes, (m,)."""
         return np.asarray(-self.phase_rad / (2.0 * np.pi * self.frequency_hz))
 
     @property
     def phase_confidence_rad(self) -> Array:
-        """95 % half-width of the phase: the noise is alike in both quadratures, (m,)."""
+        """Return the 95 % half-width of the phase, (m,): the noise is alike in both quadratures."""
         return np.minimum(10.0 ** (self.confidence_db / 20.0) - 1.0, np.pi)

@@ -17,19 +17,19 @@ from tactuator.errors import BadInput
 
 
 def exact_sum(*terms: float) -> float:
-    """The sum of doubles, rounded once."""
+    """Return the sum of doubles, rounded once."""
     return float(sum((Fraction(float(term)) for term in terms), Fraction(0)))
 
 
 def backward_difference(frequency_hz: ArrayLike, rate_hz: float) -> NDArray[np.complex128]:
-    """1 - exp(-j w) with w = 2 pi f / rate, to full relative precision; the shape of `frequency_hz`."""
+    """Return 1 - exp(-j w) with w = 2 pi f / rate, to full relative precision; the shape of `frequency_hz`."""
     half = np.pi * np.asarray(frequency_hz, dtype=np.float64) / rate_hz
     sine = np.sin(half)
     return np.asarray(2.0 * sine * (sine + 1j * np.cos(half)))
 
 
 def check_sections(sos: ArrayLike) -> NDArray[np.float64]:
-    """`sos` as a float array of shape (n, 6), rows b0, b1, b2, a0, a1, a2; BadInput if it is not one."""
+    """Return `sos` as a float array of shape (n, 6), rows b0, b1, b2, a0, a1, a2. Raises BadInput if it is not one."""
     sections = np.asarray(sos, dtype=np.float64)
     if sections.ndim != 2 or sections.shape[1] != 6:
         raise BadInput(f"sections have shape {sections.shape}; allowed: (n, 6), rows b0, b1, b2, a0, a1, a2")
@@ -41,7 +41,7 @@ def check_sections(sos: ArrayLike) -> NDArray[np.float64]:
 
 
 def sections_response(sos: ArrayLike, frequency_hz: ArrayLike, rate_hz: float) -> NDArray[np.complex128]:
-    """Response of a cascade of sections.
+    """Return the response of a cascade of sections.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def sections_response(sos: ArrayLike, frequency_hz: ArrayLike, rate_hz: float) -
 
 
 def section_roots(c0: float, c1: float, c2: float) -> NDArray[np.complex128]:
-    """Roots in z of c0 + c1 z^-1 + c2 z^-2 times the power of z that its first coefficient which is not zero leaves.
+    """Return the roots in z of c0 + c1 z^-1 + c2 z^-2 times the power of z that its first non-zero coefficient leaves.
 
     Found for d = z - 1 with an exact discriminant: slow roots keep their digits at any rate, and a root at z = 1 is
     exactly there.

@@ -23,11 +23,11 @@ class PowerSpectrum:
 
     @property
     def spacing_hz(self) -> float:
-        """Distance of two lines, hertz."""
+        """Return the distance between two lines, hertz."""
         return float(self.frequency_hz[1])
 
     def power(self, low_hz: float, high_hz: float, without_hz: ArrayLike = (), width_hz: float = 1.5) -> float:
-        """Power within low..high, unit^2, without +/- width_hz around each of `without_hz`.
+        """Return the power within low..high, unit^2, without +/- width_hz around each of `without_hz`.
 
         What was left out is filled with the mean density of the rest, so that a band does not shrink with it; a band
         that is all left out has none.
@@ -41,12 +41,12 @@ class PowerSpectrum:
         return float(np.sum(self.density * share * left)) * (float(np.sum(share)) / kept) if kept > 0.0 else 0.0
 
     def through(self, response: NDArray[np.complex128]) -> PowerSpectrum:
-        """The spectrum behind a system with that response (m,) at frequency_hz."""
+        """Return the spectrum behind a system with that response (m,) at frequency_hz."""
         return PowerSpectrum(self.frequency_hz, self.density * np.abs(response) ** 2, self.averages)
 
 
 def power_spectrum(values: ArrayLike, rate_hz: float, resolution_hz: float = 1.0) -> PowerSpectrum:
-    """Welch's estimate: Hann windows of 1/resolution_hz, half overlapping, mean taken off each.
+    """Return Welch's estimate: Hann windows of 1/resolution_hz, half overlapping, mean taken off each.
 
     values: (n,). Raises BadInput where the record is shorter than one window.
     """

@@ -9,7 +9,7 @@ from tactuator.errors import BadInput
 
 
 def ramps(count: int, rate_hz: float, ramp_s: float) -> NDArray[np.float64]:
-    """Gain of shape (count,): rises over `ramp_s` as (1 - cos)/2, stays 1, falls the same way."""
+    """Return a gain of shape (count,) that rises over `ramp_s` as (1 - cos)/2, stays 1, and falls the same way."""
     length = round(ramp_s * rate_hz)
     if ramp_s < 0.0 or 2 * length > count:
         raise BadInput(
@@ -32,7 +32,7 @@ def tone(
     ramp_s: float = 0.0,
     phase_rad: float = 0.0,
 ) -> NDArray[np.float64]:
-    """Sinusoid amplitude * sin(2 pi f t + phase), shape (n,), with ramps at both ends.
+    """Return the sinusoid amplitude * sin(2 pi f t + phase), shape (n,), with ramps at both ends.
 
     Raises BadInput for a frequency outside 0 < f < rate/2 or a duration of less than one sample.
     """

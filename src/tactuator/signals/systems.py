@@ -50,7 +50,9 @@ def _expanded(roots: NDArray[np.complex128]) -> NDArray[np.float64]:
 
 
 def _delayed(sos: NDArray[np.float64], samples: int) -> NDArray[np.float64]:
-    """The sections times z^-samples, by shifting numerators: scipy fills missing zeros up with zeros at the origin."""
+    """Return the sections times z^-samples by shifting numerators, since scipy fills missing zeros up with zeros at the
+    origin.
+    """
     for row in sos:
         while samples and row[2] == 0.0:
             row[:3] = np.roll(row[:3], 1)
@@ -59,7 +61,7 @@ def _delayed(sos: NDArray[np.float64], samples: int) -> NDArray[np.float64]:
 
 
 class _System:
-    """What both kinds of time share: zeros, poles and a real gain."""
+    """Base of both kinds of time: zeros, poles and a real gain."""
 
     zeros: NDArray[Any]
     poles: NDArray[Any]
@@ -76,24 +78,24 @@ class _System:
         return (self.zeros.tobytes(), self.poles.tobytes(), self.gain)
 
     def fraction(self, frequency_hz: ArrayLike) -> Fraction:
-        """Numerator and denominator of the response."""
+        """Return the numerator and the denominator of the response."""
         raise NotImplementedError
 
     def response(self, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
-        """Complex response at `frequency_hz` (any shape, hertz), dead time included; infinite on a pole."""
+        """Return the complex response at `frequency_hz` (any shape, hertz), dead time included; infinite on a pole."""
         numerator, denominator = self.fraction(frequency_hz)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(numerator / denominator)
 
     @property
     def is_proper(self) -> bool:
-        """No more zeros than poles."""
+        """Return whether there are no more zeros than poles."""
         return self.zeros.size <= self.poles.size
 
 
 @dataclass(frozen=True, eq=False)
 class ContinuousSystem(_System):
-    """gain * prod(s - zeros) / prod(s - poles) * exp(-s delay_s).
+    """A continuous system gain * prod(s - zeros) / prod(s - poles) * exp(-s delay_s).
 
     zeros, poles: complex, rad/s, shape (m,) and (n,); kept as read-only complex arrays.
     gain: of the leading coefficients. delay_s: dead time, seconds.
@@ -111,17 +113,19 @@ class ContinuousSystem(_System):
 
     @classmethod
     def from_polynomials(cls, num: ArrayLike, den: ArrayLike, delay_s: float = 0.0) -> ContinuousSystem:
-        """The system num(s)/den(s), coefficients in descending powers of s."""
+        """Return the system num(s)/den(s), coefficients in descending powers of s."""
         numerator, denominator = _polynomial(num, "num"), _polynomial(den, "den")
         gain = numerator[0] / denominator[0]
         return cls(np.roots(numerator), np.roots(denominator), float(gain), delay_s)
 
     def polynomials(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(num, den) in descending powers of s, den monic: for printing and files, not for computing with."""
+        """Return (num, den) in descending powers of s, den monic: for printing and files, not for computing with."""
         return self.gain * _expanded(self.zeros), _expanded(self.poles)
 
     def fraction(self, frequency_hz: ArrayLike) -> Fraction:
-        """Numerator (with gain and dead time) and denominator of the response: finite even where a pole lies."""
+        """Return the numerator (with gain and dead time) and denominator of the response: finite even where a pole
+        lies.
+        """
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
         numerator = self.gain * np.exp(-s * self.delay_s)
         for zero in self.zeros:
@@ -133,7 +137,7 @@ class ContinuousSystem(_System):
 
     @property
     def is_stable(self) -> bool:
-        """Every pole strictly in the left half-plane."""
+        """Return whether every pole lies strictly in the left half-plane."""
         return bool(np.all(self.poles.real < 0.0))
 
     def __mul__(self, other: object) -> ContinuousSystem:
@@ -151,7 +155,7 @@ class ContinuousSystem(_System):
 
 @dataclass(frozen=True, eq=False)
 class SampledSystem(_System):
-    """gain * prod(z - zeros) / prod(z - poles) * z^-delay_samples, at rate_hz.
+    """A sampled system gain * prod(z - zeros) / prod(z - poles) * z^-delay_samples, at rate_hz.
 
     zeros, poles: complex, in the z plane, shape (m,) and (n,).
     """
@@ -171,7 +175,7 @@ class SampledSystem(_System):
 
     @classmethod
     def from_sections(cls, sos: ArrayLike, rate_hz: float, delay_samples: int = 0) -> SampledSystem:
-        """The cascade of second-order sections `sos`, shape (n, 6)."""
+        """Return the cascade of second-order sections `sos`, shape (n, 6)."""
         sections = check_sections(sos)
         zeros = np.concatenate([np.empty(0), *(section_roots(*row[:3]) for row in sections)])
         poles = np.concatenate([np.empty(0), *(section_roots(*row[3:]) for row in sections)])
@@ -180,14 +184,14 @@ class SampledSystem(_System):
         return cls(zeros, poles, float(gain), rate_hz, delay_samples)
 
     def sections(self) -> NDArray[np.float64]:
-        """Second-order sections, shape (n, 6), of the system without its delay; proper systems only."""
+        """Return the second-order sections, shape (n, 6), of a proper system without its delay."""
         if not self.is_proper:
             raise BadInput(f"a system of {self.zeros.size} zeros and {self.poles.size} poles has no causal sections")
         sos = np.asarray(signal.zpk2sos(self.zeros, self.poles, self.gain))
         return _delayed(sos, self.poles.size - self.zeros.size)
 
     def fraction(self, frequency_hz: ArrayLike) -> Fraction:
-        """Numerator (with gain and delay) and denominator of the response: finite even where a pole lies."""
+        """Return the numerator (with gain and delay) and denominator of the response: finite even where a pole lies."""
         frequency = np.asarray(frequency_hz, dtype=np.float64)
         z = np.exp(2j * np.pi * frequency / self.rate_hz)
         # z - root = (1 - root) + (z - 1), and z - 1 is known to full precision
@@ -202,7 +206,7 @@ class SampledSystem(_System):
 
     @property
     def is_stable(self) -> bool:
-        """Every pole strictly inside the unit circle."""
+        """Return whether every pole lies strictly inside the unit circle."""
         return bool(np.all(np.abs(self.poles) < 1.0))
 
     def __mul__(self, other: object) -> SampledSystem:

@@ -30,7 +30,7 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class RenderJob:
-    """What is to be done to every file. seed: of the simulated display; simulate: whether it is to be felt at all."""
+    """Task that is done for every file. seed: of the simulated display; simulate: whether it is to be felt at all."""
 
     controller: Controller
     coding: Coding
@@ -39,7 +39,7 @@ class RenderJob:
     seed: int = 0
 
     def parameters(self) -> dict[str, Any]:
-        """Everything that the result depends on but the speech, in plain JSON."""
+        """Return everything that the result depends on but the speech, in plain JSON."""
         return {
             "tool": __version__,
             "controller": controller_hash(self.controller),
@@ -51,7 +51,7 @@ class RenderJob:
 
 @dataclass(frozen=True, eq=False)
 class Rendered:
-    """What came of one file. sha256: of the reference's samples as a WAV holds them."""
+    """Result of one file. sha256: of the reference's samples as a WAV holds them."""
 
     speech: SpeechFile
     frames: int
@@ -64,7 +64,7 @@ class Rendered:
     felt: FeltReport | None
 
     def document(self) -> dict[str, Any]:
-        """Plain figures."""
+        """Return the figures in plain JSON."""
         return {
             "speech": str(self.speech.path),
             "notes": list(self.speech.notes),

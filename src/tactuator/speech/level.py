@@ -26,7 +26,7 @@ class LevelMeter:
     _rest: NDArray[np.float64] | None = None
 
     def push(self, block: NDArray[np.float64]) -> None:
-        """Count a block in."""
+        """Add a block to the frames counted."""
         length = round(FRAME_S * self.rate_hz)
         block = block if self._rest is None else np.concatenate((self._rest, block))
         whole = len(block) // length
@@ -35,12 +35,12 @@ class LevelMeter:
         self._rest = block[whole * length :].copy()
 
     def frame_levels_db(self) -> NDArray[np.float64]:
-        """Level of every whole frame, shape (frames, channels); -inf where it is silent."""
+        """Return the level of every whole frame, shape (frames, channels); -inf where it is silent."""
         with np.errstate(divide="ignore"):
             return np.asarray(10.0 * np.log10(2.0 * np.concatenate(self._powers)))
 
     def level_db(self) -> float:
-        """Level of the loudest channel over its frames within 30 dB of its loudest frame; -inf for silence.
+        """Return the level of the loudest channel over its frames within 30 dB of its loudest frame; -inf for silence.
 
         Raises BadInput where not one frame was whole.
         """

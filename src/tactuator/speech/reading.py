@@ -48,7 +48,7 @@ class SpeechFile:
 
     @property
     def duration_s(self) -> float:
-        """Length in seconds."""
+        """Return the length in seconds."""
         return self.frames / self.rate_hz
 
 
@@ -82,7 +82,9 @@ def scan_speech(path: str | Path) -> SpeechFile:
 
 
 def speech_blocks(speech: SpeechFile, block_frames: int = BLOCK_FRAMES) -> Iterator[Samples]:
-    """The file's mono signal (mean of its channels, its mean taken out) in blocks of shape (n,), n <= block_frames."""
+    """Yield the file's mono signal (mean of its channels, its mean taken out) in blocks of shape (n,), n <=
+    block_frames.
+    """
     with soundfile.SoundFile(speech.path) as file:
         for block in _mono(file, block_frames):
             yield block - speech.mean

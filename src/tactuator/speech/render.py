@@ -1,4 +1,6 @@
-"""From a speech file to a reference: coded, set to a level, limited; streamed from the first sample to the last."""
+"""Rendering of a speech file to a reference: coded, set to a level, limited; streamed from the first sample to the
+last.
+"""
 
 from __future__ import annotations
 
@@ -45,16 +47,16 @@ class Rendering:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The display's channels, in the order of the blocks' columns."""
+        """Return the display's channels, in the order of the blocks' columns."""
         return tuple(channel.name for channel in self.controller.display.channels)
 
     @property
     def limiting(self) -> tuple[FingerLimiting, ...]:
-        """What the limiter has done so far."""
+        """Return the limiting so far, finger by finger."""
         return self._limiter.report
 
     def blocks(self) -> Iterator[NDArray[np.float64]]:
-        """The reference, blocks (n, channels), threshold units; float32 numbers. Once only."""
+        """Yield the reference in blocks (n, channels), threshold units, float32 numbers; once only."""
         for stretch in self._limiter.process(self._levelled()):
             for start in range(0, len(stretch), PIECE):
                 yield stretch[start : start + PIECE].astype(np.float32).astype(np.float64)
@@ -128,7 +130,9 @@ def _room(workspace: str | Path | None) -> IO[bytes]:
 def render_array(
     path: str | Path, controller: Controller, coding: Coding | None = None, level_db_sl: float = LEVEL_DB_SL
 ) -> tuple[NDArray[np.float64], SpeechFile, tuple[FingerLimiting, ...]]:
-    """A short file at once: reference (n, channels) in threshold units, the file, and what the limiter did."""
+    """Render a short file at once: return the reference (n, channels) in threshold units, the file, and what the
+    limiter did.
+    """
     with rendering(path, controller, coding, level_db_sl) as making:
         blocks = list(making.blocks())
         return np.concatenate(blocks), making.speech, making.limiting

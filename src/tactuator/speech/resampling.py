@@ -20,7 +20,7 @@ ATTENUATION_DB = 90.0
 
 
 def resampling_kernel(rate_in_hz: int, rate_out_hz: int, pass_hz: float) -> tuple[Samples, int, int]:
-    """(kernel, up, down): a Kaiser low-pass at up * rate_in_hz, flat to `pass_hz`.
+    """Return (kernel, up, down) with a Kaiser low-pass at up * rate_in_hz, flat to `pass_hz`.
 
     Whatever would fold onto 0..pass_hz, going up or down, is at least 90 dB down; between pass_hz and the edge of the
     slower rate images and aliases may overlap. The kernel's length is odd and its middle a multiple of `down`.
@@ -40,7 +40,9 @@ def resampling_kernel(rate_in_hz: int, rate_out_hz: int, pass_hz: float) -> tupl
 
 
 def resample(blocks: Iterable[Samples], rate_in_hz: int, rate_out_hz: int, pass_hz: float) -> Iterator[Samples]:
-    """Blocks of shape (n,) at `rate_in_hz` as blocks at `rate_out_hz`; in all ceil(frames * rate_out / rate_in)."""
+    """Resample blocks of shape (n,) at `rate_in_hz`; yield blocks at `rate_out_hz`, in all ceil(frames * rate_out /
+    rate_in).
+    """
     if rate_in_hz == rate_out_hz:
         yield from blocks
         return
@@ -62,7 +64,9 @@ def resample(blocks: Iterable[Samples], rate_in_hz: int, rate_out_hz: int, pass_
 
 
 def _outputs(kernel: Samples, history: Samples, up: int, down: int, origin: int, start: int, stop: int) -> Samples:
-    """Output samples start..stop (counted with the kernel's delay), the history's first lying at output `origin`."""
+    """Return the output samples start..stop (counted with the kernel's delay), the history's first lying at output
+    `origin`.
+    """
     if stop <= start:
         return np.zeros(0)
     filtered = signal.upfirdn(kernel, history, up, down)

@@ -25,7 +25,9 @@ FRAME = 80
 
 @dataclass(frozen=True)
 class Sound:
-    """formants_hz: three; voice and breath: amplitudes of the pulse train and of the noise; pitch_hz at its middle."""
+    """A sound of speech. formants_hz: three; voice and breath: amplitudes of the pulse train and of the noise; pitch_hz
+    at its middle.
+    """
 
     duration_s: float
     formants_hz: tuple[float, float, float]
@@ -56,12 +58,12 @@ BANDWIDTHS_HZ = (70.0, 100.0, 150.0)
 
 
 def sample_path() -> Path:
-    """Where the shipped sample lies."""
+    """Return the path of the shipped sample."""
     return Path(str(files("tactuator.speech").joinpath("data", "sample.wav")))
 
 
 def synthesise(sounds: tuple[Sound, ...] = PHRASE, seed: int = 1988) -> Samples:
-    """Mono speech at 16 kHz, shape (n,), peak 0.7 of full scale."""
+    """Return mono speech at 16 kHz, shape (n,), peak 0.7 of full scale."""
     ends = np.cumsum([sound.duration_s for sound in sounds])
     count = round(float(ends[-1]) * RATE_HZ / FRAME) * FRAME
     middles = ends - 0.5 * np.array([sound.duration_s for sound in sounds])
@@ -77,7 +79,7 @@ def synthesise(sounds: tuple[Sound, ...] = PHRASE, seed: int = 1988) -> Samples:
 
 
 def _steps(values: Samples, ends: Samples, count: int) -> Samples:
-    """A value for each sound, stepped at its ends and smoothed over 15 ms."""
+    """Return a value for each sound, stepped at its ends and smoothed over 15 ms."""
     at = np.minimum(np.searchsorted(ends, np.arange(count) / RATE_HZ, side="right"), len(values) - 1)
     window = signal.windows.hann(2 * round(0.015 * RATE_HZ) + 1)
     padded = np.concatenate(([0.0] * (len(window) // 2), values[at], [0.0] * (len(window) // 2)))
@@ -85,15 +87,18 @@ def _steps(values: Samples, ends: Samples, count: int) -> Samples:
 
 
 def _glottal_flow_slope(pitch_hz: Samples) -> Samples:
-    """Slope of a glottal flow that opens as a raised cosine over 60 % of the period and is closed for the rest."""
+    """Return the slope of a glottal flow that opens as a raised cosine over 60 % of the period and is closed for the
+    rest.
+    """
     phase = np.cumsum(pitch_hz) / RATE_HZ % 1.0
     flow = np.where(phase < 0.6, 0.5 - 0.5 * np.cos(2.0 * np.pi * phase / 0.6), 0.0)
     return np.diff(flow, prepend=flow[0]) * 10.0 + 0.1 * (flow - 0.3)
 
 
 def _resonate(source: Samples, formants_hz: Samples) -> Samples:
-    """The source through three resonators in series, each of gain 1 at rest, their states going on from frame to
-    frame."""
+    """Return the source through three resonators in series, each of gain 1 at rest, their states going on from frame to
+    frame.
+    """
     output = source.copy()
     for track, width in zip(formants_hz, BANDWIDTHS_HZ, strict=True):
         radius = np.exp(-np.pi * width / RATE_HZ)

@@ -47,7 +47,9 @@ KINESTHETIC, MIDDLE, CUTANEOUS = Component("K", 4.0, 40.0), Component("M", 30.0,
 
 @dataclass(frozen=True)
 class WaveformSet:
-    """fingers: groups of fingers ("all", or names) that move together. duration_s, ramp_s: of every waveform."""
+    """A set of waveforms. fingers: groups of fingers ("all", or names) that move together. duration_s, ramp_s: of every
+    waveform.
+    """
 
     duration_s: float = 0.5
     ramp_s: float = 0.01
@@ -65,7 +67,7 @@ class WaveformSet:
             raise BadInput(f"waveforms of components {', '.join(names)}; allowed: each once, one or more, and fingers")
 
     def labels(self) -> dict[str, tuple[tuple[Component, ...], tuple[str, ...]]]:
-        """Label of every waveform, such as KC-index, with its components and fingers."""
+        """Return the label of every waveform, such as KC-index, with its components and fingers."""
         found = {}
         for fingers in self.fingers:
             for count in range(1, len(self.components) + 1):
@@ -75,7 +77,9 @@ class WaveformSet:
         return found
 
     def reference(self, label: str, fingers: tuple[str, ...], rate_hz: float) -> NDArray[np.float64]:
-        """The waveform of that label, (n, fingers), threshold units. BadInput for a label or finger not there."""
+        """Return the waveform of that label, (n, fingers), threshold units. Raises BadInput for a label or finger that
+        is not there.
+        """
         labels = self.labels()
         if label not in labels:
             raise BadInput(f"waveform {label!r}; allowed: {', '.join(labels)}")
@@ -96,7 +100,7 @@ class WrittenWaveform:
 
 
 def write_waveforms(waveforms: WaveformSet, controller: Controller, folder: str | Path) -> tuple[WrittenWaveform, ...]:
-    """Every waveform of the set as a reference FOLDER/LABEL.wav within the display's limits, like speech."""
+    """Write every waveform of the set as a reference FOLDER/LABEL.wav within the display's limits, like speech."""
     folder = Path(folder)
     channels = controller.display.channels
     curves = {c.name: (c.threshold.curve.name, c.threshold.curve.content_hash) for c in channels}

@@ -1,1 +1,1 @@
-"""What a number format leaves of a controller: coefficients, round-off, bits needed, verdict."""
+"""Effects of a number format on a controller: coefficients, round-off, bits needed, verdict."""

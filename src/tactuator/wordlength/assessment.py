@@ -30,7 +30,7 @@ _LEVEL = 30.0
 
 @dataclass(frozen=True)
 class FormatReport:
-    """What a format does to a controller, over its worst channel.
+    """Effects of a format on the worst channel of a controller.
 
     response_error_db: worst |H| error over the band. roundoff_db_sl: felt, under a tone upon a constant;
     limit_cycle_db_sl: felt, after the reference has gone to zero. All None where the format is not stable, or cannot
@@ -48,17 +48,20 @@ class FormatReport:
 
 
 def assess(controller: Controller, formats: Sequence[NumberFormat] = FORMATS) -> tuple[FormatReport, ...]:
-    """Every format, worst channel."""
+    """Return a report of every format, each over the worst channel."""
     return tuple(_report(controller, number_format) for number_format in formats)
 
 
 def recommended(reports: Sequence[FormatReport]) -> str | None:
-    """The smallest safe format that a board runs, or None."""
+    """Return the smallest safe format that a board runs, or None."""
     return next((report.loads for report in reports if report.safe and report.loads), None)
 
 
 def require_safe(controller: Controller, loads: str) -> FormatReport:
-    """The report of the format that an image is to have; BadInput, with the figures, if it is not safe."""
+    """Return the report of the format that an image is to have.
+
+    Raises BadInput, with the figures, if it is not safe.
+    """
     wanted = tuple(each for each in FORMATS if each.loads == loads)
     if not wanted:
         allowed = ", ".join(each.loads for each in FORMATS if each.loads)
@@ -100,15 +103,16 @@ def _report(controller: Controller, number_format: NumberFormat) -> FormatReport
 
 
 def holds(controller: Controller, index: int, written: Written) -> bool:
-    """Whether a channel so written is stable: its prefilter inside the unit circle, and so the loop closed around its
-    feedback controller."""
+    """Return whether a channel so written is stable: its prefilter inside the unit circle, and so the loop closed
+    around its feedback controller.
+    """
     if not is_stable(written.prefilter):
         return False
     return written.feedback is None or is_stable(written.feedback, _loop_plant(controller.display, index))
 
 
 def response_error_db(controller: Controller, index: int, written: Written) -> float:
-    """Worst error of |H| over the band of a channel so written."""
+    """Return the worst error of |H| over the band, dB, of a channel so written."""
     own, plant = controller.channels[index], _loop_plant(controller.display, index)
     grid = np.geomspace(*controller.display.channels[index].threshold.band_hz, 120)
     exact = delta_coefficients(own.prefilter_sos)
@@ -125,7 +129,7 @@ def _loop_plant(display: Display, index: int) -> SampledSystem:
 def _response(
     prefilter: Rows, feedback: Rows | None, plant: SampledSystem, grid: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
-    """H over the plant, or over T where there is feedback."""
+    """Return H over the plant, or over T where there is feedback."""
     response = rows_response(prefilter, grid, plant.rate_hz)
     if feedback is None:
         return response
@@ -134,7 +138,7 @@ def _response(
 
 
 def _levels(controller: Controller, index: int, written: Written) -> tuple[float, float]:
-    """Felt round-off while something plays, and what cycles on after it has gone."""
+    """Return the felt round-off while something plays, and that of the limit cycles after it has gone."""
     display, channel = controller.display, controller.display.channels[index]
     reference, during, after = trial_reference(display.rate_hz, _LEVEL)
     exact = double_step(written.prefilter, written.feedback, controller.channels[index].limits.command_v)

@@ -1,4 +1,4 @@
-"""How many fractional bits a filter's coefficients need, by form and sampling rate (the paper's remark, section 5).
+"""Fractional bits that a filter's coefficients need, by form and sampling rate (the paper's remark, section 5).
 
 Poles crowd towards z = 1 as the rate rises, so coefficients of z^-1 need ever more bits; one direct form of high order
 more than second-order sections, and sections in delta form (polynomials in (z - 1) rate, whose coefficients tend to
@@ -42,7 +42,9 @@ class BitsNeeded:
 
 
 def filter_bits(system: SampledSystem, form: Form, frequency_hz: NDArray[np.float64] = _HZ) -> BitsNeeded:
-    """Bits for a filter by itself (the prefilter): poles inside the unit circle; its own response within 0.1 dB."""
+    """Return the bits that a filter by itself (the prefilter) needs: poles inside the unit circle; its own response
+    within 0.1 dB.
+    """
     exact = system.response(frequency_hz)
 
     def error_db(rows: Rows) -> float:
@@ -54,7 +56,9 @@ def filter_bits(system: SampledSystem, form: Form, frequency_hz: NDArray[np.floa
 def loop_bits(
     controller: SampledSystem, plant: SampledSystem, form: Form, frequency_hz: NDArray[np.float64] = _HZ
 ) -> BitsNeeded:
-    """Bits for a feedback controller: the closed loop stable; T within 0.1 dB. plant: with the computing delay."""
+    """Return the bits that a feedback controller needs: the closed loop stable; T within 0.1 dB. plant: with the
+    computing delay.
+    """
     behind = plant.response(frequency_hz)
     loop = controller.response(frequency_hz) * behind
     exact = loop / (1.0 + loop)
@@ -71,8 +75,9 @@ def loop_bits(
 
 
 def controller_bits(controller: Controller, rates_hz: Sequence[float]) -> Needed:
-    """For the prefilter and the feedback of a designed controller at those rates: the most that any channel needs, over
-    its own band; of prefilters with unity gain at its lower end, as the paper's has."""
+    """Return the bits for the prefilter and the feedback of a designed controller at those rates: the most that any
+    channel needs, over its own band; of prefilters with unity gain at its lower end, as the paper's has.
+    """
     needed: Needed = {"prefilter": {form: {} for form in FORMS}}
     for rate_hz in rates_hz:
         moved = at_rate(controller, rate_hz)
@@ -99,7 +104,7 @@ def _raise(needed: Needed, name: str, form: Form, rate_hz: float, bits: BitsNeed
 def _needed(
     system: SampledSystem, form: Form, holds: Callable[[Rows], bool], error_db: Callable[[Rows], float]
 ) -> BitsNeeded:
-    """From the finest rounding downwards until it fails: a coarser one that happens to fit does not count."""
+    """Search from the finest rounding downwards until one fails: a coarser one that happens to fit does not count."""
     sections = system.sections()
     stable = accurate = MOST_BITS + 1
     still_accurate = True

@@ -27,7 +27,7 @@ Sections = NDArray[np.float64]
 
 
 class SingleSections:
-    """A cascade in float32."""
+    """A cascade of sections in float32."""
 
     def __init__(self, sos: Sections) -> None:
         single = (sos / sos[:, 3:4]).astype(np.float32)
@@ -35,7 +35,7 @@ class SingleSections:
         self._states = [[np.float32(0.0), np.float32(0.0)] for _ in single]
 
     def __call__(self, value: np.float32) -> np.float32:
-        """One sample."""
+        """Step the cascade by one sample."""
         for (b0, b1, b2, a1, a2), state in zip(self._coefficients, self._states, strict=True):
             out = b0 * value + state[0]
             state[0] = (b1 * value - a1 * out) + state[1]
@@ -54,7 +54,7 @@ class _FixedSection:
     a_bits: int
 
     def row(self) -> Rows:
-        """What the integers stand for: b0, b1, b2, 1, a1, a2."""
+        """Return the coefficients that the integers stand for: b0, b1, b2, 1, a1, a2."""
         b = [math.ldexp(value, -self.b_bits) for value in self.b]
         return np.array([*b, 1.0, *(math.ldexp(value, -self.a_bits) for value in self.a)])
 
@@ -75,13 +75,13 @@ class FixedSections:
         self._states = [[0, 0, 0, 0, 0] for _ in sections]
 
     def rows(self) -> Rows:
-        """What is left of the cascade, in d, from the unit of the input to volts."""
+        """Return the rows of what is left of the cascade, in d, from the unit of the input to volts."""
         rows = delta_coefficients(np.stack([section.row() for section in self._sections]))
         rows[0, :3] *= self._gain
         return rows
 
     def __call__(self, value: int) -> int:
-        """One sample, in units of the last bit."""
+        """Step the cascade by one sample, in units of the last bit."""
         most = self._most
         for section, state in zip(self._sections, self._states, strict=True):
             (b0, b1, b2), (a1, a2), bits = section.b, section.a, section.a_bits
@@ -99,7 +99,7 @@ class FixedSections:
 
 
 def saturated(value: int, most: int) -> int:
-    """Within -most and most - 1."""
+    """Return the value, limited to -most .. most - 1."""
     return max(-most, min(most - 1, value))
 
 

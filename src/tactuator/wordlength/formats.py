@@ -36,7 +36,8 @@ class Written:
 
 @dataclass(frozen=True)
 class NumberFormat:
-    """write: a controller and the index of a channel, to that channel; BadInput where the format cannot hold it.
+    """A number format. write: a controller and the index of a channel, to that channel; BadInput where the format
+    cannot hold it.
 
     loads: the image's format, or None where no board runs it.
     """
@@ -118,7 +119,7 @@ def _q31_delta(controller: Controller, index: int) -> Written:
 
 
 def _core(controller: Controller, index: int, loads: str) -> Callable[[], Step]:
-    """The core's own step of one channel, from the image."""
+    """Return the core's own step of one channel, from the image."""
     image, parsed = build_image(controller, loads, _NO_HASH), ffi.new("tact_image *")
     shape = (controller.rate_hz, controller.delay_samples, len(controller.channels))
     refusal = lib.tact_image_parse(parsed, ffi.from_buffer(image), len(image), *shape)

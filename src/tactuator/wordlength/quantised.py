@@ -30,7 +30,7 @@ Rows = NDArray[np.float64]
 
 
 def rounded(values: ArrayLike, bits: int | None) -> Rows:
-    """Values to the nearest multiple of 2^-bits; None: to float32."""
+    """Return the values rounded to the nearest multiple of 2^-bits, or to float32 for None."""
     array = np.asarray(values, dtype=np.float64)
     if bits is None:
         return array.astype(np.float32).astype(np.float64)
@@ -38,8 +38,9 @@ def rounded(values: ArrayLike, bits: int | None) -> Rows:
 
 
 def quantised_rows(sos: ArrayLike, form: Form, bits: int | None, rate_hz: float) -> Rows:
-    """Rows in d of what is left of the cascade `sos` once its numbers in `form` are rounded: shape (n, 5), or
-    (1, 2 order + 1) for the direct form. Raises BadInput for a form that is not there."""
+    """Return the rows in d of what is left of the cascade `sos` once its numbers in `form` are rounded: shape (n, 5),
+    or (1, 2 order + 1) for the direct form. Raises BadInput for a form that is not there.
+    """
     sections = check_sections(sos)
     if form == "delta":
         scale = np.ones(5) if bits is None else rate_hz ** np.array([0.0, 1.0, 2.0, 1.0, 2.0])
@@ -56,7 +57,9 @@ def quantised_rows(sos: ArrayLike, form: Form, bits: int | None, rate_hz: float)
 
 
 def in_difference(coefficients: Rows) -> Rows:
-    """A polynomial in z, descending powers, as one in d = z - 1: every coefficient summed without rounding error."""
+    """Return a polynomial in z, descending powers, as one in d = z - 1: every coefficient summed without rounding
+    error.
+    """
     order = len(coefficients) - 1
     sums = [Fraction(0)] * (order + 1)
     for index, value in enumerate(coefficients):
@@ -67,7 +70,7 @@ def in_difference(coefficients: Rows) -> Rows:
 
 
 def _product(factors: Rows) -> Rows:
-    """Of polynomials, exact before it is rounded to double."""
+    """Return the product of polynomials, exact before it is rounded to double."""
     exact = [Fraction(1)]
     for factor in factors:
         terms = [Fraction(float(value)) for value in factor]
@@ -80,7 +83,7 @@ def _product(factors: Rows) -> Rows:
 
 
 def rows_response(rows: Rows, frequency_hz: ArrayLike, rate_hz: float) -> NDArray[np.complex128]:
-    """Response of a cascade of rows."""
+    """Return the response of a cascade of rows."""
     frequency = np.asarray(frequency_hz, dtype=np.float64)
     difference = np.exp(2j * np.pi * frequency / rate_hz) * backward_difference(frequency, rate_hz)
     response = np.ones(frequency.shape, dtype=np.complex128)
@@ -90,7 +93,9 @@ def rows_response(rows: Rows, frequency_hz: ArrayLike, rate_hz: float) -> NDArra
 
 
 def is_stable(rows: Rows, plant: SampledSystem | None = None) -> bool:
-    """Poles inside the unit circle; with a plant (its delay included): those of the loop closed around both."""
+    """Return whether the poles lie inside the unit circle; with a plant (its delay included): those of the loop closed
+    around both.
+    """
     poles = np.concatenate([np.roots(den) for _, den in map(_fraction, rows)])
     if plant is None:
         return is_inside(poles)
@@ -105,7 +110,7 @@ def is_stable(rows: Rows, plant: SampledSystem | None = None) -> bool:
 
 
 def is_inside(poles_in_d: NDArray[np.complex128]) -> bool:
-    """Whether |1 + d| < 1 for every pole: 2 Re d + |d|^2 < 0, which keeps its digits for slow poles."""
+    """Return whether |1 + d| < 1 for every pole: 2 Re d + |d|^2 < 0, which keeps its digits for slow poles."""
     return bool(np.all(2.0 * poles_in_d.real + np.abs(poles_in_d) ** 2 < 0.0))
 
 
@@ -115,7 +120,7 @@ def _fraction(row: Rows) -> tuple[Rows, Rows]:
 
 
 def _zeros(rows: Rows) -> tuple[NDArray[np.complex128], float]:
-    """Zeros in d, and the gain before them; no gain, no zeros."""
+    """Return the zeros in d and the gain before them; without gain there are no zeros."""
     zeros, gain = [np.empty(0, dtype=np.complex128)], 1.0
     for row in rows:
         numerator = np.trim_zeros(_fraction(row)[0], "f")

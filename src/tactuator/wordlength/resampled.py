@@ -15,7 +15,7 @@ _MATCH_HZ = 10.0
 
 
 def at_rate(controller: Controller, rate_hz: float) -> Controller:
-    """The same F and C, bilinear, at another rate (their own continuous counterparts, without prewarping).
+    """Return the same F and C, bilinear, at another rate (their own continuous counterparts, without prewarping).
 
     The display's delay stays one of samples. Anti-windup gains scale with the period. Raises BadInput for a rate that
     the display cannot have.
@@ -38,7 +38,7 @@ def _channel_at(channel: ChannelController, old_hz: float, new_hz: float) -> Cha
 
 
 def _sections_at(sos: NDArray[np.float64], old_hz: float, new_hz: float) -> NDArray[np.float64]:
-    """Each section by itself, so that the order (and the integrator's place) stays."""
+    """Return the sections at the other rate, each by itself, so that the order (and the integrator's place) stays."""
     return np.stack([_section_at(section, old_hz, new_hz) for section in sos])
 
 
@@ -58,6 +58,8 @@ def _section_at(section: NDArray[np.float64], old_hz: float, new_hz: float) -> N
 
 
 def _with_integrator(other: float) -> tuple[float, float]:
-    """a1 and a2 of (z - 1)(z - other): their sum with 1 is exactly 0, else the integrator would leak, or run away."""
+    """Return a1 and a2 of (z - 1)(z - other): their sum with 1 is exactly 0, else the integrator would leak, or run
+    away.
+    """
     exact = float(np.ldexp(np.round(np.ldexp(other, 52)), -52))
     return -(1.0 + exact), exact

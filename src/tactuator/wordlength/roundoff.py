@@ -24,7 +24,7 @@ _TONE_HZ = 37.0
 
 
 def double_step(prefilter: Rows, feedback: Rows | None, most_v: float) -> Step:
-    """reference, position -> command in double precision, of rows in d, within most_v volts."""
+    """Return a function (reference, position) -> command in double precision, of rows in d, within most_v volts."""
     first = _Double(prefilter)
     second = None if feedback is None else _Double(feedback)
 
@@ -54,8 +54,9 @@ class _Double:
 
 
 def run_loop(channel: Channel, display: Display, step: Step, reference: Samples) -> Samples:
-    """y (n,), volts, of the sampled plant with `step` around it; the display's delay and the plant's dead time between
-    them."""
+    """Return y (n,), volts, of the sampled plant with `step` around it; the display's delay and the plant's dead time
+    between them.
+    """
     samples = channel.plant.delay_s * display.rate_hz
     whole = int(samples + 1e-9)
     fraction = samples - whole
@@ -74,8 +75,9 @@ def run_loop(channel: Channel, display: Display, step: Step, reference: Samples)
 
 
 def trial_reference(rate_hz: float, level: float) -> tuple[Samples, slice, slice]:
-    """A tone of `level` upon a constant of `level`, then silence; where to listen to round-off, and where to limit
-    cycles."""
+    """Return a tone of `level` upon a constant of `level`, then silence; and the stretches to be examined for round-off
+    and for limit cycles.
+    """
     listen = round(_LISTEN_S * rate_hz)
     first, silent = (round(settle_s * rate_hz) + listen for settle_s in _SETTLE_S)
     tone = level * np.sin(2.0 * np.pi * _TONE_HZ * np.arange(first) / rate_hz)
@@ -84,8 +86,9 @@ def trial_reference(rate_hz: float, level: float) -> tuple[Samples, slice, slice
 
 
 def felt_db_sl(error_v: Samples, channel: Channel, rate_hz: float) -> float:
-    """Level of a stretch of y's error as it is felt, dB SL: its spectrum over the band, each line over its threshold;
-    the sinusoid of the same rms. -300 where nothing is left."""
+    """Return the level, as it is felt (dB SL), of a stretch of y's error: its spectrum over the band, each line over
+    its threshold; the sinusoid of the same rms. -300 where nothing is left.
+    """
     spectrum = np.fft.rfft((error_v - np.mean(error_v)) * np.hanning(error_v.size)) / error_v.size
     frequency = np.fft.rfftfreq(error_v.size, 1.0 / rate_hz)
     low, high = channel.threshold.band_hz

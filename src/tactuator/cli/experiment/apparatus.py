@@ -19,7 +19,7 @@ from tactuator.rig.rig import Rig
 def opened_station(
     rig: str, display: Path | None, controller: Path | None, seed: int, speed: float | None
 ) -> Iterator[Station]:
-    """The rig of that name with a controller loaded, for the length of the context; left at rest.
+    """Yield the rig of that name with a controller loaded, open for the length of the context and left at rest.
 
     Without a display or controller file: the paper's display and C. speed: of presentation on a rig that could go
     faster, None: as fast as it can. Raises BadInput for a speed that is none, and as `chosen_controller` and

@@ -1,4 +1,4 @@
-"""tactuator experiment identify and information: closed-set identification, from items to bits."""
+"""The verbs `experiment identify` and `experiment information`: closed-set identification, from items to bits."""
 
 from __future__ import annotations
 
@@ -126,7 +126,9 @@ def information_command(
     seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Information transfer by four estimators with bootstrap intervals, of a store's studies or of any matrix."""
+    """Estimate information transfer in four ways, with bootstrap intervals, from a store's studies or from
+    any matrix.
+    """
     if (store is None) == (matrix is None):
         raise BadInput("--store and --matrix; allowed: one of the two")
     rng = np.random.default_rng(seed)

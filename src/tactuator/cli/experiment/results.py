@@ -1,4 +1,4 @@
-"""tactuator experiment thresholds and export: what a store's runs say."""
+"""The verb `experiment thresholds`: results of a store's runs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tactuator.report.plates.thresholds import PersonThresholds, thresholds_plat
 def results(
     store_path: Path, group: str | None, reference: str | None, curve_out: Path | None, figure_out: Path | None
 ) -> tuple[dict[str, Any], Group]:
-    """Thresholds, the curve across subjects, and what they look like as a table; files are written where asked."""
+    """Return thresholds and the curve across subjects, as JSON and as a table; files are written where asked."""
     store = Store(store_path, must_exist=True)
     try:
         runs = [run for run in detection_runs(store) if group is None or run.session.subject_group == group]
@@ -51,7 +51,7 @@ def results(
 
 
 def _people(found: Sequence[Threshold]) -> list[PersonThresholds]:
-    """Each subject's thresholds by frequency; every finger and repeat is a point."""
+    """Return each subject's thresholds by frequency; every finger and repeat is a point."""
     people = []
     for subject in sorted({one.subject for one in found}):
         mine = sorted((one for one in found if one.subject == subject), key=lambda one: one.frequency_hz)

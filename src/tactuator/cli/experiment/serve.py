@@ -1,4 +1,4 @@
-"""tactuator experiment serve: the study in a browser."""
+"""The verb `experiment serve`: the study in a browser."""
 
 from __future__ import annotations
 

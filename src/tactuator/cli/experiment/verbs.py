@@ -1,4 +1,4 @@
-"""tactuator experiment: detection and identification, with people or with observers."""
+"""The verb `experiment`: detection and identification, with people or with observers."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ experiment = typer.Typer(
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the verb to the application."""
     identification.register(experiment)
     app.add_typer(experiment)
 
@@ -149,7 +149,7 @@ def thresholds_command(
     figure_out: Annotated[Path | None, typer.Option(help="Folder for fig11.svg and fig11.csv.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Thresholds of every finished run, refitted, with flags; and the curve across subjects."""
+    """Refit thresholds of every finished run, with flags, and the curve across subjects."""
     found, table = results(store, group, reference, curve_out, figure_out)
     answer(found, as_json, table)
 

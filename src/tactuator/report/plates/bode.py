@@ -16,7 +16,7 @@ from tactuator.signals.decibels import db
 def bode_plate(
     systems: Mapping[str, System], band_hz: tuple[float, float], name: str = "bode", title: str = "Bode diagram"
 ) -> Plate:
-    """Magnitude (dB) and phase (degrees, continuous) of each system by its label, over band_hz."""
+    """Draw magnitude (dB) and phase (degrees, continuous) of each system by its label, over band_hz."""
     frequency = np.geomspace(*band_hz, 600)
     made, (upper, lower) = figure(2, 1, height_in=5.0, sharex=True)
     table: dict[str, list[float]] = {"frequency_hz": frequency.tolist()}

@@ -12,7 +12,7 @@ from tactuator.report.style import CYCLE, INK, figure, legend
 
 
 def calibration_plate(found: Mapping[str, Calibration], name: str = "fig05") -> Plate:
-    """Pairs and lines of one or more channels above, residuals in millivolts below; refused pairs are crossed."""
+    """Draw pairs and lines of one or more channels above, residuals in millivolts below; refused pairs are crossed."""
     made, (upper, lower) = figure(2, 1, height_in=4.6, sharex=True, gridspec_kw={"height_ratios": (2.2, 1.0)})
     table: dict[str, list[object]] = {"channel": [], "displacement_mm": [], "voltage_v": [], "residual_v": []}
     for colour, (channel, one) in zip(CYCLE, found.items(), strict=False):

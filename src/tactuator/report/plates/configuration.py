@@ -12,7 +12,7 @@ from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
 
 def printed_polynomial(coefficients: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
-    """A polynomial in s as it is printed: four digits, no factor of one, no zero term."""
+    """Return a polynomial in s as it is printed: four digits, no factor of one, no zero term."""
     order = len(coefficients) - 1
     terms = []
     for index, value in enumerate(coefficients):
@@ -31,14 +31,15 @@ def _superscript(number: int) -> str:
 
 
 def printed_system(system: ContinuousSystem) -> tuple[str, str]:
-    """Numerator and denominator of a continuous system as printed."""
+    """Return the numerator and denominator of a continuous system as printed."""
     num, den = system.polynomials()
     return printed_polynomial(num), printed_polynomial(den)
 
 
 def _as_corners(f: SampledSystem) -> ContinuousSystem:
-    """The continuous system of the same corner frequencies and the same gain at rest; roots at Nyquist or at the
-    origin of z have none."""
+    """Return the continuous system of the same corner frequencies and the same gain at rest; roots at Nyquist or at the
+    origin of z have none.
+    """
     zeros, poles = (
         np.log(roots[(np.abs(roots) > 1e-6) & (np.abs(roots + 1.0) > 1e-6)]) * f.rate_hz for roots in (f.zeros, f.poles)
     )
@@ -47,7 +48,7 @@ def _as_corners(f: SampledSystem) -> ContinuousSystem:
 
 
 def _formula(system: ContinuousSystem) -> tuple[str, ...]:
-    """The system as a fraction, or by its corner frequencies where that would not fit a box."""
+    """Return the system as a fraction, or by its corner frequencies where that would not fit a box."""
     num, den = printed_system(system)
     if max(len(num), len(den)) <= 24:
         return num, "──────────", den
@@ -57,7 +58,7 @@ def _formula(system: ContinuousSystem) -> tuple[str, ...]:
 
 
 def mechanism_plate(channel: Channel, name: str = "fig03") -> Plate:
-    """One channel's mechanism: amplifier to motor, finger, sensor."""
+    """Draw one channel's mechanism: amplifier to motor, finger, sensor."""
     num, den = printed_system(channel.plant)
     loads = [f"{one.name}: {one.mass:g} s² + {one.damping:g} s + {one.stiffness:g}" for one in channel.loads]
     made, axes = canvas(9.0, 3.4)
@@ -88,8 +89,9 @@ def mechanism_plate(channel: Channel, name: str = "fig03") -> Plate:
 
 
 def loop_plate(channel: Channel, c: ContinuousSystem, f: SampledSystem, name: str = "fig06") -> Plate:
-    """The two-degree-of-freedom loop of `channel`'s plant, with what stands in its boxes: F as it runs, sampled, is
-    shown by the corner frequencies of its roots (log z times the rate)."""
+    """Draw the two-degree-of-freedom loop of `channel`'s plant, with what stands in its boxes: F as it runs, sampled,
+    is shown by the corner frequencies of its roots (log z times the rate).
+    """
     made, axes = canvas(10.0, 3.6)
     boxes = {}
     for x, width, letter, system in (
@@ -129,7 +131,7 @@ def loop_plate(channel: Channel, c: ContinuousSystem, f: SampledSystem, name: st
 
 
 def processor_plate(controller: Controller, name: str = "fig08") -> Plate:
-    """What runs at every tick, with rate, converters and sections of the controller at hand."""
+    """Draw what runs at every tick, with rate, converters and sections of the controller at hand."""
     channel = controller.display.channels[0]
     own = controller.channels[0]
     bits, volts = channel.converter.bits, channel.converter.range_v

@@ -11,7 +11,7 @@ from tactuator.report.style import BLUE, INK, ORANGE, figure, frequency_axis
 
 
 def threshold_plate(curve: ThresholdCurve, name: str = "fig01") -> Plate:
-    """Level of the threshold (dB re 1 um peak) against frequency, and the range up to comfort above it."""
+    """Draw the level of the threshold (dB re 1 um peak) against frequency, and the range up to comfort above it."""
     low, high = float(curve.frequency_hz[0]), float(curve.frequency_hz[-1])
     frequency = np.geomspace(low, high, 400)
     level = curve.level_db_re_1um_at(frequency)

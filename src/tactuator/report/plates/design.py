@@ -23,7 +23,7 @@ _KINDS = ("nichols", "bode", "sensitivity", "headroom", "equality")
 
 
 def design_plates(controller: Controller, channel_name: str) -> tuple[Plate, ...]:
-    """The charts of one channel, named KIND-CHANNEL."""
+    """Return the charts of one channel, each named KIND-CHANNEL."""
     display = controller.display
     channel, own = display.channel(channel_name), controller.channel(channel_name)
     family = plant_family(channel, display.rate_hz, display.delay_samples)

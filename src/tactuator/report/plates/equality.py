@@ -24,8 +24,8 @@ def equality_plate(
     name: str = "equality",
     title: str = "Response + sensitivity = constant",
 ) -> Plate:
-    """Three panels side by side for a reference of `level_db_sl`: the displacement that the display makes of it, the
-    finger's sensitivity, and their sum, which is the felt level.
+    """Draw three panels side by side for a reference of `level_db_sl`: the displacement that the display makes of it,
+    the finger's sensitivity, and their sum, which is the felt level.
 
     position_response: H at frequency_hz, shape (n,), volts of y per threshold unit.
     """
@@ -50,7 +50,7 @@ def equality_plate(
 
 
 def _three_panels(frequency_hz: Array, displacement: Array, sensitivity: Array, level_db_sl: float) -> Figure:
-    """Displacement, sensitivity and their sum side by side, the first two on axes of one span."""
+    """Draw displacement, sensitivity and their sum side by side, the first two on axes of one span."""
     felt = displacement + sensitivity
     made, axes = figure(1, 3, height_in=2.8)
     low, high = float(frequency_hz[0]), float(frequency_hz[-1])

@@ -10,7 +10,7 @@ from tactuator.report.style import BLUE, INK, RED, figure, frequency_axis
 
 
 def felt_plate(report: FeltReport, what: str, name: str = "fig12") -> Plate:
-    """A panel for each finger: band levels asked and felt above, their difference below where 10 dB SL or more."""
+    """Draw a panel for each finger: band levels asked and felt above, their difference below where 10 dB SL or more."""
     fingers = report.fingers
     made, grid = figure(
         2, len(fingers), 4.2, sharex=True, sharey="row", squeeze=False, gridspec_kw={"height_ratios": (2.2, 1.0)}

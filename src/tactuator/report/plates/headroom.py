@@ -1,4 +1,4 @@
-"""How loud a display can be at every frequency, and what stops it."""
+"""The loudest reference of a display at every frequency, and the limit that stops it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _COLOURS = {"comfort": GREEN, "command": RED, "travel": BLUE}
 
 
 def headroom_plate(rooms: Mapping[str, Headroom], name: str = "headroom", title: str = "Headroom") -> Plate:
-    """Greatest sinusoidal reference (dB SL) against frequency for each load; colour: the limit that binds."""
+    """Draw the greatest sinusoidal reference (dB SL) against frequency for each load; colour: the limit that binds."""
     made, axes = figure(height_in=3.6)
     table: dict[str, list[object]] = {"load": [], "frequency_hz": [], "level_db_sl": [], "binding": []}
     seen: set[str] = set()

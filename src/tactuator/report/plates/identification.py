@@ -16,7 +16,9 @@ _OWN_NAMES = frozenset(f"{name}.{ending}" for name in ("identification", "residu
 
 
 def identification_plate(found: Identification) -> Plate:
-    """Magnitude and phase of the model with its 95 % band, over the record's own response; the band by itself below."""
+    """Draw magnitude and phase of the model with its 95 % band, over the record's own response; the band by itself
+    below.
+    """
     frequency = found.frequency_hz()
     value, band = found.model.response(frequency), found.model.band_db(frequency)
     level = 20.0 * np.log10(np.abs(value))
@@ -51,7 +53,7 @@ def identification_plate(found: Identification) -> Plate:
 
 
 def residual_plate(found: Identification, rate_hz: float) -> Plate:
-    """Spectra of the position and of what the model leaves of it."""
+    """Draw the spectra of the position and of what the model leaves of it."""
     resolution = max(1.0, 8.0 * rate_hz / found.measured.size)
     measured = power_spectrum(found.measured, rate_hz, resolution)
     left = power_spectrum(found.measured - found.simulated, rate_hz, resolution)

@@ -19,7 +19,7 @@ def motor_plate(
     channel: str,
     name: str = "fig04",
 ) -> Plate:
-    """Magnitude and phase of y/u: measured at frequency_hz (n,), and both models between its ends."""
+    """Draw magnitude and phase of y/u: measured at frequency_hz (n,), and both models between its ends."""
     low, high = float(frequency_hz.min()), float(frequency_hz.max())
     fine = np.geomspace(low, high, 400)
     made, (upper, lower) = figure(2, 1, height_in=5.0, sharex=True)

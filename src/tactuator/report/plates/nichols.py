@@ -30,7 +30,7 @@ _GRID_INK = "#76818c"
 
 @dataclass(frozen=True)
 class NicholsInput:
-    """What a Nichols chart shows.
+    """Curves and limits that a Nichols chart shows.
 
     sampled: the loop as it runs, whose margins are marked. plant: P alone, and continuous: the loop in continuous
     time, if wanted. family: the same controller on every other plant, shown as templates at the marked frequencies.
@@ -45,7 +45,7 @@ class NicholsInput:
 
 
 def nichols_plate(shown: NicholsInput, name: str = "nichols", title: str = "Nichols chart") -> Plate:
-    """The chart, with margins marked and the contours that the loop touches highlighted."""
+    """Draw the chart, with margins marked and the contours that the loop touches highlighted."""
     found = margins(shown.sampled)
     low, high = shown.band_hz
     frequency = np.geomspace(low, high, 900)
@@ -125,7 +125,7 @@ def _other_tracks(shown: NicholsInput, frequency: Array) -> list[tuple[_Track, d
 
 
 def _frame(axes: Axes, tracks: Sequence[_Track]) -> None:
-    """Axes that cover the data between -50 dB and its top, and the critical point."""
+    """Set axes that cover the data between -50 dB and its top, and mark the critical point."""
     bottom, top = -50.0, 20.0
     left, right = -200.0, 0.0
     for track in tracks:
@@ -142,7 +142,7 @@ def _frame(axes: Axes, tracks: Sequence[_Track]) -> None:
 
 
 def _mesh(axes: Axes) -> tuple[Array, Array, NDArray[np.complex128]]:
-    """Phase (deg), gain (dB) and T on a fine mesh over the axes."""
+    """Return the phase (deg), gain (dB) and T on a fine mesh over the axes."""
     phase, level = np.meshgrid(np.linspace(*axes.get_xlim(), 700), np.linspace(*axes.get_ylim(), 500))
     loop = 10.0 ** (level / 20.0) * np.exp(1j * np.radians(phase))
     with np.errstate(all="ignore"):
@@ -150,7 +150,7 @@ def _mesh(axes: Axes) -> tuple[Array, Array, NDArray[np.complex128]]:
 
 
 def _grid(axes: Axes) -> None:
-    """Contours of |T| in dB (solid) and of its phase (dotted)."""
+    """Draw contours of |T| in dB (solid) and of its phase (dotted)."""
     phase, level, closed = _mesh(axes)
     axes.contour(
         phase, level, db(closed), levels=sorted(_GAIN_LEVELS_DB), colors=_GRID, linewidths=0.7, linestyles="-", zorder=1
@@ -178,7 +178,7 @@ def _touched_contours(axes: Axes, found: Margins) -> None:
 
 
 def _templates(axes: Axes, shown: NicholsInput, run: _Track) -> list[Array]:
-    """At each marked frequency, the family's points joined to the nominal one."""
+    """Draw lines at each marked frequency that join the family's points to the nominal one; return their points."""
     lines = []
     for mark in (f for f in _MARKS_HZ if run.frequency_hz[0] <= f <= run.frequency_hz[-1]):
         points = [run.at(mark)]
@@ -192,7 +192,7 @@ def _templates(axes: Axes, shown: NicholsInput, run: _Track) -> list[Array]:
 
 
 def _legend(axes: Axes) -> None:
-    """In the upper left corner, which the curves leave free, on a white ground."""
+    """Put the legend into the upper left corner, which the curves leave free, on a white ground."""
     axes.legend(fontsize=7.5, loc="upper left", frameon=True, framealpha=1.0, edgecolor="none", borderpad=0.3)
 
 
@@ -225,7 +225,9 @@ def _frequency_marks(axes: Axes, placer: LabelPlacer, run: _Track) -> None:
 
 
 def _grid_labels(axes: Axes, placer: LabelPlacer) -> None:
-    """|T| in dB along the right edge or on the contour; phase of T along the top or bottom, where there is room."""
+    """Label |T| in dB along the right edge or on the contour; phase of T along the top or bottom, where
+    there is room.
+    """
     low, high = axes.get_ylim()
     left, right = axes.get_xlim()
     ground = {"boxstyle": "square,pad=0.08", "facecolor": "white", "edgecolor": "none"}

@@ -1,4 +1,4 @@
-"""What a resting finger would feel: mains lines, third octaves and the loop's resonance against threshold."""
+"""Noise that a resting finger would feel: mains lines, third octaves and the loop's resonance against threshold."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from tactuator.report.style import INK, RED, figure, frequency_axis
 
 
 def noise_plate(proportional: Mapping[float, FeltNoise], designed: FeltNoise, name: str = "noise") -> Plate:
-    """One channel: felt third octaves (left), mains lines (right), by proportional gain and under the designed loop."""
+    """Draw one channel: felt third octaves (left), mains lines (right), by proportional gain and under the designed
+    loop.
+    """
     made, (left, right) = figure(1, 2, height_in=4.2, sharey=True)
     shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(proportional)))
     for shade, (gain, heard) in zip(shades, proportional.items(), strict=True):

@@ -1,4 +1,4 @@
-"""How far prefilters leave the response from the curve."""
+"""Error that prefilters leave between the response and the curve."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Errors = Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 
 def prefilter_plate(errors: Errors, tolerance_db: float, name: str = "prefilter") -> Plate:
-    """Error of |H| against the curve for every prefilter, with the tolerance as a band."""
+    """Draw the error of |H| against the curve for every prefilter, with the tolerance as a band."""
     made, axes = figure(height_in=3.4)
     low = min(float(frequency.min()) for frequency, _ in errors.values())
     high = max(float(frequency.max()) for frequency, _ in errors.values())

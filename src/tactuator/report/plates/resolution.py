@@ -29,8 +29,9 @@ def resolution_plate(
     whose: str = "the paper's filters",
     band: str = "0.1-300 Hz",
 ) -> Plate:
-    """needed: filter ("prefilter F", ...) to form to rate_hz to bits. A panel for each filter: bits to keep 0.1 dB
-    (solid) and to be stable (dashed). whose, band: as the caption tells it."""
+    """Draw a panel for each filter: bits to keep 0.1 dB (solid) and to be stable (dashed). needed: filter ("prefilter
+    F", ...) to form to rate_hz to bits. whose, band: as the caption tells it.
+    """
     made, axes = figure(1, len(needed), height_in=3.6, sharey=True, squeeze=False)
     for panel, (filter_name, forms) in zip(axes[0], needed.items(), strict=True):
         _draw(panel, forms)
@@ -69,7 +70,7 @@ def save_resolution(plate: Plate, path: Path) -> None:
 
 
 def require_ending(path: Path) -> None:
-    """BadInput for a picture's name that ends otherwise than in one of ENDINGS."""
+    """Raise BadInput for a picture's name that ends otherwise than in one of ENDINGS."""
     if path.suffix not in ENDINGS:
         raise BadInput(f"figure {path} ends in {path.suffix!r}; allowed: {', '.join(ENDINGS)}")
 

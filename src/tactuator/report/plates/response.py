@@ -31,12 +31,14 @@ class LevelResponse:
 
     @property
     def error_db(self) -> Array:
-        """Measured less expected, dB."""
+        """Return the measured less the expected level, dB."""
         return db(self.measured_v) - db(self.expected_v)
 
 
 def response_plate(runs: Sequence[LevelResponse], condition: str, name: str) -> Plate:
-    """A panel for each channel: sensor output (dB re 1 V) against frequency, below it the error with its confidence."""
+    """Draw a panel for each channel: sensor output (dB re 1 V) against frequency, below it the error with its
+    confidence.
+    """
     channels = list(dict.fromkeys(run.channel for run in runs))
     made, grid = figure(2, len(channels), 4.8, sharex=True, sharey="row", squeeze=False, height_ratios=(2.4, 1.0))
     for column, channel in enumerate(channels):
@@ -86,7 +88,7 @@ def _errors(axes: Axes, runs: Sequence[LevelResponse]) -> None:
 
 
 def _thin_ticks(axes: Axes, panels: int) -> None:
-    """Where panels are narrow, decades only."""
+    """Mark decades only, where panels are narrow."""
     if panels > 1:
         axes.set_xticks([1.0, 10.0, 100.0], ["1", "10", "100"])
 

@@ -21,7 +21,7 @@ def sensitivity_plate(
     name: str = "sensitivity",
     title: str = "Sensitivity",
 ) -> Plate:
-    """|S| and |T| in dB of each loop by its load, the limits as bars (the curves must stay below them)."""
+    """Draw |S| and |T| in dB of each loop by its load, the limits as bars (the curves must stay below them)."""
     frequency = np.geomspace(*band_hz, 600)
     made, axes = figure(height_in=4.2)
     table: dict[str, list[float]] = {"frequency_hz": frequency.tolist()}

@@ -24,7 +24,8 @@ Levels = NDArray[np.floating[Any]]
 
 
 def spectrogram_plate(report: FeltReport, what: str, name: str = "render") -> Plate:
-    """A row for each finger: third-octave levels asked, felt, and their difference where 10 dB SL or more was asked.
+    """Draw a row for each finger: third-octave levels asked, felt, and their difference where 10 dB SL or more was
+    asked.
 
     The first 30 s are shown; the table holds the levels over the whole.
     """

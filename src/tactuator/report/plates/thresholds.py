@@ -30,7 +30,9 @@ class PersonThresholds:
 def thresholds_plate(
     people: Sequence[PersonThresholds], library: ThresholdCurve, new: ThresholdCurve | None, name: str = "fig11"
 ) -> Plate:
-    """Points with standard errors for every person, the library's curve (solid) and the new one (dashed, with band)."""
+    """Draw points with standard errors for every person, the library's curve (solid) and the new one (dashed, with
+    band).
+    """
     made, axes = figure(height_in=4.2)
     low = min(float(one.frequency_hz.min()) for one in people)
     high = max(float(one.frequency_hz.max()) for one in people)

@@ -31,7 +31,7 @@ _NOWHERE = Observer(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def safety_table(display: Display) -> SafetyTable:
-    """The table of `display`.
+    """Return the safety table of `display`.
 
     A plant that is no second-order motor measured by its displacement has neither stopping distance nor observer:
     comfort, command, range, frozen sensor, lateness and silence are watched all the same.
@@ -46,25 +46,28 @@ def safety_table(display: Display) -> SafetyTable:
 
 
 def soft_ticks(rate_hz: float) -> int:
-    """Ticks of a run until its soft start is surely over: two ramps, each up to a tick longer by rounding."""
+    """Return the number of ticks of a run until its soft start is surely over: two ramps, each up to a tick longer by
+    rounding.
+    """
     return round(SOFT_START_S * rate_hz) + 4
 
 
 def turns(display: Display) -> int:
-    """Ticks from one look at a channel's comfort to the next: one channel a tick where the rate leaves that four times
-    the band's end."""
+    """Return the number of ticks from one look at a channel's comfort to the next: one channel a tick where the rate
+    leaves that four times the band's end.
+    """
     highest_hz = max(channel.threshold.band_hz[1] for channel in display.channels)
     return max(1, min(len(display.channels), int(display.rate_hz / (4.0 * highest_hz))))
 
 
 def is_watched(channel: Channel) -> bool:
-    """Whether the guard has a model of this channel's plant: two poles, no zeros, displacement."""
+    """Return whether the guard has a model of this channel's plant: two poles, no zeros, displacement."""
     return channel.quantity == "displacement" and channel.plant.poles.size == 2 and channel.plant.zeros.size == 0
 
 
 def observer(channel: Channel, rate_hz: float) -> tuple[Observer, float]:
-    """The plant's model and its correction (both poles at exp(-OBSERVER_RAD_S / rate)), and the damping that is left
-    to a motor without command: share of the velocity lost in a tick.
+    """Return the plant's model and its correction (both poles at exp(-OBSERVER_RAD_S / rate)), and the damping that is
+    left to a motor without command: share of the velocity lost in a tick.
 
     In d = z - 1 the plant's denominator is d^2 + a1 d + a2: spring = a2, damp = a1 - a2; the drive acts on the mean of
     two inputs, which puts the zero of the held plant at -1 (it lies at -0.99).
@@ -82,8 +85,9 @@ def observer(channel: Channel, rate_hz: float) -> tuple[Observer, float]:
 
 
 def frozen_ticks(channel: Channel, rate_hz: float) -> int:
-    """How long the same reading may last: chance 1e-12 that the sensor's own noise stays within one step. NEVER_TICKS
-    for a sensor that is so quiet that it rests on one code."""
+    """Return the number of ticks that the same reading may last: chance 1e-12 that the sensor's own noise stays within
+    one step. NEVER_TICKS for a sensor that is so quiet that it rests on one code.
+    """
     noise_steps = channel.environment.noise_v_rms / channel.converter.step_v
     stays = math.erf(0.5 / (math.sqrt(2.0) * noise_steps)) if noise_steps > 0.05 else 1.0
     if stays >= 1.0:
@@ -93,8 +97,9 @@ def frozen_ticks(channel: Channel, rate_hz: float) -> int:
 
 
 def reversal_power(channel: Channel, rate_hz: float) -> float:
-    """Mean square motion, in V^2 between two looks at a rate of rate_hz, from which its sign can be told:
-    REVERSAL_NOISES times what the noise of two readings' difference leaves in the guard's mean over some 40 of them."""
+    """Return the mean square of motion, in V^2 between two looks at a rate of rate_hz, from which its sign can be told:
+    REVERSAL_NOISES times what the noise of two readings' difference leaves in the guard's mean over some 40 of them.
+    """
     environment, step_v = channel.environment, channel.converter.step_v
     hum = sum(
         0.5 * (level_v * 2.0 * math.pi * frequency_hz / rate_hz) ** 2

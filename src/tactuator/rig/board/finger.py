@@ -1,4 +1,4 @@
-"""Where a finger meets a channel of a board whose display is simulated."""
+"""The finger port of a channel on a board whose display is simulated."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ _BLOCK = 254
 
 
 class Request(IntEnum):
-    """What may be asked of a board (tact_request)."""
+    """Requests that may be made of a board (tact_request)."""
 
     STATUS = 0x01
     UPLOAD = 0x02
@@ -34,7 +34,7 @@ class Request(IntEnum):
 
 
 class Outcome(IntEnum):
-    """How a board answers (tact_outcome)."""
+    """Outcomes of a request that a board reports (tact_outcome)."""
 
     DONE = 0
     UNKNOWN_REQUEST = 1
@@ -56,7 +56,7 @@ class Frame:
 
 
 def cobs_encode(content: bytes) -> bytes:
-    """The content without zero bytes, and a zero behind it."""
+    """Return the content without zero bytes, and a zero behind it."""
     encoded = bytearray()
     for piece in content.split(b"\0"):
         while len(piece) >= _BLOCK:
@@ -68,7 +68,7 @@ def cobs_encode(content: bytes) -> bytes:
 
 
 def cobs_decode(encoded: bytes) -> bytes | None:
-    """The content of a frame (its closing zero taken off), or None where it is spoilt."""
+    """Return the content of a frame (its closing zero taken off), or None where it is spoilt."""
     content = bytearray()
     at = 0
     while at < len(encoded):
@@ -84,13 +84,13 @@ def cobs_decode(encoded: bytes) -> bytes | None:
 
 
 def frame_bytes(frame: Frame) -> bytes:
-    """The frame as it goes over the wire."""
+    """Return the frame as it goes over the wire."""
     content = struct.pack("<BBH", VERSION, frame.type, frame.sequence) + frame.payload
     return cobs_encode(content + struct.pack("<I", zlib.crc32(content)))
 
 
 def parse_frame(content: bytes) -> Frame | None:
-    """The frame in decoded content, or None where its checksum, version or length is off."""
+    """Return the frame in decoded content, or None where its checksum, version or length is off."""
     if not 8 <= len(content) <= PAYLOAD_MAX + 8:
         return None
     (crc,) = struct.unpack_from("<I", content, len(content) - 4)
@@ -108,7 +108,7 @@ class FrameReader:
         self.dropped = 0
 
     def feed(self, content: bytes) -> list[Frame]:
-        """The frames that end within these bytes."""
+        """Return the frames that end within these bytes."""
         self._pending += content
         *ended, rest = self._pending.split(b"\0")
         self._pending = rest if len(rest) <= 2 * PAYLOAD_MAX else bytearray(b"\x01")

@@ -44,7 +44,7 @@ class RigFault(DeviceFault):
 
 @dataclass(frozen=True)
 class Status:
-    """What a board says of itself (core/link/report.h)."""
+    """Status that a board reports (core/link/report.h)."""
 
     name: str
     channels: int
@@ -74,7 +74,7 @@ class Status:
 
     @classmethod
     def parse(cls, payload: bytes) -> Status:
-        """From the answer to STATUS."""
+        """Return the status that an answer to STATUS holds."""
         name, channels, mode, fault, where, rest, hold, code, delay, rate, *counts = cls.LAYOUT.unpack(payload)
         text = name.rstrip(b"\0").decode("ascii", "replace")
         flags = (bool(rest), bool(hold))
@@ -109,15 +109,15 @@ class LinkClient:
 
     @property
     def dropped(self) -> int:
-        """Spoilt frames that came from the board."""
+        """Return the number of spoilt frames that came from the board."""
         return self._reader.dropped
 
     def close(self) -> None:
-        """Close the transport."""
+        """Close the transport of the link."""
         self._transport.close()
 
     def ask(self, request: Request, payload: bytes = b"", patience: float = 1.0) -> tuple[Outcome, bytes]:
-        """The outcome of a request, and what the answer holds besides. Raises LinkDown if none comes."""
+        """Send a request; return its outcome, and what the answer holds besides. Raises LinkDown if no answer comes."""
         self._sequence = (self._sequence + 1) & 0xFFFF
         frame = frame_bytes(Frame(request, self._sequence, payload))
         for _ in range(self._tries):
@@ -140,7 +140,7 @@ class LinkClient:
                 return None
 
     def must(self, request: Request, payload: bytes = b"", patience: float = 1.0) -> bytes:
-        """As `ask`; raises RigFault or BadInput unless it was done."""
+        """Send a request as `ask` does; raises RigFault or BadInput unless it was done."""
         outcome, rest = self.ask(request, payload, patience)
         if outcome is Outcome.DONE:
             return rest
@@ -151,7 +151,7 @@ class LinkClient:
         raise BadInput(f"the board refused to {what}: {how}; it is {status.mode.name}")
 
     def status(self) -> Status:
-        """What the board says of itself."""
+        """Return the status that the board reports."""
         outcome, payload = self.ask(Request.STATUS)
         if outcome is not Outcome.DONE or len(payload) != Status.LAYOUT.size:
             raise BadInput(f"the board's link is of another version ({outcome.name.lower()}); allowed: version 1")
@@ -172,7 +172,7 @@ class LinkClient:
         raise BadInput("the board takes no image or table now; allowed: in OFF, and an image after its safety table")
 
     def start(self, run: int, source: int, drives: bool, holds: bool) -> None:
-        """ARMED to RUNNING."""
+        """Bring the board from ARMED to RUNNING."""
         self.must(Request.START, struct.pack("<IBBB", run, source, drives, holds))
 
     def stream(
@@ -187,7 +187,7 @@ class LinkClient:
         return end, tick
 
     def trace(self, run: int, first: int, count: int, channels: int, felt: bool) -> TraceRows:
-        """Rows that there are from `first` on, at most `count`."""
+        """Return the rows that the board has from `first` on, at most `count`."""
         answer = self.must(Request.TRACE, struct.pack("<IIHB", run, first, min(count, 0xFFFF), felt))
         begun, rows = struct.unpack_from("<IH", answer)
         table = np.frombuffer(answer, dtype="<i4", offset=6).reshape(rows, channels * (3 if felt else 2))

@@ -47,7 +47,7 @@ _WAITING_LEAD_S = 0.6 * SILENCE_S
 
 
 class BoardRig:
-    """`display` on a board that runs the firmware.
+    """The rig of `display` on a board that runs the firmware.
 
     A board without a safety table gets this display's; one that has a table keeps it, whatever is loaded.
     On a board whose display is simulated time stands still between blocks, so that two blocks are one block cut in
@@ -82,17 +82,17 @@ class BoardRig:
 
     @property
     def display(self) -> Display:
-        """The display on the board."""
+        """Return the display on the board."""
         return self._display
 
     @property
     def rate_hz(self) -> float:
-        """Sampling rate, hertz."""
+        """Return the sampling rate, hertz."""
         return self._display.rate_hz
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the channels, in the order of every array's columns."""
+        """Return the names of the channels, in the order of every array's columns."""
         return tuple(channel.name for channel in self._display.channels)
 
     def load(self, controller: Controller) -> None:
@@ -107,7 +107,7 @@ class BoardRig:
         self._loaded = True
 
     def play(self, reference: ArrayLike) -> Trace:
-        """Reference (n, channels), threshold units, through the loaded controller; state carries on.
+        """Play a reference (n, channels), threshold units, through the loaded controller; state carries on.
 
         Raises BadInput for a reference that is not finite or beyond 60 dB SL, StreamDry if the link cannot keep up with
         a board whose time goes on, and RigFault if the guard ends the run.
@@ -116,17 +116,21 @@ class BoardRig:
         return join_traces(self._traces([self._playable(reference)], False, _AHEAD_S), self.rate_hz, self.channels)
 
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
-        """See Rig.stream; a block is played LEAD_S after it was asked for. Raises as `play` does."""
+        """Stream blocks as `Rig.stream` does; a block is played LEAD_S after it was asked for.
+
+        Raises as `play` does.
+        """
         self._require_image()
         return self._traces((self._playable(block) for block in blocks), False, self._lead_s)
 
     def drive(self, command_v: ArrayLike) -> Trace:
-        """Command (n, channels), volts, to the motors without controller; the guard watches."""
+        """Drive the motors with a command (n, channels), volts, without controller; the guard watches."""
         rows = self._taken(take_command, command_v, "command")
         return join_traces(self._traces([rows], True, _AHEAD_S), self.rate_hz, self.channels)
 
     def play_tones(self, tones: Mapping[str, Sequence[BoardTone]], duration_s: float) -> Trace:
-        """Tones that the board makes itself, by channel, and the trace of them: nothing is streamed but the trace.
+        """Play tones that the board makes itself, by channel, and return their trace: nothing is streamed but the
+        trace.
 
         A run of its own, from rest to rest. Raises BadInput for tones that the board does not take, and RigFault.
         """
@@ -155,18 +159,21 @@ class BoardRig:
             self.rest()
 
     def rest(self) -> None:
-        """Reference faded out, then the command; the board is ARMED or in FAULT afterwards."""
+        """Fade the reference out, then the command; the board is ARMED or in FAULT afterwards."""
         if self._client.status().mode is Mode.RUNNING:
             self._client.ask(Request.STOP)
         self._wait(lambda status: status.mode is not Mode.RUNNING and status.at_rest)
 
     @property
     def has_finger_ports(self) -> bool:
-        """True where the board runs a simulated display."""
+        """Return True where the board runs a simulated display."""
         return bool(self._fingers)
 
     def finger(self, channel: str) -> BoardFinger:
-        """The finger port of a channel; BadInput if there is none of that name, or the display is real."""
+        """Return the finger port of a channel.
+
+        Raises BadInput if there is none of that name, or the display is real.
+        """
         if not self._fingers:
             raise BadInput("this display is real: a finger goes onto it by hand; allowed: a simulated display")
         if channel not in self.channels:
@@ -181,16 +188,16 @@ class BoardRig:
 
     @property
     def client(self) -> LinkClient:
-        """The link, for requests of one's own."""
+        """Return the link, for requests of one's own."""
         return self._client
 
     @property
     def fed_to(self) -> int:
-        """The tick of its run to which the board has been given rows."""
+        """Return the tick of its run to which the board has been given rows."""
         return self._at
 
     def status(self) -> Status:
-        """What the board says of itself."""
+        """Return the status that the board reports."""
         return self._client.status()
 
     def commission(self) -> None:
@@ -203,7 +210,9 @@ class BoardRig:
         self._fingers = tuple(BoardFinger(self._client, index, names) for index, names in enumerate(loads))
 
     def off(self) -> None:
-        """To OFF, whatever the board does; a fault is cleared once the guard has had time to believe a sensor again."""
+        """Bring the board to OFF, whatever it does; a fault is cleared once the guard has had time to believe a sensor
+        again.
+        """
         self.rest()
         status = self._client.status()
         if status.mode is Mode.FAULT:
@@ -213,7 +222,7 @@ class BoardRig:
         self._client.must(Request.OFF)
 
     def close(self) -> None:
-        """Output to rest as far as the board can be reached, and the transport closed."""
+        """Bring the output to rest as far as the board can be reached, and close the transport."""
         try:
             self.rest()
         except (BadInput, DeviceFault):
@@ -241,7 +250,7 @@ class BoardRig:
         raise BadInput("the board does not come to rest; allowed: a board whose timer runs")
 
     def _begin(self, drives: bool) -> None:
-        """A run of the kind that is wanted, past its soft start."""
+        """Begin a run of the kind that is wanted and wait until its soft start is over."""
         status = self._client.status()
         if status.mode is Mode.FAULT:
             raise RigFault(status.fault, status.fault_channel)
@@ -260,14 +269,14 @@ class BoardRig:
             self._wait(lambda now: now.tick > soft or now.mode is Mode.FAULT)
 
     def _arm(self) -> None:
-        """At rest, and ready for a run of another number."""
+        """Bring the board to rest, ready for a run of another number."""
         self.rest()
         self._client.must(Request.ARM)
         self._run = (self._client.status().run + 1) & 0xFFFFFFFF
 
     @property
     def _soft_ticks(self) -> int:
-        """Ticks of a run until its soft start is over."""
+        """Return the number of ticks of a run until its soft start is over."""
         return soft_ticks(self.rate_hz)
 
     def _streaming(self, lead_s: float, felt: bool = True) -> BoardStream:
@@ -277,7 +286,9 @@ class BoardRig:
         return BoardStream(self._client, self._run, len(self.channels), lead, self._lag, self._waits, fingers, sleep)
 
     def _traces(self, blocks: Iterable[Rows], drives: bool, lead_s: float) -> Iterator[Trace]:
-        """Blocks to the board without a gap, traces back. However it ends before its time, the output goes to rest."""
+        """Send blocks to the board without a gap and yield its traces. However it ends before its time, the output goes
+        to rest.
+        """
         asked: list[Rows] = []
 
         def fed() -> Iterator[Rows]:
@@ -322,7 +333,7 @@ class BoardRig:
 
 
 def _take(blocks: list[Rows], count: int) -> Rows:
-    """The first `count` rows off a list of blocks."""
+    """Take the first `count` rows off a list of blocks and return them."""
     taken = []
     while count:
         block = blocks.pop(0)

@@ -31,7 +31,7 @@ class StreamDry(DeviceFault):
 
 
 class BoardStream:
-    """Rows of one stretch on their way to a board, `lead` of them ahead of what it plays; none goes while the trace is
+    """Feeder of one stretch's rows to a board: `lead` of them ahead of what it plays; none goes while the trace is
     `lag` behind.
 
     waits: the board's time stands still while it has no row (boards whose display is simulated); otherwise time goes
@@ -58,7 +58,8 @@ class BoardStream:
         self._first = self._got = self.end = 0
 
     def play(self, blocks: Iterable[Rows], first: int = 0, start: int = 0) -> Iterator[TraceRows]:
-        """The trace of all rows, in pieces as it comes; a block (n, channels) is asked for when there is room for it.
+        """Yield the trace of all rows, in pieces as it comes; the next block (n, channels) is asked for when there is
+        room for it.
 
         first: tick of the first row, on a board that waits; on another it is `start` ticks from now. Raises RigFault
         and StreamDry.
@@ -87,7 +88,7 @@ class BoardStream:
         return True
 
     def _feed(self, start: int) -> None:
-        """One request's worth of rows."""
+        """Send one request's worth of rows."""
         if not self._waits and self._got == self.end == self._first:
             taken = self._feed_first(start)
         else:
@@ -102,7 +103,9 @@ class BoardStream:
         self._forces = None if self._forces is None else self._forces[taken:]
 
     def _feed_first(self, start: int) -> int:
-        """The first rows, for a tick that is far enough ahead, or that follows on what is there."""
+        """Send the first rows, for a tick that is far enough ahead or that follows on what is there; return how many
+        were taken.
+        """
         for attempt in range(_STARTS):
             there = self._look()
             while self._tick < there < self._tick + start:
@@ -122,7 +125,7 @@ class BoardStream:
         return taken
 
     def _read(self) -> TraceRows | None:
-        """The next piece of the trace, if it is worth asking for."""
+        """Read the next piece of the trace, if it is worth asking for."""
         last = not len(self._rows) and self._tick >= self.end
         worth = 0 if self._waits or last else _READ_ROWS
         if self._tick - self._got < worth:
@@ -141,7 +144,7 @@ class BoardStream:
         return part
 
     def _look(self) -> int:
-        """Where the board is; the tick to which it has rows."""
+        """Read the tick of the board, and return the tick up to which it has rows."""
         status = self._client.status()
         if status.mode is Mode.FAULT:
             raise RigFault(status.fault, status.fault_channel)

@@ -46,7 +46,7 @@ class BoardTone:
             )
 
     def wave(self, count: int, rate_hz: float) -> NDArray[np.float64]:
-        """The tone in the first `count` samples, threshold units."""
+        """Return the first `count` samples of the tone, threshold units."""
         start, length, ramp = self._ticks(rate_hz)
         at = np.arange(count) - start
         rise = np.clip(np.minimum(at, length - at) / max(ramp, 1), 0.0, 1.0) if ramp else np.ones(count)
@@ -54,7 +54,9 @@ class BoardTone:
         return np.where((at >= 0) & (at < length), wave, 0.0)
 
     def content(self, rate_hz: float, first: int) -> bytes:
-        """As the link carries it; first: tick of the run at which its time begins. BadInput from half the rate on."""
+        """Return the tone as the link carries it; first: tick of the run at which its time begins. Raises BadInput from
+        half the rate on.
+        """
         if not self.frequency_hz < 0.5 * rate_hz:
             raise BadInput(f"tone of {self.frequency_hz:g} Hz; allowed on this board: below {0.5 * rate_hz:g} Hz")
         start, length, ramp = self._ticks(rate_hz)
@@ -70,7 +72,9 @@ class BoardTone:
 def stimulus_payloads(
     tones: Mapping[str, Sequence[BoardTone]], channels: Sequence[str], rate_hz: float, first: int
 ) -> list[bytes]:
-    """What to tell of every channel, silent ones too. BadInput for an unknown channel, or more tones than it takes."""
+    """Return a payload for every channel, silent ones too. Raises BadInput for an unknown channel, or for more tones
+    than it takes.
+    """
     unknown = sorted(set(tones) - set(channels))
     if unknown:
         raise BadInput(f"channel {unknown[0]!r} is not there; allowed: {', '.join(channels)}")
@@ -92,7 +96,7 @@ def read_run(
     fingers: Sequence[Finger],
     sleep: Callable[[float], None],
 ) -> Iterator[TraceRows]:
-    """The trace of `count` ticks of a run that goes on by itself, in pieces; fingers feel it.
+    """Yield the trace of `count` ticks of a run that goes on by itself, in pieces; fingers feel it.
 
     Raises RigFault, and BadInput where the board has no trace of it any more: it was not read fast enough.
     """

@@ -23,8 +23,9 @@ _PIPE_BYTES = 1 << 16
 
 
 def emulator_command(board: str, program: Path, counting: str | None, serial: str = "none") -> list[str]:
-    """QEMU for a board. counting: what -icount is told (virtual time from instructions), or None for none; serial:
-    where UART 0 goes."""
+    """Return the command line of QEMU for a board. counting: what -icount is told (virtual time from instructions), or
+    None for none; serial: where UART 0 goes.
+    """
     if shutil.which(EMULATOR) is None:
         raise BadInput(f"{EMULATOR} is missing; allowed: install it with `make install-boards`")
     clock = [] if counting is None else ["-icount", counting]
@@ -52,7 +53,7 @@ class Emulator:
             raise
 
     def send(self, content: bytes) -> None:
-        """All of the content; raises LinkDown if the emulator has ended."""
+        """Queue all bytes; raises LinkDown if the emulator has ended."""
         at = 0
         while at < len(content):
             self._require_alive()
@@ -67,7 +68,7 @@ class Emulator:
                 raise LinkDown("the emulator has ended; allowed: one that runs") from None
 
     def receive(self, timeout_s: float) -> bytes:
-        """What has come; waits for at most timeout_s."""
+        """Return the bytes that have come; waits for at most timeout_s."""
         end = time.monotonic() + timeout_s
         while True:
             left = end - time.monotonic()
@@ -100,7 +101,7 @@ class Emulator:
             raise LinkDown("the emulator has ended; allowed: one that runs")
 
     def _open_to(self) -> int:
-        """The FIFO to the board, once the board has opened its end."""
+        """Return the FIFO to the board, once the board has opened its end."""
         end = time.monotonic() + _OPEN_S
         while time.monotonic() < end:
             self._require_alive()
@@ -132,18 +133,18 @@ class EmulatorUart:
         self.sent = self.received = 0
 
     def send(self, content: bytes) -> None:
-        """All of the content; raises LinkDown if the emulator has ended."""
+        """Send all bytes; raises LinkDown if the emulator has ended."""
         self._link.send(content)
         self.sent += len(content)
 
     def receive(self, timeout_s: float) -> bytes:
-        """What has come; waits for at most timeout_s."""
+        """Return the bytes that have come; waits for at most timeout_s."""
         content = self._link.receive(timeout_s)
         self.received += len(content)
         return content
 
     def close(self) -> None:
-        """End the emulator."""
+        """End the emulator and close its socket."""
         if hasattr(self, "_link"):
             self._link.close()
         if self._process is not None:
@@ -157,7 +158,9 @@ class EmulatorUart:
 
 
 def _begun(command: list[str], folder: Path) -> subprocess.Popen[bytes]:
-    """A group of its own: Ctrl-C at the terminal is for us, who still have to bring the board to rest."""
+    """Start the process in a group of its own: Ctrl-C at the terminal is for us, who still have to bring the board to
+    rest.
+    """
     silent = subprocess.DEVNULL
     return subprocess.Popen(command, cwd=folder, stdin=silent, stdout=silent, stderr=silent, process_group=0)
 

@@ -35,14 +35,14 @@ class SerialPort:
             ) from None
 
     def send(self, content: bytes) -> None:
-        """All of the content; raises LinkDown if the port has vanished."""
+        """Send all bytes; raises LinkDown if the port has vanished."""
         try:
             self._port.write(content)
         except (self._error, OSError) as error:
             raise self._down(error) from None
 
     def receive(self, timeout_s: float) -> bytes:
-        """What has come; waits for at most timeout_s for the first byte."""
+        """Return the bytes that have come; waits for at most timeout_s for the first one."""
         end = time.monotonic() + timeout_s
         try:
             while not (first := bytes(self._port.read(1))):
@@ -54,7 +54,7 @@ class SerialPort:
             raise self._down(error) from None
 
     def close(self) -> None:
-        """Close the port."""
+        """Close the port, whatever its state."""
         with contextlib.suppress(Exception):
             self._port.close()
 

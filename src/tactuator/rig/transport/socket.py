@@ -22,14 +22,14 @@ class SocketLink:
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def send(self, content: bytes) -> None:
-        """All of the content; raises LinkDown if nobody takes it."""
+        """Send all bytes; raises LinkDown if nobody takes them."""
         try:
             self._socket.sendall(content)
         except OSError as error:
             raise _down(str(error)) from None
 
     def receive(self, timeout_s: float) -> bytes:
-        """What has come; waits for at most timeout_s. Raises LinkDown if the other end is closed."""
+        """Return the bytes that have come; waits for at most timeout_s. Raises LinkDown if the other end is closed."""
         try:
             readable, _, _ = select.select([self._socket], [], [], timeout_s)
             if not readable:
@@ -42,12 +42,15 @@ class SocketLink:
         return content
 
     def close(self) -> None:
-        """Close the socket."""
+        """Close the socket of the link."""
         self._socket.close()
 
 
 def connect(url: str) -> SocketLink:
-    """The socket of `socket://host:port`; BadInput if it is none, or nobody listens there."""
+    """Return the link to `socket://host:port`.
+
+    Raises BadInput if it is not such an address, or nobody listens there.
+    """
     host, _, port = url.removeprefix(SCHEME).rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
         raise BadInput(f"port {url!r} cannot be opened; allowed: socket://host:port, with a port from 1 to 65535")

@@ -21,15 +21,15 @@ class Transport(Protocol):
     """Bytes there and back. Both raise LinkDown when the other end is gone."""
 
     def send(self, content: bytes) -> None:
-        """All of the content, soon."""
+        """Queue all bytes; returns without waiting."""
         ...
 
     def receive(self, timeout_s: float) -> bytes:
-        """What has come; waits for at most timeout_s, then gives nothing."""
+        """Return the bytes that have come; waits for at most timeout_s, then gives nothing."""
         ...
 
     def close(self) -> None:
-        """The end of it; may be called again."""
+        """Close the transport; may be called again."""
         ...
 
 
@@ -57,22 +57,22 @@ class InProcess:
         self._waiting = bytearray()
 
     def send(self, content: bytes) -> None:
-        """The board acts on it at once."""
+        """Hand all bytes to the board, which acts on them at once."""
         self._let_run()
         size = lib.tact_link_serve(self.link, ffi.from_buffer(content), len(content), self._answers, _ANSWERS)
         self._waiting += bytes(ffi.buffer(self._answers, size))
 
     def receive(self, timeout_s: float) -> bytes:
-        """The answers so far."""
+        """Return the answers of the board so far."""
         del timeout_s
         content, self._waiting = bytes(self._waiting), bytearray()
         return content
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing, since nothing is held open."""
 
     def run(self, ticks: int) -> int:
-        """Periods of the board, until it waits; how many."""
+        """Run periods of the board until it waits; return how many."""
         return int(lib.tact_simulated_board_run(self.simulated, self.board, ticks))
 
     def _let_run(self) -> None:

@@ -46,7 +46,7 @@ class BandsCoding:
             )
 
     def signals(self, blocks: Iterable[Samples], rate_in_hz: int, rate_hz: int) -> Iterator[NDArray[np.float64]]:
-        """Mono blocks (n,) at `rate_in_hz` as blocks (m, bands) at `rate_hz`, in the file's own units."""
+        """Yield mono blocks (n,) at `rate_in_hz` as blocks (m, bands) at `rate_hz`, in the file's own units."""
         high = (self.edges_hz[-1], self.transition_hz)
         low = (self.edges_hz[0], self.low_transition_hz)
         below = [band_limit_kernel(low, (edge, self.transition_hz), rate_hz) for edge in self.edges_hz[1:]]
@@ -55,5 +55,5 @@ class BandsCoding:
         return filter_bank(resample(blocks, rate_in_hz, rate_hz, stop_hz), kernels)
 
     def placement(self, fingers: tuple[str, ...]) -> NDArray[np.float64]:
-        """(bands, fingers): the gains."""
+        """Return the gains, shape (bands, fingers)."""
         return place(list(self.fingers), fingers) * (10.0 ** (np.array(self.gains_db) / 20.0))[:, None]

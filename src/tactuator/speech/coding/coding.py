@@ -17,20 +17,22 @@ class Coding(Protocol):
 
     @property
     def kind(self) -> str:
-        """Its name: direct, bands, envelope."""
+        """Return the kind of coding: direct, bands or envelope."""
         ...
 
     def signals(self, blocks: Iterator[Samples], rate_in_hz: int, rate_hz: int) -> Iterator[NDArray[np.float64]]:
-        """Mono blocks (n,) as blocks (m, signals) at the display's rate."""
+        """Yield mono blocks (n,) as blocks (m, signals) at the display's rate."""
         ...
 
     def placement(self, fingers: tuple[str, ...]) -> NDArray[np.float64]:
-        """(signals, fingers): how much of each signal goes to each finger."""
+        """Return the gain of each signal on each finger, shape (signals, fingers)."""
         ...
 
 
 def place(wanted: list[tuple[str, ...]], fingers: tuple[str, ...]) -> NDArray[np.float64]:
-    """(signals, fingers) of ones and zeros: signal i goes to the fingers wanted[i]. BadInput for a finger not there."""
+    """Return ones and zeros, shape (signals, fingers): signal i goes to the fingers wanted[i]. Raises BadInput for a
+    finger that is not there.
+    """
     matrix = np.zeros((len(wanted), len(fingers)))
     for row, names in zip(matrix, wanted, strict=True):
         for name in fingers if "all" in names else names:

@@ -18,7 +18,7 @@ ALL_FINGERS = ("all",)
 
 
 def band_limit_kernel(low: tuple[float, float], high: tuple[float, float], rate_hz: float) -> Samples:
-    """Linear-phase band-pass; low and high are (edge, transition) in hertz, -6 dB at the edges, 80 dB beyond.
+    """Return a linear-phase band-pass; low and high are (edge, transition) in hertz, -6 dB at the edges, 80 dB beyond.
 
     A low edge of 0 leaves DC in.
     """
@@ -46,12 +46,12 @@ class DirectCoding:
     fingers: tuple[str, ...] = ALL_FINGERS
 
     def signals(self, blocks: Iterable[Samples], rate_in_hz: int, rate_hz: int) -> Iterator[NDArray[np.float64]]:
-        """Mono blocks (n,) at `rate_in_hz` as blocks (m, 1) at `rate_hz`, in the file's own units."""
+        """Yield mono blocks (n,) at `rate_in_hz` as blocks (m, 1) at `rate_hz`, in the file's own units."""
         stop_hz = self.high_hz + 0.5 * self.high_transition_hz
         low, high = (self.low_hz, self.low_transition_hz), (self.high_hz, self.high_transition_hz)
         kernel = band_limit_kernel(low, high, rate_hz)
         return filter_bank(resample(blocks, rate_in_hz, rate_hz, stop_hz), [kernel])
 
     def placement(self, fingers: tuple[str, ...]) -> NDArray[np.float64]:
-        """(1, fingers): which finger gets the signal."""
+        """Return the gain of the one signal on each finger, shape (1, fingers)."""
         return place([self.fingers], fingers)

@@ -1,6 +1,6 @@
 """Envelopes of spectral bands on carriers, gated by voicing.
 
-band of speech -> rectify -> mean of a display's sample -> low-pass -> (x voicing gate) -> x carrier -> finger
+    band of speech -> rectify -> mean of a display's sample -> low-pass -> (x voicing gate) -> x carrier -> finger
 
 Filters are causal Butterworth; the sum for each finger is band-limited below 300 Hz at the end, with linear phase.
 """
@@ -39,14 +39,14 @@ class EnvelopeCoding:
             raise BadInput("envelope coding: no bands; allowed: one or more")
 
     def placement(self, fingers: tuple[str, ...]) -> NDArray[np.float64]:
-        """(signals, fingers): bands with the same fingers are one signal."""
+        """Return ones and zeros, shape (signals, fingers): bands with the same fingers are one signal."""
         return place(list(self._groups()), fingers)
 
     def _groups(self) -> tuple[tuple[str, ...], ...]:
         return tuple(dict.fromkeys(band.fingers for band in self.bands))
 
     def signals(self, blocks: Iterable[Samples], rate_in_hz: int, rate_hz: int) -> Iterator[NDArray[np.float64]]:
-        """Mono blocks (n,) at `rate_in_hz` as blocks (m, signals) at `rate_hz`."""
+        """Yield mono blocks (n,) at `rate_in_hz` as blocks (m, signals) at `rate_hz`."""
         step = int(np.ceil(self.analysis_hz / rate_hz))
         rate = step * rate_hz
         speech = resample(blocks, rate_in_hz, rate, 0.42 * min(rate, rate_in_hz))

@@ -23,7 +23,9 @@ KINDS: Mapping[str, type[Any]] = {"direct": DirectCoding, "bands": BandsCoding, 
 
 
 def coding_of(name_or_path: str) -> Coding:
-    """A coding by its name, or from a file ending in .toml. BadInput for neither, or for a file that is not one."""
+    """Return a coding by its name, or from a file ending in .toml. Raises BadInput for neither, or for a file that is
+    not one.
+    """
     if name_or_path in NAMED:
         return NAMED[name_or_path]
     if not name_or_path.endswith(".toml"):
@@ -45,7 +47,7 @@ def read_coding(path: Path) -> Coding:
 
 
 def parse_coding(document: Mapping[str, Any]) -> Coding:
-    """The coding of a document with every parameter in it."""
+    """Return the coding of a document with every parameter in it."""
     kind = document.get("kind")
     if kind not in KINDS:
         raise BadInput(f"kind is {kind!r}; allowed: {', '.join(KINDS)}")
@@ -88,7 +90,7 @@ def _check_keys(document: Mapping[str, Any], kind: type[Any], where: str) -> Non
 
 
 def _made(kind: type[Any], values: Mapping[str, Any], where: str) -> Any:
-    """The dataclass of these values, types and ranges checked."""
+    """Return the dataclass of these values; their types and ranges are checked."""
     try:
         return TypeAdapter(kind).validate_python(dict(values))
     except ValidationError as error:
@@ -98,7 +100,7 @@ def _made(kind: type[Any], values: Mapping[str, Any], where: str) -> Any:
 
 
 def coding_document(coding: Coding) -> dict[str, Any]:
-    """Plain tables with every parameter, from which `parse_coding` makes an equal coding."""
+    """Return plain tables with every parameter, from which `parse_coding` makes an equal coding."""
     document: dict[str, Any] = asdict(coding)  # type: ignore[call-overload]
     return {key: _without_none(value) for key, value in document.items()}
 

@@ -21,7 +21,8 @@ ATTENUATION_DB = 84.0
 
 
 def band_kernel(low_hz: float, high_hz: float, transition_hz: float, rate_hz: float) -> Samples:
-    """Linear-phase Kaiser band-pass of odd length, -6 dB at `low_hz` and `high_hz`; a low-pass where low_hz is 0.
+    """Return a linear-phase Kaiser band-pass of odd length, -6 dB at `low_hz` and `high_hz`; a low-pass where low_hz is
+    0.
 
     Each edge falls from 0.001 dB to 80 dB down within `transition_hz`, centred on the edge. Raises BadInput where the
     edges and the transition do not fit between 0 and half the rate.
@@ -40,12 +41,14 @@ def band_kernel(low_hz: float, high_hz: float, transition_hz: float, rate_hz: fl
 
 
 def convolve_kernels(first: Samples, second: Samples) -> Samples:
-    """Two odd linear-phase kernels in series."""
+    """Return two odd linear-phase kernels in series."""
     return np.asarray(signal.fftconvolve(first, second))
 
 
 def filter_bank(blocks: Iterable[Samples], kernels: Sequence[Samples]) -> Iterator[NDArray[np.float64]]:
-    """Blocks of shape (n,) through every kernel (odd, symmetric): blocks of shape (m, kernels), as long in all."""
+    """Filter blocks of shape (n,) through every kernel (odd, symmetric); yield blocks of shape (m, kernels), as long in
+    all.
+    """
     half, size = _frame_of(kernels)
     spectra = [_spectrum(kernel, half, size) for kernel in kernels]
 
@@ -57,7 +60,7 @@ def filter_bank(blocks: Iterable[Samples], kernels: Sequence[Samples]) -> Iterat
 
 
 def filter_columns(blocks: Iterable[NDArray[np.float64]], kernel: Samples) -> Iterator[NDArray[np.float64]]:
-    """Blocks of shape (n, columns), every column through the same kernel; as long in all."""
+    """Filter blocks of shape (n, columns), every column through the same kernel; yield blocks as long in all."""
     half, size = _frame_of([kernel])
     spectrum = _spectrum(kernel, half, size)
 
@@ -73,7 +76,7 @@ def filter_columns(blocks: Iterable[NDArray[np.float64]], kernel: Samples) -> It
 
 
 def _frame_of(kernels: Sequence[Samples]) -> tuple[int, int]:
-    """Half the longest kernel, and the length of a frame."""
+    """Return half the longest kernel, and the length of a frame."""
     half = max(len(kernel) for kernel in kernels) // 2
     return half, int(fft.next_fast_len(max(8 * half, 1 << 13), real=True))
 

@@ -23,7 +23,7 @@ def modulated(
     rate_hz: int,
     step: int,
 ) -> Iterator[NDArray[np.float64]]:
-    """Speech (n,) at rate_hz as blocks (n / step, groups) at rate_hz / step: each group the sum of its bands."""
+    """Yield speech (n,) at rate_hz as blocks (n / step, groups) at rate_hz / step: each group the sum of its bands."""
     meter = _VoicingMeter(voicing, rate_hz, step) if any(band.gate != "always" for band in bands) else None
     modulators = [(_Modulator(band, rate_hz, step), groups.index(band.fingers)) for band in bands]
     for block in _in_steps(speech, step):
@@ -35,7 +35,7 @@ def modulated(
 
 
 def _in_steps(blocks: Iterable[Samples], step: int) -> Iterator[Samples]:
-    """Blocks whose lengths are multiples of `step`; the last is filled up with zeros."""
+    """Yield the signal in blocks whose lengths are multiples of `step`; the last is filled up with zeros."""
     rest = np.zeros(0)
     for block in blocks:
         joined = np.concatenate((rest, block)) if rest.size else block
@@ -48,7 +48,7 @@ def _in_steps(blocks: Iterable[Samples], step: int) -> Iterator[Samples]:
 
 
 def _means(samples: Samples, step: int) -> Samples:
-    """The mean of every `step` samples: the rectified signal at the display's rate."""
+    """Return the mean of every `step` samples: the rectified signal at the display's rate."""
     return np.asarray(samples.reshape(-1, step) @ np.full(step, 1.0 / step))
 
 
@@ -106,7 +106,7 @@ class _Carrier:
         return np.asarray(np.sin(2.0 * np.pi * np.mod(index * self._per_sample, 1.0)))
 
     def next(self, count: int) -> Samples:
-        """The samples that come next."""
+        """Return the samples that come next."""
         start, self._at = self._at, self._at + count
         if self._second is None:
             return self._sine(start + np.arange(count))

@@ -35,7 +35,7 @@ CLEARLY = 0.999
 
 @dataclass
 class FingerLimiting:
-    """What was done to one finger. reduced_s: time with a reduction; reasons: seconds at which each limit asked it."""
+    """Limiting of one finger. reduced_s: time with a reduction; reasons: seconds at which each limit asked it."""
 
     finger: str
     max_reduction_db: float = 0.0
@@ -72,11 +72,11 @@ class Limiter:
 
     @property
     def report(self) -> tuple[FingerLimiting, ...]:
-        """What was done so far, finger by finger."""
+        """Return the limiting so far, finger by finger."""
         return tuple(finger.report for finger in self._fingers)
 
     def process(self, blocks: Iterable[NDArray[np.float64]]) -> Iterator[NDArray[np.float64]]:
-        """The blocks (n, channels), limited; as many samples in all."""
+        """Yield the blocks (n, channels), limited; as many samples in all."""
         kept = np.zeros((0, len(self._fingers)))
         for block in blocks:
             kept = np.concatenate((kept, block))
@@ -123,7 +123,7 @@ class Limiter:
         return True
 
     def _spectrum(self, signal: Samples) -> tuple[NDArray[np.complex64], float]:
-        """The spectrum, and the sum of the amplitudes above 320 Hz; fingers often have one signal."""
+        """Return the spectrum, and the sum of the amplitudes above 320 Hz; fingers often have one signal."""
         if self._last is None or not np.array_equal(signal, self._last[0]):
             spectrum = fft.rfft(signal.astype(np.float32), self._size)
             rest = float(np.abs(spectrum[self._quiet_bin :]).sum()) * 2.0 / self._size
@@ -154,7 +154,7 @@ class Limiter:
         raise AssertionError(f"limiter: no reduction found for {finger.limits.finger} in {MOST_ROUNDS} rounds")
 
     def _excess(self, finger: _Finger, limited: Samples, fade: Samples) -> tuple[Samples, dict[str, float]]:
-        """The greatest share of any limit, sample by sample, and seconds within 0.5 dB of each kind of limit."""
+        """Return the greatest share of any limit, sample by sample, and seconds within 0.5 dB of each kind of limit."""
         memory = len(finger.history)
         spectrum = fft.rfft(np.concatenate((finger.history, limited * fade)), self._size)
         excess = np.abs(limited) / finger.limits.peak

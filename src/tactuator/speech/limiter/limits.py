@@ -1,4 +1,4 @@
-"""What a reference may not do to one channel: comfort, travel and command, untouched and under every load.
+"""Per-channel limits on a reference: comfort, travel and command, untouched and under every load.
 
 Comfort, 55 dB SL at each frequency, is kept in two ways. No sample of the felt signal (the displacement weighted by
 the inverse threshold curve with zero phase) exceeds the amplitude of 55 dB SL. And no sample of the reference exceeds
@@ -35,7 +35,7 @@ COARSE = 3
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """|response applied to the reference| <= limit, at every sample.
+    """A limit at every sample: |response applied to the reference| <= limit.
 
     kind: comfort, travel or command. response: at the bins of a transform of `size` samples. norm: sum of the
     magnitudes of its impulse response as far as a reference that is silent above 320 Hz can tell; ceiling: of |r|,
@@ -52,7 +52,7 @@ class Constraint:
 
     @property
     def ceiling(self) -> float:
-        """Reference amplitude that cannot reach the limit, whatever its waveform."""
+        """Return the reference amplitude that cannot reach the limit, whatever its waveform."""
         return self.limit / self.norm
 
 
@@ -66,36 +66,38 @@ class ChannelLimits:
 
     @property
     def harmless(self) -> float:
-        """A reference whose samples stay within this cannot reach any limit."""
+        """Return the amplitude below which the samples of a reference cannot reach any limit."""
         return min([self.peak, *(constraint.ceiling for constraint in self.constraints)])
 
     @cached_property
     def coarse(self) -> NDArray[np.complex64]:
-        """Every constraint's coarse response, shape (constraints, bins): one transform for all is twice as quick."""
+        """Return every constraint's coarse response, shape (constraints, bins): one transform for all is twice as
+        quick.
+        """
         return np.stack([constraint.coarse for constraint in self.constraints])
 
     @cached_property
     def beyond(self) -> NDArray[np.float64]:
-        """Every constraint's greatest response above 320 Hz, shape (constraints,)."""
+        """Return every constraint's greatest response above 320 Hz, shape (constraints,)."""
         return np.array([constraint.beyond for constraint in self.constraints])
 
     @cached_property
     def limit(self) -> NDArray[np.float64]:
-        """Every constraint's limit, shape (constraints,)."""
+        """Return every constraint's limit, shape (constraints,)."""
         return np.array([constraint.limit for constraint in self.constraints])
 
 
 def between_samples(rate_hz: float) -> float:
-    """How much greater a signal below 320 Hz can be between every third sample than on them: 1/cos(pi f / rate).
+    """Return the factor by which a signal below 320 Hz can exceed every third sample of it: 1/cos(pi f / rate).
 
-    (Ehlich & Zeller 1964, Math. Z. 86, 41-44.)
+    Source: Ehlich & Zeller 1964, Math. Z. 86, 41-44.
     """
     return float(1.0 / np.cos(np.pi * QUIET_ABOVE_HZ * COARSE / rate_hz))
 
 
 @lru_cache(maxsize=16)
 def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimits:
-    """The limits of a channel for transforms of `size` samples at the controller's rate."""
+    """Return the limits of a channel for transforms of `size` samples at the controller's rate."""
     channel, designed = controller.display.channel(name), controller.channel(name).limits
     comfort = float(from_db(min(designed.comfort_db_sl, COMFORT_DB_SL) - SAFETY_DB))
     keep = float(from_db(-SAFETY_DB))
@@ -121,7 +123,9 @@ def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimit
 
 
 def _norm(response: NDArray[np.complex128], frequency: NDArray[np.float64], size: int) -> float:
-    """Of the impulse response after a low-pass that is 1 up to 320 Hz: a quiet reference cannot tell the difference."""
+    """Return the sum of absolute values of the impulse response after a low-pass that is 1 up to 320 Hz: a quiet
+    reference cannot tell the difference.
+    """
     fall = np.clip((2.5 * QUIET_ABOVE_HZ - frequency) / (1.5 * QUIET_ABOVE_HZ), 0.0, 1.0)
     kernel = fft.irfft(response * (0.5 - 0.5 * np.cos(np.pi * fall)), size)
     return float(np.abs(kernel).sum())

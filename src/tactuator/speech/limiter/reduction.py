@@ -13,7 +13,7 @@ RELEASE_DB_PER_MS = 0.05
 
 
 def reduction_envelope(need_db: Samples, start_db: float | None, rate_hz: float) -> Samples:
-    """The lower envelope of straight flanks: max over s of need(s) less the slope times the distance to s.
+    """Return the lower envelope of straight flanks: max over s of need(s) less the slope times the distance to s.
 
     need_db: shape (n,), zero or more. start_db: the reduction one sample earlier, None where
     nothing went before. A flank rises towards a need at the
