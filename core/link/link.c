@@ -58,8 +58,6 @@ static int32_t commit_image(tact_link *link, uint32_t size, uint8_t *refusal)
     keep_out(link);
     const int taken = tact_board_take_image(board, &link->image);
     let_in(link);
-    if (taken) /* its states were another controller's, in another arithmetic perhaps */
-        tact_bit_check_begin(&link->bit_check, &board->image, 0);
     return taken ? TACT_DONE : TACT_NOT_IN_THIS_MODE;
 }
 
@@ -229,18 +227,20 @@ static int32_t move(tact_link *link, uint8_t type, tact_reader *in, tact_writer 
 
 /* -- trials ---------------------------------------------------------------------------------------------------------- */
 
-static int32_t run_bit_check(tact_link *link, tact_reader *in, tact_writer *out)
+static int32_t run_check(tact_link *link, tact_reader *in, tact_writer *out)
 {
     const tact_board *board = link->board;
-    const uint32_t seed = tact_read_u32(in), samples = tact_read_u32(in);
-    const int restart = tact_read_u8(in) != 0;
+    const uint32_t seed = tact_read_u32(in), count = tact_read_u32(in);
     if (in->overrun || in->at != in->size)
         return TACT_BAD_PAYLOAD;
     if (board->mode != TACT_OFF || board->image.format == 0)
         return TACT_NOT_IN_THIS_MODE;
-    if (restart)
-        tact_bit_check_begin(&link->bit_check, &board->image, seed);
-    tact_write_u32(out, tact_bit_check_run(&link->bit_check, &board->image, samples));
+    const tact_period_check_result result =
+        tact_period_check_run(&link->check, board, seed, count, link->alive);
+    tact_write_u32(out, result.digest);
+    tact_write_u32(out, result.running);
+    tact_write_u32(out, result.starts);
+    tact_write_u32(out, result.faults);
     return TACT_DONE;
 }
 
@@ -286,8 +286,8 @@ static int32_t carry_out(tact_link *link, const tact_frame *frame, tact_writer *
         return take_stimulus(link, &in);
     case TACT_ASK_TRACE:
         return tact_report_trace(link, &in, out);
-    case TACT_ASK_BIT_CHECK:
-        return run_bit_check(link, &in, out);
+    case TACT_ASK_PERIOD_CHECK:
+        return run_check(link, &in, out);
     case TACT_ASK_BENCH:
         return run_bench(link, &in, out);
     case TACT_ASK_TOUCH:

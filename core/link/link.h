@@ -15,12 +15,12 @@
  *     STREAM             run u32, first u32, count u16, forces u8, rows f32   end u32, tick u32
  *     STIMULUS           channel u8, count u8, tones                          -
  *     TRACE              run u32, first u32, count u16, felt u8               first u32, count u16, rows
- *     BIT_CHECK          seed u32, samples u32, restart u8                    digest u32
+ *     PERIOD_CHECK       seed u32, ticks u32                                  digest, running, starts, faults (u32)
  *     BENCH              samples u32                                          least, most, sum (u32), samples u32
  *     TOUCH              channel u8, load u8                                  -
  *     BREAK              channel u8, sensor u8                                -
  *
- * TOUCH and BREAK are for boards whose display is simulated, which registers itself in `display`. Memory is bounded at both ends: a frame is at
+ * A check begins anew with every request. TOUCH and BREAK are for boards whose display is simulated, which registers itself in `display`. Memory is bounded at both ends: a frame is at
  * most TACT_FRAME_MAX bytes, the stream and the trace are the board's rings.
  *
  * Example use:
@@ -34,7 +34,7 @@
 
 #include "board/board.h"
 #include "wire/cobs.h"
-#include "board/bit_check.h"
+#include "board/period_check.h"
 #include "wire/frame.h"
 #include "wire/bytes.h"
 
@@ -50,7 +50,7 @@ typedef enum {
     TACT_ASK_STREAM = 0x20,
     TACT_ASK_STIMULUS,
     TACT_ASK_TRACE,
-    TACT_ASK_BIT_CHECK = 0x30,
+    TACT_ASK_PERIOD_CHECK = 0x30,
     TACT_ASK_BENCH,
     TACT_ASK_TOUCH,
     TACT_ASK_BREAK
@@ -94,7 +94,9 @@ struct tact_link {
     tact_cobs cobs;
     uint32_t heard, dropped; /* whole frames; spoilt ones */
     int32_t upload_kind;
-    tact_bit_check bit_check;
+    /* Called now and then by requests that take long; NULL: nobody waits for it. */
+    void (*alive)(void);
+    tact_period_check check;
     tact_image image;   /* a candidate, until it has been checked */
     tact_safety safety;
     uint8_t received[TACT_FRAME_MAX];

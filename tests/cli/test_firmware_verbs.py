@@ -1,6 +1,7 @@
 """`tactuator firmware`, as a user runs it."""
 
 import json
+from contextlib import nullcontext
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -11,7 +12,7 @@ from tactuator.cli import main
 from tactuator.display.description import Display
 from tactuator.files.controller import write_controller
 from tactuator.rig import program
-from tactuator.rig.board_check.bit_comparison import BitComparison
+from tactuator.rig.board_check.period_check import PeriodCheck
 from tactuator.rig.program import BOARDS, build_firmware
 from tactuator.rig.transport import emulator
 from tests.cli.controller_files import paper_file
@@ -24,22 +25,26 @@ def made(tmp_path: Path) -> str:
     return paper_file(tmp_path)
 
 
-def test_verify__few_samples__bit_exact_in_both_formats(made: str, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["firmware", "verify", "--board", "mps2-an386", "--samples", "3000", "--controller", made]
+def test_verify__few_ticks__bit_exact_in_both_formats(made: str, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["firmware", "verify", "--board", "mps2-an386", "--ticks", "3000", "--controller", made]
     assert main([*arguments, "--json"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    expected = {"bit_exact": True, "samples": 3000, "channels": 1, "formats": ["float32", "q31"]}
-    assert json.loads(out) == {"board": "mps2-an386"} | expected
+    found = json.loads(out)
+    expected = {"bit_exact": True, "first_difference": "", "ticks": 3000, "channels": 1, "formats": ["float32", "q31"]}
+    assert {key: found[key] for key in expected} == expected
+    assert found["board"] == "mps2-an386"
+    assert found["running_ticks"] > 3000
+    assert found["played"] > 3000
 
 
 def test_verify__that_differs__status_1(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     verb = import_module("tactuator.cli.firmware")
-    differing = BitComparison("mps2-an500", False, 5, 3, ("float32", "q31"))
-    monkeypatch.setattr(verb, "compare_bits", lambda *arguments: differing)
-    monkeypatch.setattr(verb, "_controller", lambda path: None)
-    assert main(["firmware", "verify", "--samples", "5"]) == 1
-    assert "DIFFERENT" in capsys.readouterr().out
+    differing = PeriodCheck("mps2-an500", False, "float32: seed 1, tick 5", 9, 3, ("float32", "q31"), 9, 1, (), 0)
+    monkeypatch.setattr(verb, "check_period", lambda *arguments: differing)
+    monkeypatch.setattr(verb, "open_rig", lambda *arguments: nullcontext())
+    assert main(["firmware", "verify", "--ticks", "5"]) == 1
+    assert "DIFFERENT (float32: seed 1, tick 5)" in capsys.readouterr().out.replace("\n", "")
 
 
 def test_bench__one_finger__both_boards_in_both_formats(made: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -57,9 +62,10 @@ def test_bench__one_finger__both_boards_in_both_formats(made: str, capsys: pytes
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (["verify", "--rig", "simulated"], "rig 'simulated' is no connected board; allowed: board:PORT"),
         (["verify", "--board", "nucleo"], "board 'nucleo' is not known; allowed: mps2-an386, mps2-an500"),
-        (["verify", "--samples", "0"], "samples is 0; allowed: 1 or more"),
-        (["verify", "--samples", "many"], "'many'"),
+        (["verify", "--ticks", "0"], "ticks is 0; allowed: 1 or more"),
+        (["verify", "--ticks", "many"], "'many'"),
         (["program", "--board", "nucleo", "--out", "FOLDER/f.elf"], "board 'nucleo' is not known"),
         (["program", "--out", "FOLDER/none/f.elf"], "none is not a folder"),
         (["weld"], "weld"),

@@ -79,11 +79,11 @@ def conversations() -> dict[str, bytes]:
                 made[f"broken-{name}"] = (
                     ready + frame(Request.START, start.pack(1, SILENT, 0, 0)) + frame(Request.TOUCH, bytes([0, 1]))
                     + frame(Request.BREAK, bytes([0, 1])) + status * 30 + clear + off
-                    + frame(Request.BIT_CHECK, struct.pack("<IIB", 1, 100, 1))
+                    + frame(Request.PERIOD_CHECK, struct.pack("<II", 1, 100))
                 )  # fmt: skip
-        bit_checks = [frame(Request.BIT_CHECK, struct.pack("<IIB", 1, 100, restart)) for restart in (1, 0)]
+        check = frame(Request.PERIOD_CHECK, struct.pack("<II", 1, 200))
         images = [upload(IMAGE, build_image(controller(of), each, "0" * 64)) for each in ("float32", "q31")]
-        made[f"bit-checks-{count}"] = safety + images[0] + bit_checks[0] + images[1] + bit_checks[1]
+        made[f"checks-{count}"] = safety + images[0] + check + images[1] + check
         made[f"driven-{count}"] = (
             safety + simulated + arm + frame(Request.START, start.pack(1, STREAM, 1, 1))
             + stream(1, 0, count, True) + frame(Request.BENCH, struct.pack("<I", 4)) + stop * 30 + status

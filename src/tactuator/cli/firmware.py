@@ -14,11 +14,15 @@ from rich.table import Table
 from tactuator.cli.answer import answer
 from tactuator.cli.options import AsJson, ControllerOption
 from tactuator.display.controller import Controller
+from tactuator.errors import BadInput
 from tactuator.files.atomic import atomic_path
 from tactuator.files.controller import read_controller
 from tactuator.paper.plan import paper_display
-from tactuator.rig.board_check.bit_comparison import compare_bits, count_instructions
+from tactuator.rig.board.rig import BoardRig
+from tactuator.rig.board_check.period_check import check_period
+from tactuator.rig.board_check.period_cost import count_instructions
 from tactuator.rig.board_check.streaming_trial import INSTRUCTION_NS, StreamingTrial, try_streaming
+from tactuator.rig.open import open_rig
 from tactuator.rig.program import BOARDS, build_firmware, find_board
 from tactuator.runtime.image import FORMATS
 from tactuator.synthesis.design import design_controller
@@ -53,16 +57,25 @@ def _add_verify(firmware: typer.Typer) -> None:
     @firmware.command()
     def verify(
         board: BoardOption = "mps2-an500",
-        samples: Annotated[
-            int, typer.Option("--samples", help="Samples of every channel, in each format.")
-        ] = 1_000_000,
+        rig: Annotated[
+            str | None, typer.Option("--rig", help="A board that is connected, instead: board:PORT or board:URL.")
+        ] = None,
+        ticks: Annotated[int, typer.Option("--ticks", help="Ticks of the interrupt, in each format.")] = 100_000,
         controller: ControllerOption = None,
         as_json: AsJson = False,
     ) -> None:
-        """Compare a board's commands with this machine's, bit for bit; exit status 1 if they differ."""
-        found = compare_bits(board, _controller(controller), samples)
-        word = "bit for bit the same" if found.bit_exact else "DIFFERENT"
-        shown = f"{board}: {found.samples} samples, {found.channels} channels, {', '.join(found.formats)}: {word}"
+        """Compare what a board's interrupt does with this machine's, bit for bit; exit status 1 if they differ."""
+        if rig is not None and not rig.startswith("board:"):
+            raise BadInput(f"rig {rig!r} is no connected board; allowed: board:PORT, board:URL, or --board")
+        made = _controller(controller)
+        name = rig or f"emulated:{find_board(board).name}"
+        with cast(BoardRig, open_rig(name, made.display)) as target:
+            found = check_period(target, made, ticks)
+        word = "bit for bit the same" if found.bit_exact else f"DIFFERENT ({found.first_difference})"
+        shown = (
+            f"{found.board}: {found.ticks} ticks, {found.channels} channels, {', '.join(found.formats)}: {word}; "
+            f"{found.starts} runs, {found.played} samples played, faults: {', '.join(found.faults)}"
+        )
         answer(asdict(found), as_json, shown)
         if not found.bit_exact:
             raise typer.Exit(1)

@@ -36,10 +36,11 @@ def emulator_command(board: str, program: Path, counting: str | None, serial: st
 
 
 class Emulator:
-    """A board in QEMU. Its time is its own: `counting` makes it follow the instructions that it has executed."""
+    """A board in QEMU that runs `program`, or the one that is built for it. Its time is its own: `counting` makes it
+    follow the instructions that it has executed."""
 
-    def __init__(self, board: str, counting: str | None = "shift=3,sleep=off") -> None:
-        command = emulator_command(board, build_firmware(board), counting)
+    def __init__(self, board: str, counting: str | None = "shift=3,sleep=off", program: Path | None = None) -> None:
+        command = emulator_command(board, program or build_firmware(board), counting)
         self._folder = Path(tempfile.mkdtemp(prefix="tactuator-"))
         for name in ("to-board", "from-board"):
             os.mkfifo(self._folder / name)

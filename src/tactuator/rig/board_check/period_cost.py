@@ -1,4 +1,4 @@
-"""Trials of a board: bit for bit against this machine, and what a period costs."""
+"""Counts the instructions that one period costs a board."""
 
 from __future__ import annotations
 
@@ -8,32 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactuator.display.controller import Controller
-from tactuator.errors import BadInput
 from tactuator.rig.board.commissioning import soft_ticks
 from tactuator.rig.board.frames import Request
 from tactuator.rig.board.link import STREAM
-from tactuator.rig.board.rig import BoardRig
-from tactuator.rig.boards import emulated_rig, in_process_rig
-from tactuator.runtime.image import FORMATS
+from tactuator.rig.boards import emulated_rig
 
 COUNTS_PER_INSTRUCTION = 1024.0 / 40.0
 """Of the boards' 25 MHz timer under `-icount shift=10`: 1024 ns an instruction, 40 ns a count."""
 CLOCKS_MHZ = (168.0, 480.0, 600.0)
-_CHUNK = 50_000
 _BENCH_TICKS = 600
 _LEVEL = 100.0
 _TONES_HZ = (7.0, 53.0, 201.0, 31.0)
-
-
-@dataclass(frozen=True)
-class BitComparison:
-    """Whether a board's commands are this machine's, bit for bit; samples of each of the channels, in each format."""
-
-    board: str
-    bit_exact: bool
-    samples: int
-    channels: int
-    formats: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -45,31 +30,6 @@ class PeriodCost:
     channels: int
     instructions_per_tick: int
     share_of_period: dict[str, float]
-
-
-def compare_bits(board: str, controller: Controller, samples: int, seed: int = 1) -> BitComparison:
-    """A million (say) random and adversarial samples through the controllers in both formats, on board and host."""
-    if samples < 1:
-        raise BadInput(f"samples is {samples}; allowed: 1 or more")
-    exact = True
-    for number_format in FORMATS:
-        with (
-            emulated_rig(board, controller.display, 0, number_format, counting=None) as target,
-            in_process_rig(controller.display, 0, number_format) as host,
-        ):
-            digests = [_digests(rig, controller, samples, seed) for rig in (target, host)]
-        exact = exact and digests[0] == digests[1]
-    return BitComparison(board, exact, samples, len(controller.channels), FORMATS)
-
-
-def _digests(rig: BoardRig, controller: Controller, samples: int, seed: int) -> list[bytes]:
-    """The digest after every stretch."""
-    rig.load(controller)
-    digests = []
-    for at in range(0, samples, _CHUNK):
-        payload = struct.pack("<IIB", seed, min(_CHUNK, samples - at), at == 0)
-        digests.append(rig.client.must(Request.BIT_CHECK, payload, patience=10.0))
-    return digests
 
 
 def count_instructions(board: str, controller: Controller, number_format: str) -> PeriodCost:

@@ -1,0 +1,118 @@
+#include "board/drawn_table.h"
+
+enum { FEW_TICKS = 96 };
+
+float tact_drawn_share(tact_noise *noise)
+{
+    return (float)(tact_noise_bits(noise) >> 8) * (1.0f / 16777216.0f);
+}
+
+uint32_t tact_drawn_of(tact_noise *noise, uint32_t count)
+{
+    return (tact_noise_bits(noise) >> 8) % count;
+}
+
+/* A time of the table, or a short one. */
+static int32_t ticks(int32_t of, tact_noise *noise)
+{
+    const int32_t few = 1 + (int32_t)tact_drawn_of(noise, FEW_TICKS);
+    return tact_drawn_of(noise, 4) == 0 || of < few ? of : few;
+}
+
+/* A limit of the table, one that is soon passed, or one that is not. */
+static float limit(float of, float most, tact_noise *noise)
+{
+    const uint32_t kind = tact_drawn_of(noise, 6);
+    const float share = tact_drawn_share(noise);
+    return kind < 3 ? of : kind == 3 ? of * share : kind == 4 ? of * share * share * share : most;
+}
+
+static void draw_converter(tact_converter *converter, tact_noise *noise)
+{
+    const uint32_t kind = tact_drawn_of(noise, 8);
+    const int32_t bits = 12 + (int32_t)tact_drawn_of(noise, 13);
+    const float offset_v = tact_drawn_share(noise) - 0.5f;
+    const double range_v = converter->step_v * -(double)converter->code_min;
+    if (kind < 5)
+        return;
+    tact_converter_make(converter, kind == 5 ? 16 : bits, range_v, kind == 6 ? 1.0 : -1.0, (double)offset_v);
+}
+
+static void draw_channel(tact_safety_channel *channel, tact_noise *noise)
+{
+    draw_converter(&channel->converter, noise);
+    if (channel->position_code_max >= channel->converter.code_max)
+        channel->position_code_max = channel->converter.code_max - 1;
+    channel->frozen_ticks = ticks(channel->frozen_ticks, noise);
+    channel->stop_max_v = limit(channel->stop_max_v, 1e6f, noise);
+    channel->command_max_v = limit(channel->command_max_v, 31.0f, noise);
+    channel->reference_max = limit(channel->reference_max, 1e5f, noise);
+    channel->comfort_max = limit(channel->comfort_max, 1e5f, noise);
+    channel->disagreement_v = limit(channel->disagreement_v, 1e6f, noise);
+    channel->reversal_power = limit(channel->reversal_power, 1e6f, noise);
+}
+
+void tact_drawn_safety(tact_safety *safety, const tact_safety *from, tact_noise *noise)
+{
+    *safety = *from;
+    safety->lateness_max = 1 + (int32_t)tact_drawn_of(noise, 255);
+    safety->silence_ticks = ticks(safety->silence_ticks, noise);
+    safety->soft_start_ticks = ticks(safety->soft_start_ticks, noise);
+    safety->fade_ticks = ticks(safety->fade_ticks, noise);
+    safety->ramp_ticks = ticks(safety->ramp_ticks, noise);
+    safety->quick_ticks = ticks(safety->quick_ticks, noise);
+    if (tact_drawn_of(noise, 2)) {
+        safety->delay_samples = 1 + (int32_t)tact_drawn_of(noise, 8);
+        safety->turns = 1 + (int32_t)tact_drawn_of(noise, 4);
+    }
+    for (int32_t c = 0; c < safety->channels; c++)
+        draw_channel(&safety->channel[c], noise);
+}
+
+static void draw_single(tact_controller *table, uint32_t kind, float share)
+{
+    tact_section *first = table->feedback_count ? &table->feedback[0] : &table->prefilter[0];
+    if (kind == 1) { /* stronger or weaker, and of the wrong sign at times */
+        const float gain = 8.0f * (share - 0.25f);
+        first->b0 *= gain;
+        first->b1 *= gain;
+        first->b2 *= gain;
+    } else if (kind == 2) {
+        table->feedback_count = 0;
+    } else if (kind == 3) {
+        table->prefilter_count = 1;
+    } else if (kind == 4 && table->feedback_count) { /* another form, the same controller but for rounding */
+        tact_section *last = &table->feedback[table->feedback_count - 1];
+        last->b0 *= 2.0f;
+        last->b1 *= 2.0f;
+        last->b2 *= 2.0f;
+    }
+}
+
+static void draw_q31(tact_controller_q31 *table, uint32_t kind, float share)
+{
+    tact_section_q31 *first = table->feedback_count ? &table->feedback[0] : &table->prefilter[0];
+    if (kind == 1 && first->shift0 > 3 && first->shift1 > 3 && first->shift2 > 3) {
+        first->shift0--;
+        first->b1 = first->b1 / 2;
+    } else if (kind == 2) {
+        table->feedback_count = 0;
+    } else if (kind == 3) {
+        table->prefilter_count = 1;
+    } else if (kind == 4) {
+        first->b0 = share < 0.5f ? -first->b0 : first->b0 / 2;
+    }
+}
+
+void tact_drawn_image(tact_image *image, const tact_image *from, tact_noise *noise)
+{
+    *image = *from;
+    for (int32_t c = 0; c < image->channels; c++) {
+        const uint32_t kind = tact_drawn_of(noise, 10);
+        const float share = tact_drawn_share(noise);
+        if (image->format == TACT_Q31)
+            draw_q31(&image->tables.q31[c], kind, share);
+        else
+            draw_single(&image->tables.single[c], kind, share);
+    }
+}

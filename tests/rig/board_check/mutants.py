@@ -1,0 +1,233 @@
+"""Programs for emulated boards in which one line of the sources is altered, and nothing else.
+
+The unaltered sources are compiled once for each board; of an alteration only the files that read the altered one.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tactuator.rig.program import ROOT, _command, find_board, sources
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """`old` becomes `new` in `path`, where it stands once. only: the one format whose commands it can change."""
+
+    name: str
+    path: str
+    old: str
+    new: str
+    only: str = ""
+
+
+@dataclass
+class Bench:
+    """A copy of the sources in `folder`, with the objects of a board's unaltered program."""
+
+    board: str
+    folder: Path
+    flags: list[str] = field(default_factory=list)
+    tail: list[str] = field(default_factory=list)
+    read_by: dict[str, list[str]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for part in ("core", "firmware"):
+            shutil.copytree(ROOT / part, self.folder / part)
+        command = _command(find_board(self.board), sources(), "PROGRAM")
+        at = command.index("-T")
+        self.flags = [word for word in command[:at] if not word.endswith(".c") and word != "-Werror"]
+        self.tail = command[at:-2]
+        for path in (word for word in command if word.endswith(".c")):
+            needed = self._run([*self.flags, "-MM", path]).replace("\\\n", " ").split()[1:]
+            for each in needed:
+                self.read_by.setdefault(each, []).append(path)
+            self._compile(path)
+
+    def program(self, mutant: Mutant) -> Path:
+        """The altered program; the copy is as it was before afterwards."""
+        source = self.folder / mutant.path
+        original = source.read_text()
+        assert original.count(mutant.old) == 1, f"{mutant.name}: stands {original.count(mutant.old)} times"
+        again = self.read_by[mutant.path]
+        out = self.folder / f"{mutant.name.replace(' ', '-')}.elf"
+        source.write_text(original.replace(mutant.old, mutant.new))
+        try:
+            for path in again:
+                self._compile(path)
+            self._link(out)
+        finally:
+            source.write_text(original)
+            for path in again:
+                self._object(path).unlink(missing_ok=True)
+        return out
+
+    def unaltered(self) -> Path:
+        """The program as it is."""
+        out = self.folder / "unaltered.elf"
+        self._link(out)
+        return out
+
+    def _object(self, path: str) -> Path:
+        return self.folder / (path.replace("/", "-") + ".o")
+
+    def _compile(self, path: str) -> None:
+        self._run([*self.flags, "-c", path, "-o", str(self._object(path))])
+
+    def _link(self, out: Path) -> None:
+        every = sorted({path for readers in self.read_by.values() for path in readers})
+        for path in every:
+            if not self._object(path).exists():
+                self._compile(path)
+        self._run([*self.flags, *(str(self._object(path)) for path in every), *self.tail, "-o", str(out)])
+
+    def _run(self, command: list[str]) -> str:
+        done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr[-2000:]
+        return done.stdout
+
+
+_PERIOD, _BOARD, _GUARD = "core/board/period.c", "core/board/board.c", "core/board/guard.h"
+_Q31 = "core/control/controller_q31.h"
+_SECTION = "core/arithmetic/section.h"
+
+FEW = (
+    Mutant("command doubled", _PERIOD, "put(channel, slot, command_fade * command_v);",
+           "put(channel, slot, 2.0f * command_fade * command_v);", "float32"),
+    Mutant("limits of the guard off", _GUARD,
+           "if (!(place <= resting.second && apart <= table->differing.first)) {", "if (0) {"),
+    Mutant("reference not within comfort", _BOARD,
+           "to[c] = board->drives ? row[c] : tact_board_within(row[c], board->safety.channel[c].reference_max);",
+           "to[c] = row[c];"),
+    Mutant("fade never ends", _BOARD, "board->fade += board->fade_step;", "board->fade += 0.0f;"),
+    Mutant("code not rounded", _PERIOD, "__builtin_copysignf(0.5f, steps)", "0.0f"),
+    Mutant("command not faded in q31", _PERIOD, "board->command_fade * command_v, state->clamped)",
+           "command_v, state->clamped)", "q31"),
+    Mutant("lateness one too strict", _PERIOD, "lateness > (uint32_t)board->safety.lateness_max",
+           "lateness >= (uint32_t)board->safety.lateness_max"),
+    Mutant("one sample of delay less", _PERIOD, "board->delay_at + 1 < board->safety.delay_samples",
+           "board->delay_at + 2 < board->safety.delay_samples"),
+    Mutant("comfort fades slowly", _BOARD, "fault == TACT_FAULT_COMFORT ? TACT_RAMPS_QUICKLY : TACT_CUT",
+           "fault == TACT_FAULT_COMFORT ? TACT_FADES : TACT_CUT"),
+    Mutant("q31 not rounded", "core/arithmetic/section_q31.h", "((int64_t)1 << (TACT_Q31_EXTRA - 1))", "0", "q31"),
+    Mutant("no place of rest", _GUARD, "__builtin_fabsf(moved + resting.first * next) + apart",
+           "__builtin_fabsf(moved) + apart"),
+    Mutant("nothing put out", "firmware/main.c", "    tact_port_put_out(codes);\n", ""),
+)  # fmt: skip
+
+MANY = (
+    # the period
+    Mutant("offset forgotten", _PERIOD, "(command_v - to.first) * to.second", "command_v * to.second"),
+    Mutant("silence is golden", _PERIOD, "board->silence > (uint32_t)board->safety.silence_ticks", "0"),
+    Mutant("a channel less compared", _PERIOD, "c += turns", "c += turns + 1"),
+    Mutant("turns go round late", _PERIOD, "turn + 1 < turns ? turn + 1 : 0", "turn < turns ? turn + 1 : 0"),
+    Mutant("cut to code zero", _PERIOD, "            channel->delayed[board->delay_at] = channel->rest_code;",
+           "            channel->delayed[board->delay_at] = 0;"),
+    Mutant("rest at code zero", _PERIOD, "        channel->delayed[slot] = channel->rest_code;",
+           "        channel->delayed[slot] = 0;"),
+    Mutant("limit not marked", _PERIOD, "(limited ? TACT_TRACE_COMMAND_LIMITED : 0) << 24", "0"),
+    Mutant("reference not faded", _PERIOD, "const float reference = board->fade * want;",
+           "const float reference = want;", "float32"),
+    Mutant("reference of q31 not faded", _PERIOD, "board->fade * want, position_v)", "want, position_v)", "q31"),
+    Mutant("driven beyond its limit", _PERIOD, "tact_board_within(want, channel->safety->command_max_v)", "want"),
+    Mutant("integrator of another sign", _PERIOD, "- k[22] * y) + s.second)", "+ k[22] * y) + s.second)", "float32"),
+    Mutant("feedback of the position turned", _PERIOD, "const float error = wanted - position_v;",
+           "const float error = wanted + position_v;", "float32"),
+    Mutant("filters never rest",
+           _PERIOD, "return reference == 0.0f ? rest_designed(state, y, smooth, error, lead, x) : y;",
+           "return y;", "float32"),
+    Mutant("code of another width", _PERIOD, "((uint32_t)*out << 8) >> 8", "((uint32_t)*out << 9) >> 9"),
+    Mutant("stream by another row", _PERIOD, "(tick & (board->stream_capacity - 1)) * (uint32_t)board->channels",
+           "((tick + 1u) & (board->stream_capacity - 1)) * (uint32_t)board->channels"),
+    Mutant("fault ends at once", _PERIOD, "(board->mode == TACT_FAULT && board->command_fade > 0.0f)", "0"),
+    Mutant("fault seen to twice", _PERIOD, "channel->broken = channel->guard.violated = 0;", "channel->broken = 0;"),
+    Mutant("limit of the command off", _PERIOD, "if (__builtin_fabsf(command_v) <= channel->command_max_v)",
+           "if (__builtin_fabsf(command_v) <= 2.0f * channel->command_max_v)", "float32"),
+    # the board
+    Mutant("soft start half as long", _BOARD, "return 2.0f / (float)board->safety.soft_start_ticks;",
+           "return 4.0f / (float)board->safety.soft_start_ticks;"),
+    Mutant("ramp as long as the fade", _BOARD, "-1.0f / (float)board->safety.ramp_ticks",
+           "-1.0f / (float)board->safety.fade_ticks"),
+    Mutant("quick ramp as long as the ramp", _BOARD, "-1.0f / (float)board->safety.quick_ticks",
+           "-1.0f / (float)board->safety.ramp_ticks"),
+    Mutant("fade beyond one", _BOARD, "board->fade = 1.0f, board->fade_step = 0.0f;", "board->fade_step = 0.0f;"),
+    Mutant("cut after the queue", _BOARD, "    board->cuts++;\n    empty_queue(channel);", "    board->cuts++;"),
+    Mutant("others are cut as well", _BOARD, "board->cuts < board->channels ? TACT_FADES : TACT_CUT", "TACT_CUT"),
+    Mutant("mildest fault first", _BOARD, "int32_t fault = TACT_FAULT_LAST; fault > TACT_FAULT_NONE; fault--",
+           "int32_t fault = TACT_FAULT_NONE + 1; fault <= TACT_FAULT_LAST; fault++"),
+    Mutant("moved by hand is a fault", _BOARD, "if (board->mode == TACT_ARMED) /* no command", "if (0) /* no command"),
+    Mutant("controller goes on", _BOARD, "tact_controller_reset(&board->channel[c].controller.single);", ";",
+           "float32"),
+    Mutant("controller of q31 goes on", _BOARD, "tact_controller_q31_reset(&board->channel[c].controller.q31);", ";",
+           "q31"),
+    Mutant("tones go on", _BOARD, "        tact_stimulus_rewind(&board->stimulus[c]);\n", ""),
+    Mutant("any number of a run", _BOARD, "run - board->run - 1u >= RUNS_AHEAD", "0"),
+    Mutant("rows of the past taken", _BOARD, "        if (first + i != end)\n            continue;\n", ""),
+    Mutant("ring one row too full", _BOARD, "end - board->tick >= board->stream_capacity",
+           "end - board->tick > board->stream_capacity"),
+    Mutant("means kept", _BOARD, "guard.means.first = board->channel[c].guard.means.second = 0.0f;",
+           "guard.means.first = 0.0f;"),
+    Mutant("reach without the offset", _BOARD, "step_v - offset_v;", "step_v;"),
+    Mutant("limit of the image alone", _BOARD,
+           "table->command_max_v = table->command_max_v < most ? table->command_max_v : most;", "(void)most;",
+           "float32"),
+    Mutant("limit of the q31 image alone", _BOARD,
+           "table->command_max = table->command_max < limit ? table->command_max : limit;", "(void)limit;", "q31"),
+    Mutant("any form is the designed one", _BOARD, "table->feedback[2].b0 == 1.0f &&", "1 &&", "float32"),
+    Mutant("stop is a cut", _BOARD, "    if (board->mode == TACT_RUNNING)\n        leave(board, TACT_FADES);",
+           "    if (board->mode == TACT_RUNNING)\n        leave(board, TACT_RAMPS);"),
+    # the guard
+    Mutant("half the drive", _GUARD, "reading.second * (motor_v + state->motor_before_v)",
+           "reading.second * (motor_v + motor_v)"),
+    Mutant("reading and model apart", _GUARD, "next) + apart;", "next);"),
+    Mutant("no correction", _GUARD, "correcting.first * nu", "0.0f * nu"),
+    Mutant("any reading is a change", _GUARD, "if (code != state->last_code) {", "{"),
+    Mutant("power without end", _GUARD, "TACT_GUARD_KEPT * means.second + w * w", "means.second + w * w"),
+    Mutant("comfort not compared", _GUARD, "__builtin_fabsf(felt) <= table->differing.second &&", ""),
+    Mutant("zero is not short", "core/board/guard.c", "state->last_code < 2 && state->last_code > -2",
+           "state->last_code < 2 && state->last_code > -1"),
+    Mutant("half as reversed", "core/board/guard.c", "#define REVERSED_SHARE (-0.5f)",
+           "#define REVERSED_SHARE (-0.25f)"),
+    Mutant("open on one side", "core/board/guard.c", "code < -safety->position_code_max", "0"),
+    Mutant("frozen at once", "core/board/guard.c", "SAME_TICKS_OF_A_FROZEN_ONE = 8", "SAME_TICKS_OF_A_FROZEN_ONE = 1"),
+    # arithmetic, conversions, controllers
+    Mutant("section of another sign", _SECTION, "const float s2 = state->s2 + (section->b2 * x - section->a2 * y);",
+           "const float s2 = state->s2 + (section->b2 * x + section->a2 * y);", "float32"),
+    Mutant("shift of another sign", _SECTION, "state->s1 += section->b1 * x - section->a1 * y;",
+           "state->s1 += section->b1 * x + section->a1 * y;", "float32"),
+    Mutant("clamped on one side", "core/control/controller.h", "return cut < lowest ? lowest : cut;", "return cut;",
+           "float32"),
+    Mutant("change without its limit", "core/control/controller.h", "size > reference_max ? size : reference_max",
+           "size",
+           "float32"),
+    Mutant("half an anti-windup", "core/control/controller.c", "    last->s2 += table->anti_windup[1] * missing;\n", "",
+           "float32"),
+    Mutant("q31 clamped on one side", _Q31, "cut < -table->command_max ? -table->command_max : cut", "cut", "q31"),
+    Mutant("q31 saturates on one side", "core/arithmetic/section_q31.h", "below < INT32_MIN ? INT32_MIN : below",
+           "below",
+           "q31"),
+    Mutant("q31 anti-windup of another size", "core/control/controller_q31.c",
+           "add(&last->s1, table->unwinding[0], table->unwinding_shift[0], excess - change);",
+           "add(&last->s1, table->unwinding[0], table->unwinding_shift[0], excess);", "q31"),
+    Mutant("full scale of q31", _Q31, "#define TACT_Q31_PER_VOLT 4194304.0f", "#define TACT_Q31_PER_VOLT 4194303.0f",
+           "q31"),
+    Mutant("rest code not rounded", "core/arithmetic/converter.h",
+           "    return (int32_t)(inside + (inside < 0.0f ? -0.5f : 0.5f));\n}\n\n/* Device: what",
+           "    return (int32_t)inside;\n}\n\n/* Device: what"),
+    Mutant("one code more", "core/arithmetic/converter.c", "converter->code_max = half - 1;",
+           "converter->code_max = half;"),
+    Mutant("ramp of a tone", "core/board/stimulus.c", "0.5f * (1.0f - state->ramp_cosine)",
+           "0.5f * (1.0f + state->ramp_cosine)"),
+    Mutant("tone not held to length", "core/board/stimulus.c", "1.5f - 0.5f * (c * c + s * s)", "1.0f"),
+    Mutant("limits read in another order", "core/board/safety.c",
+           "channel->comfort_max = number(reader, bad, 0.0f, 1e5f);",
+           "channel->comfort_max = number(reader, bad, 0.0f, 1e5f) * 0.5f;"),
+    # outside the core
+    Mutant("late and nobody told", "firmware/main.c", "tact_period_step(&board, codes, tact_port_lateness());",
+           "tact_period_step(&board, codes, 255u);"),
+    Mutant("rows at another tick", "core/link/link.c", "tact_board_stream(board, first + k, rows, some)",
+           "tact_board_stream(board, first + k + 1u, rows, some)"),
+)  # fmt: skip
