@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -21,13 +22,15 @@ from tactuator.synthesis import paper
 from tactuator.synthesis.family import Member, plant_family
 from tactuator.synthesis.headroom import headroom
 from tactuator.synthesis.loop.assessment import MemberAssessment, assess, loop_report
+from tactuator.synthesis.loop.refusal import diagnosis, require_consistent
 from tactuator.synthesis.loop.sections import anti_windup, feedback_sections
-from tactuator.synthesis.loop.synthesis import synthesise
+from tactuator.synthesis.loop.synthesis import Task, synthesise
 from tactuator.synthesis.prefilter.fit import PrefilterFit, fit_prefilter
 from tactuator.synthesis.suitability import require_suitable
 
 _SERVES, _GOOD = 0.75, 1.95
 _NEAR_DB = 1.5
+_FITS_MAX = 12
 
 
 def design_controller(display: Display, poles: int | None = None, error_db: float | None = None) -> Controller:
@@ -61,14 +64,23 @@ def design_channel(
     good = serves if count is None else _GOOD / count * display.objectives.flatness_db
     designs: list[tuple[PrefilterFit, SampledSystem | None]] = []
     least = -np.inf
-    for mean_db, feedback in feedback_candidates(channel, display.rate_hz, family, display.objectives.resonance_peak):
+    failed: BadInput | None = None
+    candidates = feedback_candidates(channel, display.rate_hz, family, display.objectives.resonance_peak)
+    for mean_db, feedback in islice(candidates, _FITS_MAX):
         least = mean_db if not designs else least
         if mean_db > least + _NEAR_DB and any(fit.max_error_db <= serves for fit, _ in designs):
             break
-        fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, count, serves)
+        try:
+            fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, count, serves)
+        except BadInput as error:
+            failed = error
+            continue
         designs.append((fit, feedback))
         if fit.max_error_db <= good:
             break
+    if not designs:
+        assert failed is not None
+        raise failed
     fit, feedback = min(designs, key=lambda design: (design[0].poles, design[0].max_error_db))
     return assemble(display, channel, feedback, fit, family)
 
@@ -84,7 +96,14 @@ def feedback_candidates(
     elif requirements.structure == "paper":
         yield 0.0, bilinear(requirements.controller or paper.FEEDBACK, rate_hz)
     else:
-        yield from synthesise(channel, family, rate_hz, resonance_peak)
+        require_consistent(channel, rate_hz)
+        task = Task(family, requirements, rate_hz, resonance_peak)
+        found = False
+        for one in synthesise(task):
+            found = True
+            yield one
+        if not found:
+            raise BadInput(f"channel {channel.name!r}: {diagnosis(task)}")
 
 
 def assemble(

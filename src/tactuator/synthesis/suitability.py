@@ -10,10 +10,14 @@ from tactuator.signals.systems import ContinuousSystem
 
 
 def require_suitable(channel: Channel, rate_hz: float) -> None:
-    """Raise BadInput if the channel's plant, or a model of its family, cannot be designed for at `rate_hz`."""
+    """Raise BadInput if the channel's plant, or a model of its family, cannot be designed for at `rate_hz`.
+
+    Whether a loop can be found for an unstable plant, or one with zeros right of the axis, is the synthesis's to say.
+    """
+    looped = channel.feedback.structure != "none"
     for model, plant in enumerate((channel.plant, *channel.family)):
         where = f"channel {channel.name!r}: " + ("the plant" if model == 0 else f"model {model} of the family")
-        _require_sound(plant, where)
+        _require_sound(plant, where, looped)
         _require_below_nyquist(plant, where, rate_hz)
     if channel.feedback.structure == "integrator-lead-lag" and np.any(channel.plant.zeros == 0.0):
         raise BadInput(
@@ -22,7 +26,7 @@ def require_suitable(channel: Channel, rate_hz: float) -> None:
         )
 
 
-def _require_sound(plant: ContinuousSystem, where: str) -> None:
+def _require_sound(plant: ContinuousSystem, where: str, looped: bool) -> None:
     if plant.gain == 0.0:
         raise BadInput(f"{where} has zero gain; allowed: a plant that moves")
     if not plant.is_proper:
@@ -30,16 +34,18 @@ def _require_sound(plant: ContinuousSystem, where: str) -> None:
             f"{where} is improper ({plant.zeros.size} zeros, {plant.poles.size} poles); "
             "allowed: no more zeros than poles"
         )
-    if not plant.is_stable:
+    if not looped and not plant.is_stable:
         worst = plant.poles[np.argmax(plant.poles.real)]
-        raise BadInput(f"{where} is unstable (a pole at {worst:.4g} rad/s); allowed: every pole left of the axis")
-    right = plant.zeros[plant.zeros.real > 0.0]
-    if right.size:
         raise BadInput(
-            f"{where} is not minimum-phase (a zero at {right[0]:.4g} rad/s); allowed: no zero right of the axis"
+            f"{where} runs away without a loop (a pole at {worst:.4g} rad/s); "
+            'allowed: every pole left of the axis, or structure = "integrator-lead-lag"'
         )
-    if plant.gain < 0.0:
-        raise BadInput(f"{where} has a negative gain ({plant.gain:.4g}); allowed: a positive one, with polarity = -1")
+    at_low = plant.gain * float(np.real(np.prod(-plant.zeros[plant.zeros != 0.0])))
+    at_low /= float(np.real(np.prod(-plant.poles[plant.poles != 0.0])))
+    if looped and plant.is_stable and at_low < 0.0:
+        raise BadInput(
+            f"{where} has a negative gain at rest ({at_low:.4g}); allowed: a positive one, with polarity = -1"
+        )
 
 
 def _require_below_nyquist(plant: ContinuousSystem, where: str, rate_hz: float) -> None:

@@ -69,18 +69,22 @@ def assess(
     return tuple(found)
 
 
-def shortfalls(assessments: Sequence[MemberAssessment], requirements: FeedbackRequirements) -> tuple[Shortfall, ...]:
-    """Every requirement that a member does not keep."""
+def shortfalls(
+    assessments: Sequence[MemberAssessment], requirements: FeedbackRequirements, resonance_peak: float | None = None
+) -> tuple[Shortfall, ...]:
+    """Return every requirement that a member does not keep; resonance_peak is the display's limit on max|T|, if any."""
     return tuple(
         Shortfall(name, one.member.name, asked, got)
         for one in assessments
-        for name, asked, got, sign in figures(one, requirements)
+        for name, asked, got, sign in figures(one, requirements, resonance_peak)
         if sign * (got - asked) > 0.0
     )
 
 
-def figures(one: MemberAssessment, requirements: FeedbackRequirements) -> list[tuple[str, float, float, float]]:
-    """(requirement, asked, got, +1 where less is better and -1 where more is), for one plant."""
+def figures(
+    one: MemberAssessment, requirements: FeedbackRequirements, resonance_peak: float | None = None
+) -> list[tuple[str, float, float, float]]:
+    """Return (requirement, asked, got, +1 where less is better and -1 where more is), for one plant."""
     rows: list[tuple[str, float, float, float]] = []
     if requirements.phase_margin_deg is not None:
         rows.append(("phase_margin_deg", requirements.phase_margin_deg, one.margins.phase_margin_deg, -1.0))
@@ -94,6 +98,8 @@ def figures(one: MemberAssessment, requirements: FeedbackRequirements) -> list[t
     for frequency, limit in zip(requirements.rejection_hz, requirements.rejection_max_db, strict=True):
         level = float(db(one.loop.sensitivity(frequency)))
         rows.append((f"|S| dB at {frequency:g} Hz", limit, level, 1.0))
+    if resonance_peak is not None:
+        rows.append(("complementary_peak", resonance_peak, one.margins.complementary_peak, 1.0))
     return rows
 
 

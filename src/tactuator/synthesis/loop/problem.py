@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tactuator.display.requirements import FeedbackRequirements
 from tactuator.signals.sections import backward_difference
 from tactuator.synthesis.family import Member
+from tactuator.synthesis.loop.candidates import LIGHT_DAMPING
 from tactuator.synthesis.loop.structure import COUNT, LoopStructure
 from tactuator.synthesis.noise_gain import quadrature
 
@@ -48,12 +49,12 @@ class LoopProblem:
         self, family: Sequence[Member], requirements: FeedbackRequirements, rate_hz: float, resonance_peak: float
     ) -> None:
         self.requirements = requirements
-        self._resonance_peak = resonance_peak
+        self.resonance_peak = resonance_peak
         self.structure = LoopStructure(rate_hz)
         low, high = requirements.rejection_band_hz
         nodes, weights = np.polynomial.legendre.leggauss(16)
         band = np.exp(0.5 * (np.log(low * high) + np.log(high / low) * nodes))
-        peaks = np.geomspace(low, 0.49 * rate_hz, 170)
+        peaks = _peak_grid_hz(family, low, rate_hz)
         noise, self._noise_weight = quadrature(rate_hz, panels=9, nodes=9)
         parts = [band, peaks, np.array(requirements.mains_hz), np.array(requirements.rejection_hz), noise]
         edges = np.cumsum([0, *(part.size for part in parts)])
@@ -89,7 +90,7 @@ class LoopProblem:
             "sensitivity_peak": asked.sensitivity_peak,
             "phase_margin_deg": asked.phase_margin_deg,
             "command_noise_gain": asked.command_noise_gain_max,
-            "complementary_peak": self._resonance_peak,
+            "complementary_peak": self.resonance_peak,
         }
         limits |= {f"|T| dB at {f:g} Hz": v for f, v in zip(asked.mains_hz, asked.mains_max_db, strict=True)}
         limits |= {f"|S| dB at {f:g} Hz": v for f, v in zip(asked.rejection_hz, asked.rejection_max_db, strict=True)}
@@ -146,8 +147,19 @@ class LoopProblem:
             by_power = 2.0 * (by_t[:, self._noise] @ power) / total
             rows.append((0.5 * DB * np.log(total) - DB * np.log(asked.command_noise_gain_max), 0.5 * DB * by_power))
         peak, share = _smooth_maximum(log_t[self._peaks])
-        rows.append((DB * (peak - np.log(self._resonance_peak)), DB * (by_t[:, self._peaks] @ share)))
+        rows.append((DB * (peak - np.log(self.resonance_peak)), DB * (by_t[:, self._peaks] @ share)))
         return rows
+
+
+def _peak_grid_hz(family: Sequence[Member], low_hz: float, rate_hz: float) -> Array:
+    """Even in log frequency up to half the rate, and dense around every member's lightly damped roots."""
+    parts = [np.geomspace(low_hz, 0.49 * rate_hz, 170)]
+    for member in family:
+        for root in np.append(member.continuous.poles, member.continuous.zeros):
+            if root.imag > 0.0 and abs(root.real) < LIGHT_DAMPING * abs(root):
+                parts.append((root.imag + abs(root.real) * np.linspace(-3.0, 3.0, 13)) / (2.0 * np.pi))
+    grid = np.unique(np.concatenate(parts))
+    return grid[(grid >= low_hz) & (grid <= 0.49 * rate_hz)]
 
 
 def _smooth_maximum(values: Array) -> tuple[float, Array]:

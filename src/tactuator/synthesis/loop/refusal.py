@@ -1,45 +1,69 @@
-"""Why no loop satisfies a display file: which requirements bind, and what would be possible."""
+"""Why no loop satisfies a display file: the nearest miss, which requirements bind, and what has been tried instead."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
 
 from tactuator.display.description import Channel
 from tactuator.errors import BadInput
-from tactuator.synthesis.family import Member
 from tactuator.synthesis.loop.problem import DB, DEGREES_PER_DB, LoopProblem
 from tactuator.synthesis.loop.solution import Solution, is_sound, solve
+from tactuator.synthesis.loop.starts import bounds, classical_starts
+from tactuator.synthesis.loop.synthesis import Task, is_possible, nearest
 
 Array = NDArray[np.float64]
 
+_SLACKENED = (0.02, 0.3, 1.0)
+"""dB by which a limit that is told gives way more than the solver says it must: the first at which a design is found."""
 
-def diagnosis(
-    problem: LoopProblem,
-    nearest: Sequence[Solution],
-    starts: Sequence[Array],
-    limits: optimize.Bounds,
-    family: Sequence[Member],
-) -> str:
-    """One line: the requirements that bind at the best compromise, how far each would have to give way alone, or else
-    each kind together (all of rejection, of hum, of margins)."""
+
+def diagnosis(task: Task) -> str:
+    """Return one line: the requirements that bind at the nearest miss, what it comes to, and which limits would do.
+
+    A limit is told only if the design has been tried with it, and found a loop: first each that binds alone, all
+    others kept, then each kind together (all of rejection, of hum), then all.
+    """
+    problem = LoopProblem(task.family, task.requirements, task.rate_hz, task.resonance_peak)
+    starts = [*nearest(task), *classical_starts(problem, task.family[0], task.rate_hz)]
+    limits = bounds(problem, task.family[0].continuous)
+    misses = _sound(task, problem, [solve(problem, start, limits) for start in starts])
     names = list(dict.fromkeys(name for name, _ in problem.labels))
-    binding = _binding(problem, nearest[0]) if nearest else names
-    begin = [one.parameters for one in nearest] or list(starts)
-    groups = [frozenset({name}) for name in binding]
-    kinds = [frozenset(name for name in names if name.startswith(kind)) for kind in ("|S|", "|T|")]
-    possible = _possible(problem, groups, begin, limits, family) or _possible(problem, kinds, begin, limits, family)
+    if not misses:
+        asked = ", ".join(f"{name} {problem.asked(name):.4g}" for name in names)
+        return f"nothing satisfies the requirements ({asked}), and no stable loop near them was found; {_HELP}"
+    worst = _worst_excess(problem, misses[0].parameters)
+    most = max(worst.values())
+    binding = [name for name in names if worst[name] > max(0.0, 0.9 * most)] or [max(worst, key=worst.__getitem__)]
+    begin = [one.parameters for one in misses[:3]]
+    groups = [(name,) for name in binding]
+    kinds = [tuple(name for name in names if name.startswith(kind)) for kind in ("|S|", "|T|")]
+    ways = (
+        _possible(task, problem, groups, begin)
+        or _possible(task, problem, [kind for kind in kinds if kind], begin)
+        or _tried(task, problem, {name: value for name, value in worst.items() if value > 0.0})
+    )
     wanted = ", ".join(f"{name} {problem.asked(name):.4g}" for name in binding)
-    ways = " or ".join(possible) or "nothing near; more than one kind of requirement has to give way"
-    return f"nothing satisfies the requirements; those that bind: {wanted}; allowed, all others kept: {ways}"
+    got = ", ".join(f"{name} {_value(name, problem.asked(name), worst[name]):.4g}" for name in binding)
+    advice = f"allowed, all others kept: {' or '.join(ways)}" if ways else _HELP
+    return f"nothing satisfies the requirements; those that bind: {wanted}; nearest miss: {got}; {advice}"
 
 
-def _binding(problem: LoopProblem, nearest: Solution) -> list[str]:
-    worst = _worst_excess(problem, nearest.parameters)
-    return [name for name, value in worst.items() if value > 0.9 * nearest.excess_db]
+_HELP = "allowed: looser limits of more than one kind, a faster rate, less delay, or a stiffer load"
+
+
+def _sound(task: Task, problem: LoopProblem, solutions: Sequence[Solution | None]) -> list[Solution]:
+    """Solutions whose loops are stable, the nearest to the requirements first."""
+    kept = [
+        one
+        for one in solutions
+        if one is not None
+        and is_sound(problem.structure.system(one.parameters), task.family, task.screen.must_bear_less)
+    ]
+    return sorted(kept, key=lambda one: max(_worst_excess(problem, one.parameters).values()))
 
 
 def _worst_excess(problem: LoopProblem, parameters: Array) -> dict[str, float]:
@@ -50,24 +74,67 @@ def _worst_excess(problem: LoopProblem, parameters: Array) -> dict[str, float]:
 
 
 def _possible(
-    problem: LoopProblem,
-    groups: Sequence[frozenset[str]],
-    begin: Sequence[Array],
-    limits: optimize.Bounds,
-    family: Sequence[Member],
+    task: Task, problem: LoopProblem, groups: Sequence[tuple[str, ...]], begin: Sequence[Array]
 ) -> list[str]:
-    """For each group that can give way alone: what it would come to."""
+    """For each group that can give way alone: what it has to come to, and has been tried at."""
+    limits = bounds(problem, task.family[0].continuous)
     ways = []
     for group in groups:
-        if not group:
-            continue
-        found = (solve(problem, start, limits, relaxed=group) for start in begin)
-        kept = [one for one in found if one and one.excess_db <= 1e-3 and is_sound(problem, one.parameters, family)]
+        found = [solve(problem, start, limits, relaxed=frozenset(group)) for start in begin]
+        kept = [one for one in _sound(task, problem, found) if one.excess_db <= 1e-3]
         if kept:
             worst = _worst_excess(problem, min(kept, key=lambda one: one.mean_db).parameters)
-            values = [f"{name} {_value(name, problem.asked(name), worst[name]):.4g}" for name in sorted(group)]
-            ways.append(", ".join(values))
+            ways += _tried(task, problem, {name: worst[name] for name in group if worst[name] > 0.0})
     return ways
+
+
+def _tried(task: Task, problem: LoopProblem, excess_db: Mapping[str, float]) -> list[str]:
+    """The limits that give way by `excess_db` and a little, as one phrase, if the design finds a loop with them."""
+    if not excess_db:
+        return []
+    for more in _SLACKENED:
+        values = {
+            name: _rounded(name, _value(name, problem.asked(name), excess + more)) for name, excess in excess_db.items()
+        }
+        if all(_is_looser(name, value, problem.asked(name)) for name, value in values.items()) and is_possible(
+            relaxed(task, values)
+        ):
+            return [", ".join(f"{name} {value:g}" for name, value in sorted(values.items()))]
+    return []
+
+
+def relaxed(task: Task, values: Mapping[str, float]) -> Task:
+    """Return the task with other limits, by the names that `LoopProblem` labels them with."""
+    asked = task.requirements
+    mains = tuple(values.get(f"|T| dB at {f:g} Hz", v) for f, v in zip(asked.mains_hz, asked.mains_max_db, strict=True))
+    rejection = tuple(
+        values.get(f"|S| dB at {f:g} Hz", v) for f, v in zip(asked.rejection_hz, asked.rejection_max_db, strict=True)
+    )
+    looser = replace(
+        asked,
+        mains_max_db=mains,
+        rejection_max_db=rejection,
+        sensitivity_peak=values.get("sensitivity_peak", asked.sensitivity_peak),
+        phase_margin_deg=values.get("phase_margin_deg", asked.phase_margin_deg),
+        command_noise_gain_max=values.get("command_noise_gain", asked.command_noise_gain_max),
+    )
+    peak = values.get("complementary_peak", task.resonance_peak)
+    return Task(task.family, looser, task.rate_hz, peak)
+
+
+def _is_looser(name: str, value: float, asked: float) -> bool:
+    if name == "phase_margin_deg":
+        return 0.0 < value < asked
+    return value > asked
+
+
+def _rounded(name: str, value: float) -> float:
+    """Four digits, rounded to the looser side."""
+    if value == 0.0:
+        return 0.0
+    step = 10.0 ** (np.floor(np.log10(abs(value))) - 3.0)
+    whole = np.floor(value / step) if name == "phase_margin_deg" else np.ceil(value / step)
+    return float(f"{whole * step:.4g}")
 
 
 def _value(name: str, asked: float, excess_db: float) -> float:

@@ -16,6 +16,7 @@ from scipy import optimize
 from tactuator.loop.feedback import FeedbackLoop
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.family import Member
+from tactuator.synthesis.loop.screening import WEAKER
 from tactuator.synthesis.loop.problem import LoopProblem, Point
 from tactuator.synthesis.loop.structure import COUNT
 
@@ -85,11 +86,11 @@ def solve(
     return Solution(result.x[:COUNT], float(result.x[COUNT]), float(result.x[COUNT + 1]))
 
 
-def is_sound(problem: LoopProblem, parameters: Array, family: Sequence[Member]) -> bool:
-    """Stable on every plant, and at lower gains too: not conditionally stable."""
-    feedback = problem.structure.system(parameters)
+def is_sound(feedback: SampledSystem, family: Sequence[Member], must_bear_less: bool = True) -> bool:
+    """Tell whether the loop is stable on every plant and, where it must bear less, at lower gains too: not
+    conditionally stable."""
     for member in family:
-        for factor in (1.0, 0.5, 0.2, 0.05):
+        for factor in WEAKER if must_bear_less else WEAKER[:1]:
             weaker = SampledSystem(feedback.zeros, feedback.poles, feedback.gain * factor, feedback.rate_hz)
             if not FeedbackLoop(weaker, member.sampled).is_stable:
                 return False

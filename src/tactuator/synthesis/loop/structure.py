@@ -50,6 +50,15 @@ class LoopStructure:
         slope[_POLE] = -by_frequency
         return value - log_factor, slope
 
+    def responses(self, parameters: Array, difference: Complex) -> Complex:
+        """Return C of many parameter vectors, (n, COUNT), at difference = z - 1, shape (f,): shape (n, f)."""
+        above: Complex = np.exp(parameters[:, :1]) + 0j
+        below: Complex = difference * _singles(parameters[:, _POLE, None], difference)
+        for index, sign in _PAIRS:
+            factor = _pairs(parameters[:, index, None], parameters[:, index + 1, None], difference)
+            above, below = (above * factor, below) if sign > 0 else (above, below * factor)
+        return above / below
+
     def system(self, parameters: Array) -> SampledSystem:
         """The controller of a parameter vector."""
         zeros: list[complex] = []
@@ -85,6 +94,23 @@ def _pair(log_frequency: float, log_damping: float, difference: Complex) -> tupl
         d1, d0 = (up[0] - down[0]) / (2.0 * step), (up[1] - down[1]) / (2.0 * step)
         slopes.append((d1 * difference + d0) / polynomial - d0 / c0)
     return np.log(polynomial / c0), slopes[0], slopes[1]
+
+
+def _pairs(log_frequency: Array, log_damping: Array, difference: Complex) -> Complex:
+    """Pairs of unit gain at rest, many at once: parameters (n, 1), difference (f,), result (n, f)."""
+    frequency, damping = np.exp(log_frequency), np.exp(log_damping)
+    decay = damping * frequency
+    inner = frequency**2 * (1.0 - damping**2)
+    half = np.sqrt(np.abs(inner)) / 2.0
+    square = np.where(inner >= 0.0, np.sin(half) ** 2, -(np.sinh(half) ** 2))
+    c0 = np.expm1(-decay) ** 2 + 4.0 * np.exp(-decay) * square
+    c1 = c0 - np.expm1(-2.0 * decay)
+    return np.asarray((difference * (difference + c1) + c0) / c0)
+
+
+def _singles(log_frequency: Array, difference: Complex) -> Complex:
+    c0 = -np.expm1(-np.exp(log_frequency))
+    return np.asarray((difference + c0) / c0)
 
 
 def _single(log_frequency: float, difference: Complex) -> tuple[Complex, Complex]:

@@ -1,29 +1,33 @@
 """Loop synthesis: the controller that keeps every requirement on every plant, with the least mean |S| in dB.
 
-Local optima in the parameters of `LoopStructure`, from a few fixed starts around the plant's own poles.
+A loop is looked for in a fixed set of candidates (`candidates`), which depends on the plant alone: whatever keeps
+tight limits is found again under looser ones. Local optima in the parameters of `LoopStructure` then improve on it,
+from the candidates found and from a few starts around the plant's own poles.
 
 Beyond the file's limits a loop keeps half of the display's resonance objective in reserve where that is possible
-(max|T| <= 1.15 for an objective of 1.3), and must not be conditionally stable: a command at its limit is a loop of
-lower gain, and that has to be stable too.
+(max|T| <= 1.15 for an objective of 1.3), and must not be conditionally stable where the plant allows that: a command
+at its limit is a loop of lower gain, and that has to be stable too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
 
-from tactuator.display.description import Channel
-from tactuator.errors import NoDesign
-from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.display.requirements import FeedbackRequirements
+from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.family import Member
 from tactuator.synthesis.loop.assessment import MemberAssessment, assess, figures, shortfalls
+from tactuator.synthesis.loop.candidates import shapes
 from tactuator.synthesis.loop.problem import DB, DEGREES_PER_DB, LoopProblem
-from tactuator.synthesis.loop.refusal import diagnosis, require_consistent
+from tactuator.synthesis.loop.screening import Screen
 from tactuator.synthesis.loop.solution import Solution, is_sound, solve
-from tactuator.synthesis.loop.structure import COUNT, FREQUENCIES, POLE_DAMPINGS, ZERO_DAMPINGS
+from tactuator.synthesis.loop.starts import bounds, classical_starts
+from tactuator.synthesis.loop.structure import LoopStructure
 
 Array = NDArray[np.float64]
 
@@ -31,105 +35,137 @@ _FEASIBLE_DB = 1e-4
 _RESERVE_DB = 2e-4
 _SAME_DB = 0.02
 _RESONANCE_SHARES = (0.5, 1.0)
-_SLOWEST_ZEROS_HZ = 1.0
-_ZERO_DAMPING = (0.7, 4.0)
-_POLE_DAMPING = (0.9, 2.0)
-_STARTS = ((1.0, 1.0), (2.0, 1.0), (3.0, 1.0), (1.5, 0.5), (2.0, 2.0))
-"""(crossover over the rejection band's upper edge, corner of the lead over the crossover)."""
+_WITNESSES = 2
+_NEAREST = 4
+Found = tuple[float, SampledSystem]
+"""Mean |S| in dB of the worst plant, and the controller."""
 
 
-def synthesise(
-    channel: Channel, family: Sequence[Member], rate_hz: float, resonance_peak: float
-) -> Iterator[tuple[float, SampledSystem]]:
-    """Controllers for a family of plants, the best first: integrator, lead-lag, notch; at most three sections.
+@dataclass(frozen=True)
+class Task:
+    """What a loop is looked for: the family of plants, what is asked, the rate, the limit on max|T|."""
 
-    Each keeps every requirement, and comes with the worst plant's mean |S| in dB; they are local optima, all different.
-    Raises NoDesign if
-    the requirements contradict each other or if nothing satisfies them: the message names those that bind, and what
-    would be possible.
+    family: Sequence[Member]
+    requirements: FeedbackRequirements
+    rate_hz: float
+    resonance_peak: float
+    screen: Screen = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        screen = Screen(self.family, self.requirements, self.rate_hz, self.resonance_peak)
+        object.__setattr__(self, "screen", screen)
+
+    def peak(self, share: float) -> float:
+        """Return the limit on max|T| with 1 - share of the objective in reserve."""
+        return 1.0 + share * (self.resonance_peak - 1.0)
+
+
+def synthesise(task: Task) -> Iterator[Found]:
+    """Yield controllers for a family of plants, the best first: integrator, lead-lag, notch; at most three sections.
+
+    Each keeps every requirement in a full assessment. The first ones are local optima, all different; what the fixed
+    set of candidates holds comes behind them. Nothing is yielded where nothing is found.
     """
-    require_consistent(channel, rate_hz)
+    blocks = list(shapes(task.family[0].continuous, task.rate_hz))
+    held = _witnesses(task, blocks[:1])
+    found = _improved(task, [one for one, _ in held], classical=True)
+    if not found and not held:
+        held = _witnesses(task, blocks[1:])
+        found = _improved(task, [one for one, _ in held], classical=False)
+    if not found and not held:
+        found = _improved(task, nearest(task, blocks), classical=False)
+    yield from sorted([*found, *(kept for _, kept in held)], key=lambda one: one[0])
+    if found or held:
+        yield from _all_candidates(task, blocks)
+
+
+def is_possible(task: Task) -> bool:
+    """Tell whether `synthesise` yields anything, from its quickest means alone: never true where it would not."""
+    first = next(shapes(task.family[0].continuous, task.rate_hz))
+    return bool(_witnesses(task, [first]) or _improved(task, [], classical=True))
+
+
+def nearest(task: Task, blocks: Sequence[Array] | None = None) -> list[Array]:
+    """Return the candidates that miss the requirements by least, the nearest first: parameter vectors."""
+    all_blocks = list(shapes(task.family[0].continuous, task.rate_hz)) if blocks is None else blocks
+    parts = [task.screen.nearest(block, _NEAREST) for block in all_blocks[:2]]
+    parameters, miss = (np.concatenate(one) for one in zip(*parts, strict=True))
+    order = np.argsort(miss, kind="stable")
+    return [parameters[i] for i in order if np.isfinite(miss[i])][:_NEAREST]
+
+
+def _witnesses(task: Task, blocks: Sequence[Array]) -> list[tuple[Array, Found]]:
+    """The best few candidates of the first block that holds any."""
+    for block in blocks:
+        for share in _RESONANCE_SHARES:
+            full = _assessed(task, task.screen.kept(block, task.peak(share)))
+            found = list(islice(full, _WITNESSES))
+            if found:
+                return found
+    return []
+
+
+def _all_candidates(task: Task, blocks: Sequence[Array]) -> Iterator[Found]:
+    """Every candidate that keeps all limits, for the case that no prefilter fits the best ones."""
+    for block in blocks:
+        for _, found in _assessed(task, task.screen.kept(block, task.resonance_peak)):
+            yield found
+
+
+def _assessed(task: Task, candidates: Iterator[Array]) -> Iterator[tuple[Array, Found]]:
+    """The candidates that a full assessment finds to keep everything."""
+    structure = LoopStructure(task.rate_hz)
+    for parameters in candidates:
+        found = judged(task, structure.system(parameters))
+        if found is not None:
+            yield parameters, found
+
+
+def judged(task: Task, feedback: SampledSystem) -> Found | None:
+    """Return the controller with its mean |S|, or None if a full assessment finds anything amiss on any plant."""
+    if not is_sound(feedback, task.family, task.screen.must_bear_less):
+        return None
+    assessments = assess(feedback, task.family, task.requirements)
+    if shortfalls(assessments, task.requirements, task.resonance_peak):
+        return None
+    return max(one.mean_rejection_db for one in assessments), feedback
+
+
+def _improved(task: Task, starts: Sequence[Array], classical: bool) -> list[Found]:
+    """Local optima that keep every requirement, the best first, each different from the one before."""
     for share in _RESONANCE_SHARES:
-        problem = LoopProblem(family, channel.feedback, rate_hz, 1.0 + share * (resonance_peak - 1.0))
-        limits = _bounds(problem, family[0].continuous)
-        starts = _starts(problem, family[0], rate_hz)
-        found = (solve(problem, start, limits) for start in starts)
-        solutions = [one for one in found if one is not None and is_sound(problem, one.parameters, family)]
-        kept = sorted((one for one in solutions if one.excess_db <= _FEASIBLE_DB), key=lambda one: one.mean_db)
+        problem = LoopProblem(task.family, task.requirements, task.rate_hz, task.peak(share))
+        limits = bounds(problem, task.family[0].continuous)
+        begin = [*starts, *(classical_starts(problem, task.family[0], task.rate_hz) if classical else [])]
+        solutions = (solve(problem, start, limits) for start in begin)
+        kept = [one for one in solutions if one is not None and one.excess_db <= _FEASIBLE_DB]
         means: list[float] = []
-        for solution in kept:
+        found: list[Found] = []
+        for solution in sorted(kept, key=lambda one: one.mean_db):
             if means and solution.mean_db - means[-1] < _SAME_DB:
                 continue
-            settled = _settle(problem, solution, limits, family)
+            settled = _settle(task, problem, solution)
             if settled is not None:
                 means.append(solution.mean_db)
-                yield solution.mean_db, settled
-        if means:
-            return
-    nearest = sorted(solutions, key=lambda one: one.excess_db)[:3]
-    raise NoDesign(f"channel {channel.name!r}: " + diagnosis(problem, nearest, starts, limits, family))
+                found.append(settled)
+        if found:
+            return found
+    return []
 
 
-def _bounds(problem: LoopProblem, plant: ContinuousSystem) -> optimize.Bounds:
-    """Zeros of the integrator's section from 1 Hz, everything else from the rejection band's upper edge, up to just
-    below half the rate; zeros damped by 0.7 or more, poles by 0.9: nothing in the controller rings, and T stays smooth
-    enough for a prefilter of few poles. Zeros may be as soft as the plant's own resonances, to cancel them."""
-    to_radians = 2.0 * np.pi / problem.structure.rate_hz
-    low, high = np.full(COUNT + 2, -np.inf), np.full(COUNT + 2, np.inf)
-    fast = [*FREQUENCIES, 3]
-    low[fast] = np.log(to_radians * problem.requirements.rejection_band_hz[1])
-    low[1] = np.log(to_radians * _SLOWEST_ZEROS_HZ)
-    high[fast] = np.log(2.0 * np.pi * 0.45)
-    softest = min(_ZERO_DAMPING[0], 0.6 * _resonance(plant)[1])
-    low[list(ZERO_DAMPINGS)], high[list(ZERO_DAMPINGS)] = np.log(softest), np.log(_ZERO_DAMPING[1])
-    low[list(POLE_DAMPINGS)], high[list(POLE_DAMPINGS)] = np.log(_POLE_DAMPING[0]), np.log(_POLE_DAMPING[1])
-    low[COUNT + 1] = 0.0
-    return optimize.Bounds(low, high)
-
-
-def _resonance(plant: ContinuousSystem) -> tuple[float, float]:
-    """Natural frequency (rad/s) and damping of the plant's softest pole pair; (0, 1) if it has none."""
-    pairs = plant.poles[plant.poles.imag > 0.0]
-    if pairs.size == 0:
-        return 0.0, 1.0
-    damping = -pairs.real / np.abs(pairs)
-    softest = int(np.argmin(damping))
-    return float(np.abs(pairs[softest])), float(damping[softest])
-
-
-def _starts(problem: LoopProblem, nominal: Member, rate_hz: float) -> list[Array]:
-    """Zeros on the plant's two slowest poles, the notch on its resonance, and several crossovers."""
-    poles = nominal.continuous.poles[np.argsort(np.abs(nominal.continuous.poles))][:2]
-    own = float(np.sqrt(np.abs(np.prod(poles)))) if poles.size == 2 else 2.0 * np.pi * 10.0
-    damping = float(np.clip(np.abs(np.sum(poles).real) / 2.0 / own, 0.01, 3.9)) if poles.size == 2 else 1.0
-    resonance, softness = _resonance(nominal.continuous)
-    upper = problem.requirements.rejection_band_hz[1]
-    found = []
-    for times, corner in _STARTS:
-        crossover = min(times * upper, 0.05 * rate_hz)
-        omega = 2.0 * np.pi * crossover / rate_hz
-        lead = 2.0 * omega * corner
-        notch, depth = (resonance / rate_hz, softness) if resonance > 1.5 * own else (4.0 * omega, 0.8)
-        values = [1.0, own / rate_hz, damping, 2.0 * omega, lead, 1.0, 2.0 * lead, 1.0, notch, depth, notch, 1.0]
-        parameters = np.log(values)
-        unit = problem.structure.system(parameters).response(crossover) * nominal.sampled.response(crossover)
-        parameters[0] -= np.log(np.abs(unit))
-        found.append(parameters)
-    return found
-
-
-def _settle(
-    problem: LoopProblem, solution: Solution, limits: optimize.Bounds, family: Sequence[Member]
-) -> SampledSystem | None:
+def _settle(task: Task, problem: LoopProblem, solution: Solution) -> Found | None:
     """The solution with what its grids overlooked taken into account: a full assessment finds no shortfall."""
+    limits = bounds(problem, task.family[0].continuous)
     for _ in range(4):
         feedback = problem.structure.system(solution.parameters)
-        assessments = assess(feedback, family, problem.requirements)
-        if not shortfalls(assessments, problem.requirements):
-            return feedback
-        _tighten(problem, solution.parameters, assessments)
+        if not is_sound(feedback, task.family, task.screen.must_bear_less):
+            return None
+        found = judged(task, feedback)
+        if found is not None:
+            return found
+        _tighten(problem, solution.parameters, assess(feedback, task.family, problem.requirements))
         again = solve(problem, solution.parameters, limits)
-        if again is None or again.excess_db > _FEASIBLE_DB or not is_sound(problem, again.parameters, family):
+        if again is None or again.excess_db > _FEASIBLE_DB:
             return None
         solution = again
     return None
@@ -141,7 +177,7 @@ def _tighten(problem: LoopProblem, parameters: Array, assessments: Sequence[Memb
     true = {
         (name, one.member.name): _excess_db(name, asked, got)
         for one in assessments
-        for name, asked, got, _ in figures(one, problem.requirements)
+        for name, asked, got, _ in figures(one, problem.requirements, problem.resonance_peak)
     }
     problem.tighten = np.array(
         [true.get(label, value) - value + _RESERVE_DB for label, value in zip(problem.labels, seen, strict=True)]

@@ -1,0 +1,246 @@
+"""Which candidates keep every limit: many shapes times many gains at once, on fixed grids.
+
+Every figure of a candidate is computed without regard to what is asked and then compared with it, so that relaxing a
+limit can only let more pass. What passes here is judged once more in full by whoever takes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.requirements import FeedbackRequirements
+from tactuator.signals.sections import backward_difference
+from tactuator.synthesis.family import Member
+from tactuator.synthesis.loop.candidates import LIGHT_DAMPING, crossovers_hz
+from tactuator.synthesis.loop.structure import LoopStructure
+from tactuator.synthesis.noise_gain import quadrature
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+DB = 20.0 / np.log(10.0)
+DEGREES_PER_DB = 5.0
+_AT_ONCE = 256
+WEAKER = (1.0, 0.5, 0.2, 0.05)
+"""Factors of the gain at which a loop has to be stable: a command at its limit is a loop of lower gain."""
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Frequencies (f,), z - 1 there, and every member's plant, (m, f)."""
+
+    frequency_hz: Array
+    difference: Complex
+    plants: Complex
+
+
+class Screen:
+    """The requirements on a family of plants, ready to be asked of many candidates."""
+
+    def __init__(
+        self, family: Sequence[Member], requirements: FeedbackRequirements, rate_hz: float, resonance_peak: float
+    ) -> None:
+        self._asked, self._resonance_peak, self._rate_hz = requirements, resonance_peak, rate_hz
+        self._structure = LoopStructure(rate_hz)
+        self._family = tuple(family)
+        asked = requirements
+        self._lines = self._grid(np.array([*asked.mains_hz, *asked.rejection_hz]))
+        self._line_db = np.array([*asked.mains_max_db, *asked.rejection_max_db])
+        self._is_mains = np.arange(self._line_db.size) < len(asked.mains_hz)
+        low, high = asked.rejection_band_hz
+        nodes, self._band_weight = np.polynomial.legendre.leggauss(12)
+        self._band = self._grid(np.exp(0.5 * (np.log(low * high) + np.log(high / low) * nodes)))
+        self._wide = self._grid(_wide_grid_hz(self._family, low, rate_hz))
+        noise, self._noise_weight = quadrature(rate_hz, panels=9, nodes=9)
+        self._noise = self._grid(noise)
+        self._crossovers = self._grid(crossovers_hz(rate_hz))
+        self._turns = np.array([_expected_turn(member) for member in self._family])
+        self.must_bear_less = all(may_be_weakened(member) for member in self._family)
+
+    def _grid(self, frequency_hz: Array) -> _Grid:
+        z = np.exp(2j * np.pi * frequency_hz / self._rate_hz)
+        difference = backward_difference(frequency_hz, self._rate_hz) * z
+        plants = [member.sampled.response(frequency_hz) for member in self._family]
+        return _Grid(frequency_hz, difference, np.array(plants).reshape(len(plants), frequency_hz.size))
+
+    def kept(self, shapes: Array, resonance_peak: float) -> Iterator[Array]:
+        """Yield the candidates of `shapes` (n, COUNT), over every gain, that keep all limits and a greatest |T| of
+        resonance_peak: parameter vectors (COUNT,) in the order of their mean |S|."""
+        parts = [self._possible(shapes[i : i + _AT_ONCE], resonance_peak) for i in range(0, len(shapes), _AT_ONCE)]
+        parameters = np.concatenate(parts)
+        order = np.argsort(self._mean_db(parameters), kind="stable")
+        for start in range(0, order.size, _AT_ONCE):
+            some = parameters[order[start : start + _AT_ONCE]]
+            yield from some[self._holds(some)]
+
+    def _possible(self, shapes: Array, resonance_peak: float) -> Array:
+        """Candidates that keep line limits and peaks: (m, COUNT)."""
+        gains, ok = self._gains(shapes)
+        with np.errstate(all="ignore"):
+            ok &= np.max(self._line_excess_db(shapes, gains), axis=-1, initial=-np.inf) <= 0.0
+            row = np.flatnonzero(np.any(ok, axis=1))
+            ok[row] &= self._peaks_hold(shapes[row], gains[row], resonance_peak)
+        which, column = np.nonzero(ok)
+        parameters = shapes[which].copy()
+        parameters[:, 0] = np.log(gains[which, column])
+        return parameters
+
+    def _gains(self, shapes: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Gains that put the nominal plant's crossover on the grid, (n, g), and which of them are numbers."""
+        through = np.abs(self._structure.responses(shapes, self._crossovers.difference) * self._crossovers.plants[0])
+        with np.errstate(all="ignore"):
+            gains = 1.0 / through
+        good = np.isfinite(gains) & (gains > 0.0)
+        return np.where(good, gains, 1.0), good
+
+    def _line_excess_db(self, shapes: Array, gains: Array) -> Array:
+        """By how much |T| at mains lines and |S| at rejection frequencies pass their limits: (n, g, lines), dB, the
+        worst member."""
+        controller = self._structure.responses(shapes, self._lines.difference)
+        worst = np.full((*gains.shape, self._line_db.size), -np.inf)
+        for plant in self._lines.plants:
+            loop = controller * plant
+            size, real = np.abs(loop) ** 2, loop.real
+            for index, limit_db in enumerate(self._line_db):
+                own, part = size[:, index, None], real[:, index, None]
+                away = 1.0 + gains * (2.0 * part + gains * own)  # |1 + kL|^2
+                above = gains**2 * own if self._is_mains[index] else 1.0
+                level = 0.5 * DB * np.log(above / away)
+                worst[:, :, index] = np.maximum(worst[:, :, index], level - limit_db)
+        return np.nan_to_num(worst, nan=np.inf)
+
+    def _peaks_hold(self, shapes: Array, gains: Array, resonance_peak: float) -> NDArray[np.bool_]:
+        """Whether max|S| and max|T| hold on the wide grid: (n, g)."""
+        holds = np.ones(gains.shape, dtype=bool)
+        controller = self._structure.responses(shapes, self._wide.difference)
+        least = 0.0 if self._asked.sensitivity_peak is None else self._asked.sensitivity_peak**-2
+        squares = gains**2
+        for plant in self._wide.plants:
+            loop = controller * plant
+            size, twice = np.abs(loop) ** 2, 2.0 * loop.real
+            for index in range(plant.size):
+                above = squares * size[:, index, None]
+                away = 1.0 + gains * twice[:, index, None] + above
+                holds &= (away >= least) & (above <= resonance_peak**2 * away)
+        return holds
+
+    def _mean_db(self, parameters: Array) -> Array:
+        """Mean |S| over the rejection band, dB, of the worst member, (n,)."""
+        worst = np.full(parameters.shape[0], -np.inf)
+        controller = self._structure.responses(parameters, self._band.difference)
+        for plant in self._band.plants:
+            mean = -0.5 * DB * np.sum(np.log(np.abs(1.0 + controller * plant)) * self._band_weight, axis=1)
+            worst = np.maximum(worst, mean)
+        return worst
+
+    def _holds(self, parameters: Array) -> NDArray[np.bool_]:
+        """Whether the rest of the limits is kept and every loop is stable, (n,)."""
+        asked = self._asked
+        ok = np.ones(parameters.shape[0], dtype=bool)
+        controllers = [self._structure.responses(parameters, grid.difference) for grid in (self._wide, self._noise)]
+        with np.errstate(all="ignore"):
+            for index in range(len(self._family)):
+                wide = controllers[0] * self._wide.plants[index]
+                ok &= self._is_stable(wide, index)
+                if asked.phase_margin_deg is not None:
+                    ok &= _phase_margins_deg(wide) >= asked.phase_margin_deg
+                if asked.command_noise_gain_max is not None:
+                    felt = controllers[1] / (1.0 + controllers[1] * self._noise.plants[index])
+                    power = np.sum(self._noise_weight * np.abs(felt) ** 2, axis=1)
+                    ok &= power <= asked.command_noise_gain_max**2
+        return ok
+
+    def _is_stable(self, loop: Complex, index: int) -> NDArray[np.bool_]:
+        """Whether 1 + L turns as often as a stable loop's, at lower gains too; (n,)."""
+        stable = np.ones(loop.shape[0], dtype=bool)
+        for factor in WEAKER if self.must_bear_less else WEAKER[:1]:
+            angle = np.angle(1.0 + factor * loop)
+            turned = np.sum((np.diff(angle, axis=1) + np.pi) % (2.0 * np.pi) - np.pi, axis=1)
+            stable &= np.abs(turned - self._turns[index]) < 0.6 * np.pi
+        return stable
+
+    def nearest(self, shapes: Array, count: int) -> tuple[Array, Array]:
+        """Return the `count` candidates (n, COUNT) of `shapes` that miss the line limits, peaks and noise gain by
+        least, and by how many dB at worst, (n,); for starts and for telling what is near."""
+        parts = [
+            self._nearest(shapes[i : i + _AT_ONCE], count) for i in range(0, len(shapes), _AT_ONCE)
+        ]
+        parameters, miss = (np.concatenate(field) for field in zip(*parts, strict=True))
+        order = np.argsort(miss, kind="stable")[:count]
+        return parameters[order], miss[order]
+
+    def _nearest(self, shapes: Array, count: int) -> tuple[Array, Array]:
+        gains, good = self._gains(shapes)
+        with np.errstate(all="ignore"):
+            lines = np.max(self._line_excess_db(shapes, gains), axis=-1, initial=0.0)
+        lines = np.where(good & np.isfinite(lines), lines, np.inf)
+        place = np.argsort(lines, axis=None, kind="stable")[: 4 * count]
+        row, column = np.unravel_index(place, lines.shape)
+        parameters = shapes[row].copy()
+        parameters[:, 0] = np.log(gains[row, column])
+        miss = np.maximum(lines[row, column], self._other_excess_db(parameters))
+        order = np.argsort(miss, kind="stable")[:count]
+        return parameters[order], miss[order]
+
+    def _other_excess_db(self, parameters: Array) -> Array:
+        """Peaks, phase margin and noise gain against their limits, dB; infinite where unstable; (n,)."""
+        asked = self._asked
+        worst = np.zeros(parameters.shape[0])
+        controllers = [self._structure.responses(parameters, grid.difference) for grid in (self._wide, self._noise)]
+        with np.errstate(all="ignore"):
+            for index in range(len(self._family)):
+                wide, noise = controllers[0] * self._wide.plants[index], controllers[1] * self._noise.plants[index]
+                rows = [DB * np.log(np.max(np.abs(wide / (1.0 + wide)), axis=1) / self._resonance_peak)]
+                if asked.sensitivity_peak is not None:
+                    rows.append(-DB * np.log(np.min(np.abs(1.0 + wide), axis=1) * asked.sensitivity_peak))
+                if asked.phase_margin_deg is not None:
+                    rows.append((asked.phase_margin_deg - _phase_margins_deg(wide)) / DEGREES_PER_DB)
+                if asked.command_noise_gain_max is not None:
+                    power = np.sum(self._noise_weight * np.abs(controllers[1] / (1.0 + noise)) ** 2, axis=1)
+                    rows.append(0.5 * DB * np.log(power / asked.command_noise_gain_max**2))
+                rows.append(np.where(self._is_stable(wide, index), 0.0, np.inf))
+                worst = np.maximum(worst, np.nan_to_num(np.max(rows, axis=0), nan=np.inf))
+        return worst
+
+
+def _wide_grid_hz(family: Sequence[Member], low_hz: float, rate_hz: float) -> Array:
+    """Even in log frequency up to half the rate, and dense around each member's lightly damped roots."""
+    parts = [np.geomspace(0.02 * low_hz, low_hz, 12), np.geomspace(low_hz, 0.4999 * rate_hz, 110)]
+    for member in family:
+        for root in np.append(member.continuous.poles, member.continuous.zeros):
+            if root.imag > 0.0 and abs(root.real) < LIGHT_DAMPING * abs(root):
+                parts.append((root.imag + abs(root.real) * np.linspace(-3.0, 3.0, 13)) / (2.0 * np.pi))
+    grid = np.unique(np.concatenate(parts))
+    return grid[(grid > 0.0) & (grid < 0.5 * rate_hz)]
+
+
+def _expected_turn(member: Member) -> float:
+    """By how much 1 + L of a stable loop turns from rest to half the rate, radians, for a controller of one integrator.
+
+    All n closed poles inside turn the closed polynomial by n pi; an open pole inside takes pi of that away, one at
+    z = 1 half of it, one outside nothing (the principle of the argument on the upper half of the unit circle).
+    """
+    size = np.abs(member.sampled.poles)
+    on = int(np.sum(np.abs(member.sampled.poles - 1.0) < 1e-9)) + 1
+    outside = int(np.sum(size > 1.0 + 1e-9))
+    return float(np.pi * (0.5 * on + outside))
+
+
+def may_be_weakened(member: Member) -> bool:
+    """Tell whether a loop around the plant can be stable at every lower gain: not with a pole outside or two at rest,
+    to which the controller adds its integrator."""
+    poles = member.sampled.poles
+    return bool(np.all(np.abs(poles) <= 1.0 + 1e-9)) and int(np.sum(np.abs(poles - 1.0) < 1e-9)) < 2
+
+
+def _phase_margins_deg(loop: Complex) -> Array:
+    """Smallest phase margin over all crossings of a grid, by interpolation, degrees, (n,); 180 without a crossing."""
+    level, phase = np.log(np.abs(loop)), np.degrees(np.angle(-loop))
+    crosses = np.signbit(level[:, 1:]) != np.signbit(level[:, :-1])
+    share = -level[:, :-1] / (level[:, 1:] - level[:, :-1])
+    turn = (np.diff(phase, axis=1) + 180.0) % 360.0 - 180.0
+    return np.asarray(np.min(np.where(crosses, np.abs(phase[:, :-1] + turn * share), 180.0), axis=1))
