@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from tactuator import __version__
 from tactuator.display.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.display.description import Channel, Display
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, NoDesign
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.signals.bands import third_octave_bands
 from tactuator.signals.discretise import bilinear
@@ -42,7 +43,8 @@ def design_controller(display: Display, poles: int | None = None, error_db: floa
     Raises BadInput for a plant that cannot be controlled, requirements that contradict each other, or requirements
     that nothing satisfies: the message says which bind, and what would be possible.
     """
-    channels = tuple(design_channel(display, channel, poles, error_db) for channel in display.channels)
+    with threadpool_limits(limits=1):  # sums that BLAS splits over threads round differently
+        channels = tuple(design_channel(display, channel, poles, error_db) for channel in display.channels)
     return Controller(display, channels, __version__)
 
 
@@ -103,7 +105,7 @@ def feedback_candidates(
             found = True
             yield one
         if not found:
-            raise BadInput(f"channel {channel.name!r}: {diagnosis(task)}")
+            raise NoDesign(f"channel {channel.name!r}: {diagnosis(task)}")
 
 
 def assemble(

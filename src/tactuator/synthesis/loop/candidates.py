@@ -5,8 +5,8 @@ whatever kept the tighter limits is in the set again, and keeps the looser ones.
 
 A candidate is a parameter vector of `LoopStructure` and a gain. Shapes are built from the plant's own roots: an
 integrator alone, with one zero (PI), with two (PID); each with and without a lead or a roll-off, and a notch on each
-lightly damped mode. Later blocks fill the parameters' space evenly (Sobol), or with finer grids. Gains put the crossover of the nominal
-plant on a grid of 48 frequencies.
+lightly damped mode. Later blocks fill the parameters' space evenly (Sobol), or with finer grids. Gains put the
+crossover of the nominal plant on a grid of 48 frequencies.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ Second = tuple[float, float, float, float]
 
 def _combined(fronts: list[Front], seconds: list[Second], notches: list[Second]) -> Array:
     rows = [(1.0, *front, *second, *notch) for front, second, notch in product(fronts, seconds, notches)]
-    return np.log(np.array(rows))
+    return np.asarray(np.log(np.array(rows)))
 
 
 def _zeros(first: float, second: float) -> tuple[float, float]:

@@ -17,8 +17,9 @@ from tactuator.synthesis.loop.synthesis import Task, is_possible, nearest
 
 Array = NDArray[np.float64]
 
-_SLACKENED = (0.02, 0.3, 1.0)
-"""dB by which a limit that is told gives way more than the solver says it must: the first at which a design is found."""
+_WAYS_MAX = 2
+_SLACKENED = (0.05, 0.5)
+"""dB by which a limit that is told gives way more than the solver says: the first at which a design is found."""
 
 
 def diagnosis(task: Task) -> str:
@@ -28,7 +29,7 @@ def diagnosis(task: Task) -> str:
     others kept, then each kind together (all of rejection, of hum), then all.
     """
     problem = LoopProblem(task.family, task.requirements, task.rate_hz, task.resonance_peak)
-    starts = [*nearest(task), *classical_starts(problem, task.family[0], task.rate_hz)]
+    starts = [*nearest(task)[:2], *classical_starts(problem, task.family[0], task.rate_hz)[:3]]
     limits = bounds(problem, task.family[0].continuous)
     misses = _sound(task, problem, [solve(problem, start, limits) for start in starts])
     names = list(dict.fromkeys(name for name, _ in problem.labels))
@@ -38,7 +39,7 @@ def diagnosis(task: Task) -> str:
     worst = _worst_excess(problem, misses[0].parameters)
     most = max(worst.values())
     binding = [name for name in names if worst[name] > max(0.0, 0.9 * most)] or [max(worst, key=worst.__getitem__)]
-    begin = [one.parameters for one in misses[:3]]
+    begin = [one.parameters for one in misses[:2]]
     groups = [(name,) for name in binding]
     kinds = [tuple(name for name in names if name.startswith(kind)) for kind in ("|S|", "|T|")]
     ways = (
@@ -73,13 +74,13 @@ def _worst_excess(problem: LoopProblem, parameters: Array) -> dict[str, float]:
     return worst
 
 
-def _possible(
-    task: Task, problem: LoopProblem, groups: Sequence[tuple[str, ...]], begin: Sequence[Array]
-) -> list[str]:
+def _possible(task: Task, problem: LoopProblem, groups: Sequence[tuple[str, ...]], begin: Sequence[Array]) -> list[str]:
     """For each group that can give way alone: what it has to come to, and has been tried at."""
     limits = bounds(problem, task.family[0].continuous)
-    ways = []
+    ways: list[str] = []
     for group in groups:
+        if len(ways) == _WAYS_MAX:
+            break
         found = [solve(problem, start, limits, relaxed=frozenset(group)) for start in begin]
         kept = [one for one in _sound(task, problem, found) if one.excess_db <= 1e-3]
         if kept:

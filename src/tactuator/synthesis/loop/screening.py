@@ -166,9 +166,7 @@ class Screen:
     def nearest(self, shapes: Array, count: int) -> tuple[Array, Array]:
         """Return the `count` candidates (n, COUNT) of `shapes` that miss the line limits, peaks and noise gain by
         least, and by how many dB at worst, (n,); for starts and for telling what is near."""
-        parts = [
-            self._nearest(shapes[i : i + _AT_ONCE], count) for i in range(0, len(shapes), _AT_ONCE)
-        ]
+        parts = [self._nearest(shapes[i : i + _AT_ONCE], count) for i in range(0, len(shapes), _AT_ONCE)]
         parameters, miss = (np.concatenate(field) for field in zip(*parts, strict=True))
         order = np.argsort(miss, kind="stable")[:count]
         return parameters[order], miss[order]

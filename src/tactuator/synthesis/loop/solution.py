@@ -16,8 +16,8 @@ from scipy import optimize
 from tactuator.loop.feedback import FeedbackLoop
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.family import Member
-from tactuator.synthesis.loop.screening import WEAKER
 from tactuator.synthesis.loop.problem import LoopProblem, Point
+from tactuator.synthesis.loop.screening import WEAKER
 from tactuator.synthesis.loop.structure import COUNT
 
 Array = NDArray[np.float64]

@@ -36,7 +36,7 @@ _RESERVE_DB = 2e-4
 _SAME_DB = 0.02
 _RESONANCE_SHARES = (0.5, 1.0)
 _WITNESSES = 2
-_NEAREST = 4
+_NEAREST = 3
 Found = tuple[float, SampledSystem]
 """Mean |S| in dB of the worst plant, and the controller."""
 
@@ -73,7 +73,7 @@ def synthesise(task: Task) -> Iterator[Found]:
         held = _witnesses(task, blocks[1:])
         found = _improved(task, [one for one, _ in held], classical=False)
     if not found and not held:
-        found = _improved(task, nearest(task, blocks), classical=False)
+        found = _improved(task, nearest(task, blocks), classical=False, shares=(1.0,))
     yield from sorted([*found, *(kept for _, kept in held)], key=lambda one: one[0])
     if found or held:
         yield from _all_candidates(task, blocks)
@@ -82,7 +82,7 @@ def synthesise(task: Task) -> Iterator[Found]:
 def is_possible(task: Task) -> bool:
     """Tell whether `synthesise` yields anything, from its quickest means alone: never true where it would not."""
     first = next(shapes(task.family[0].continuous, task.rate_hz))
-    return bool(_witnesses(task, [first]) or _improved(task, [], classical=True))
+    return bool(_witnesses(task, [first])) or any(_settled(task, 1.0, [], classical=True))
 
 
 def nearest(task: Task, blocks: Sequence[Array] | None = None) -> list[Array]:
@@ -98,8 +98,7 @@ def _witnesses(task: Task, blocks: Sequence[Array]) -> list[tuple[Array, Found]]
     """The best few candidates of the first block that holds any."""
     for block in blocks:
         for share in _RESONANCE_SHARES:
-            full = _assessed(task, task.screen.kept(block, task.peak(share)))
-            found = list(islice(full, _WITNESSES))
+            found = list(islice(_assessed(task, block, task.peak(share)), _WITNESSES))
             if found:
                 return found
     return []
@@ -108,49 +107,57 @@ def _witnesses(task: Task, blocks: Sequence[Array]) -> list[tuple[Array, Found]]
 def _all_candidates(task: Task, blocks: Sequence[Array]) -> Iterator[Found]:
     """Every candidate that keeps all limits, for the case that no prefilter fits the best ones."""
     for block in blocks:
-        for _, found in _assessed(task, task.screen.kept(block, task.resonance_peak)):
+        for _, found in _assessed(task, block, task.resonance_peak):
             yield found
 
 
-def _assessed(task: Task, candidates: Iterator[Array]) -> Iterator[tuple[Array, Found]]:
-    """The candidates that a full assessment finds to keep everything."""
+def _assessed(task: Task, block: Array, resonance_peak: float) -> Iterator[tuple[Array, Found]]:
+    """The candidates of a block that a full assessment finds to keep everything."""
     structure = LoopStructure(task.rate_hz)
-    for parameters in candidates:
-        found = judged(task, structure.system(parameters))
+    for parameters in task.screen.kept(block, resonance_peak):
+        found = judged(task, structure.system(parameters), resonance_peak)
         if found is not None:
             yield parameters, found
 
 
-def judged(task: Task, feedback: SampledSystem) -> Found | None:
+def judged(task: Task, feedback: SampledSystem, resonance_peak: float) -> Found | None:
     """Return the controller with its mean |S|, or None if a full assessment finds anything amiss on any plant."""
     if not is_sound(feedback, task.family, task.screen.must_bear_less):
         return None
     assessments = assess(feedback, task.family, task.requirements)
-    if shortfalls(assessments, task.requirements, task.resonance_peak):
+    if shortfalls(assessments, task.requirements, resonance_peak):
         return None
     return max(one.mean_rejection_db for one in assessments), feedback
 
 
-def _improved(task: Task, starts: Sequence[Array], classical: bool) -> list[Found]:
-    """Local optima that keep every requirement, the best first, each different from the one before."""
-    for share in _RESONANCE_SHARES:
-        problem = LoopProblem(task.family, task.requirements, task.rate_hz, task.peak(share))
-        limits = bounds(problem, task.family[0].continuous)
-        begin = [*starts, *(classical_starts(problem, task.family[0], task.rate_hz) if classical else [])]
-        solutions = (solve(problem, start, limits) for start in begin)
-        kept = [one for one in solutions if one is not None and one.excess_db <= _FEASIBLE_DB]
-        means: list[float] = []
-        found: list[Found] = []
-        for solution in sorted(kept, key=lambda one: one.mean_db):
-            if means and solution.mean_db - means[-1] < _SAME_DB:
-                continue
-            settled = _settle(task, problem, solution)
-            if settled is not None:
-                means.append(solution.mean_db)
-                found.append(settled)
+def _improved(
+    task: Task, starts: Sequence[Array], classical: bool, shares: Sequence[float] = _RESONANCE_SHARES
+) -> list[Found]:
+    """Local optima that keep every requirement, all different, the best first."""
+    for share in shares:
+        found = sorted(_settled(task, share, starts, classical), key=lambda one: one[0])
         if found:
             return found
     return []
+
+
+def _settled(task: Task, share: float, starts: Sequence[Array], classical: bool) -> Iterator[Found]:
+    """Local optima that keep every requirement, start by start."""
+    problem = LoopProblem(task.family, task.requirements, task.rate_hz, task.peak(share))
+    limits = bounds(problem, task.family[0].continuous)
+    begin = [*starts, *(classical_starts(problem, task.family[0], task.rate_hz) if classical else [])]
+    means: list[float] = []
+    for start in begin:
+        problem.tighten = np.zeros(len(problem.labels))
+        solution = solve(problem, start, limits)
+        if solution is None or solution.excess_db > _FEASIBLE_DB:
+            continue
+        if any(abs(solution.mean_db - mean) < _SAME_DB for mean in means):
+            continue
+        settled = _settle(task, problem, solution)
+        if settled is not None:
+            means.append(solution.mean_db)
+            yield settled
 
 
 def _settle(task: Task, problem: LoopProblem, solution: Solution) -> Found | None:
@@ -160,7 +167,7 @@ def _settle(task: Task, problem: LoopProblem, solution: Solution) -> Found | Non
         feedback = problem.structure.system(solution.parameters)
         if not is_sound(feedback, task.family, task.screen.must_bear_less):
             return None
-        found = judged(task, feedback)
+        found = judged(task, feedback, problem.resonance_peak)
         if found is not None:
             return found
         _tighten(problem, solution.parameters, assess(feedback, task.family, problem.requirements))
