@@ -17,10 +17,10 @@ from tactuator.cli.options import (
     RigOption,
     Seed,
     chosen_controller,
-    opened_rig,
 )
 from tactuator.errors import BadInput
 from tactuator.measure.disturbance import DisturbanceReport, disturbance
+from tactuator.rig.open import open_rig
 
 
 def register(app: typer.Typer) -> None:
@@ -45,7 +45,7 @@ def register(app: typer.Typer) -> None:
         made = chosen_controller(display, controller)
         names = channel or [one.name for one in made.channels]
         reports = []
-        with opened_rig(rig, made, seed) as opened:
+        with open_rig(rig, made.display, seed) as opened:
             finger = getattr(opened, "finger", None)
             if finger is None:
                 raise BadInput(f"rig {rig!r} has no finger port to press at; allowed: one that has")

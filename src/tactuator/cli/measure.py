@@ -20,7 +20,6 @@ from tactuator.cli.options import (
     Seed,
     ask_for_load,
     chosen_controller,
-    opened_rig,
 )
 from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
@@ -28,6 +27,7 @@ from tactuator.files.controller import controller_hash
 from tactuator.files.response import write_responses
 from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.stepped_sine import stepped_sine
+from tactuator.rig.open import open_rig
 from tactuator.rig.rig import Rig
 from tactuator.rig.touchable import touch_all
 from tactuator.signals.response import Response
@@ -73,7 +73,7 @@ def register(app: typer.Typer) -> None:
             "mains_hz": mains_hz or None,
             "controller_hash": controller_hash(made),
         }
-        with opened_rig(rig, made, seed) as opened:
+        with open_rig(rig, made.display, seed) as opened:
             ask_for_load(touch_all(opened, made.display.channels, load), load)
             opened.load(made)
             if method == "stepped":

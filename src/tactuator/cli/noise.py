@@ -18,10 +18,10 @@ from tactuator.cli.options import (
     Seed,
     ask_for_load,
     chosen_controller,
-    opened_rig,
 )
 from tactuator.measure.noise import FeltNoise, felt_noise
 from tactuator.measure.proportional import proportional_controller
+from tactuator.rig.open import open_rig
 from tactuator.rig.touchable import touch_all
 
 
@@ -49,7 +49,7 @@ def register(app: typer.Typer) -> None:
         probed = [(f"gain {gain:g}", proportional_controller(made.display, gain)) for gain in frequencies(gains)]
         runs: list[tuple[str, Sequence[FeltNoise]]] = []
         for name, candidate in [*probed, ("loop", made)]:
-            with opened_rig(rig, candidate, seed) as opened:
+            with open_rig(rig, candidate.display, seed) as opened:
                 ask_for_load(touch_all(opened, made.display.channels, load), load)
                 opened.load(candidate)
                 felt = felt_noise(opened, made.display, duration_s=duration_s, load=load, mains_hz=mains_hz or None)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -15,8 +14,6 @@ from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.files.controller import read_controller
 from tactuator.files.display import read_display
-from tactuator.rig.open import open_rig
-from tactuator.rig.rig import Rig
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print exactly one JSON object on standard output.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of all randomness; the same seed, the same result.")]
@@ -48,20 +45,6 @@ def chosen_controller(display: Path | None, controller: Path | None) -> Controll
     from tactuator.synthesis.design import design_controller  # its solvers take a second to load
 
     return design_controller(read_display(display))
-
-
-@contextmanager
-def opened_rig(name: str, controller: Controller, seed: int) -> Iterator[Rig]:
-    """Yield the rig of that name for the controller's display, open for the length of the context. Raises BadInput if
-    unknown.
-    """
-    rig = open_rig(name, controller.display, seed)
-    try:
-        yield rig
-    finally:
-        close = getattr(rig, "close", None)
-        if close is not None:
-            close()
 
 
 def ask_for_load(channels: Sequence[str], load: str) -> None:

@@ -24,9 +24,9 @@ from tactuator.cli.options import (
     RigOption,
     Seed,
     chosen_controller,
-    opened_rig,
 )
 from tactuator.files.reference import open_reference
+from tactuator.rig.open import open_rig
 from tactuator.rig.player import Played, Wish, play_reference
 
 
@@ -46,7 +46,7 @@ def register(app: typer.Typer) -> None:
         """Play a reference. Space pauses and goes on, q or Ctrl-C stops: that ramps down, and the rig comes to rest."""
         opened = open_reference(reference)
         chosen = chosen_controller(display, controller)
-        with opened_rig(rig, chosen, seed) as ready, _wishes() as wish, progress() as bars:
+        with open_rig(rig, chosen.display, seed) as ready, _wishes() as wish, progress() as bars:
             ready.load(chosen)
             task = bars.add_task("play", total=opened.duration_s)
             pace = _pace() if realtime else lambda played_s: None

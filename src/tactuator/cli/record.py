@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from rich.text import Text
 
 from tactuator.cli.answer import answer
-from tactuator.cli.options import AsJson, RigOption, Seed, opened_rig
+from tactuator.cli.options import AsJson, RigOption, Seed
 from tactuator.display.description import Channel
 from tactuator.errors import BadInput
 from tactuator.files.display import read_display
 from tactuator.files.record import write_record
-from tactuator.measure.proportional import proportional_controller
+from tactuator.rig.open import open_rig
 from tactuator.signals.excitation import log_chirp, noise, paper_mix, plan_amplitude, prbs, sample_count, steps
 from tactuator.signals.multisine import multisine, place_lines
 from tactuator.signals.record import Record
@@ -45,7 +45,7 @@ def register(app: typer.Typer) -> None:
         described = read_display(display)
         chosen = described.channel(channel or described.channels[0].name)
         command = planned(excitation, chosen, described.rate_hz, duration_s, travel_share, seed)
-        with opened_rig(rig, proportional_controller(described, 1.0), seed) as opened:
+        with open_rig(rig, described, seed) as opened:
             if load != "none":
                 touch = getattr(opened, "finger", None)
                 chosen.load(load)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,19 +10,11 @@ from numpy.typing import NDArray
 from tactuator.display.controller import Controller
 from tactuator.measure.felt import FeltComparison, FeltReport
 from tactuator.rig.rig import Rig
-from tactuator.rig.simulated import FingerPort
+from tactuator.rig.touchable import TouchableRig
 
 BLOCK_S = 4.0
 SETTLE_S = 0.5
 """How long is listened after the reference's end."""
-
-
-class TouchableRig(Rig, Protocol):
-    """A rig whose finger ports are at hand."""
-
-    def finger(self, channel: str) -> FingerPort:
-        """The finger port of a channel."""
-        ...
 
 
 def felt_of(

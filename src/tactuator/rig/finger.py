@@ -1,7 +1,8 @@
-"""The part that all finger ports share: pressing, and feeling the displacement."""
+"""Finger ports: the one way for a program to touch a display, press it, and feel what it does."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -13,12 +14,19 @@ Feeler = Callable[[NDArray[np.float64]], None]
 Floats = NDArray[np.float64]
 
 
-class Finger:
-    """Forces that are still to come, and who listens to the displacement."""
+class Finger(ABC):
+    """The finger port of one channel: touched by a load, pressed by a force, and felt.
+
+    Every rig whose display is simulated has one for each channel; a rig adds how a load gets there.
+    """
 
     def __init__(self) -> None:
         self._feelers: list[Feeler] = []
         self._pressed_v: Floats = np.zeros(0)
+
+    @abstractmethod
+    def touch(self, load: str | None) -> None:
+        """Put a load of the display file on, by name; None takes it off. Raises BadInput for a name not described."""
 
     def press(self, force_v: ArrayLike) -> None:
         """Press with a force over the coming samples, shape (n,), in volts of command that would push as hard; then

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactuator.display.controller import Controller
-from tactuator.rig.rig import Rig
+from tactuator.rig.rig import ClosingRig, Rig
 from tactuator.rig.trace import Trace
 
 
-class PacedRig:
-    """The given `rig`, slowed down: each block takes its own duration over `speed` (1: real time)."""
+class PacedRig(ClosingRig):
+    """`rig`, each block of which takes its own duration over `speed` (1: real time)."""
 
     def __init__(self, rig: Rig, speed: float = 1.0) -> None:
         self._rig = rig
@@ -52,6 +52,10 @@ class PacedRig:
     def rest(self) -> None:
         """Bring the output to rest."""
         self._rig.rest()
+
+    def close(self) -> None:
+        """Close the rig that is paced."""
+        self._rig.close()
 
     def _wait(self, trace: Trace, began_s: float, count: int) -> Trace:
         left_s = count / self.rate_hz / self._speed - (time.monotonic() - began_s)

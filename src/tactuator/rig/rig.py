@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Protocol, runtime_checkable
+from types import TracebackType
+from typing import Protocol, Self, runtime_checkable
 
 from numpy.typing import ArrayLike
 
@@ -56,3 +57,32 @@ class Rig(Protocol):
     def rest(self) -> None:
         """Bring the output to rest."""
         ...
+
+    def close(self) -> None:
+        """Bring the output to rest and let go of the device; nothing else may be called afterwards."""
+        ...
+
+    def __enter__(self) -> Self:
+        """Return the rig itself."""
+        ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the rig."""
+        ...
+
+
+class ClosingRig:
+    """A rig as a context: it is closed at the end of the block. Rigs inherit from it."""
+
+    def close(self) -> None:
+        """Let go of the device; a rig that holds none has nothing to do."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

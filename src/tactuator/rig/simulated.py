@@ -11,6 +11,7 @@ from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.errors import BadInput
 from tactuator.rig.finger import Finger, let_feel, take_forces
+from tactuator.rig.rig import ClosingRig
 from tactuator.rig.samples import Samples, take_command, take_reference
 from tactuator.rig.trace import Trace
 from tactuator.runtime.simulation import SimulatedBlock, Simulation, block_samples
@@ -29,8 +30,8 @@ class FingerPort(Finger):
         self._simulation.touch(self._index, load)
 
 
-class SimulatedRig:
-    """The simulated `display` as a rig. The same seed gives the same numbers."""
+class SimulatedRig(ClosingRig):
+    """`display` simulated: see design.md, "The simulated display". The same seed gives the same numbers."""
 
     def __init__(self, display: Display, seed: int = 0) -> None:
         self._simulation = Simulation(display, seed)

@@ -2,31 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
-
-import numpy as np
-from numpy.typing import NDArray
 
 from tactuator.display.description import Channel
 from tactuator.errors import BadInput
+from tactuator.rig.finger import Finger
 from tactuator.rig.rig import Rig
-
-
-class Port(Protocol):
-    """The port at which a finger meets a channel, as far as a simulated subject goes."""
-
-    def touch(self, load: str | None) -> None:
-        """Put a load of the display file on, by name; None takes it off."""
-        ...
-
-    def attach(self, feeler: Callable[[NDArray[np.float64]], None], /) -> None:
-        """Call `feeler(displacement_mm)` after every block."""
-        ...
-
-    def detach(self, feeler: Callable[[NDArray[np.float64]], None], /) -> None:
-        """Take a feeler off again."""
-        ...
 
 
 @runtime_checkable
@@ -38,8 +20,8 @@ class TouchableRig(Rig, Protocol):
         """Return True where the display is simulated; False where a finger goes onto it by hand."""
         ...
 
-    def finger(self, channel: str) -> Port:
-        """Return the finger port of a channel. Raises BadInput where the display is real."""
+    def finger(self, channel: str) -> Finger:
+        """The finger port of a channel; BadInput where the display is real."""
         ...
 
 

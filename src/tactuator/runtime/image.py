@@ -30,6 +30,8 @@ FORMATS: tuple[Format, ...] = ("float32", "q31")
 _MAGIC, _VERSION = b"TACI", 3
 _FORMAT_CODES: dict[str, int] = {"float32": 1, "q31": 2}
 _Q31_RANGE_MAX_V = 15.0
+CHANNEL_HEAD = struct.Struct("<16sBBHf")
+"""Of a channel in an image: name, prefilter sections, feedback sections, 0, command limit in volts."""
 
 
 class ImageRefusal(IntEnum):
@@ -92,8 +94,10 @@ def build_image(controller: Controller, number_format: str, controller_hash: str
         )
     if len(controller.channels) > lib.TACT_CHANNELS_MAX:
         raise BadInput(f"{len(controller.channels)} channels; allowed on a board: at most {lib.TACT_CHANNELS_MAX}")
-    channel_bytes = _float32_channel if number_format == "float32" else _q31_channel
-    parts = [channel_bytes(channel, controller.rate_hz) for channel in controller.channels]
+    if number_format == "float32":
+        parts = [float32_channel(channel) for channel in controller.channels]
+    else:
+        parts = [_q31_channel(channel, controller.rate_hz) for channel in controller.channels]
     for channel, body in zip(controller.channels, parts, strict=True):
         _require_range(channel, body, number_format)
     body = bytes.fromhex(controller_hash) + b"".join(parts)
@@ -144,12 +148,15 @@ def read_image_header(image: bytes) -> ImageHeader:
 def _channel_head(channel: ChannelController) -> bytes:
     name = channel.name.encode()[:16].ljust(16, b"\0")
     feedback = 0 if channel.feedback_sos is None else channel.feedback_sos.shape[0]
-    return struct.pack("<16sBBHf", name, channel.prefilter_sos.shape[0], feedback, 0, channel.limits.command_v)
+    return CHANNEL_HEAD.pack(name, channel.prefilter_sos.shape[0], feedback, 0, channel.limits.command_v)
 
 
-def _float32_channel(channel: ChannelController, rate_hz: float) -> bytes:
-    del rate_hz
-    where = f"channel {channel.name!r}: "
+def float32_channel(channel: ChannelController) -> bytes:
+    """Return the part of a float32 image that describes one channel: head, unwinding, sections in delta form.
+
+    Raises BadInput, with the channel's name, for too many sections or coefficients beyond float32.
+    """
+    where = f"controller, channel {channel.name!r}: "
     rows: list[NDArray[np.float32]] = [
         delta_coefficients_single(channel.prefilter_sos, PREFILTER_SECTIONS_MAX, where + "prefilter")
     ]

@@ -14,9 +14,8 @@ from tactuator.display.controller import ChannelController
 from tactuator.display.description import Channel, Converter
 from tactuator.errors import BadInput
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.coefficients import FEEDBACK_SECTIONS_MAX, PREFILTER_SECTIONS_MAX, delta_coefficients_single
-from tactuator.runtime.conditioning import conditioning, reference_max
 from tactuator.runtime.held_plant import HeldPlant, held_plants
+from tactuator.runtime.image import CHANNEL_HEAD, float32_channel
 
 
 def converter_table(converter: Converter) -> Any:
@@ -29,25 +28,23 @@ def converter_table(converter: Converter) -> Any:
 
 
 def controller_table(controller: ChannelController) -> Any:
-    """Return the `tact_controller` of a channel.
+    """Return `tact_controller` of a channel, filled from the bytes of its float32 image.
 
-    Raises BadInput for too many sections or coefficients beyond float32.
+    The simulated display so runs the very numbers that a board runs; unlike a board it also takes unstable sections,
+    to show what they do. Raises BadInput for too many sections, coefficients beyond float32, or a limit that is none.
     """
+    body = float32_channel(controller)
+    _, prefilters, feedbacks, _, command_v = CHANNEL_HEAD.unpack_from(body)
+    words = np.frombuffer(body, dtype="<f4", offset=CHANNEL_HEAD.size)
     table = ffi.new("tact_controller *")
-    where = f"controller, channel {controller.name!r}: "
-    prefilter = delta_coefficients_single(controller.prefilter_sos, PREFILTER_SECTIONS_MAX, where + "prefilter")
-    table.prefilter_count = prefilter.shape[0]
-    _fill_sections(table.prefilter, prefilter)
-    if controller.feedback_sos is not None:
-        feedback = delta_coefficients_single(controller.feedback_sos, FEEDBACK_SECTIONS_MAX, where + "feedback")
-        table.feedback_count = feedback.shape[0]
-        _fill_sections(table.feedback, feedback)
-    table.anti_windup[0], table.anti_windup[1] = (float(np.float32(gain)) for gain in controller.anti_windup.gains)
-    table.conditioning = float(np.float32(conditioning(controller)))
-    table.reference_max = float(np.float32(reference_max(controller)))
-    table.command_max_v = controller.limits.command_v
-    table.command_min_v = -controller.limits.command_v
+    table.prefilter_count, table.feedback_count = prefilters, feedbacks
+    sections = words[4:].reshape(-1, 5)
+    _fill_sections(table.prefilter, sections[:prefilters])
+    _fill_sections(table.feedback, sections[prefilters:])
+    table.anti_windup[0], table.anti_windup[1], table.conditioning, table.reference_max = words[:4].tolist()
+    table.command_max_v, table.command_min_v = command_v, -command_v
     if not lib.tact_controller_is_valid(table):
+        where = f"controller, channel {controller.name!r}: "
         raise BadInput(f"{where}command_v is {controller.limits.command_v:g}; allowed: a positive number of volts")
     return table
 

@@ -6,11 +6,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tactuator.cli.options import chosen_controller, opened_rig
+from tactuator.cli.options import chosen_controller
 from tactuator.errors import BadInput
 from tactuator.experiment.session.apparatus import Station
 from tactuator.paper.controllers import paper_controller
 from tactuator.paper.plan import paper_display
+from tactuator.rig.open import open_rig
 from tactuator.rig.paced import PacedRig
 from tactuator.rig.rig import Rig
 
@@ -23,13 +24,13 @@ def opened_station(
 
     Without a display or controller file: the paper's display and C. speed: of presentation on a rig that could go
     faster, None: as fast as it can. Raises BadInput for a speed that is none, and as `chosen_controller` and
-    `opened_rig` do.
+    `open_rig` do.
     """
     if speed is not None and not speed > 0.0:
         raise BadInput(f"speed {speed:g}; allowed: a positive number, 1 being real time")
     paper = display is None and controller is None
     loaded = paper_controller(paper_display()) if paper else chosen_controller(display, controller)
-    with opened_rig(rig, loaded, seed) as opened:
+    with open_rig(rig, loaded.display, seed) as opened:
         opened.load(loaded)
         played: Rig = opened if speed is None else PacedRig(opened, speed)
         yield Station(played, loaded, rig)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from types import TracebackType
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +29,7 @@ from tactuator.rig.board.link import (
 )
 from tactuator.rig.board.stream import BoardStream, Rows
 from tactuator.rig.board.tones import LONGEST_S, BoardTone, read_run, stimulus_payloads
+from tactuator.rig.rig import ClosingRig
 from tactuator.rig.samples import Samples, take_command, take_reference
 from tactuator.rig.trace import Trace, join_traces
 from tactuator.rig.transport.transport import LinkDown
@@ -46,8 +46,8 @@ _WAITING_LEAD_S = 0.6 * SILENCE_S
 """A board that waits for its stream does so before the link's silence is a fault, however slow the host is."""
 
 
-class BoardRig:
-    """The rig of `display` on a board that runs the firmware.
+class BoardRig(ClosingRig):
+    """`display` on a board that runs the firmware.
 
     A board without a safety table gets this display's; one that has a table keeps it, whatever is loaded.
     On a board whose display is simulated time stands still between blocks, so that two blocks are one block cut in
@@ -229,14 +229,6 @@ class BoardRig:
             pass
         finally:
             self._client.close()
-
-    def __enter__(self) -> BoardRig:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     # -- runs ---------------------------------------------------------------------------------------------------------
 
