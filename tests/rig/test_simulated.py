@@ -65,7 +65,8 @@ def test_trace__holds_what_the_processor_knows_and_no_truth() -> None:
         "saturated",
     ]
     public = {name for name in dir(SimulatedRig(display())) if not name.startswith("_")}
-    assert public == {"display", "rate_hz", "channels", "load", "play", "stream", "drive", "rest", "finger"}
+    does = {"load", "play", "stream", "drive", "rest", "finger", "close"}
+    assert public == {"display", "rate_hz", "channels", "has_finger_ports"} | does
     port = {name for name in dir(SimulatedRig(display()).finger("index")) if not name.startswith("_")}
     assert port == {"touch", "press", "attach", "detach"}
 

@@ -27,8 +27,10 @@ class TouchableRig(Rig, Protocol):
 
 def touchable(rig: Rig, name: str) -> TouchableRig:
     """Return the rig, on which a simulated subject can sit. Raises BadInput where the display is real."""
-    if not (isinstance(rig, TouchableRig) and rig.has_finger_ports):
+    if not isinstance(rig, TouchableRig):
         raise BadInput(f"simulated subjects at {name}; allowed: at a rig whose display is simulated")
+    for channel in rig.channels:
+        rig.finger(channel)
     return rig
 
 

@@ -18,7 +18,7 @@ from tactuator.experiment.store.store import Store
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, nobody, station, tokens
 from tests.experiment.session.identifying import answer, controller, go_on, items, opened, opened_station, protocol_text  # noqa: F401
 
-STORES = Path(__file__).with_name("stores")
+STORES = Path(__file__).parents[1] / "store" / "stores"
 
 
 def test_session__stages__are_consent_introduction_trials_break_introduction_trials(opened) -> None:

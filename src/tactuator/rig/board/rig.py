@@ -47,7 +47,7 @@ _WAITING_LEAD_S = 0.6 * SILENCE_S
 
 
 class BoardRig(ClosingRig):
-    """`display` on a board that runs the firmware.
+    """The rig of `display` on a board that runs the firmware.
 
     A board without a safety table gets this display's; one that has a table keeps it, whatever is loaded.
     On a board whose display is simulated time stands still between blocks, so that two blocks are one block cut in
