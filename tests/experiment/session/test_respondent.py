@@ -86,7 +86,8 @@ def test_touchable__board_with_a_real_display__is_refused() -> None:
         def finger(self, channel):
             raise BadInput("this display is real: a finger goes onto it by hand; allowed: a simulated display")
 
-        load = play = stream = drive = rest = print
+        has_finger_ports = False
+        load = play = stream = drive = rest = close = __enter__ = __exit__ = print
 
     with pytest.raises(BadInput, match="real"):
         touchable(Board(), "board:COM3")
