@@ -2,6 +2,7 @@
 
 import os
 import signal
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -26,3 +27,23 @@ def controller() -> Controller:
     from tactuator.synthesis.design import design_controller
 
     return design_controller(parse_display(three_finger_display()))
+
+
+_BROWSER = ("chromium",)
+_DEVICE = ("rig/", "firmware/", "measure/test_free_board", "cli/test_firmware", "fuzz/")
+_INTEGRATION = ("cli/", "corpus/", "paper/", "web/", "repository/", "experiment/session/", "speech/test_render")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark every test by its place in the tree: browser, device, integration or unit."""
+    tests = Path(__file__).parent
+    for item in items:
+        place = item.path.relative_to(tests).as_posix()
+        if any(part in place for part in _BROWSER):
+            item.add_marker(pytest.mark.browser)
+        elif place.startswith(_DEVICE):
+            item.add_marker(pytest.mark.device)
+        elif place.startswith(_INTEGRATION):
+            item.add_marker(pytest.mark.integration)
+        else:
+            item.add_marker(pytest.mark.unit)

@@ -141,11 +141,6 @@ def assemble(
     )
 
 
-def with_prefilter(controller: ChannelController, fit: PrefilterFit) -> ChannelController:
-    """The channel's controller with another prefilter and everything else as it was: reshaping is a download."""
-    return replace(controller, prefilter_sos=fit.sections)
-
-
 def _at_rest(loop: TwoDegreeLoop, channel: Channel) -> float:
     """H(0), volts of y per threshold unit: the real limit at a frequency far below the band."""
     return float(np.real(loop.position_response(channel.threshold.band_hz[0] * 1e-6)))
