@@ -19,14 +19,15 @@ FAILURES = (
     ),
     (
         r"((?:NewConnection|ConnectTimeout|ReadTimeout|MaxRetry|NameResolution|Proxy|SSL|Connection|Protocol)Error"
-        r"|[Tt]imed out|HTTP error \d+)",
+        r"|[Tt]imed out|HTTP error \d+|not a trusted or secure host)",
         "the package index cannot be reached ({0}): see to the network, or to pip's settings (`pip config list`, "
         "PIP_INDEX_URL)",
     ),
     (
         r"No matching distribution found for ([^\s;]+)",
-        "the package index has no ready-made file of {0} for Python {python} on {machine}, or does not know it: "
-        "another Python may do (`make PYTHON=python3.11 ...`), or another index (`pip config list`)",
+        "the package index offers no file of {0} for Python {python} on {machine}: it is out of reach or not the right "
+        "one (`pip config list`, PIP_INDEX_URL), or there is none ready-made, and another Python may do "
+        "(`make PYTHON=python3.11 ...`)",
     ),
 )
 

@@ -167,7 +167,9 @@ def test_check_room__little_left__is_told_before_anything_is_done(tree, monkeypa
          "the package index cannot be reached (NewConnectionError)"),
         ("ERROR: Could not find a version that satisfies the requirement scipy==1.17.1 (from versions: none)\n"
          "ERROR: No matching distribution found for scipy==1.17.1\n",
-         "no ready-made file of scipy==1.17.1 for Python 3."),
+         "offers no file of scipy==1.17.1 for Python 3."),
+        ("WARNING: The repository located at a.example is not a trusted or secure host and is being ignored.\nERROR: "
+         "No matching distribution found for a==1\n", "cannot be reached (not a trusted or secure host)"),
         ("Collecting a==1\nERROR: Can not perform a '--user' install.\n", "Can not perform a '--user' install."),
         ("", "nothing was said"),
     ],

@@ -1,0 +1,201 @@
+"""tools/install.py for real, in trees of their own with packages of a few lines: what goes wrong is one line.
+
+Nothing half-made is left, so the next run starts clean.
+"""
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.repository.wheels import lock_line, wheel
+
+ROOT = Path(__file__).resolve().parents[2]
+PROJECT = '[build-system]\nrequires = []\nbuild-backend = "wheels"\nbackend-path = ["."]\n'
+
+pytestmark = pytest.mark.slow
+
+
+class Tree:
+    """The set-up's own files, one runtime package `alpha`, one more, `beta`, in the test set."""
+
+    def __init__(self, folder: Path) -> None:
+        self.root, self.index = folder / "tree", folder / "index"
+        self.index.mkdir()
+        shutil.copytree(ROOT / "tools", self.root / "tools", ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copy(ROOT / "tests/repository/wheels.py", self.root)
+        for name in ("requirements", "core", "src/tactuator/room"):
+            (self.root / name).mkdir(parents=True)
+        (self.root / "pyproject.toml").write_text(PROJECT)
+        for name in ("setup.py", "core/a.c", "src/tactuator/room/_core_build.py", "src/tactuator/room/_core.py"):
+            (self.root / name).touch()
+        (self.root / "requirements/run.in").write_text("alpha\n")
+        self.beta = wheel(self.index, "beta", "1", {"beta.py": ""})
+        self.lock(wheel(self.index, "alpha", "1", {"alpha.py": ""}))
+
+    def lock(self, alpha: Path) -> None:
+        self.write_locks(lock_line(alpha))
+
+    def write_locks(self, line: str) -> None:
+        (self.root / "requirements/run.txt").write_text(line)
+        (self.root / "requirements/test.txt").write_text(line + lock_line(self.beta))
+
+    @property
+    def venv(self) -> Path:
+        return self.root / ".venv"
+
+    def environment(self, **more: str) -> dict[str, str]:
+        """No index but the folder, and nothing of what this machine tells pip."""
+        here = {name: value for name, value in os.environ.items() if not name.startswith(("PIP_", "PYTHON"))}
+        here |= {"PIP_CONFIG_FILE": os.devnull, "PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(self.index)}
+        return here | {"PIP_RETRIES": "1"} | more
+
+    def command(self, which: str = "run") -> list[str]:
+        return [os.path.realpath(sys._base_executable), str(self.root / "tools/install.py"), which]
+
+    def install(self, which: str = "run", **more: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            self.command(which), env=self.environment(**more), capture_output=True, text=True, check=False
+        )
+
+    def runs(self, script: str) -> bool:
+        return (
+            subprocess.run([self.venv / "bin/python", "-c", script], capture_output=True, check=False).returncode == 0
+        )
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Tree:
+    return Tree(tmp_path)
+
+
+def refusal(done: subprocess.CompletedProcess[str]) -> str:
+    """The one line that says why; the others tell what was being done."""
+    assert done.returncode == 1, done.stderr
+    (line,) = [line for line in done.stderr.splitlines() if not line.startswith("install: ")]
+    return line
+
+
+def closed_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def test_install__from_nothing_to_a_new_lock__does_what_is_due_and_no_more(tree):
+    assert tree.install().returncode == 0
+    assert tree.runs("import alpha, tactuator.room._core")
+    assert not tree.runs("import beta")
+    mark = tree.venv / "mark"
+    mark.touch()
+
+    again = tree.install()
+    assert (again.returncode, again.stderr) == (0, "")
+
+    assert tree.install("test").returncode == 0  # added to what is there
+    assert tree.runs("import alpha, beta, tactuator.room._core")
+    assert mark.exists()
+    assert tree.install("run").stderr == ""
+
+    tree.lock(wheel(tree.index, "alpha", "2", {"alpha2.py": ""}))
+    (tree.root / "requirements/run.in").write_text("alpha2\n")
+    assert tree.install().returncode == 0  # all of it anew, the larger set
+    assert tree.runs("import alpha2, beta, tactuator.room._core")
+    assert not tree.runs("import alpha")
+    assert not mark.exists()
+
+
+def test_install__killed_half_way__starts_clean(tree):
+    process = subprocess.Popen(
+        tree.command(), env=tree.environment(), start_new_session=True, stderr=subprocess.DEVNULL
+    )  # fmt: skip
+    while not (tree.venv / "bin/python").exists():
+        assert process.poll() is None
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    (tree.venv / "half").touch()
+    assert not tree.runs("import alpha")
+    assert tree.install().returncode == 0
+    assert tree.runs("import alpha")
+    assert not (tree.venv / "half").exists()
+
+
+def test_install__two_at_once__one_does_the_work(tree):
+    both = [
+        subprocess.Popen(tree.command(), env=tree.environment(), stderr=subprocess.PIPE, text=True) for _ in range(2)
+    ]
+    said = [process.communicate()[1] for process in both]
+    assert [process.returncode for process in both] == [0, 0]
+    assert sorted(text.count("making .venv") for text in said) == [0, 1]
+
+
+def test_install__index_out_of_reach__is_one_line_and_the_runtime_set_stays(tree):
+    away = {"PIP_NO_INDEX": "0", "PIP_FIND_LINKS": "", "PIP_INDEX_URL": f"http://127.0.0.1:{closed_port()}/simple"}
+    assert "the package index cannot be reached (NewConnectionError): see to the network" in refusal(
+        tree.install(**away)
+    )
+    assert not tree.venv.exists()
+    assert tree.install().returncode == 0
+    assert (
+        "the packages of requirements/test.txt could not be installed: the package index cannot be reached"
+        in refusal(tree.install("test", **away))
+    )
+    assert tree.install("run", **away).stderr == ""
+    assert tree.install("test").returncode == 0
+    assert tree.runs("import alpha, beta, tactuator.room._core")
+
+
+def test_install__file_with_another_hash__is_one_line(tree):
+    tree.write_locks("alpha==1 --hash=sha256:" + 64 * "0" + "\n")
+    assert "a file for alpha==1 is not the one whose hash the lock holds" in refusal(tree.install())
+    assert not tree.venv.exists()
+
+
+def test_install__no_file_for_this_python__is_one_line(tree):
+    tree.write_locks("gamma==1 --hash=sha256:" + 64 * "0" + "\n")
+    assert "offers no file of gamma==1 for Python 3." in refusal(tree.install())
+    assert not tree.venv.exists()
+
+
+def test_install__package_without_its_library__is_named_with_the_remedy(tree):
+    broken = "raise OSError(\"cannot load library 'libstray.so': cannot open shared object file\")\n"
+    tree.lock(wheel(tree.index, "alpha", "1", {"alpha.py": broken}))
+    line = refusal(tree.install())
+    assert "cannot be imported: alpha 1 (made for py3-none-any): OSError: cannot load library 'libstray.so'" in line
+    assert "Remedy: `make clean`, then the same again" in line
+    assert not tree.venv.exists()
+
+
+def on_a_disk_of(size: str, tree: Tree) -> subprocess.CompletedProcess[str]:
+    """Install on a file system of that size, which is gone afterwards; skip where none may be mounted."""
+    inside = tree.root.parent / "disk"
+    inside.mkdir()
+    own = ["unshare", "--mount"] if os.geteuid() == 0 else ["unshare", "--mount", "--map-root-user"]
+    mount = f"mount -t tmpfs -o size={size} none {inside}"
+    if subprocess.run([*own, "sh", "-c", mount], capture_output=True, check=False).returncode != 0:
+        pytest.skip("no file system can be mounted here")
+    python, script = tree.command()[0], f"{inside}/tools/install.py"
+    steps = f"{mount} && cp -r {tree.root}/. {inside} && {python} {script} run; s=$?; ls -A {inside}; exit $s"
+    return subprocess.run(
+        [*own, "sh", "-c", steps], env=tree.environment(), capture_output=True, text=True, check=False
+    )  # fmt: skip
+
+
+def test_install__disk_too_small__is_one_line_before_anything_is_done(tree):
+    done = on_a_disk_of("40m", tree)
+    assert "no room for .venv: it needs about 450 MB" in refusal(done)
+    assert ".venv" not in done.stdout.split()
+
+
+def test_install__disk_fills_up__is_one_line_and_the_room_is_given_back(tree):
+    tree.lock(wheel(tree.index, "alpha", "1", {"alpha.py": "", "zeros": 600_000_000 * "0"}))
+    done = on_a_disk_of("500m", tree)
+    assert "could not be installed: no room left on the disk; free now: " in refusal(done)
+    assert ".venv" not in done.stdout.split()
