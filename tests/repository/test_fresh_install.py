@@ -111,19 +111,34 @@ def test_install__from_nothing_to_a_new_lock__does_what_is_due_and_no_more(tree)
     assert not mark.exists()
 
 
-def test_install__killed_half_way__starts_clean(tree):
+def kill_once_there(tree: Tree, which: str, pattern: str) -> None:
+    """Start the set-up and kill it, as a power cut would, as soon as `.venv` has such a file."""
     process = subprocess.Popen(
-        tree.command(), env=tree.environment(), start_new_session=True, stderr=subprocess.DEVNULL
-    )  # fmt: skip
-    while not (tree.venv / "bin/python").exists():
+        tree.command(which), env=tree.environment(), start_new_session=True, stderr=subprocess.DEVNULL
+    )
+    while not any(tree.venv.glob(pattern)):
         assert process.poll() is None
-        time.sleep(0.01)
+        time.sleep(0.002)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
+
+
+@pytest.mark.parametrize("pattern", ["bin/python", "lib/python3*/site-packages/alpha.py"])
+def test_install__killed_half_way__starts_clean(tree, pattern):
+    kill_once_there(tree, "run", pattern)
     (tree.venv / "half").touch()
-    assert not tree.runs("import alpha")
     assert tree.install().returncode == 0
-    assert tree.runs("import alpha")
+    assert tree.runs("import alpha, tactuator.room._core")
+    assert not (tree.venv / "half").exists()
+
+
+def test_install__killed_while_the_test_set_is_added__keeps_the_runtime_set(tree):
+    assert tree.install().returncode == 0
+    kill_once_there(tree, "test", "lib/python3*/site-packages/beta.py")
+    (tree.venv / "half").touch()
+    assert tree.install("run").stderr == ""
+    assert tree.install("test").returncode == 0
+    assert tree.runs("import alpha, beta, tactuator.room._core")
     assert not (tree.venv / "half").exists()
 
 
