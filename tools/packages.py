@@ -52,7 +52,7 @@ def make_venv(which):
     """Make an empty virtual environment, or say in one line why not."""
     say("making .venv with Python %d.%d" % sys.version_info[:2])
     if os.path.lexists(stamps.VENV) and not stamps.VENV.is_dir():
-        sys.exit("%s is in the way: it is not a folder, and nobody's to delete but yours" % stamps.VENV)
+        sys.exit("%s is in the way: it is not a folder; delete it or rename it" % stamps.VENV)
     empty_venv()
     needs.check_room(which)
     done = output_of([os.path.realpath(sys.executable), "-m", "venv", stamps.VENV])
