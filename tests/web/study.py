@@ -50,7 +50,8 @@ class Server:
 
     def start(self) -> None:
         arguments = ["experiment", "serve", str(self.protocol), "--store", str(self.store), "--port", str(self.port)]
-        arguments += ["--controller", str(self.controller), "--operator-token", "op", "--speed", "0", "--auto-start"]
+        arguments += ["--controller", str(self.controller), "--operator-token", "op"]
+        arguments += ["--speed", "0", "--auto-start", "--no-show"]
         hears, told = FORKS.Pipe(duplex=False)
         self.process = FORKS.Process(target=_serve, args=(arguments, told), daemon=True)
         self.process.start()

@@ -144,7 +144,7 @@ def test_page__before_each_answer__is_the_same_whatever_was_played(serve, browse
 def _told(page: Page) -> str:
     """The whole page and what scripts hold, but for progress and the trial's number."""
     html = page.evaluate("document.documentElement.outerHTML + JSON.stringify({ ...page, choices: null, noise: null })")
-    html = re.sub(r'data-trial="\d+/\d+"|(?<=max="1") value="[\d.]+"', "", html)
+    html = re.sub(r'data-trial="\d+/\d+"|(?<=max="1") value="[\d.]+"|(?<=<span id="left">)[^<]*', "", html)
     return re.sub(r'"(number|shownAt)":[\d.]+', "", html)
 
 

@@ -29,7 +29,7 @@ def make(tmp_path, items, controller):
     def lab(text, auto_start=True):
         store = Store(tmp_path / "lab.db")
         study = Opened(parse_identification(text), text, items, opened_station(controller), store, ObedientClock())
-        made.append(Lab(store, study.task, study.study, study.clock, auto_start))
+        made.append(Lab(study.study, auto_start))
         return made[-1]
 
     yield lab
@@ -82,7 +82,10 @@ def test_subject__hello__offers_the_labels_with_their_keys(make) -> None:
     ):
         hello = until(socket, "hello")
         assert hello["prompt"] == "Which one was it?"
-        offered = [{"response": label, "keys": [key]} for label, key in zip(THREE, "123", strict=True)]
+        offered = [
+            {"response": label, "keys": [key], "codes": [f"Digit{key}", f"Numpad{key}"]}
+            for label, key in zip(THREE, "123", strict=True)
+        ]
         assert (hello["choices"], hello["intervals"]) == (offered, [])
         assert "training, 3 trials" in until(socket, "stage")["introduction"]
 
@@ -208,7 +211,7 @@ def test_subject__second_tab__plays_the_same_trial_and_it_counts_once(make) -> N
 @pytest.mark.parametrize("error", [OSError("the board is gone"), BadInput("the board's guard ended the run: travel")])
 def test_rig__fails__is_told_and_stays_at_rest_until_the_operator_resumes(make, error, monkeypatch) -> None:
     lab = make(protocol_text(), auto_start=False)
-    rig, rested = lab.task.station.rig, []
+    rig, rested = lab.station.rig, []
     rest = rig.rest
     monkeypatch.setattr(rig, "rest", lambda: rested.append(rest()))
     lab.start(lab.sessions[0].id)

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactuator.display.controller import Controller
-from tactuator.rig.rig import ClosingRig, Rig
+from tactuator.errors import BadInput
+from tactuator.rig.rig import ClosingRig, Rig, Ticking
+from tactuator.rig.touchable import Port, TouchableRig
 from tactuator.rig.trace import Trace
 
 
@@ -29,6 +31,27 @@ class PacedRig(ClosingRig):
     def channels(self) -> tuple[str, ...]:
         """Return the names of the channels."""
         return self._rig.channels
+
+    @property
+    def began_at(self) -> int | None:
+        """As the rig itself tells it."""
+        return self._rig.began_at if isinstance(self._rig, Ticking) else None
+
+    @property
+    def speed(self) -> float:
+        """Of presentation: 1 is real time."""
+        return self._speed
+
+    @property
+    def has_finger_ports(self) -> bool:
+        """As the rig itself has them."""
+        return isinstance(self._rig, TouchableRig) and self._rig.has_finger_ports
+
+    def finger(self, channel: str) -> Port:
+        """The finger port of a channel; BadInput where the display is real."""
+        if not isinstance(self._rig, TouchableRig):
+            raise BadInput("this display is real: a finger goes onto it by hand; allowed: a simulated display")
+        return self._rig.finger(channel)
 
     def load(self, controller: Controller) -> None:
         """Load the controller into the rig."""

@@ -86,3 +86,13 @@ class ClosingRig:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+@runtime_checkable
+class Ticking(Protocol):
+    """A rig that tells by its own clock when it began what it played last."""
+
+    @property
+    def began_at(self) -> int | None:
+        """Tick (sample of its run) of the first row of the last block or stream; None before the first."""
+        ...

@@ -36,12 +36,19 @@ class SimulatedRig(ClosingRig):
     def __init__(self, display: Display, seed: int = 0) -> None:
         self._simulation = Simulation(display, seed)
         self._names = tuple(channel.name for channel in display.channels)
+        self._began_at: int | None = None
+        self._ticks = 0
         self._ports = tuple(FingerPort(self._simulation, index) for index in range(len(display.channels)))
 
     @property
     def display(self) -> Display:
         """Return the display that is simulated."""
         return self._simulation.display
+
+    @property
+    def began_at(self) -> int | None:
+        """The sample, of all that were played or driven, at which the last block or stream began."""
+        return self._began_at
 
     @property
     def rate_hz(self) -> float:
@@ -63,11 +70,16 @@ class SimulatedRig(ClosingRig):
         Raises BadInput, the output at rest, for a reference that is not finite or beyond 60 dB SL.
         """
         own = self._taken(take_reference, reference, "reference")
+        self._began_at, self._ticks = self._ticks, self._ticks + len(own)
         return self._trace(self._simulation.play(own, take_forces(self._ports, len(own))), own)
 
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
         """Play blocks as `Rig.stream` does: each block is asked for when the one before has been played."""
-        return (self.play(block) for block in blocks)
+        began_at = self._ticks
+        for block in blocks:
+            trace = self.play(block)
+            self._began_at = began_at
+            yield trace
 
     def drive(self, command_v: ArrayLike) -> Trace:
         """Drive the motors with a command (n, channels), volts: no controller, no computing delay.
@@ -75,6 +87,7 @@ class SimulatedRig(ClosingRig):
         Raises BadInput, the output at rest, for a command that is not finite.
         """
         rows = self._taken(take_command, command_v, "command")
+        self._began_at, self._ticks = self._ticks, self._ticks + len(rows)
         block = self._simulation.drive(rows, take_forces(self._ports, len(rows)))
         return self._trace(block, np.zeros(block.command_v.shape))
 

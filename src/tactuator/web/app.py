@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+from typing import Annotated
 from urllib.parse import urlsplit
 
-from fastapi import FastAPI, Response, WebSocket, WebSocketDisconnect
+from fastapi import FastAPI, Query, Request, Response, WebSocket, WebSocketDisconnect
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException as StarletteHTTPException
 
+from tactuator.errors import BadInput
 from tactuator.web.lab import Lab
 from tactuator.web.operator import OperatorPage, Operators
 from tactuator.web.pages import page, plain_text, static_file
-from tactuator.web.subject import SubjectTab, Tabs
+from tactuator.web.sockets import receive_text
+from tactuator.web.subject import SubjectTab
+from tactuator.web.tabs import Tabs
 
 FORBIDDEN, UNKNOWN = 4003, 4004
 """Close codes: not allowed; no such session."""
@@ -61,21 +67,38 @@ def build_app(lab: Lab, operator_token: str) -> FastAPI:
 def _pages(app: FastAPI, lab: Lab) -> None:
     @app.get("/")
     async def index() -> Response:
-        return plain_text("tactuator: open the link that you were given.\n")
+        return plain_text(lab.words("page.nothing_here"))
 
     @app.get("/s/{token}")
-    async def subject_page(token: str) -> Response:
-        if lab.by_token(token) is None:
-            return plain_text("This link opens no session.\n", 404)
-        return page("subject", "Experiment", ("noise", "choices", "subject"))
+    async def subject_page(token: str, participant: Annotated[str | None, Query(max_length=64)] = None) -> Response:
+        row = lab.by_token(token)
+        if row is None:
+            return plain_text(lab.words("page.no_session"), 404)
+        conduct = await lab.conduct(row)
+        words = conduct.session.task.words
+        if participant is not None:
+            try:
+                await lab.work(lambda: lab.study.claim(row, participant))
+            except BadInput:
+                return plain_text(words("page.other_participant"), 403)
+            await lab.refresh()
+        return page("subject", words, ("words", "noise", "choices", "demonstration", "subject"))
 
     @app.get("/operator")
     async def operator_page() -> Response:
-        return page("operator", "Operator", ("track", "tables", "operator"))
+        return page("operator", lab.words, ("words", "track", "tables", "enrol", "operator"))
 
     @app.get("/static/{name}")
     async def static(name: str) -> Response:
-        return static_file(name)
+        return static_file(name) or plain_text(lab.words("page.no_page"), 404)
+
+    @app.exception_handler(StarletteHTTPException)
+    async def told(request: Request, error: StarletteHTTPException) -> Response:
+        return plain_text(lab.words("page.no_page"), error.status_code)
+
+    @app.exception_handler(RequestValidationError)
+    async def refused(request: Request, error: RequestValidationError) -> Response:
+        return plain_text(lab.words("page.no_page"), 422)
 
 
 def _same_origin(socket: WebSocket) -> bool:
@@ -87,7 +110,7 @@ def _same_origin(socket: WebSocket) -> bool:
 async def _knows(socket: WebSocket, token: str) -> bool:
     """Whether the first message is the operator's token."""
     try:
-        said = await asyncio.wait_for(socket.receive_text(), _PATIENCE_S)
-    except (TimeoutError, WebSocketDisconnect):
+        said = await asyncio.wait_for(receive_text(socket), _PATIENCE_S)
+    except (TimeoutError, WebSocketDisconnect, BadInput):
         return False
     return hmac.compare_digest(said.encode(), token.encode())

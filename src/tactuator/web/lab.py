@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import asyncio
+import hmac
 import logging
+import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import TypeVar
 
 from tactuator.errors import BadInput, StoreFault, TactuatorError
+from tactuator.experiment.language.words import Words
 from tactuator.experiment.result.tables import ResultTable
-from tactuator.experiment.session.clock import Clock, JumpWatch
+from tactuator.experiment.session.clock import JumpWatch
 from tactuator.experiment.session.presented_session import Conduct
-from tactuator.experiment.session.session import NextTrial, Session
-from tactuator.experiment.session.task import Task
+from tactuator.experiment.session.standing import NextTrial
+from tactuator.experiment.session.studies import Study
 from tactuator.experiment.store import records
-from tactuator.experiment.store.store import Store
-from tactuator.experiment.trial.presenter import Watch
+from tactuator.experiment.store.cells import Found
+from tactuator.experiment.trial.presenter import Halted, Watch
 
 _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
@@ -34,37 +37,54 @@ class RigAtRest(Fault):
 class Lab:
     """One rig, one study. Everything that touches the rig or the store goes through `work`, one thing at a time.
 
-    active: session at the rig. auto_start: a subject who comes to a free rig may begin without the operator.
+    active: session at the rig. auto_start: a subject who comes to a free rig may begin without the operator. shown:
+    what subjects see and hear of the stimuli in a demonstration, as stored ("" where they only feel them). calls: what
+    the operator should look after, by session.
     """
 
-    def __init__(self, store: Store, task: Task, study: int, clock: Clock, auto_start: bool = False) -> None:
-        self.store, self.task, self.study, self.clock = store, task, study, clock
-        self.auto_start = auto_start
+    def __init__(self, study: Study, auto_start: bool = False, shown: str = "") -> None:
+        self.study, self.store, self.clock = study, study.store, study.clock
+        self.station = study.task.station
+        self.auto_start, self.shown = auto_start, shown
         self.active: int | None = None
         self.paused = False
         self.fault: str | None = None
-        self.jumps = JumpWatch(clock)
+        self.calls: dict[int, str] = {}
+        self.jumps = JumpWatch(self.clock)
         self.changed = asyncio.Event()
+        self._halted = threading.Event()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="rig")
         self._conducts: dict[int, Conduct] = {}
         self._opening = asyncio.Lock()
-        with store.read() as connection:
-            self._rows = records.sessions(connection, study)
+        self._rows = study.sessions()
 
     @property
-    def sessions(self) -> list[records.Found]:
-        """The study's sessions, as they were when the server began."""
+    def sessions(self) -> list[Found]:
+        """The study's sessions, by subject and visit."""
         return self._rows
 
-    def by_token(self, token: str) -> records.Found | None:
+    @property
+    def words(self) -> Words:
+        """In the language of the newest protocol."""
+        return self.study.task.words
+
+    def by_token(self, token: str) -> Found | None:
         """The session that a subject's link opens."""
-        return next((row for row in self._rows if row.link_token == token), None)
+        found = None
+        for row in self._rows:  # all of them, so that the time it takes says nothing of the tokens
+            if hmac.compare_digest(row.link_token.encode(), token.encode()):
+                found = row
+        return found
+
+    async def refresh(self) -> None:
+        """Read the study's sessions anew: somebody was enrolled, or has another visit."""
+        self._rows = await self.work(self.study.sessions)
+        self.notify()
 
     async def work(self, job: Callable[[], _T]) -> _T:
-        """Run `job` where rig and store are used. Raises BadInput as the job does.
+        """Run `job` where rig and store are used, what it does being the store's. Raises BadInput as the job does.
 
-        Whatever else goes wrong is a Fault: kept for the operator to see, and the rig is left at rest unless it was the
-        store alone.
+        Whatever else goes wrong is a Fault, kept for the operator to see; the rig goes on.
         """
         try:
             return await asyncio.get_running_loop().run_in_executor(self._worker, job)
@@ -74,32 +94,49 @@ class Lab:
             self.tell(str(error))
             raise Fault(str(error)) from None
         except Exception as error:
-            raise await self._at_rest(error) from None
+            _LOG.error("a defect", exc_info=error)
+            fault = Fault(f"{type(error).__name__}: {error}")
+            self.tell(str(fault))
+            raise fault from None
 
     async def present(self, conduct: Conduct, watch: Watch) -> NextTrial:
-        """Play the trial that stands. Nothing that keeps a rig from it is the subject's input: all of it is a Fault."""
+        """Play the trial that stands. Raises Halted where it was stopped; nothing else that keeps a rig from it is the
+
+        subject's input: all of it is a Fault, and leaves the rig at rest unless it was the store alone.
+        """
+        self._halted.clear()
+        job = self._worker.submit(conduct.present, watch, self._halted.is_set)
         try:
-            return await self.work(lambda: conduct.present(watch))
-        except BadInput as error:
+            return await asyncio.wrap_future(job)
+        except Halted:
+            raise
+        except StoreFault as error:
+            self.tell(str(error))
+            raise Fault(str(error)) from None
+        except Exception as error:
             raise await self._at_rest(error) from None
+
+    def halt(self, session: int) -> None:
+        """End at once what plays for that session."""
+        if self.active == session:
+            self._halted.set()
 
     async def _at_rest(self, error: Exception) -> RigAtRest:
         """Put the rig to rest and hold it there, unless subjects begin by themselves; the fault."""
         _LOG.error("a fault at the rig", exc_info=error)
         with suppress(Exception):
-            await asyncio.get_running_loop().run_in_executor(self._worker, self.task.station.rig.rest)
+            await asyncio.get_running_loop().run_in_executor(self._worker, self.station.rig.rest)
         self.paused = not self.auto_start
         fault = RigAtRest(str(error) if isinstance(error, TactuatorError) else f"{type(error).__name__}: {error}")
         self.tell(str(fault))
         return fault
 
-    async def conduct(self, row: records.Found) -> Conduct:
+    async def conduct(self, row: Found) -> Conduct:
         """The session's one conduct, resumed from the store the first time, however many ask for it at once."""
         async with self._opening:
             if row.id not in self._conducts:
-                self._conducts[row.id] = await self.work(
-                    lambda: Conduct(Session(self.store, row.id, row.subject_number, self.task, self.clock))
-                )
+                sitting = records.Sitting("person", self.shown)
+                self._conducts[row.id] = await self.work(lambda: Conduct(self.study.session(row, sitting)))
             return self._conducts[row.id]
 
     def opened(self, session: int) -> Conduct | None:
@@ -109,7 +146,7 @@ class Lab:
     async def results(self, session: int) -> tuple[ResultTable, ...]:
         """What the session's answers say so far, computed beside the rig's work. BadInput while they say nothing."""
         self._check(session)
-        return await asyncio.to_thread(self.task.results, self.store, session)
+        return await asyncio.to_thread(self.study.task.results, self.store, session)
 
     def may_play(self, session: int) -> bool:
         """Whether the next trial of that session may be presented."""
@@ -130,14 +167,38 @@ class Lab:
             raise BadInput(f"session {session} is not of this study; allowed: {[row.id for row in self._rows]}")
 
     async def stop(self) -> None:
-        """Rig to rest, nobody at it."""
+        """What plays ends at once; rig to rest, nobody at it."""
+        self._halted.set()
         self.active = None
         self.notify()
-        await self.work(self.task.station.rig.rest)
+        await self.work(self.station.rig.rest)
+
+    def release(self, session: int) -> None:
+        """The session leaves the rig, if it is there."""
+        if self.active == session:
+            self.active = None
+            self.notify()
 
     def pause(self, paused: bool) -> None:
-        """Hold after the trial that plays, or go on."""
+        """Hold after the trial that plays, or go on; going on answers the call of the session at the rig."""
         self.paused = paused
+        conduct = None if self.active is None else self.opened(self.active)
+        if not paused and conduct is not None:
+            conduct.session.release()
+            self.calls.pop(conduct.session.id, None)
+        self.notify()
+
+    def hold(self, conduct: Conduct) -> None:
+        """A session that is held waits for the operator, where there is one, and begins again by itself elsewhere."""
+        held = conduct.session.held
+        if held is None:
+            return
+        row = next(row for row in self._rows if row.id == conduct.session.id)
+        self.calls[row.id] = self.words("operator.practice_failed", subject=row.subject_code, run=held.title)
+        if self.auto_start:
+            conduct.session.release()
+        elif self.active == row.id:
+            self.paused = True
         self.notify()
 
     def tell(self, fault: str | None) -> None:
@@ -169,6 +230,7 @@ class Lab:
 
     def close(self) -> None:
         """Finish what is being done and let go, the rig at rest."""
+        self._halted.set()
         with suppress(Exception):
-            self._worker.submit(self.task.station.rig.rest).result()
+            self._worker.submit(self.station.rig.rest).result()
         self._worker.shutdown(wait=True)

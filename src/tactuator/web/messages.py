@@ -1,14 +1,18 @@
-"""What a subject's page may say, checked before it is believed."""
+"""What a page may say, checked and bounded before it is believed."""
 
 from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
 
 from tactuator.errors import BadInput
+from tactuator.experiment.protocol.study import Celsius, Code, Group, ParticipantId
 
-Milliseconds = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Milliseconds = Annotated[float, Field(ge=0.0, le=1e12, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=0, lt=2**31, strict=True)]
+Short = Annotated[str, StringConstraints(max_length=200)]
+_INTERVALS = 9
 
 
 class _Message(BaseModel):
@@ -21,49 +25,104 @@ class Consent(_Message):
     type: Literal["consent"]
 
 
+class Decline(_Message):
+    """The subject does not agree."""
+
+    type: Literal["decline"]
+
+
 class Ready(_Message):
-    """The subject goes on from `stage`: ends a break, has read an introduction, is ready for the next trial."""
+    """The subject goes on from `stage`: ends a break or a pause, has read an introduction, is ready for a trial."""
 
     type: Literal["ready"]
-    stage: Literal["break", "introduction", "trial"]
+    stage: Literal["break", "introduction", "trial", "paused", "stopped"]
+
+
+class Pause(_Message):
+    """The subject wants nothing to play: for now, or any more today."""
+
+    type: Literal["pause", "stop"]
+
+
+class Withdraw(_Message):
+    """The subject leaves the study; keep: the answers so far may be used."""
+
+    type: Literal["withdraw"]
+    keep: bool
 
 
 class AnswerMessage(_Message):
-    """An answer to trial `number` of run `run`; times by the page's own clock."""
+    """An answer to trial `number` of run `run`; times by the page's own clock, lit_ms of each interval's lamp."""
 
     type: Literal["answer"]
-    run: int
-    number: int
-    response: str = Field(max_length=200)
+    run: Count
+    number: Count
+    response: Short
     shown_ms: Milliseconds | None = None
     pressed_ms: Milliseconds | None = None
+    lit_ms: tuple[Milliseconds | None, ...] = Field(default=(), max_length=_INTERVALS)
 
 
-SubjectMessage = Annotated[Consent | Ready | AnswerMessage, Field(discriminator="type")]
+SubjectMessage = Consent | Decline | Ready | Pause | Withdraw | AnswerMessage
 
 
 class Command(_Message):
     """What an operator asks for."""
 
     type: Literal["start", "stop", "pause", "resume", "give-up-run", "clear-fault", "take-control", "results"]
-    session: int | None = None
+    session: Count | None = None
 
 
-_SUBJECT: TypeAdapter[Consent | Ready | AnswerMessage] = TypeAdapter(SubjectMessage)
-_OPERATOR: TypeAdapter[Command] = TypeAdapter(Command)
+class Enrol(_Message):
+    """A new subject."""
+
+    type: Literal["enrol"]
+    code: Code
+    group: Group = "unknown"
+    participant_id: ParticipantId | None = None
+    demographics: dict[Short, Short] = Field(default={}, max_length=50)
 
 
-def subject_message(text: str) -> Consent | Ready | AnswerMessage:
+class NewVisit(_Message):
+    """A further visit of a subject."""
+
+    type: Literal["new-visit"]
+    subject: Code
+
+
+class Day(_Message):
+    """Data of the day of a session."""
+
+    type: Literal["day"]
+    session: Count
+    skin_temperature_c: Celsius | None = None
+    preload_n: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] | None = None
+
+
+OperatorMessage = Command | Enrol | NewVisit | Day
+
+_SUBJECT: TypeAdapter[SubjectMessage] = TypeAdapter(Annotated[SubjectMessage, Field(discriminator="type")])
+_OPERATOR: TypeAdapter[OperatorMessage] = TypeAdapter(Annotated[OperatorMessage, Field(discriminator="type")])
+
+
+def subject_message(text: str) -> SubjectMessage:
     """Parse a message of a subject's page; BadInput if it is none."""
     try:
         return _SUBJECT.validate_json(text)
     except ValidationError as error:
-        raise BadInput(f"message: {error.errors()[0]['msg']}") from None
+        raise BadInput(f"message: {_amiss(error)}") from None
 
 
-def operator_command(text: str) -> Command:
-    """Parse a command of an operator's page; BadInput if it is none."""
+def operator_message(text: str) -> OperatorMessage:
+    """Parse a message of an operator's page; BadInput if it is none."""
     try:
         return _OPERATOR.validate_json(text)
     except ValidationError as error:
-        raise BadInput(f"command: {error.errors()[0]['msg']}") from None
+        raise BadInput(f"command: {_amiss(error)}") from None
+
+
+def _amiss(error: ValidationError) -> str:
+    """Where and what, in a line that repeats nothing of the message."""
+    first = error.errors(include_input=False, include_url=False)[0]
+    place = ".".join(str(part)[:40] for part in first["loc"])
+    return f"{place}: {first['msg']}" if place else str(first["msg"])

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
 from fastapi import WebSocket
 
 from tactuator.errors import BadInput
-from tactuator.experiment.session.session import RunTally, Session
-from tactuator.experiment.store import records
+from tactuator.experiment.protocol.study import SubjectPart
+from tactuator.experiment.session.session import Session
+from tactuator.experiment.session.standing import RunTally
+from tactuator.experiment.store.cells import Found
 from tactuator.web.lab import Fault, Lab
-from tactuator.web.messages import Command, operator_command
-from tactuator.web.subject import Tabs, first_to_end, send
+from tactuator.web.messages import Command, Day, Enrol, NewVisit, OperatorMessage, operator_message
+from tactuator.web.sockets import first_to_end, receive_text, send
+from tactuator.web.tabs import Tabs
 
 _REFRESH_S = 1.0
 
@@ -51,7 +55,8 @@ class OperatorPage:
     async def attend(self) -> None:
         """Serve the page until it closes."""
         for row in self.lab.sessions:
-            await self.lab.conduct(row)
+            with suppress(BadInput):  # a version that cannot be played here: its session is told so when it is opened
+                await self.lab.conduct(row)
         await first_to_end(self._show(), self._obey())
 
     async def _show(self) -> None:
@@ -65,11 +70,41 @@ class OperatorPage:
 
     async def _obey(self) -> None:
         while True:
-            text = await self.socket.receive_text()
             try:
-                await self._command(operator_command(text))
+                await self._take(operator_message(await receive_text(self.socket)))
             except (BadInput, Fault) as error:
                 await send(self.socket, {"type": "refused", "message": str(error)})
+
+    async def _take(self, message: OperatorMessage) -> None:
+        if isinstance(message, Command):
+            await self._command(message)
+            return
+        self._require_control()
+        study = self.lab.study
+        if isinstance(message, Enrol):
+            facts: dict[str, str | float] = dict(message.demographics)
+            part = SubjectPart(
+                code=message.code,
+                group=message.group,
+                participant_id=message.participant_id,
+                demographics=facts,
+            )
+            await self.lab.work(lambda: study.enrol(part))
+        elif isinstance(message, NewVisit):
+            await self.lab.work(lambda: study.add_visit(message.subject))
+        else:
+            await self._day(message)
+        await self.lab.refresh()
+
+    async def _day(self, day: Day) -> None:
+        if all(row.id != day.session for row in self.lab.sessions):
+            raise BadInput(f"session {day.session} is not of this study; allowed: one that is")
+        study = self.lab.study
+        await self.lab.work(lambda: study.set_day(day.session, day.skin_temperature_c, day.preload_n))
+
+    def _require_control(self) -> None:
+        if not self.operators.has_control(self):
+            raise BadInput("another operator has control; allowed: looking on, or taking control first")
 
     async def _command(self, command: Command) -> None:
         if command.type == "take-control":
@@ -79,8 +114,7 @@ class OperatorPage:
         if command.type == "results":
             await self._results(_session(command))
             return
-        if not self.operators.has_control(self):
-            raise BadInput("another operator has control; allowed: looking on, or taking control first")
+        self._require_control()
         if command.type == "start":
             self.lab.start(_session(command))
         elif command.type in ("pause", "resume"):
@@ -99,6 +133,7 @@ class OperatorPage:
         if not self.lab.paused:
             raise BadInput("the session is not paused; allowed: giving up a run after pausing")
         await self.lab.work(conduct.give_up_run)
+        self.lab.calls.pop(conduct.session.id, None)
         self.lab.notify()
 
     async def _results(self, session: int) -> None:
@@ -109,40 +144,47 @@ class OperatorPage:
     def snapshot(self) -> dict[str, Any]:
         """Everything that the page shows."""
         lab = self.lab
-        station = lab.task.station
+        station = lab.station
         active = None if lab.active is None else lab.opened(lab.active)
         course = None if active is None else active.session.course
         return {
             "type": "snapshot",
-            "study": lab.task.protocol.study.name,
+            "study": lab.study.task.protocol.study.name,
             "control": self.operators.has_control(self),
             "paused": lab.paused,
             "fault": lab.fault,
             "active": lab.active,
+            "calls": list(lab.calls.values()),
+            "demographics": [one.model_dump() for one in lab.study.task.protocol.demographic],
             "rig": {
                 "name": station.name,
                 "display": station.controller.display.name,
                 "rate_hz": station.rig.rate_hz,
                 "channels": list(station.rig.channels),
+                "simulated": station.simulated,
             },
             "sessions": [self._session(row) for row in lab.sessions],
             "runs": [] if active is None else [_run(one) for one in active.session.tally],
             "picture": None if course is None else course.picture(),
         }
 
-    def _session(self, row: records.Found) -> dict[str, Any]:
+    def _session(self, row: Found) -> dict[str, Any]:
         conduct = self.lab.opened(row.id)
         return {
             "id": row.id,
             "subject": row.subject_code,
             "group": row.subject_group,
+            "visit": row.visit,
+            "participant_id": row.participant_id,
+            "skin_temperature_c": row.skin_temperature_c,
+            "preload_n": row.preload_n,
             "link": f"/s/{row.link_token}",
             "here": self.tabs.is_open(row.id),
             **(_NOT_OPENED if conduct is None else _standing(conduct.session)),
         }
 
 
-_NOT_OPENED = {"stage": None, "progress": 0.0, "trials": 0, "share_correct": None}
+_NOT_OPENED = {"stage": None, "progress": 0.0, "left_s": None, "trials": 0, "share_correct": None}
 
 
 def _standing(session: Session) -> dict[str, Any]:
@@ -152,6 +194,7 @@ def _standing(session: Session) -> dict[str, Any]:
     return {
         "stage": session.stage,
         "progress": session.progress,
+        "left_s": round(session.time_left_s),
         "trials": session.trials,
         "share_correct": right / answered if answered else None,
     }

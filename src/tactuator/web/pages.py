@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Sequence
 from html import escape
 from importlib.resources import files
@@ -9,6 +11,8 @@ from importlib.resources.abc import Traversable
 
 from fastapi import Response
 from fastapi.responses import HTMLResponse, PlainTextResponse
+
+from tactuator.experiment.language.words import Words
 
 _TYPES = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 _HEADERS = {
@@ -18,7 +22,7 @@ _HEADERS = {
     "Cache-Control": "no-store",
 }
 _PAGE = """<!doctype html>
-<html lang="en">
+<html lang="{language}">
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
@@ -27,31 +31,50 @@ _PAGE = """<!doctype html>
 {parts}
 </head>
 <body>
+<script type="application/json" id="words">{words}</script>
 <div id="banner" class="banner" role="alert" hidden></div>
 {body}</body>
 </html>
 """
+_TABLES = {"subject": "page", "operator": "operator"}
+"""The table of the language file that each page is made of."""
 
 
-def page(name: str, title: str, scripts: Sequence[str]) -> Response:
-    """The page whose body is `name`.html, with the common styles, its own, the common script and `scripts`."""
+def page(name: str, words: Words, scripts: Sequence[str]) -> Response:
+    """The page whose body is `name`.html, with the common styles, its own, the common script and `scripts`.
+
+    {{key}} in the body is the text of that key; the page's whole table of texts goes along for its scripts.
+    """
+    table = f"{_TABLES[name]}."
+    texts = {key.removeprefix(table): text for key, text in words.texts.items() if key.startswith(table)}
     parts = [f'<link rel="stylesheet" href="/static/{style}.css">' for style in ("common", name)]
     parts += [f'<script src="/static/{script}.js" defer></script>' for script in ("common", *scripts)]
-    body = _resource(f"{name}.html").read_text(encoding="utf-8")
-    return HTMLResponse(_PAGE.format(title=escape(title), parts="\n".join(parts), body=body), headers=_HEADERS)
+    body = re.sub(
+        r"\{\{([a-z_.]+)\}\}", lambda found: escape(words(found[1])), _resource(f"{name}.html").read_text("utf-8")
+    )
+    return HTMLResponse(
+        _PAGE.format(
+            language=escape(words.language),
+            title=escape(words(f"{table}title")),
+            parts="\n".join(parts),
+            words=json.dumps(texts, ensure_ascii=False).replace("<", "\\u003c"),
+            body=body,
+        ),
+        headers=_HEADERS,
+    )
 
 
-def static_file(name: str) -> Response:
-    """A style, script or picture, by its bare name."""
+def static_file(name: str) -> Response | None:
+    """A style, script or picture, by its bare name; None where there is none."""
     suffix = name[name.rfind(".") :]
     if "/" in name or suffix not in _TYPES or not _resource(name).is_file():
-        return plain_text("There is no such page.\n", 404)
+        return None
     return Response(_resource(name).read_bytes(), media_type=_TYPES[suffix], headers=_HEADERS)
 
 
 def plain_text(text: str, status: int = 200) -> Response:
     """A line of text."""
-    return PlainTextResponse(text, status_code=status, headers=_HEADERS)
+    return PlainTextResponse(f"{text}\n", status_code=status, headers=_HEADERS)
 
 
 def _resource(name: str) -> Traversable:

@@ -5,11 +5,10 @@ from functools import cache
 
 from tactuator.display.controller import Controller
 from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.protocol.protocol import StudyProtocol
 from tactuator.experiment.session.apparatus import Station
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.presented_session import Conduct
-from tactuator.experiment.session.studies import open_session, open_study
+from tactuator.experiment.session.studies import Study, open_session, open_study
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.trial import Trial
@@ -90,16 +89,21 @@ def station(seed: int = 0) -> Station:
 
 def begin(store: Store, clock: ObedientClock, text: str = PROTOCOL, subject: int = 0) -> Conduct:
     """The subject's session, opened or resumed, consent given."""
-    task = DetectionTask(parse_protocol(text), station())
-    study = open_study(store, task, text, clock, tokens(task.protocol))
-    session = open_session(store, task, study, task.protocol.subject[subject].code, clock)
+    study = opened_study(store, clock, text)
+    session = open_session(study, study.task.protocol.subject[subject].code)
     if session.stage == "consent":
         session.give_consent()
     return Conduct(session)
 
 
-def tokens(protocol: StudyProtocol) -> list[str]:
-    return [f"token-{subject.code}" for subject in protocol.subject]
+def opened_study(store: Store, clock: ObedientClock, text: str = PROTOCOL, amend: str | None = None) -> Study:
+    """The study of the protocol in the store."""
+    return open_study(store, DetectionTask(parse_protocol(text), station()), text, clock, token, amend)
+
+
+def token(code: str, visit: int) -> str:
+    """Of a subject's link, as tests know it."""
+    return f"token-{code}" if visit == 1 else f"token-{code}-{visit}"
 
 
 def nobody(interval: int, begins: bool) -> None:

@@ -18,7 +18,7 @@ from tactuator.rig.open import open_rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.speech.waveforms import Component, WaveformSet, write_waveforms
 from tactuator.synthesis.design import design_controller
-from tests.experiment.session.apparatuses import nobody
+from tests.experiment.session.apparatuses import nobody, token
 
 DISPLAY = {
     "display": {"name": "one finger", "rate_hz": 4000.0, "delay_samples": 1},
@@ -86,11 +86,10 @@ class Opened:
 
     def __init__(self, protocol, text, items, place, store, clock=None):
         self.task, self.store, self.clock = IdentificationTask.load(protocol, items, place), store, clock or Ticking()
-        tokens = [f"token-{one.code}" for one in protocol.subject]
-        self.study = open_study(store, self.task, text, self.clock, tokens)
+        self.study = open_study(store, self.task, text, self.clock, token, beside=items)
 
     def conduct(self, code="S1"):
-        return Conduct(open_session(self.store, self.task, self.study, code, self.clock))
+        return Conduct(open_session(self.study, code))
 
     def run(self, code, respondent):
         return attend(self.conduct(code), respondent)

@@ -15,7 +15,7 @@ from tactuator.experiment.session.identification_task import IdentificationTask
 from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, nobody, station, tokens
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, nobody, station, token
 from tests.experiment.session.identifying import answer, controller, go_on, items, opened, opened_station, protocol_text  # noqa: F401
 
 STORES = Path(__file__).parents[1] / "store" / "stores"
@@ -91,7 +91,7 @@ def test_session__interrupted_over_and_over__asks_every_trial_once(opened) -> No
     planned = [
         (run.position, trial.number, trial.correct)
         for run in conduct.session.runs
-        for trial in study.task.course(run, 0, 0).planned_trials
+        for trial in study.task.course(run, 0).planned_trials
     ]
     assert asked == planned
 
@@ -162,13 +162,13 @@ def restored(path, name) -> Store:
 def test_store_of_0_1_0__identification_begun__goes_on_at_the_same_trial(tmp_path, items, controller) -> None:
     store = restored(tmp_path / "lab.db", "identification-0.1.0.sql")
     with store.begin() as connection:
-        text = connection.execute(select(schema.study.c.protocol_toml)).scalar_one()
+        text = connection.execute(select(schema.protocol_version.c.toml)).scalar_one()
         task = IdentificationTask.load(parse_identification(text), items, opened_station(controller))
         for item in task.items.values():  # the samples' last bits are this machine's
             row = schema.stimulus.update().where(schema.stimulus.c.label == item.label)
             connection.execute(row.values(sha256=item.sha256))
     clock = ObedientClock()
-    session = open_session(store, task, open_study(store, task, text, clock, ["never used"]), "S1", clock)
+    session = open_session(open_study(store, task, text, clock, token), "S1")
     assert [(one.state, one.answered, one.correct) for one in session.tally] == [("done", 3, 3), ("running", 7, 7)]
     assert session.next_trial().trial.number == 7
     assert session.stage == "trial"
@@ -179,7 +179,7 @@ def test_store_of_0_1_0__detection_begun__goes_on_at_the_same_trial(tmp_path) ->
     store = restored(tmp_path / "lab.db", "detection-0.1.0.sql")
     clock = ObedientClock()
     task = DetectionTask(parse_protocol(PROTOCOL), station())
-    session = open_session(store, task, open_study(store, task, PROTOCOL, clock, tokens(task.protocol)), "S1", clock)
+    session = open_session(open_study(store, task, PROTOCOL, clock, token), "S1")
     following = session.next_trial()
     assert (following.planned.position, following.trial.number) == (1, 7)
     whole = Store(tmp_path / "whole.db")
@@ -193,5 +193,5 @@ def test_store_of_0_1_0__detection_begun__goes_on_at_the_same_trial(tmp_path) ->
 
 def test_session__unknown_subject__is_refused(opened) -> None:
     study, _, _ = opened(protocol_text())
-    with pytest.raises(BadInput, match="subject 'S9' is not in the protocol; allowed: S1"):
+    with pytest.raises(BadInput, match="subject 'S9' is not in the study; allowed: S1"):
         study.conduct("S9")

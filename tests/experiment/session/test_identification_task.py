@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
+from tactuator.experiment.export.export import export
 from tactuator.experiment.store import records
-from tactuator.experiment.store.export import export
 from tactuator.experiment.store.store import Store
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin
 from tests.experiment.session.identifying import THREE, answer, controller, go_on, items, opened, protocol_text  # noqa: F401
@@ -108,7 +108,7 @@ def test_results__of_a_detection_session__are_its_thresholds(tmp_path) -> None:
     ("form", "names"),
     [
         ("tidy", {"trials.csv"}),
-        ("psych-ds", {"data/subject-S1_task-identification_data.csv"}),
+        ("psych-ds", {"data/subject-S1_task-identification_table-trials_data.csv"}),
         (
             "bids",
             {

@@ -10,7 +10,7 @@ from tactuator.experiment.result.confusion import identification_results
 from tactuator.experiment.session.apparatus import Station
 from tactuator.experiment.session.respondent import Respondent
 from tactuator.experiment.simulated.respondents import ErringRespondent, FeelingRespondent
-from tactuator.experiment.store import records, schema
+from tactuator.experiment.store import schema, study_records
 from tactuator.experiment.store.store import Store
 from tactuator.rig.open import open_rig
 from tactuator.rig.touchable import touchable
@@ -28,7 +28,8 @@ def test_attend__no_consent__ends_at_once_and_stores_nothing(opened) -> None:
     assert study.run("S1", Unwilling(0.0, np.random.default_rng(0))) == 0
     with store.read() as connection:
         assert connection.execute(select(schema.run)).all() == []
-        assert records.sessions(connection, study.study)[0].consented_utc is None
+        row = study_records.sessions(connection, study.study.id)[0]
+    assert (row.consented_utc, row.ended) == (None, "declined")
 
 
 def test_attend__respondent__is_told_of_runs_breaks_and_right_answers_in_order(opened) -> None:
@@ -83,11 +84,13 @@ def test_touchable__rig_without_ports__is_refused() -> None:
 
 def test_touchable__board_with_a_real_display__is_refused() -> None:
     class Board(Blind):
+        has_finger_ports = False
+
         def finger(self, channel):
             raise BadInput("this display is real: a finger goes onto it by hand; allowed: a simulated display")
 
         has_finger_ports = False
         load = play = stream = drive = rest = close = __enter__ = __exit__ = print
 
-    with pytest.raises(BadInput, match="real"):
+    with pytest.raises(BadInput, match="board:COM3"):
         touchable(Board(), "board:COM3")

@@ -8,8 +8,8 @@ from sqlalchemy import select
 from tactuator.errors import BadInput, StoreFault
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.session import Session
-from tactuator.experiment.store import records, schema
+from tactuator.experiment.session.studies import open_session
+from tactuator.experiment.store import records, schema, study_records
 from tactuator.experiment.store.store import Store
 from tests.experiment.session.apparatuses import (
     PROTOCOL,
@@ -17,6 +17,7 @@ from tests.experiment.session.apparatuses import (
     answer_one,
     begin,
     nobody,
+    opened_study,
     response_of,
     station,
 )
@@ -85,7 +86,7 @@ def test_trial__stored__has_levels_labels_times_and_apparatus(store) -> None:
         intervals = connection.execute(select(schema.interval).order_by(schema.interval.c.position)).all()
         response = connection.execute(select(schema.response)).one()
         run = connection.execute(select(schema.run)).one()
-        session = records.session(connection, conduct.session.id)
+        session = study_records.session(connection, conduct.session.id)
     assert [one.stimulus for one in intervals].count("tone") == 1
     tone = next(one for one in intervals if one.stimulus == "tone")
     assert str(tone.position + 1) == trial.correct_response
@@ -264,10 +265,10 @@ def test_subjects__latin_square__have_orders_of_their_own(store) -> None:
 
 def test_consent__asked_for__comes_before_the_first_trial(store) -> None:
     clock = ObedientClock()
-    conduct = begin(store, clock)
+    begin(store, clock)
     with store.begin() as connection:
         connection.execute(schema.session.update().values(consented_utc=None))
-    again = Session(store, conduct.session.id, 0, conduct.session.task, clock)
+    again = open_session(opened_study(store, clock), "S1")
     assert again.stage == "consent"
     with pytest.raises(BadInput, match="'consent'"):
         again.next_trial()

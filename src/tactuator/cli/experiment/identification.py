@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import secrets
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console, Group
+from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress, shown
 from tactuator.cli.experiment.apparatus import opened_station
+from tactuator.cli.experiment.terminal import Terminal, fresh_token
 from tactuator.cli.options import AsJson, ControllerOption, DisplayOption, RigOption, Seed
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import read_identification
@@ -22,15 +22,13 @@ from tactuator.experiment.result.confusion import AbxResult, SubjectResult, iden
 from tactuator.experiment.result.information import Information, information
 from tactuator.experiment.result.tables import information_table
 from tactuator.experiment.session.clock import SystemClock
-from tactuator.experiment.session.identification_task import IdentificationTask
 from tactuator.experiment.session.presented_session import Conduct
-from tactuator.experiment.session.respondent import Respondent, attend
-from tactuator.experiment.session.session import Acknowledged, NextTrial
-from tactuator.experiment.session.studies import open_session, open_study
-from tactuator.experiment.session.task import Question
+from tactuator.experiment.session.respondent import attend
+from tactuator.experiment.session.studies import open_session, open_study, task_of
 from tactuator.experiment.simulated.respondents import ErringRespondent
+from tactuator.experiment.store.lock import sessions_of
+from tactuator.experiment.store.records import Sitting
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.trial.trial import Trial
 from tactuator.files.matrix import read_matrix
 
 
@@ -60,15 +58,15 @@ def identify(
     code = _subject(read, subject)
     scripted = None if scripted_error is None else ErringRespondent(scripted_error, np.random.default_rng([seed, 7]))
     speed = 1.0 if scripted_error is None else None
-    with opened_station(rig, display, controller, seed, speed) as place:
-        task, clock = IdentificationTask.load(read, protocol.parent, place), SystemClock()
+    with sessions_of(store), opened_station(rig, display, controller, seed, speed) as place:
+        task, clock = task_of(read, protocol.parent, place), SystemClock()
         database = Store(store)
         try:
-            study = open_study(database, task, text, clock, [secrets.token_urlsafe(12) for _ in read.subject])
-            conduct = Conduct(open_session(database, task, study, code, clock))
+            study = open_study(database, task, text, clock, fresh_token, beside=protocol.parent)
+            conduct = Conduct(open_session(study, code, sitting=Sitting("person" if scripted is None else "script")))
             with progress() as bars:
                 bar = bars.add_task(code, total=sum(run.trials or 0 for run in conduct.session.runs))
-                respondent = scripted or _Terminal(task.question)
+                respondent = scripted or Terminal(task.question, task.words)
                 trials = attend(conduct, respondent, lambda session: bars.update(bar, completed=session.trials))
         finally:
             database.close()
@@ -82,35 +80,6 @@ def _subject(protocol: IdentificationProtocol, subject: str | None) -> str:
     if subject is None and len(codes) > 1:
         raise BadInput(f"{len(codes)} subjects are in the protocol; allowed: --subject with one of {', '.join(codes)}")
     return codes[0] if subject is None else subject
-
-
-class _Terminal(Respondent):
-    """A person who types keys."""
-
-    def __init__(self, question: Question) -> None:
-        self._question = question
-        self._keys = {key: choice.response for choice in question.choices for key in choice.keys}
-        self._console = Console(stderr=True, markup=False)
-
-    def agree(self, consent: str) -> bool:
-        return typer.confirm(f"{consent}\nDo you agree?", err=True)
-
-    def pause(self) -> None:
-        typer.prompt("Time for a break. Enter to go on", default="", show_default=False, err=True)
-
-    def begin(self, following: NextTrial) -> None:
-        self._console.print(following.planned.introduction)
-
-    def respond(self, trial: Trial) -> str:
-        offered = ", ".join(f"{choice.keys[0]} = {choice.response}" for choice in self._question.choices)
-        while True:
-            typed = str(typer.prompt(f"{self._question.prompt} {offered}", prompt_suffix=" > ", err=True)).strip()
-            if typed in self._keys:
-                return self._keys[typed]
-            self._console.print(f"{typed!r} is no key of these")
-
-    def learn(self, trial: Trial, told: Acknowledged) -> None:
-        self._console.print("right" if told.correct else f"it was {told.right}")
 
 
 def information_command(

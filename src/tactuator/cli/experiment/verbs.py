@@ -15,6 +15,7 @@ from tactuator.cli.experiment.results import results
 from tactuator.cli.experiment.serve import serve
 from tactuator.cli.options import AsJson, ControllerOption, DisplayOption, Out, RigOption, Seed
 from tactuator.errors import BadInput
+from tactuator.experiment.export.export import export
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule
 from tactuator.experiment.procedure.whole_curve import WholeCurveRule
 from tactuator.experiment.protocol.file import read_protocol
@@ -22,7 +23,7 @@ from tactuator.experiment.session.clock import SystemClock
 from tactuator.experiment.simulated.curve_quality import simulate_curve
 from tactuator.experiment.simulated.procedure_quality import PROCEDURES, Setting, simulate
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers
-from tactuator.experiment.store.export import export
+from tactuator.experiment.store.lock import sessions_of
 from tactuator.experiment.store.store import Store
 from tactuator.rig.touchable import touchable
 
@@ -88,14 +89,21 @@ def serve_command(
         float, typer.Option(help="Speed of presentation on a rig that could go faster; 0: as fast as it can.")
     ] = 1.0,
     auto_start: Annotated[bool, typer.Option("--auto-start", help="Subjects may begin without the operator.")] = False,
+    amend: Annotated[
+        str | None, typer.Option("--amend", help="Why the protocol says something else than before: a new version.")
+    ] = None,
+    show: Annotated[
+        bool, typer.Option("--show/--no-show", help="Show stimuli on the page where the display is simulated.")
+    ] = True,
     seed: Seed = 0,
 ) -> None:
     """Serve the study to browsers: one page for every subject, one for the operator.
 
-    Without a display or controller file: the paper's display and C.
+    Without a display or controller file: the paper's display and C. A study is known by its name; further subjects in
+    its protocol are enrolled, anything else that changed takes --amend.
     """
     with opened_station(rig, display, controller, seed, speed or None) as place:
-        serve(protocol, store, place, host, port, operator_token, auto_start)
+        serve(protocol, store, place, host, port, operator_token, auto_start, amend, show)
 
 
 @experiment.command("observe")
@@ -111,7 +119,7 @@ def observe_command(
 ) -> None:
     """Let simulated subjects go through the study at the simulated display; they feel what the loop makes of it."""
     read, text = read_protocol(protocol)
-    with opened_station(rig, display, controller, seed, None) as place, progress() as bars:
+    with sessions_of(store), opened_station(rig, display, controller, seed, None) as place, progress() as bars:
         touchable(place.rig, place.name)
         curve = place.controller.display.channels[0].threshold.curve
         observers = simulated_observers(curve, len(read.subject), seed, place.band_hz)

@@ -11,7 +11,8 @@ from pydantic import ValidationError
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.identification import IdentificationProtocol
-from tactuator.experiment.protocol.protocol import Protocol, StudyProtocol
+from tactuator.experiment.protocol.protocol import Protocol
+from tactuator.experiment.protocol.study import StudyProtocol
 
 _P = TypeVar("_P", bound=StudyProtocol)
 _IDENTIFIES = {"identification", "item", "block"}
@@ -41,6 +42,12 @@ def read_identification(path: str | Path) -> tuple[IdentificationProtocol, str]:
     """An identification protocol and the file's own text; BadInput likewise."""
     text = _text(path)
     return parse_identification(text, str(path)), text
+
+
+def parse_any_protocol(text: str, where: str = "protocol") -> StudyProtocol:
+    """The protocol, of either kind, that the text says; BadInput as in `read_any_protocol`."""
+    document = _document(text, where)
+    return _parsed(document, where, _kind(document))
 
 
 def parse_protocol(text: str, where: str = "protocol") -> Protocol:

@@ -6,7 +6,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from tactuator.experiment.protocol.protocol import Part, StudyProtocol, each_once
+from tactuator.experiment.protocol.study import Part, StudyProtocol, each_once
+from tactuator.experiment.protocol.study import Seconds as BreakSeconds
 
 Paradigm = Literal["identification", "middle-of-three", "abx"]
 Seconds = Annotated[float, Field(ge=0.0, le=60.0, allow_inf_nan=False)]
@@ -21,11 +22,16 @@ class ItemPart(Part):
 
 
 class BlockPart(Part):
-    """training or test; repetitions of every item (abx: of every pair); feedback: the right answer is told."""
+    """training or test; repetitions of every item (abx: of every pair); feedback: the right answer is told.
+
+    criterion: share right that a training block has to reach; where it does not, the experimenter is called and the
+    block begins again.
+    """
 
     kind: Literal["training", "test"]
     repetitions: int = Field(ge=1, le=1000)
     feedback: bool = False
+    criterion: float | None = Field(default=None, gt=0.0, le=1.0)
 
 
 class AskingPart(Part):
@@ -44,8 +50,8 @@ class BreakRules(Part):
     """Breaks: between blocks, and after so many trials within one; break_s: how long each lasts at least."""
 
     break_between_blocks: bool = True
-    break_after_trials: int | None = Field(default=None, ge=1)
-    break_s: float = Field(default=0.0, ge=0.0, allow_inf_nan=False)
+    break_after_trials: int | None = Field(default=None, ge=1, le=100000)
+    break_s: BreakSeconds = 0.0
 
 
 class IdentificationProtocol(StudyProtocol):

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactuator.experiment.protocol.protocol import Protocol, StudyProtocol
+from tactuator.experiment.language.words import Words, shipped_words
+from tactuator.experiment.protocol.protocol import Protocol
+from tactuator.experiment.protocol.study import StudyProtocol
 
 FORCED_CHOICE = "forced-choice"
 """Paradigm of detection runs, as the store has it."""
@@ -35,37 +37,51 @@ class PlannedRun:
     trials: int | None = None
 
 
-def plan_runs(protocol: Protocol, subject: int) -> tuple[PlannedRun, ...]:
-    """Runs of the subject of that number (from 0): practice first, then every condition in the subject's order."""
+def plan_runs(protocol: Protocol, subject: int, visit: int = 1, words: Words | None = None) -> tuple[PlannedRun, ...]:
+    """Runs of a visit (from 1) of the subject of that number (from 0): practice first, then every condition in the
+    subject's order; a further visit has an order of its own. words: what titles are made of, English by default."""
+    told = words or shipped_words("en")
     conditions = protocol.conditions
     frequencies: tuple[float | None, ...] = conditions.frequencies_hz or (None,)
     cells = [(finger, frequency) for finger in conditions.fingers for frequency in frequencies]
     runs: list[PlannedRun] = []
     if protocol.session.practice_trials:
-        runs.append(_planned(protocol, 0, conditions.fingers[0], frequencies[0] or 100.0, practice=True))
+        runs.append(_planned(protocol, told, 0, conditions.fingers[0], frequencies[0] or 100.0, practice=True))
     for repeat in range(conditions.repeats):
-        for index in _order(protocol, len(cells), subject, repeat):
-            runs.append(_planned(protocol, len(runs), *cells[index]))
+        for index in _order(protocol, len(cells), subject, repeat, visit):
+            runs.append(_planned(protocol, told, len(runs), *cells[index]))
     return tuple(runs)
 
 
 def _planned(
-    protocol: Protocol, position: int, finger: str, frequency_hz: float | None, practice: bool = False
+    protocol: Protocol, words: Words, position: int, finger: str, frequency_hz: float | None, practice: bool = False
 ) -> PlannedRun:
     kind = "fixed" if practice else protocol.procedure.kind
-    what = "whole curve" if frequency_hz is None else f"{frequency_hz:g} Hz"
-    title = f"{'Practice: ' if practice else ''}{finger}, {what}"
-    feedback = protocol.session.feedback
-    return PlannedRun(position, finger, frequency_hz, practice, FORCED_CHOICE, kind, feedback, title)
+    what = words("run.whole_curve") if frequency_hz is None else words("run.hertz", hertz=f"{frequency_hz:g}")
+    title = words("run.title", finger=finger, what=what)
+    if practice:
+        title = f"{words('run.practice')}: {title}"
+    rules = protocol.session
+    introduction = ""
+    if practice and rules.practice_correct is not None:
+        introduction = words("run.practice_text", correct=rules.practice_correct, window=rules.practice_trials)
+    return PlannedRun(
+        position, finger, frequency_hz, practice, FORCED_CHOICE, kind, rules.feedback, title, introduction
+    )
 
 
-def _order(protocol: Protocol, count: int, subject: int, repeat: int) -> list[int]:
+def _order(protocol: Protocol, count: int, subject: int, repeat: int, visit: int) -> list[int]:
     if protocol.conditions.order == "as-given":
         return list(range(count))
     if protocol.conditions.order == "random":
-        rng = np.random.default_rng([protocol.study.seed, 3, subject, repeat])
+        rng = np.random.default_rng([protocol.study.seed, 3, subject, repeat, *further(visit)])
         return [int(index) for index in rng.permutation(count)]
-    return latin_square(count)[(subject + repeat) % len(latin_square(count))]
+    return latin_square(count)[(subject + repeat + visit - 1) % len(latin_square(count))]
+
+
+def further(visit: int) -> tuple[int, ...]:
+    """Return what a visit adds to a seed: nothing to the first one's, which so stays as it always was."""
+    return () if visit == 1 else (visit,)
 
 
 def latin_square(count: int) -> list[list[int]]:
@@ -78,6 +94,6 @@ def latin_square(count: int) -> list[list[int]]:
     return rows + [row[::-1] for row in rows] if count % 2 else rows
 
 
-def run_seed(protocol: StudyProtocol, subject: int, position: int, attempt: int) -> tuple[int, ...]:
+def run_seed(protocol: StudyProtocol, subject: int, position: int, attempt: int, visit: int = 1) -> tuple[int, ...]:
     """Seed of a run; a restarted run gets another."""
-    return (protocol.study.seed, 5, subject, position, attempt)
+    return (protocol.study.seed, 5, subject, position, attempt, *further(visit))

@@ -2,40 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from tactuator.experiment.procedure.curve_prior import CurvePrior
-from tactuator.experiment.procedure.fixed import Fixed
+from tactuator.experiment.procedure.practice import Practice
 from tactuator.experiment.procedure.procedure import Procedure
 from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule
 from tactuator.experiment.procedure.up_down import IMECE2004, UpDown, UpDownRule
 from tactuator.experiment.procedure.whole_curve import WholeCurve, WholeCurveRule
+from tactuator.experiment.protocol.study import Part, Positive, Seconds, StudyProtocol
+from tactuator.experiment.trial.marks import Marks
 from tactuator.experiment.trial.stimulus import Masker
 from tactuator.experiment.trial.timing import Timing
 from tactuator.experiment.trial.trial import ForcedChoice
 from tactuator.perception.levels import COMFORT_DB_SL
 
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Level = Annotated[float, Field(ge=-60.0, le=COMFORT_DB_SL, allow_inf_nan=False)]
-
-
-class Part(BaseModel):
-    """A table of the protocol file: no key but the known ones."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Study(Part):
-    """Who asks, and what subjects are told."""
-
-    name: str = Field(min_length=1)
-    seed: int = Field(ge=0)
-    experimenter: str = ""
-    consent: str = ""
-    instructions: str = ""
 
 
 class ImeceProcedure(Part):
@@ -112,38 +96,44 @@ class Conditions(Part):
     repeats: int = Field(default=1, ge=1)
 
 
-class Circumstances(Part):
-    """What psychophysics reports with a threshold; they go into columns of every session."""
-
-    site: str = "fingertip"
-    contact_area_mm2: Positive | None = None
-    surround: str = "none"
-    skin_temperature_c: Annotated[float, Field(gt=0.0, lt=50.0)] | None = None
-    preload_n: Annotated[float, Field(ge=0.0)] | None = None
-    masking_sound: Literal["none", "white", "pink"] = "none"
-    masking_level_db_spl: float | None = None
-
-
 class SessionRules(Part):
-    """How a session goes: practice before the first run, breaks, feedback, and how long an interruption may last."""
+    """How a session goes: practice before the first run, breaks, feedback, and how long an interruption may last.
+
+    practice_correct: practice ends when so many of its last practice_trials are right (none: after practice_trials);
+    where it has not by practice_limit trials, the experimenter is called and it begins again. break_s: how long a break
+    lasts at least, by the server's clock.
+    """
 
     practice_trials: int = Field(default=3, ge=0, le=100)
+    practice_correct: int | None = Field(default=None, ge=1, le=100)
+    practice_limit: int = Field(default=40, ge=1, le=1000)
     practice_level_db_sl: Level = 30.0
-    break_after_trials: int = Field(default=100, ge=1)
-    break_s: float = Field(default=0.0, ge=0.0)
+    break_after_trials: int = Field(default=100, ge=1, le=100000)
+    break_between_runs: bool = False
+    break_s: Seconds = 0.0
     feedback: bool = True
-    resume_within_s: Positive = 1800.0
+    resume_within_s: Seconds = Field(default=1800.0, gt=0.0)
+
+    @model_validator(mode="after")
+    def _criterion_can_be_met(self) -> SessionRules:
+        correct, window, limit = self.practice_correct, self.practice_trials, self.practice_limit
+        if correct is not None and not correct <= window <= limit:
+            raise ValueError(
+                f"practice: {correct} right of the last {window}, {limit} trials at most; allowed: practice_correct up "
+                "to practice_trials, and that up to practice_limit"
+            )
+        return self
 
 
 class TimingPart(Part):
     """See Timing."""
 
-    stimulus_s: float = 0.5
-    ramp_s: float = 0.1
-    gap_s: float = 0.3
-    lead_s: float = 0.3
-    periods: float = 2.0
-    feedback_s: float = 0.4
+    stimulus_s: Seconds = 0.5
+    ramp_s: Seconds = 0.1
+    gap_s: Seconds = 0.3
+    lead_s: Seconds = 0.3
+    periods: Positive = 2.0
+    feedback_s: Seconds = 0.4
 
     def build(self) -> Timing:
         """The timing."""
@@ -163,37 +153,25 @@ class MaskerPart(Part):
         return Masker(**self.model_dump())
 
 
+class MarksPart(Part):
+    """See Marks: intervals announced by taps, for subjects who neither see nor hear."""
+
+    channel: str
+    frequency_hz: Positive = 60.0
+    level_db_sl: Level = 25.0
+    tap_s: Positive = 0.08
+    pause_s: Seconds = 0.12
+    after_s: Seconds = 0.5
+
+    def build(self) -> Marks:
+        """The marks."""
+        return Marks(**self.model_dump())
+
+
 class Paradigm(Part):
     """Detection in one of m intervals."""
 
     intervals: int = Field(default=3, ge=2, le=9)
-
-
-class SubjectPart(Part):
-    """Someone who takes part; circumstances of one's own win over the study's."""
-
-    code: str = Field(pattern=r"^[A-Za-z0-9]{1,32}$")
-    group: Literal["hearing", "hearing-impaired", "simulated", "unknown"] = "unknown"
-    skin_temperature_c: Annotated[float, Field(gt=0.0, lt=50.0)] | None = None
-
-
-class StudyProtocol(Part):
-    """What every protocol file has, whatever is asked."""
-
-    study: Study
-    subject: tuple[SubjectPart, ...] = Field(min_length=1)
-    circumstances: Circumstances = Circumstances()
-
-    @model_validator(mode="after")
-    def _everyone_once(self) -> Self:
-        each_once("subject codes", [one.code for one in self.subject])
-        return self
-
-
-def each_once(what: str, values: Sequence[str]) -> None:
-    """Raise ValueError where one of the values stands twice."""
-    if len(set(values)) != len(values):
-        raise ValueError(f"{what} {', '.join(values)}; allowed: each once")
 
 
 class Protocol(StudyProtocol):
@@ -205,6 +183,7 @@ class Protocol(StudyProtocol):
     session: SessionRules = SessionRules()
     timing: TimingPart = TimingPart()
     masker: MaskerPart | None = None
+    marks: MarksPart | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Protocol:
@@ -219,6 +198,8 @@ class Protocol(StudyProtocol):
             )
         self.timing.build()
         self.forced_choice()
+        if self.marks is not None:
+            self.marks.build()
         self.procedure.build(self.forced_choice(), (0.4, 300.0))
         return self
 
@@ -226,6 +207,8 @@ class Protocol(StudyProtocol):
         """The paradigm."""
         return ForcedChoice(self.paradigm.intervals)
 
-    def practice(self, frequency_hz: float) -> Fixed:
+    def practice(self, frequency_hz: float) -> Practice:
         """The practice run."""
-        return Fixed(self.session.practice_level_db_sl, self.session.practice_trials, frequency_hz)
+        rules = self.session
+        limit = rules.practice_trials if rules.practice_correct is None else rules.practice_limit
+        return Practice(rules.practice_level_db_sl, limit, frequency_hz, rules.practice_trials, rules.practice_correct)

@@ -12,7 +12,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_identification
 from tactuator.experiment.protocol.identification import IdentificationProtocol
 from tactuator.experiment.result.information import Information, information
-from tactuator.experiment.store import records, schema
+from tactuator.experiment.store import schema, study_records
 from tactuator.experiment.store.store import Store
 
 
@@ -56,7 +56,7 @@ def identification_results(
             if study is not None and row.name != study:
                 continue
             if connection.execute(select(schema.stimulus.c.id).where(schema.stimulus.c.study_id == row.id)).first():
-                protocol = parse_identification(row.protocol_toml)
+                protocol = parse_identification(study_records.versions(connection, row.id)[-1].toml)
                 if protocol.identification.paradigm == "abx":
                     abx += _abx_results(connection, row.id, row.name)
                 else:
@@ -72,7 +72,7 @@ def session_results(
 ) -> tuple[list[SubjectResult], list[AbxResult]]:
     """Results of one session, test blocks only; both empty while fewer than two items were answered there."""
     with store.read() as connection:
-        row = records.session(connection, session)
+        row = study_records.session(connection, session)
         if protocol.identification.paradigm == "abx":
             every = _abx_results(connection, row.study_id, protocol.study.name)
             return [], [one for one in every if one.subject == row.subject_code]
@@ -82,16 +82,18 @@ def session_results(
 def _trials(connection: Connection, study: int) -> list[tuple[str, str, str]]:
     """(subject, correct response, response) of every answered trial of test blocks, but for those given up."""
     query = (
-        select(schema.session.c.subject_code, schema.trial.c.correct_response, schema.response.c.response)
+        select(schema.subject.c.code, schema.trial.c.correct_response, schema.response.c.response)
+        .join(schema.session, schema.session.c.subject_id == schema.subject.c.id)
         .join(schema.run, schema.run.c.session_id == schema.session.c.id)
         .join(schema.trial, schema.trial.c.run_id == schema.run.c.id)
         .join(schema.response, schema.response.c.trial_id == schema.trial.c.id)
         .where(
             schema.session.c.study_id == study,
+            schema.session.c.ended.is_distinct_from("withdrawn-discard"),
             schema.run.c.practice.is_(False),
             schema.run.c.state.in_(("running", "done")),
         )
-        .order_by(schema.session.c.subject_number, schema.run.c.position, schema.trial.c.number)
+        .order_by(schema.subject.c.number, schema.session.c.visit, schema.run.c.position, schema.trial.c.number)
     )
     return [tuple(row) for row in connection.execute(query)]
 
@@ -107,7 +109,8 @@ def _matrix_results(
     trials = _trials(connection, study)
     query = select(schema.stimulus.c.label, schema.stimulus.c.duration_s).where(schema.stimulus.c.study_id == study)
     durations = {row.label: row.duration_s for row in connection.execute(query)}
-    labels, asking = protocol.labels, protocol.identification
+    labels = (*protocol.labels, *(label for label in durations if label not in protocol.labels))
+    asking = protocol.identification
     gap_s = asking.gap_s if asking.paradigm == "middle-of-three" else 0.0
     subjects: list[str | None] = list(dict.fromkeys(subject for subject, *_ in trials))
     if only is not None:

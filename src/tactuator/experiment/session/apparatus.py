@@ -10,7 +10,9 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.plan import ALL_FINGERS
 from tactuator.experiment.store.records import Apparatus
 from tactuator.files.controller import controller_hash
+from tactuator.rig.paced import PacedRig
 from tactuator.rig.rig import Rig
+from tactuator.rig.touchable import TouchableRig
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,15 @@ class Station:
             curve.content_hash,
             channel.sensor_gain_v_per_mm,
             *self.band_hz,
+            self.simulated,
+            self.rig.rate_hz,
+            self.rig.speed if isinstance(self.rig, PacedRig) else None,
         )
+
+    @property
+    def simulated(self) -> bool:
+        """True where the display is simulated: nobody can feel anything there."""
+        return isinstance(self.rig, TouchableRig) and self.rig.has_finger_ports
 
     @property
     def band_hz(self) -> tuple[float, float]:

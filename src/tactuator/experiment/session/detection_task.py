@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 
+import numpy as np
 from sqlalchemy import Connection
 
 from tactuator.errors import BadInput
+from tactuator.experiment.language.words import Words, shipped_words
+from tactuator.experiment.procedure.practice import Practice
 from tactuator.experiment.procedure.procedure import Procedure
 from tactuator.experiment.procedure.up_down import UpDown
 from tactuator.experiment.protocol.plan import PlannedRun, plan_runs, run_seed
@@ -15,13 +19,27 @@ from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.result.tables import ResultTable, threshold_table
 from tactuator.experiment.result.thresholds import thresholds
 from tactuator.experiment.session.apparatus import Station
-from tactuator.experiment.session.task import Choice, Picture, Question, Rules
+from tactuator.experiment.session.task import (
+    NOTHING_DB_SL,
+    SHAPE_STEP_S,
+    Choice,
+    Picture,
+    Question,
+    Rules,
+    Shape,
+    Stagehand,
+    key_codes,
+)
 from tactuator.experiment.store.records import Played
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.experiment.trial.detection_run import Detection
-from tactuator.experiment.trial.presenter import Presenter, Watch
-from tactuator.experiment.trial.trial import Trial
+from tactuator.experiment.trial.presenter import Presenter
+from tactuator.experiment.trial.trial import BLANK, Trial
+from tactuator.signals.stimuli import ramps
+
+_TRIALS_A_REVERSAL, _TRIALS = 5.3, 80.0
+"""Of the paper's procedure (facts of its simulation: 79 trials for 15 reversals); of one that says nothing."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +48,7 @@ class DetectionTask:
 
     protocol: Protocol
     station: Station
+    words: Words = field(default_factory=lambda: shipped_words("en"))
 
     def __post_init__(self) -> None:
         protocol, rig = self.protocol, self.station.rig
@@ -38,6 +57,8 @@ class DetectionTask:
             for frequency in protocol.conditions.frequencies_hz:
                 if not low <= frequency <= high:
                     raise BadInput(f"{frequency:g} Hz on finger {finger!r}; allowed: {low:g} to {high:g} Hz")
+        if protocol.marks is not None:
+            protocol.marks.build().end(rig.rate_hz, rig.channels)
         if protocol.masker is not None and protocol.masker.channel not in (None, *rig.channels):
             raise BadInput(f"masker: channel {protocol.masker.channel!r}; allowed: {', '.join(rig.channels)}")
 
@@ -45,8 +66,8 @@ class DetectionTask:
     def question(self) -> Question:
         """One key for each interval."""
         responses = self.protocol.forced_choice().responses
-        choices = tuple(Choice(response, (response,)) for response in responses)
-        return Question("Which interval has the vibration?", choices, responses)
+        choices = tuple(Choice(response, (response,), key_codes(response)) for response in responses)
+        return Question(self.words("prompt.detection"), choices, responses)
 
     @property
     def rules(self) -> Rules:
@@ -55,25 +76,43 @@ class DetectionTask:
         return Rules(
             feedback_s=self.protocol.timing.feedback_s,
             break_after_trials=session.break_after_trials,
+            break_between_runs=session.break_between_runs,
             break_s=session.break_s,
             resume_within_s=session.resume_within_s,
         )
 
     def enrol(self, connection: Connection, study: int) -> None:
-        """A detection study has nothing besides its sessions."""
+        """A detection study has nothing besides its subjects and sessions."""
 
-    def runs(self, subject: int) -> tuple[PlannedRun, ...]:
+    def runs(self, subject: int, visit: int = 1) -> tuple[PlannedRun, ...]:
         """Practice, then every condition in the subject's order."""
-        return plan_runs(self.protocol, subject)
+        return plan_runs(self.protocol, subject, visit, self.words)
 
-    def course(self, planned: PlannedRun, subject: int, attempt: int) -> DetectionCourse:
+    def expected(self, planned: PlannedRun) -> tuple[float, float]:
+        """How many trials a run has, about, and how many seconds one of them plays."""
+        protocol = self.protocol
+        procedure = protocol.procedure.build(protocol.forced_choice(), self.station.band_hz)
+        if planned.practice:
+            trials = float(protocol.session.practice_trials)
+        elif isinstance(procedure, UpDown):
+            trials = _TRIALS_A_REVERSAL * procedure.rule.reversals
+        else:
+            trials = float(getattr(protocol.procedure, "trials", _TRIALS))
+        timing, intervals = protocol.timing.build(), protocol.paradigm.intervals
+        frequency = planned.frequency_hz or math.sqrt(self.station.band_hz[0] * self.station.band_hz[1])
+        played_s = timing.lead_s + intervals * timing.duration_s(frequency) + (intervals - 1) * timing.gap_s
+        marks = 0.0 if protocol.marks is None else protocol.marks.build().duration_s(intervals)
+        return trials, played_s + marks + timing.feedback_s
+
+    def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> DetectionCourse:
         """A fresh procedure."""
         protocol = self.protocol
         if planned.practice:
             procedure: Procedure = protocol.practice(planned.frequency_hz or 100.0)
         else:
             procedure = protocol.procedure.build(protocol.forced_choice(), self.station.band_hz)
-        return DetectionCourse(self, planned, procedure, run_seed(protocol, subject, planned.position, attempt))
+        seed = run_seed(protocol, subject, planned.position, attempt, visit)
+        return DetectionCourse(self, planned, procedure, seed)
 
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
         """The thresholds of the runs that are done."""
@@ -103,6 +142,11 @@ class DetectionCourse:
         """The procedure's."""
         return self.procedure.progress
 
+    @property
+    def passed(self) -> bool:
+        """False for practice that has not met its criterion."""
+        return not isinstance(self.procedure, Practice) or self.procedure.passed
+
     def trial(self) -> Trial | None:
         """The trial where the procedure puts it, at the run's frequency unless the procedure chooses that too."""
         placement = self.procedure.placement()
@@ -112,18 +156,31 @@ class DetectionCourse:
             placement = replace(placement, frequency_hz=self.planned.frequency_hz)
         return self.task.protocol.forced_choice().trial(self.procedure.trials, placement, self.seed)
 
-    def play(self, trial: Trial, watch: Watch, presented: datetime) -> Played:
+    def play(self, trial: Trial, stage: Stagehand, presented: datetime) -> Played:
         """Play the trial's intervals on the channel of the run's finger."""
         assert trial.placement is not None
         assert trial.placement.frequency_hz is not None
         frequency, protocol = trial.placement.frequency_hz, self.task.protocol
         channel = self.task.station.channel(self.planned.finger)
-        presenter = Presenter(self.task.station.rig, channel.name, watch)
+        marks = None if protocol.marks is None else protocol.marks.build()
+        presenter = Presenter(self.task.station.rig, channel.name, stage.watch, stage.halted, marks)
         masker = None if protocol.masker is None else protocol.masker.build()
         detection = Detection(presenter, channel, protocol.timing.build(), protocol.forced_choice(), masker)
-        intervals = detection.play(trial, frequency, self.seed)
+        intervals, shown = detection.play(trial, frequency, self.seed)
         level = float(channel.threshold.curve.level_db_re_1um_at(frequency))
-        return Played(trial, intervals, presented, frequency, level)
+        return Played(trial, intervals, presented, frequency, level, shown.rig_tick, shown.lasted_s)
+
+    def shape(self, trial: Trial, interval: int) -> Shape:
+        """A tone between its ramps, or nothing."""
+        assert trial.placement is not None
+        assert trial.placement.frequency_hz is not None
+        frequency, timing = trial.placement.frequency_hz, self.task.protocol.timing.build()
+        count = max(1, round(timing.duration_s(frequency) / SHAPE_STEP_S))
+        if trial.stimuli[interval] == BLANK:
+            return Shape((NOTHING_DB_SL,) * count, SHAPE_STEP_S, frequency)
+        rise = ramps(count, 1.0 / SHAPE_STEP_S, timing.ramp_at_s(frequency))
+        levels = trial.placement.level_db_sl + 20.0 * np.log10(np.maximum(rise, 1e-3))
+        return Shape(tuple(np.round(levels, 1).tolist()), SHAPE_STEP_S, frequency)
 
     def record(self, response: str) -> None:
         """Right or wrong moves the procedure on."""

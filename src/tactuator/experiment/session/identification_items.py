@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -51,22 +51,35 @@ def load_items(protocol: IdentificationProtocol, beside: Path, rig: Rig) -> Mapp
 def keep_items(
     connection: Connection, study: int, protocol: IdentificationProtocol, items: Mapping[str, LoadedItem]
 ) -> None:
-    """Keep the items of a new study; raise BadInput where a study has others: their files have changed since."""
+    """Keep the items that are new to the study. Raises BadInput where one of them, or its key, is not what it was."""
     stored = list(connection.execute(select(schema.stimulus).where(schema.stimulus.c.study_id == study)))
     for row in stored:
-        if row.label not in items or items[row.label].sha256 != row.sha256:
+        if row.label in items and items[row.label].sha256 != row.sha256:
             raise BadInput(
                 f"item {row.label!r} is not what it was when the study began; allowed: the same files, or a new study"
             )
-    if stored:
-        return
+    known = {row.label for row in stored}
     stimuli = [
         {"study_id": study, "label": i.label, "source": i.source, "sha256": i.sha256, "duration_s": i.duration_s}
         for i in items.values()
+        if i.label not in known
     ]
+    if not stimuli:
+        return
     connection.execute(insert(schema.stimulus), stimuli)
     options = [
         {"study_id": study, "position": position, "label": item.label, "key": item.key}
         for position, item in enumerate(protocol.item)
+        if item.label not in known
     ]
+    _refuse_taken_keys(connection, study, [str(option["key"]) for option in options])
     connection.execute(insert(schema.response_option), options)
+
+
+def _refuse_taken_keys(connection: Connection, study: int, keys: Sequence[str]) -> None:
+    """Raise BadInput where a new item's key belongs to another item of the study."""
+    options = schema.response_option
+    taken = set(connection.execute(select(options.c.key).where(options.c.study_id == study)).scalars())
+    for key in keys:
+        if key in taken:
+            raise BadInput(f"key {key!r} is another item's of this study; allowed: one that none has had")

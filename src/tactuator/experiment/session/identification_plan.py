@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
+from tactuator.experiment.language.words import Words, shipped_words
 from tactuator.experiment.protocol.identification import BlockPart, IdentificationProtocol, Paradigm
 from tactuator.experiment.protocol.plan import ALL_FINGERS, PlannedRun
 from tactuator.experiment.trial.trial import Trial
@@ -14,16 +15,18 @@ from tactuator.experiment.trial.trial import Trial
 ABX_RESPONSES = ("A", "B")
 
 
-def plan_blocks(protocol: IdentificationProtocol) -> tuple[PlannedRun, ...]:
-    """Every block as a run: the same for all subjects, but for the order of its trials."""
-    return tuple(_planned(protocol, position, block) for position, block in enumerate(protocol.block))
+def plan_blocks(protocol: IdentificationProtocol, words: Words | None = None) -> tuple[PlannedRun, ...]:
+    """Every block as a run: the same for all subjects, but for the order of its trials. words: English by default."""
+    told = words or shipped_words("en")
+    return tuple(_planned(protocol, told, position, block) for position, block in enumerate(protocol.block))
 
 
-def _planned(protocol: IdentificationProtocol, position: int, block: BlockPart) -> PlannedRun:
+def _planned(protocol: IdentificationProtocol, words: Words, position: int, block: BlockPart) -> PlannedRun:
     paradigm, count = protocol.identification.paradigm, len(protocol.item)
     trials = block.repetitions * (2 * count * (count - 1) if paradigm == "abx" else count)
-    title = f"Block {position + 1} of {len(protocol.block)}: {block.kind}"
-    told = "After each answer you are told which was right." if block.feedback else "You are not told which was right."
+    kind = words(f"run.{block.kind}")
+    title = words("run.block", number=position + 1, count=len(protocol.block), kind=kind)
+    told = words("run.told" if block.feedback else "run.not_told")
     return PlannedRun(
         position,
         ALL_FINGERS,
@@ -33,23 +36,29 @@ def _planned(protocol: IdentificationProtocol, position: int, block: BlockPart) 
         procedure="fixed",
         feedback=block.feedback,
         title=title,
-        introduction=f"{title}, {trials} trials.\n{told}",
+        introduction=f"{words('run.trials', title=title, trials=trials)}\n{told}",
         trials=trials,
     )
 
 
-def block_seed(protocol: IdentificationProtocol, subject: int, position: int) -> tuple[int, ...]:
-    """Seed of a subject's block; subjects count from 0."""
-    return (protocol.study.seed, subject, position)
+def block_seed(
+    protocol: IdentificationProtocol, subject: int, position: int, attempt: int = 0, visit: int = 1
+) -> tuple[int, ...]:
+    """Seed of a subject's block; subjects count from 0, visits from 1. A first attempt at a first visit has the three
+    numbers that it always had."""
+    again = () if (attempt, visit) == (0, 1) else (attempt, visit)
+    return (protocol.study.seed, subject, position, *again)
 
 
-def block_trials(protocol: IdentificationProtocol, subject: int, position: int) -> tuple[Trial, ...]:
+def block_trials(
+    protocol: IdentificationProtocol, subject: int, position: int, attempt: int = 0, visit: int = 1
+) -> tuple[Trial, ...]:
     """The trials of a subject's block: the same after any interruption."""
     return plan_trials(
         protocol.identification.paradigm,
         protocol.labels,
         protocol.block[position].repetitions,
-        np.random.default_rng(block_seed(protocol, subject, position)),
+        np.random.default_rng(block_seed(protocol, subject, position, attempt, visit)),
     )
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection
 
 from tactuator.errors import BadInput
+from tactuator.experiment.language.words import Words, shipped_words
 from tactuator.experiment.protocol.identification import IdentificationProtocol
 from tactuator.experiment.protocol.plan import PlannedRun
 from tactuator.experiment.result.confusion import session_results
@@ -19,17 +20,21 @@ from tactuator.experiment.result.tables import ResultTable, abx_table, informati
 from tactuator.experiment.session.apparatus import Station
 from tactuator.experiment.session.identification_items import LoadedItem, keep_items, load_items
 from tactuator.experiment.session.identification_plan import ABX_RESPONSES, block_seed, block_trials, plan_blocks
-from tactuator.experiment.session.task import Choice, Picture, Question, Rules
+from tactuator.experiment.session.task import (
+    NOTHING_DB_SL,
+    SHAPE_STEP_S,
+    Choice,
+    Picture,
+    Question,
+    Rules,
+    Shape,
+    Stagehand,
+    key_codes,
+)
 from tactuator.experiment.store.records import Played
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.trial.presenter import Presenter, Watch
+from tactuator.experiment.trial.presenter import Presentation, Presenter
 from tactuator.experiment.trial.trial import IntervalRecord, Trial
-
-_PROMPTS = {
-    "identification": "Which one was it?",
-    "middle-of-three": "Which one was in the middle?",
-    "abx": "Was X like A or like B?",
-}
 
 
 @dataclass(frozen=True)
@@ -39,11 +44,14 @@ class IdentificationTask:
     protocol: IdentificationProtocol
     items: Mapping[str, LoadedItem]
     station: Station
+    words: Words = field(default_factory=lambda: shipped_words("en"))
 
     @classmethod
-    def load(cls, protocol: IdentificationProtocol, beside: Path, station: Station) -> IdentificationTask:
+    def load(
+        cls, protocol: IdentificationProtocol, beside: Path, station: Station, words: Words | None = None
+    ) -> IdentificationTask:
         """The task with its items read, whose files lie in `beside`. Raises BadInput as `load_items` does."""
-        return cls(protocol, load_items(protocol, beside, station.rig), station)
+        return cls(protocol, load_items(protocol, beside, station.rig), station, words or shipped_words("en"))
 
     @property
     def question(self) -> Question:
@@ -51,9 +59,10 @@ class IdentificationTask:
         paradigm = self.protocol.identification.paradigm
         if paradigm == "abx":
             pairs = zip(ABX_RESPONSES, "12", strict=True)
-            choices = tuple(Choice(name, (name.lower(), name, digit)) for name, digit in pairs)
-            return Question(_PROMPTS[paradigm], choices, (*ABX_RESPONSES, "X"))
-        return Question(_PROMPTS[paradigm], tuple(Choice(item.label, (item.key,)) for item in self.protocol.item))
+            choices = tuple(Choice(name, (name.lower(), name, digit), key_codes(digit)) for name, digit in pairs)
+            return Question(self.words(f"prompt.{paradigm}"), choices, (*ABX_RESPONSES, "X"))
+        choices = tuple(Choice(item.label, (item.key,), key_codes([item.key])) for item in self.protocol.item)
+        return Question(self.words(f"prompt.{paradigm}"), choices)
 
     @property
     def rules(self) -> Rules:
@@ -70,14 +79,22 @@ class IdentificationTask:
         """Keep the items; BadInput where they are not those that the study began with."""
         keep_items(connection, study, self.protocol, self.items)
 
-    def runs(self, subject: int) -> tuple[PlannedRun, ...]:
+    def runs(self, subject: int, visit: int = 1) -> tuple[PlannedRun, ...]:
         """Every block."""
-        return plan_blocks(self.protocol)
+        return plan_blocks(self.protocol, self.words)
 
-    def course(self, planned: PlannedRun, subject: int, attempt: int) -> BlockCourse:
+    def expected(self, planned: PlannedRun) -> tuple[float, float]:
+        """How many trials a block has, and how many seconds one of them plays."""
+        asking, rate_hz = self.protocol.identification, self.station.rig.rate_hz
+        intervals = 1 if asking.paradigm == "identification" else 3
+        longest_s = max(len(item.reference) for item in self.items.values()) / rate_hz
+        played_s = asking.lead_s + intervals * longest_s + (intervals - 1) * asking.gap_s
+        return float(planned.trials or 1), played_s + (asking.feedback_s if planned.feedback else 0.0)
+
+    def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> BlockCourse:
         """A block from its first trial."""
-        seed = block_seed(self.protocol, subject, planned.position)
-        return BlockCourse(self, planned, block_trials(self.protocol, subject, planned.position), seed)
+        which = (self.protocol, subject, planned.position, attempt, visit)
+        return BlockCourse(self, planned, block_trials(*which), block_seed(*which))
 
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
         """Confusion matrix and information transfer of the test blocks; of ABX, the share of right answers."""
@@ -88,8 +105,8 @@ class IdentificationTask:
         tables = [(matrix_table(one), information_table("Information transfer", one.information)) for one in matrices]
         return (*(table for pair in tables for table in pair), *map(abx_table, abx))
 
-    def play(self, trial: Trial, watch: Watch) -> tuple[IntervalRecord, ...]:
-        """Play the items of a trial on every channel.
+    def play(self, trial: Trial, stage: Stagehand) -> tuple[tuple[IntervalRecord, ...], Presentation]:
+        """Play the items of a trial on every channel; what was played, and how.
 
         A trial always takes as long as the longest items would, and in ABX so does each of its intervals: how long
         something takes on the subject's page says nothing of what it was.
@@ -99,14 +116,16 @@ class IdentificationTask:
         references = [self.items[label].reference for label in trial.stimuli]
         if asking.paradigm == "abx":
             references = [_filled(reference, longest) for reference in references]
-        presenter = Presenter(rig, rig.channels[0], watch)
-        traces = presenter.present(references, asking.lead_s, asking.gap_s)
+        presenter = Presenter(rig, rig.channels[0], stage.watch, stage.halted)
         left = longest * len(references) - sum(len(reference) for reference in references)
-        presenter.silence(left / rig.rate_hz)
-        return tuple(
-            IntervalRecord(label, None, None, bool(trace.saturated.any()))
-            for label, trace in zip(trial.stimuli, traces, strict=True)
+        shown = presenter.present(references, asking.lead_s, asking.gap_s, left / rig.rate_hz)
+        records = tuple(
+            IntervalRecord(
+                label, None, None, bool(one.trace.saturated.any()), one.onset_s, one.duration_s, one.lamp_late_s
+            )
+            for label, one in zip(trial.stimuli, shown.intervals, strict=True)
         )
+        return records, shown
 
 
 def _filled(reference: NDArray[np.float64], length: int) -> NDArray[np.float64]:
@@ -137,9 +156,26 @@ class BlockCourse:
         """The next that is planned."""
         return None if self.trials == len(self.planned_trials) else self.planned_trials[self.trials]
 
-    def play(self, trial: Trial, watch: Watch, presented: datetime) -> Played:
+    @property
+    def passed(self) -> bool:
+        """False for a training block that is over and has not met its criterion."""
+        wanted = self.task.protocol.block[self.planned.position].criterion
+        answered = zip(self.planned_trials, self._responses, strict=False)
+        right = sum(trial.judge(response) for trial, response in answered)
+        return wanted is None or not self._responses or right >= wanted * len(self._responses)
+
+    def play(self, trial: Trial, stage: Stagehand, presented: datetime) -> Played:
         """Play the trial's items."""
-        return Played(trial, self.task.play(trial, watch), presented)
+        intervals, shown = self.task.play(trial, stage)
+        return Played(trial, intervals, presented, rig_tick=shown.rig_tick, lasted_s=shown.lasted_s)
+
+    def shape(self, trial: Trial, interval: int) -> Shape:
+        """The largest of all channels in each step."""
+        reference = self.task.items[trial.stimuli[interval]].reference
+        step = max(1, round(SHAPE_STEP_S * self.task.station.rig.rate_hz))
+        peaks = np.maximum.reduceat(np.abs(reference).max(axis=1), np.arange(0, len(reference), step))
+        levels = 20.0 * np.log10(np.maximum(peaks, 10.0 ** (NOTHING_DB_SL / 20.0)))
+        return Shape(tuple(np.round(levels, 1).tolist()), SHAPE_STEP_S)
 
     def record(self, response: str) -> None:
         """Keep the response to the trial that stands."""

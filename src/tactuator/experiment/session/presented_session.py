@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 from tactuator.errors import BadInput
-from tactuator.experiment.session.session import Acknowledged, NextTrial, Session
+from tactuator.experiment.session.session import Session
+from tactuator.experiment.session.standing import Acknowledged, NextTrial
+from tactuator.experiment.session.task import Stagehand
 from tactuator.experiment.store.records import Answer, Played
 from tactuator.experiment.trial.presenter import Watch
+from tactuator.rig.board.stream import StreamDry
+
+_TRIES = 3
+"""How often a trial is played whose timing the rig has missed, before that is a fault of the rig."""
+
+
+def _never() -> bool:
+    return False
 
 
 @dataclass
@@ -16,24 +27,64 @@ class Conduct:
 
     session: Session
     pending: tuple[NextTrial, Played] | None = field(init=False, default=None)
+    _played: tuple[int, int, int] = field(init=False, default=(0, 0, 0))
 
-    def present(self, watch: Watch) -> NextTrial:
-        """Play the trial that stands; again, if it was played and never answered."""
+    def present(self, watch: Watch, halted: Callable[[], bool] = _never) -> NextTrial:
+        """Play the trial that stands; again, if it was played and never answered, or its timing was missed.
+
+        halted: asked while it plays. Raises Halted where it said so, the trial then being unplayed, and StreamDry where
+        the rig missed the timing again and again.
+        """
+        self.pending = None
         following = self.session.next_trial()
-        course = self.session.course
+        course, clock = self.session.course, self.session.clock
         assert course is not None
-        self.pending = (following, course.play(following.trial, watch, self.session.clock.utc()))
+        for attempt in range(_TRIES):
+            presentations = self._count(following)
+            try:
+                played = course.play(following.trial, Stagehand(watch, halted), clock.utc())
+            except StreamDry as missed:
+                self.session.note("timing-missed", f"run {following.run}, trial {following.trial.number}: {missed}")
+                if attempt + 1 == _TRIES:
+                    raise
+                continue
+            ended, ended_s = clock.utc(), clock.monotonic_s()
+            self.pending = (following, replace(played, ended=ended, ended_s=ended_s, presentations=presentations))
+            break
         return following
 
+    def _count(self, following: NextTrial) -> int:
+        """How often this process has played the trial, this time included."""
+        run, number, times = self._played
+        same = (run, number) == (following.run, following.trial.number)
+        self._played = (following.run, following.trial.number, times + 1 if same else 1)
+        return self._played[2]
+
     def answer(self, answer: Answer) -> Acknowledged:
-        """Save the answer to what was played; see Session.answer."""
+        """Save the answer to what was played; see Session.answer.
+
+        Raises BadInput where nothing waits, for one that came before its last interval had ended, and for a response
+        that was pressed before it was asked for.
+        """
         if self.pending is None:
             raise BadInput("no trial waits for an answer; allowed: an answer after its trial")
-        acknowledged = self.session.answer(self.pending[1], answer)
+        played = self.pending[1]
+        if answer.received_s is not None and played.ended_s is not None and answer.received_s < played.ended_s:
+            early_s = played.ended_s - answer.received_s
+            raise BadInput(f"answer {early_s:.3f} s before its last interval had ended; allowed: after it")
+        shown_ms, pressed_ms = answer.client_shown_ms, answer.client_pressed_ms
+        if shown_ms is not None and pressed_ms is not None and pressed_ms < shown_ms:
+            raise BadInput(f"answer {shown_ms - pressed_ms:g} ms before it was asked for; allowed: after that")
+        acknowledged = self.session.answer(played, answer)
         self.pending = None
         return acknowledged
 
     def give_up_run(self) -> None:
         """Stop the run that goes on; what was played and not answered is dropped."""
         self.session.stop_run()
+        self.pending = None
+
+    def withdraw(self, keep: bool) -> None:
+        """The subject leaves the study; what was played and not answered is dropped."""
+        self.session.withdraw(keep)
         self.pending = None

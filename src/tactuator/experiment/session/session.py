@@ -6,76 +6,43 @@ task's course and the same next trial stands there.
 
 from __future__ import annotations
 
+import hashlib
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal
 
 from tactuator.errors import BadInput, StoreFault
 from tactuator.experiment.protocol.plan import PlannedRun
 from tactuator.experiment.session.clock import Clock
+from tactuator.experiment.session.pace import Pace
+from tactuator.experiment.session.standing import Acknowledged, NextTrial, Running, RunTally, replay
 from tactuator.experiment.session.task import Course, Task
-from tactuator.experiment.store import records
+from tactuator.experiment.store import records, study_records
+from tactuator.experiment.store.cells import Found, stamp
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.trial.trial import Trial
 
-Stage = Literal["consent", "break", "introduction", "trial", "done"]
-_SAME_DB = 1e-6
-
-
-@dataclass(frozen=True)
-class NextTrial:
-    """run: its row in the store; seed: of the run."""
-
-    run: int
-    planned: PlannedRun
-    trial: Trial
-    seed: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class Acknowledged:
-    """An answer that is in the store for good. right: the right response, where the run has feedback; again: it was
-
-    there already.
-    """
-
-    run: int
-    number: int
-    correct: bool
-    right: str | None
-    again: bool = False
-
-
-@dataclass(frozen=True)
-class RunTally:
-    """How far a planned run is. state: as in the store, or `planned`."""
-
-    planned: PlannedRun
-    state: str
-    answered: int
-    correct: int
-
-
-@dataclass
-class _Running:
-    """The run that goes on."""
-
-    row: int
-    planned: PlannedRun
-    attempt: int
-    course: Course
-    last_heard_s: float
+Stage = Literal["consent", "break", "introduction", "trial", "done", "ended"]
 
 
 class Session:
-    """number: of the subject. Raises BadInput where the store's trials do not replay."""
+    """One visit of a subject. row: the session's in the store; version: of the protocol that the task is of.
 
-    def __init__(self, store: Store, session: int, number: int, task: Task, clock: Clock) -> None:
-        self.store, self.id, self.task, self.clock = store, session, task, clock
-        self.runs = task.runs(number)
-        self._number = number
-        self._running: _Running | None = None
+    sitting: who answers. held: why the experimenter has to say how it goes on, None where nobody has to. Raises
+    BadInput where the store's trials do not replay.
+    """
+
+    def __init__(
+        self, store: Store, row: Found, task: Task, version: int, clock: Clock, sitting: records.Sitting | None = None
+    ) -> None:
+        self.store, self.id, self.task, self.version, self.clock = store, int(row.id), task, version, clock
+        self.sitting = sitting or records.Sitting()
+        self._who = (int(row.subject_number), int(row.visit))
+        self.runs = task.runs(*self._who)
+        self.held: PlannedRun | None = None
+        self._pace = Pace()
+        self._ended: str | None = None
+        self._rested_since_s = 0.0
+        self._running: Running | None = None
         self._states: dict[int, str] = {}
         self._tally: dict[int, tuple[int, int]] = {}
         self._consented = self._introduced = False
@@ -86,14 +53,19 @@ class Session:
 
     def _load(self) -> None:
         with self.store.read() as connection:
-            row = records.session(connection, self.id)
+            row = study_records.session(connection, self.id)
+            self._ended, pinned = row.ended, row.protocol_version_id
             self._consented = row.consented_utc is not None or not self.task.protocol.study.consent
+            last = records.last_answer_utc(connection, self.id)
             self.trials = records.trial_count(connection, self.id)
             self._since_break = self.trials - records.last_break(connection, self.id)
             runs = records.latest_runs(connection, self.id)
             tallies = records.tallies(connection, self.id)
             going = next((run for run in runs if run.state == "running"), None)
             answers = [] if going is None else records.answers(connection, going.id)
+        if pinned not in (None, self.version):
+            raise BadInput(f"session {self.id} began under another version of the protocol; allowed: that one")
+        self._rested_since_s = self.clock.monotonic_s() - (0.0 if last is None else max(self._since_s(last), 0.0))
         self._states = {run.position: run.state for run in runs}
         self._tally = {run.position: tallies.get(run.id, (0, 0)) for run in runs}
         if going is not None:
@@ -101,35 +73,33 @@ class Session:
             self._age(going, answers)
             self._settle()
 
-    def _replay(self, run: records.Found, answers: list[records.Found]) -> _Running:
+    def _replay(self, run: Found, answers: list[Found]) -> Running:
         running = self._fresh(run.id, self.runs[run.position], run.attempt)
-        for row in answers:
-            trial = running.course.trial()
-            if trial is None or not _is_stored(trial, row):
-                raise BadInput(
-                    f"run {run.id}, trial {row.number}: the store does not replay; allowed: its own protocol"
-                )
-            running.course.record(row.response)
+        replay(running.course, run.id, answers)
         return running
 
-    def _age(self, run: records.Found, answers: list[records.Found]) -> None:
+    def _age(self, run: Found, answers: list[Found]) -> None:
         """How long the run has lain there already, by the wall clock: all that is known after a crash."""
-        last = datetime.fromisoformat(answers[-1].server_received_utc if answers else run.started_utc)
-        gap_s = (self.clock.utc() - last).total_seconds()
+        gap_s = self._since_s(answers[-1].server_received_utc if answers else run.started_utc)
         if gap_s < 0.0:
-            self._note("clock-jump", f"the clock is {-gap_s:.0f} s before the last answer: no interruption is counted")
+            self.note("clock-jump", f"the clock is {-gap_s:.0f} s before the last answer: no interruption is counted")
         assert self._running is not None
         self._running.last_heard_s -= max(gap_s, 0.0)
 
-    def _fresh(self, row: int, planned: PlannedRun, attempt: int) -> _Running:
-        course = self.task.course(planned, self._number, attempt)
-        return _Running(row, planned, attempt, course, self.clock.monotonic_s())
+    def _since_s(self, stamped: str) -> float:
+        return (self.clock.utc() - datetime.fromisoformat(stamped)).total_seconds()
+
+    def _fresh(self, row: int, planned: PlannedRun, attempt: int) -> Running:
+        course = self.task.course(planned, *self._who, attempt)
+        return Running(row, planned, attempt, course, self.clock.monotonic_s())
 
     # -- where it stands
 
     @property
     def stage(self) -> Stage:
         """What the subject is to do now."""
+        if self._ended is not None:
+            return "ended"
         if not self._consented:
             return "consent"
         upcoming = self.upcoming
@@ -144,6 +114,31 @@ class Session:
         rules = self.task.rules
         between = rules.break_between_runs and self._running is None and self._since_break > 0
         return between or (rules.break_after_trials is not None and self._since_break >= rules.break_after_trials)
+
+    @property
+    def ended(self) -> str | None:
+        """How the session ended before its time (declined, withdrawn, withdrawn-discard), None where it did not."""
+        return self._ended
+
+    @property
+    def break_left_s(self) -> float:
+        """How long the subject has to rest still; 0 where no break is due, or nobody there who needs it."""
+        if self.stage != "break" or self.sitting.respondent != "person":
+            return 0.0
+        return max(0.0, self.task.rules.break_s - (self.clock.monotonic_s() - self._rested_since_s))
+
+    @property
+    def time_left_s(self) -> float:
+        """About how long the session still takes, breaks aside: what is planned, at the pace so far."""
+        left_s, current = 0.0, self._running
+        for run in self.runs:
+            if self._is_over(run):
+                continue
+            trials, played_s = self.task.expected(run)
+            if current is not None and current.planned is run:
+                trials = max(1.0, (1.0 - current.course.progress) * max(trials, float(current.course.trials)))
+            left_s += trials * (played_s + self._pace.beside_s)
+        return left_s
 
     @property
     def upcoming(self) -> PlannedRun | None:
@@ -197,7 +192,7 @@ class Session:
         with self.store.read() as connection:
             return records.attempts(connection, self.id, position)
 
-    def _begin(self, planned: PlannedRun, attempt: int, replaced: _Running | None = None) -> _Running:
+    def _begin(self, planned: PlannedRun, attempt: int, replaced: Running | None = None) -> Running:
         now = self.clock.utc()
         with self.store.begin() as connection:
             if replaced is not None:
@@ -205,7 +200,8 @@ class Session:
                 limit = self.task.rules.resume_within_s
                 records.note(connection, self.id, "restart", f"run {replaced.row} lay longer than {limit:g} s", now)
             apparatus = self.task.station.apparatus(planned.finger)
-            row = records.begin_run(connection, self.id, planned, attempt, apparatus, now)
+            row = records.begin_run(connection, self.id, planned, attempt, apparatus, self.sitting, self.version, now)
+            study_records.change_session(connection, self.id, protocol_version_id=self.version)
         self._states[planned.position], self._tally[planned.position] = "running", (0, 0)
         self._running = self._fresh(row, planned, attempt)
         return self._running
@@ -226,7 +222,8 @@ class Session:
         with self.store.begin() as connection:
             records.save_answer(connection, running.row, played, answer)
         running.course.record(answer.response)
-        running.last_heard_s = self.clock.monotonic_s()
+        running.last_heard_s = self._rested_since_s = self.clock.monotonic_s()
+        self._pace.answered(running.last_heard_s, self.task.expected(running.planned)[1])
         answered, right = self._tally[running.planned.position]
         self._tally[running.planned.position] = (answered + 1, right + correct)
         self.trials += 1
@@ -245,13 +242,22 @@ class Session:
         return Acknowledged(run, number, bool(row.correct), told, again=True)
 
     def _settle(self) -> None:
-        """Mark a run that has come to its end. Where that cannot be saved, the replay of its trials says it again."""
+        """Mark a run that has come to its end. Where that cannot be saved, the replay of its trials says it again.
+
+        Practice that has not met its criterion is not over: it begins again, once the experimenter says so.
+        """
         running = self._running
         if running is None or running.course.trial() is not None:
             return
-        self._over("done")
+        state = "done" if running.course.passed else "restarted"
+        self._over(state)
         with suppress(StoreFault), self.store.begin() as connection:
-            records.end_run(connection, running.row, "done", self.clock.utc())
+            now = self.clock.utc()
+            records.end_run(connection, running.row, state, now)
+            if state == "restarted":
+                self.held = running.planned
+                detail = f"run {running.row}: {running.course.trials} trials"
+                records.note(connection, self.id, "practice-not-passed", detail, now)
 
     def _over(self, state: str) -> None:
         assert self._running is not None
@@ -259,38 +265,77 @@ class Session:
         self._running, self._introduced = None, False
 
     def give_consent(self) -> None:
-        """The subject agreed."""
+        """The subject agreed, to this text, in this version of the protocol, which the session stays with."""
+        study = self.task.protocol.study
         with self.store.begin() as connection:
-            records.consent(connection, self.id, self.clock.utc())
+            study_records.change_session(
+                connection,
+                self.id,
+                consented_utc=stamp(self.clock.utc()),
+                consent_version=study.consent_version or None,
+                consent_sha256=hashlib.sha256(study.consent.encode()).hexdigest(),
+                protocol_version_id=self.version,
+            )
         self._consented = True
 
+    def decline(self) -> None:
+        """The subject did not agree: the session is over before it began. BadInput once there is consent."""
+        if self.stage != "consent":
+            raise BadInput(f"session is at {self.stage!r}; allowed: declining where consent is asked for")
+        self._end("declined", "before the first trial")
+
+    def withdraw(self, keep: bool) -> None:
+        """The subject leaves the study for good; keep: its answers so far may be used. BadInput if it has ended."""
+        if self._ended is not None:
+            raise BadInput(f"session has ended ({self._ended}); allowed: leaving one that goes on")
+        running = self._running
+        if running is not None:
+            with self.store.begin() as connection:
+                records.end_run(connection, running.row, "stopped", self.clock.utc())
+            self._over("stopped")
+        self._end("withdrawn" if keep else "withdrawn-discard", "answers kept" if keep else "answers not to be used")
+
+    def _end(self, how: str, detail: str) -> None:
+        now = self.clock.utc()
+        with self.store.begin() as connection:
+            study_records.change_session(connection, self.id, ended=how, ended_utc=stamp(now))
+            records.note(connection, self.id, how, detail, now)
+        self._ended = how
+
     def end_break(self) -> None:
-        """The subject goes on."""
-        self._note("break", "over", self.trials)
+        """The subject goes on. BadInput before the break has lasted as long as it has to."""
+        left_s = self.break_left_s
+        if left_s > 0.0:
+            raise BadInput(f"break: {left_s:.0f} s are left; allowed: going on after them")
+        self.note("break", "over", self.trials)
         self._since_break = 0
+
+    def release(self) -> None:
+        """The experimenter lets a session go on that was held."""
+        self.held = None
 
     def introduce(self) -> None:
         """The subject has read what the next run is."""
         self._introduced = True
 
     def stop_run(self) -> None:
-        """The operator gives up the run that goes on; its trials stay, marked."""
+        """The operator gives up the run that goes on, or practice that was not passed; its trials stay, marked."""
+        if self._running is None and self.held is not None:
+            self._give_up_held(self.held)
+            return
         if self._running is None:
             raise BadInput("no run goes on; allowed: stopping one that does")
         with self.store.begin() as connection:
             records.end_run(connection, self._running.row, "stopped", self.clock.utc())
         self._over("stopped")
 
-    def _note(self, kind: str, detail: str, trials: int | None = None) -> None:
+    def _give_up_held(self, planned: PlannedRun) -> None:
+        with self.store.begin() as connection:
+            row = next(run for run in records.latest_runs(connection, self.id) if run.position == planned.position)
+            records.end_run(connection, row.id, "stopped", self.clock.utc())
+        self._states[planned.position], self.held = "stopped", None
+
+    def note(self, kind: str, detail: str, trials: int | None = None) -> None:
+        """Keep that something happened."""
         with self.store.begin() as connection:
             records.note(connection, self.id, kind, detail, self.clock.utc(), trials)
-
-
-def _is_stored(trial: Trial, row: records.Found) -> bool:
-    """Whether a trial is the one that the store's row says."""
-    level = None if trial.placement is None else trial.placement.level_db_sl
-    if level is None or row.level_db_sl is None:
-        same = level is row.level_db_sl
-    else:
-        same = abs(level - row.level_db_sl) <= _SAME_DB
-    return same and trial.correct == row.correct_response

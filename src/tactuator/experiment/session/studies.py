@@ -1,51 +1,215 @@
-"""Opens a study: a protocol of either kind at a station, with a session for every subject in the store."""
+"""Opens a study: a protocol of either kind at a station, its versions, and a session for every visit of a subject."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from pydantic import ValidationError
+from sqlalchemy import Connection
+
 from tactuator.errors import BadInput
+from tactuator.experiment.language.words import Words, read_words, shipped_words
+from tactuator.experiment.protocol.file import parse_any_protocol
 from tactuator.experiment.protocol.identification import IdentificationProtocol
-from tactuator.experiment.protocol.protocol import Protocol, StudyProtocol
+from tactuator.experiment.protocol.protocol import Protocol
+from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
 from tactuator.experiment.session.apparatus import Station
 from tactuator.experiment.session.clock import Clock
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.identification_task import IdentificationTask
 from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.task import Task
-from tactuator.experiment.store import records
+from tactuator.experiment.store import study_records
+from tactuator.experiment.store.cells import Found, stamp
+from tactuator.experiment.store.records import Sitting, note
 from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.study_records import NewSubject, Tokens
 
 
 def task_of(protocol: StudyProtocol, beside: Path, station: Station) -> Task:
     """The protocol at the station; files that it names lie in `beside`.
 
-    Raises BadInput where the station cannot play it.
+    Raises BadInput where the station cannot play it, or its language is not there.
     """
+    words = words_of(protocol, beside)
     if isinstance(protocol, IdentificationProtocol):
-        return IdentificationTask.load(protocol, beside, station)
+        return IdentificationTask.load(protocol, beside, station, words)
     assert isinstance(protocol, Protocol)
-    return DetectionTask(protocol, station)
+    return DetectionTask(protocol, station, words)
 
 
-def open_study(store: Store, task: Task, text: str, clock: Clock, tokens: Sequence[str]) -> int:
-    """The study of that protocol text, made if it is new; its row. tokens: of the subjects' links, if it is.
+def words_of(protocol: StudyProtocol, beside: Path) -> Words:
+    """The words of the protocol's language; BadInput where they are not there."""
+    study = protocol.study
+    if study.language_file is not None:
+        return read_words(beside / study.language_file, study.language)
+    return shipped_words(study.language)
 
-    Raises BadInput where the study is there with other stimuli.
+
+@dataclass
+class Study:
+    """A study in its store. id: its row; task: of the newest version; beside: the folder of the protocol's files."""
+
+    store: Store
+    id: int
+    task: Task
+    version: int
+    beside: Path
+    clock: Clock
+    tokens: Tokens
+    _tasks: dict[int, Task] = field(init=False, default_factory=dict)
+
+    def sessions(self) -> list[Found]:
+        """Rows of the study's sessions, by subject and visit."""
+        with self.store.read() as connection:
+            return study_records.sessions(connection, self.id)
+
+    def session(self, row: Found, sitting: Sitting | None = None) -> Session:
+        """The session of that row, resumed in the version of the protocol that it began with.
+
+        Raises BadInput where that version cannot be played here.
+        """
+        version = row.protocol_version_id or self.version
+        return Session(self.store, row, self._task(version), version, self.clock, sitting)
+
+    def _task(self, version: int) -> Task:
+        if version == self.version:
+            return self.task
+        if version not in self._tasks:
+            with self.store.read() as connection:
+                rows = study_records.versions(connection, self.id)
+            text = next(row.toml for row in rows if row.id == version)
+            self._tasks[version] = task_of(parse_any_protocol(text), self.beside, self.task.station)
+        return self._tasks[version]
+
+    def enrol(self, part: SubjectPart) -> None:
+        """Enrol a subject with a session for each visit; BadInput for one that is there, or facts not allowed."""
+        with self.store.begin() as connection:
+            self._enrol(connection, part)
+
+    def _enrol(self, connection: Connection, part: SubjectPart) -> None:
+        known = study_records.subjects(connection, self.id)
+        if any(part.code == one.code for one in known):
+            raise BadInput(f"subject {part.code!r} is enrolled already; allowed: a code that is not taken")
+        if part.participant_id is not None and any(part.participant_id == one.participant_id for one in known):
+            raise BadInput(
+                f"participant id {part.participant_id!r} is another subject's; allowed: one that is not taken"
+            )
+        try:
+            facts = self.task.protocol.facts(part.demographics)
+        except ValueError as error:
+            raise BadInput(str(error)) from None
+        new = NewSubject(part.code, part.group, part.participant_id, facts=facts)
+        now = self.clock.utc()
+        row = study_records.add_subject(connection, self.id, new, now)
+        for visit in range(1, self.task.protocol.study.visits + 1):
+            token = self.tokens(part.code, visit)
+            study_records.add_session(connection, self.task.protocol, row, token, now, part.skin_temperature_c)
+
+    def add_visit(self, subject: str) -> None:
+        """A further visit of the subject of that code; BadInput where there is none."""
+        with self.store.begin() as connection:
+            rows = [row for row in study_records.sessions(connection, self.id) if row.subject_code == subject]
+            if not rows:
+                raise BadInput(f"subject {subject!r} is not in the study; allowed: one that is enrolled")
+            who = next(one for one in study_records.subjects(connection, self.id) if one.code == subject)
+            token = self.tokens(subject, rows[-1].visit + 1)
+            study_records.add_session(connection, self.task.protocol, who, token, self.clock.utc())
+
+    def set_day(self, session: int, skin_temperature_c: float | None, preload_n: float | None) -> None:
+        """Write the data of the day of a session; what was there before is kept as an event."""
+        with self.store.begin() as connection:
+            row, now = study_records.session(connection, session), self.clock.utc()
+            before = f"skin temperature {row.skin_temperature_c} degree Celsius, contact force {row.preload_n} N before"
+            study_records.change_session(
+                connection, session, skin_temperature_c=skin_temperature_c, preload_n=preload_n
+            )
+            note(connection, session, "day", before, now)
+
+    def claim(self, row: Found, participant_id: str) -> None:
+        """Write what others call the subject of that session; BadInput where the subject has another such id."""
+        try:
+            taken = SubjectPart(code=row.subject_code, participant_id=participant_id).participant_id
+        except ValidationError:
+            raise BadInput("participant id; allowed: 1 to 64 letters, digits, dots, dashes or underscores") from None
+        with self.store.begin() as connection:
+            mine = study_records.session(connection, row.id).participant_id
+            if mine == taken:
+                return
+            known = study_records.subjects(connection, self.id)
+            if mine is not None or any(one.participant_id == taken for one in known):
+                raise BadInput("this link is another participant's; allowed: one's own")
+            study_records.set_participant(connection, row.subject_id, participant_id)
+
+
+def open_study(
+    store: Store,
+    task: Task,
+    text: str,
+    clock: Clock,
+    tokens: Tokens,
+    amend: str | None = None,
+    beside: Path | None = None,
+) -> Study:
+    """The study of that protocol, made if it is new; whoever is new in the protocol is enrolled.
+
+    A protocol of the same name that says something else is another version of it: where it only has more subjects it
+    is taken as that; otherwise amend says why, and BadInput is raised without. Subjects, links and sessions that are
+    there stay as they are; a session that has begun stays with its version. Raises BadInput also where the study is
+    there with other stimuli, or stands at a later version than the text's.
     """
     with store.begin() as connection:
-        study = records.open_study(connection, task.protocol, text, clock.utc(), tokens)
+        study, version = _version(connection, task, text, clock, amend)
         task.enrol(connection, study)
-    return study
+        opened = Study(store, study, task, version, beside or Path(), clock, tokens)
+        known = {one.code for one in study_records.subjects(connection, study)}
+        for part in task.protocol.subject:
+            if part.code not in known:
+                opened._enrol(connection, part)
+    return opened
 
 
-def open_session(store: Store, task: Task, study: int, subject: str, clock: Clock) -> Session:
-    """The session of the subject of that code, resumed; BadInput where the protocol has none."""
-    with store.read() as connection:
-        rows = records.sessions(connection, study)
-    row = next((row for row in rows if row.subject_code == subject), None)
-    if row is None:
-        codes = ", ".join(one.subject_code for one in rows)
-        raise BadInput(f"subject {subject!r} is not in the protocol; allowed: {codes}")
-    return Session(store, row.id, row.subject_number, task, clock)
+def _version(connection: Connection, task: Task, text: str, clock: Clock, amend: str | None) -> tuple[int, int]:
+    """Rows of the study and of the version of its protocol that the text is."""
+    name, now = task.protocol.study.name, clock.utc()
+    study = study_records.study_by_version(connection, text) or study_records.study_by_name(connection, name)
+    if study is None:
+        study = study_records.add_study(connection, name, now)
+        return study, study_records.add_version(connection, study, text, "", now)
+    rows = study_records.versions(connection, study)
+    same = next((row for row in rows if row.toml == text), None)
+    if same is not None and same is not rows[-1]:
+        raise BadInput(
+            f"protocol is version {same.number} of study {name!r}, which stands at {rows[-1].number}; allowed: the "
+            "newest version, or one that was never there"
+        )
+    if same is not None:
+        return study, int(same.id)
+    if amend is None:
+        before = parse_any_protocol(rows[-1].toml)
+        if before.apart_from_subjects() != task.protocol.apart_from_subjects():
+            raise BadInput(
+                f"study {name!r} stands at version {rows[-1].number} of its protocol, and this one says something "
+                "else; allowed: that version, --amend with the reason for another, or another name"
+            )
+        amend = "subjects"
+    note(connection, None, "amended", f"{name}: version {rows[-1].number + 1} at {stamp(now)}: {amend}", now)
+    return study, study_records.add_version(connection, study, text, amend, now)
+
+
+def open_session(study: Study, subject: str, visit: int | None = None, sitting: Sitting | None = None) -> Session:
+    """The session of the subject of that code: of that visit, or the first that is not over.
+
+    Raises BadInput where the study has none.
+    """
+    rows = [row for row in study.sessions() if row.subject_code == subject]
+    if not rows:
+        codes = ", ".join(dict.fromkeys(row.subject_code for row in study.sessions()))
+        raise BadInput(f"subject {subject!r} is not in the study; allowed: {codes or 'one that is enrolled'}")
+    if visit is not None:
+        rows = [row for row in rows if row.visit == visit]
+        if not rows:
+            raise BadInput(f"visit {visit} of subject {subject!r} is not planned; allowed: one that is")
+    opened = [study.session(row, sitting) for row in rows]
+    return next((one for one in opened if one.stage not in ("done", "ended")), opened[-1])

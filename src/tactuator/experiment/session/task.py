@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Protocol
 
 from sqlalchemy import Connection
 
+from tactuator.experiment.language.words import Words
 from tactuator.experiment.protocol.plan import PlannedRun
-from tactuator.experiment.protocol.protocol import StudyProtocol
+from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.result.tables import ResultTable
 from tactuator.experiment.session.apparatus import Station
 from tactuator.experiment.store.records import Played
@@ -25,10 +26,37 @@ Picture = Mapping[str, object]
 
 @dataclass(frozen=True)
 class Choice:
-    """A response as it is offered; keys: any of them gives it."""
+    """A response as it is offered; keys: characters any of which gives it; codes: keys by where they are on the board
+
+    (KeyboardEvent.code), whatever the layout puts there.
+    """
 
     response: str
     keys: tuple[str, ...]
+    codes: tuple[str, ...] = ()
+
+
+def key_codes(keys: Sequence[str]) -> tuple[str, ...]:
+    """Return the physical keys that are meant by digits: on every layout they stand in the row and on the number pad,
+
+    though an unshifted AZERTY key types another character. Letters are where the layout has them.
+    """
+    return tuple(f"{row}{key}" for key in keys if len(key) == 1 and key in "0123456789" for row in ("Digit", "Numpad"))
+
+
+SHAPE_STEP_S, NOTHING_DB_SL = 0.02, -60.0
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What an interval plays, for a demonstration: the envelope, dB SL, a value each step_s; frequency_hz where it has
+
+    one.
+    """
+
+    envelope_db_sl: tuple[float, ...]
+    step_s: float
+    frequency_hz: float | None = None
 
 
 @dataclass(frozen=True)
@@ -54,6 +82,14 @@ class Rules:
     resume_within_s: float = math.inf
 
 
+@dataclass(frozen=True)
+class Stagehand:
+    """Who attends while a trial plays. watch: told of its intervals; halted: asked whether it is to end at once."""
+
+    watch: Watch
+    halted: Callable[[], bool] = lambda: False
+
+
 class Course(Protocol):
     """A run that goes on. The same responses in the same order always lead to the same trial."""
 
@@ -76,8 +112,17 @@ class Course(Protocol):
         """The trial that stands; None when the run is over. Asking twice gives the same."""
         ...
 
-    def play(self, trial: Trial, watch: Watch, presented: datetime) -> Played:
-        """Play the trial. presented: now."""
+    @property
+    def passed(self) -> bool:
+        """False for practice that is over and has not met its criterion."""
+        ...
+
+    def play(self, trial: Trial, stage: Stagehand, presented: datetime) -> Played:
+        """Play the trial. presented: now. Raises Halted where it was stopped while it played."""
+        ...
+
+    def shape(self, trial: Trial, interval: int) -> Shape:
+        """What the interval plays."""
         ...
 
     def record(self, response: str) -> None:
@@ -103,6 +148,11 @@ class Task(Protocol):
         ...
 
     @property
+    def words(self) -> Words:
+        """In the study's language."""
+        ...
+
+    @property
     def question(self) -> Question:
         """What subjects see."""
         ...
@@ -116,12 +166,16 @@ class Task(Protocol):
         """Keep what a new study has besides its sessions; BadInput where a study that is there has something else."""
         ...
 
-    def runs(self, subject: int) -> tuple[PlannedRun, ...]:
-        """Every run of a subject (counted from 0): the same after any interruption."""
+    def runs(self, subject: int, visit: int) -> tuple[PlannedRun, ...]:
+        """Every run of a visit (from 1) of a subject (from 0): the same after any interruption."""
         ...
 
-    def course(self, planned: PlannedRun, subject: int, attempt: int) -> Course:
+    def course(self, planned: PlannedRun, subject: int, visit: int, attempt: int) -> Course:
         """A planned run from its beginning."""
+        ...
+
+    def expected(self, planned: PlannedRun) -> tuple[float, float]:
+        """How many trials a run has, about, and how many seconds one of them plays."""
         ...
 
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:

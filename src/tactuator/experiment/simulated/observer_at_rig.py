@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from tactuator.experiment.simulated.observer import Observer
 from tactuator.experiment.trial.matched_filter import amplitude
 from tactuator.experiment.trial.timing import Timing
-from tactuator.experiment.trial.trial import Trial, trial_rng
+from tactuator.experiment.trial.trial import IntervalRecord, Trial, trial_rng
 from tactuator.rig.touchable import TouchableRig
 from tactuator.signals.decibels import db
 
@@ -22,7 +23,7 @@ class ObserverAtRig:
     """An observer whose finger is on `channel`.
 
     It judges each interval by the peak displacement at the stimulus's frequency, drawn out by a matched filter, hum and
-    noise and friction included: the displacement of blocks played while an interval is on.
+    noise and friction included: the stretches that the records of the intervals name.
     """
 
     observer: Observer
@@ -31,8 +32,7 @@ class ObserverAtRig:
     timing: Timing
     seed: tuple[int, ...]
     load: str | None = None
-    _felt: dict[int, list[NDArray[np.float64]]] = field(init=False, default_factory=dict)
-    _interval: int | None = field(init=False, default=None)
+    _felt: list[NDArray[np.float64]] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
         port = self.rig.finger(self.channel)
@@ -41,30 +41,29 @@ class ObserverAtRig:
 
     def feel(self, displacement_mm: NDArray[np.float64]) -> None:
         """Displacement of one block, shape (n,)."""
-        if self._interval is not None:
-            self._felt[self._interval].append(displacement_mm)
+        self._felt.append(displacement_mm)
 
-    def begins(self, interval: int, begins: bool) -> None:
-        """Attend to an interval, or to none."""
-        self._interval = interval if begins else None
-        if begins:
-            if interval == 0:
-                self._felt.clear()
-            self._felt[interval] = []
-
-    def levels_db_re_1um(self, frequency_hz: float) -> NDArray[np.float64]:
-        """Level felt in each interval, shape (m,)."""
-        ramp_s = self.timing.ramp_at_s(frequency_hz)
-        peaks_mm = [
-            amplitude(np.concatenate(blocks), frequency_hz, self.rig.rate_hz, ramp_s) for blocks in self._felt.values()
-        ]
+    def levels_db_re_1um(
+        self, frequency_hz: float, intervals: Sequence[IntervalRecord], lasted_s: float
+    ) -> NDArray[np.float64]:
+        """Level felt in each interval, shape (m,), of a trial that took the last lasted_s seconds."""
+        felt, rate_hz = np.concatenate(self._felt), self.rig.rate_hz
+        begins = felt.size - round(lasted_s * rate_hz)
+        ramp_s, peaks_mm = self.timing.ramp_at_s(frequency_hz), []
+        for one in intervals:
+            assert one.onset_s is not None
+            assert one.duration_s is not None
+            onset = begins + round(one.onset_s * rate_hz)
+            stretch = felt[onset : onset + round(one.duration_s * rate_hz)]
+            peaks_mm.append(amplitude(stretch, frequency_hz, rate_hz, ramp_s))
         return db(np.maximum(np.array(peaks_mm), 1e-12) * _UM_PER_MM)
 
-    def answer(self, trial: Trial, frequency_hz: float) -> str:
-        """The interval picked, as a response."""
+    def answer(self, trial: Trial, frequency_hz: float, intervals: Sequence[IntervalRecord], lasted_s: float) -> str:
+        """The interval picked, as a response; what was felt so far is forgotten."""
         rng = trial_rng((*self.seed, 1), trial.number)
-        picked = self.observer.respond(self.levels_db_re_1um(frequency_hz), frequency_hz, trial.number, rng)
-        return trial.responses[picked]
+        levels = self.levels_db_re_1um(frequency_hz, intervals, lasted_s)
+        self._felt.clear()
+        return trial.responses[self.observer.respond(levels, frequency_hz, trial.number, rng)]
 
     def leave(self) -> None:
         """Take the finger off."""

@@ -11,7 +11,8 @@ from tactuator.display.description import Display
 from tactuator.errors import BadInput
 from tactuator.experiment.session.identification_plan import ABX_RESPONSES, asked_label
 from tactuator.experiment.session.respondent import Respondent
-from tactuator.experiment.session.session import Acknowledged
+from tactuator.experiment.session.standing import Acknowledged
+from tactuator.experiment.store.records import Played
 from tactuator.experiment.trial.trial import Trial
 from tactuator.rig.touchable import TouchableRig
 from tactuator.signals.bands import third_octave_bands
@@ -63,15 +64,17 @@ class FeelingRespondent(Respondent):
             self._felt[channel.name] = blocks
             rig.finger(channel.name).attach(blocks.append)
 
-    def watch(self, interval: int, begins: bool) -> None:
-        """Told by the presenter when an interval begins and ends: what was felt between belongs together."""
-        if begins:
-            if interval == 0:
-                self._intervals = []
-            for blocks in self._felt.values():
-                blocks.clear()
-        else:
-            self._intervals.append([np.concatenate(blocks) for blocks in self._felt.values()])
+    def presented(self, played: Played) -> None:
+        """Take each interval out of what was felt while the trial was played, by the rig's times."""
+        rate_hz = self.display.rate_hz
+        whole = [np.concatenate(blocks)[-round(played.lasted_s * rate_hz) :] for blocks in self._felt.values()]
+        spans = [
+            (round((one.onset_s or 0.0) * rate_hz), round((one.duration_s or 0.0) * rate_hz))
+            for one in played.intervals
+        ]
+        self._intervals = [[felt[onset : onset + count] for felt in whole] for onset, count in spans]
+        for blocks in self._felt.values():
+            blocks.clear()
 
     def respond(self, trial: Trial) -> str:
         """The nearest item; a guess where nothing was learnt."""

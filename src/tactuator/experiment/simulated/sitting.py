@@ -8,16 +8,18 @@ import numpy as np
 
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.curve_prior import CurvePrior
+from tactuator.experiment.protocol.file import protocol_hash
 from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.session.apparatus import Station
 from tactuator.experiment.session.clock import Clock
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.presented_session import Conduct
 from tactuator.experiment.session.respondent import Respondent, attend
-from tactuator.experiment.session.session import NextTrial
+from tactuator.experiment.session.standing import NextTrial
 from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.simulated.observer import Observer
 from tactuator.experiment.simulated.observer_at_rig import ObserverAtRig
+from tactuator.experiment.store.records import Played, Sitting
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.trial import Trial
 from tactuator.perception.curve import ThresholdCurve
@@ -70,16 +72,16 @@ def run_study(
     if len(observers) != len(protocol.subject):
         raise BadInput(f"{len(observers)} observers for {len(protocol.subject)} subjects; allowed: as many")
     task = DetectionTask(protocol, station)
-    tokens = [f"simulated-{protocol.study.seed}-{number}" for number in range(len(observers))]
-    study = open_study(store, task, text, clock, tokens)
+    mark = protocol_hash(text)[:12]
+    study = open_study(store, task, text, clock, lambda code, visit: f"simulated-{mark}-{code}-{visit}")
     for subject, observer in zip(protocol.subject, observers, strict=True):
-        session = open_session(store, task, study, subject.code, clock)
+        session = open_session(study, subject.code, sitting=Sitting("simulated"))
         sitting = _Sitting(observer, task, rig, load)
         try:
             attend(Conduct(session), sitting, lambda now, name=observer.name: told(name, now.progress))  # type: ignore[misc]
         finally:
             sitting.leave()
-    return study
+    return study.id
 
 
 class _Sitting(Respondent):
@@ -96,17 +98,16 @@ class _Sitting(Respondent):
         timing = self._task.protocol.timing.build()
         self._at = ObserverAtRig(self._observer, self._rig, channel, timing, following.seed, self._load)
 
-    def watch(self, interval: int, begins: bool) -> None:
-        """Attend to the interval."""
-        assert self._at is not None
-        self._at.begins(interval, begins)
+    def presented(self, played: Played) -> None:
+        """Remember when each interval was."""
+        self._played = played
 
     def respond(self, trial: Trial) -> str:
         """The interval in which the most was felt."""
         assert self._at is not None
         assert trial.placement is not None
         assert trial.placement.frequency_hz is not None
-        return self._at.answer(trial, trial.placement.frequency_hz)
+        return self._at.answer(trial, trial.placement.frequency_hz, self._played.intervals, self._played.lasted_s)
 
     def leave(self) -> None:
         """Take the finger off."""

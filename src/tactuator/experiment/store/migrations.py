@@ -2,52 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Any
 
-from sqlalchemy import Connection, Engine, Table, inspect, select
+from sqlalchemy import Engine, inspect, select
 
 from tactuator.errors import BadInput
-from tactuator.experiment.store import schema
+from tactuator.experiment.store import schema, steps
 
-
-def _create(*made: Table) -> Callable[[Connection], None]:
-    def step(connection: Connection) -> None:
-        schema.tables.create_all(connection, tables=list(made))
-
-    return step
-
-
-STEPS: tuple[Callable[[Connection], None], ...] = (
-    # 1: thresholds.
-    _create(
-        schema.schema_version,
-        schema.study,
-        schema.session,
-        schema.run,
-        schema.trial,
-        schema.interval,
-        schema.response,
-        schema.event,
-    ),
-    # 2: identification experiments have stimuli and responses of their own.
-    _create(schema.stimulus, schema.response_option),
-)
+STEPS: tuple[tuple[str, ...], ...] = (steps.THRESHOLDS, steps.IDENTIFICATION, steps.STUDIES_THAT_LIVE)
+"""Statements of each version, the first making an empty database into version 1."""
 
 
 def migrate(engine: Engine, upto: int = len(STEPS)) -> int:
     """Bring the database to version `upto`; the version it had.
 
-    Raises BadInput for a database of a later tool, or one that holds other tables and no version.
+    Raises BadInput for a database of a later tool, or one that holds other tables and no version, and for rows that
+    refer to none: such a store is left as it was.
     """
     had = version(engine)
     if had > len(STEPS):
         raise BadInput(f"store has schema version {had}; allowed: up to {len(STEPS)} (a later tactuator wrote it)")
     for number in range(had, upto):
-        with engine.begin() as connection:
-            STEPS[number](connection)
-            connection.execute(schema.schema_version.delete())
-            connection.execute(schema.schema_version.insert().values(version=number + 1))
+        _take(engine, STEPS[number], number + 1)
     return had
+
+
+def _take(engine: Engine, statements: tuple[str, ...], number: int) -> None:
+    """One step. Tables that are made anew are referred to by others: references are checked at its end instead."""
+    with engine.connect() as connection:
+        driver: Any = connection.connection.driver_connection
+        driver.execute("PRAGMA foreign_keys = OFF")
+        try:
+            with connection.begin():
+                for statement in statements:
+                    connection.exec_driver_sql(statement)
+                astray = connection.exec_driver_sql("PRAGMA foreign_key_check").first()
+                if astray is not None:
+                    raise BadInput(f"store: a row of {astray[0]} refers to a {astray[2]} that is not there")
+                connection.execute(schema.schema_version.delete())
+                connection.execute(schema.schema_version.insert().values(version=number))
+        finally:
+            driver.execute("PRAGMA foreign_keys = ON")
 
 
 def version(engine: Engine) -> int:

@@ -1,27 +1,24 @@
-"""Reading and writing the store's rows: studies, sessions, runs, trials, events."""
+"""Reading and writing what happens in a session: runs, trials, responses, events."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
 
-from sqlalchemy import Connection, Integer, Row, cast, func, insert, select, update
+from sqlalchemy import Connection, Integer, cast, func, insert, select, update
 
-from tactuator import __version__
-from tactuator.experiment.protocol.file import protocol_hash
 from tactuator.experiment.protocol.plan import PlannedRun
-from tactuator.experiment.protocol.protocol import StudyProtocol, SubjectPart
 from tactuator.experiment.store import schema
+from tactuator.experiment.store.cells import Found, stamp
 from tactuator.experiment.trial.trial import IntervalRecord, Trial
-
-Found = Row[Any]
 
 
 @dataclass(frozen=True)
 class Apparatus:
-    """What the stimuli are played with, stored with every run."""
+    """What the stimuli are played with, stored with every run.
+
+    rig_simulated: nothing can be felt there; speed: of presentation, 1 being real time, None as fast as the rig can.
+    """
 
     rig: str
     display: str
@@ -31,64 +28,20 @@ class Apparatus:
     sensor_gain_v_per_mm: float
     band_low_hz: float
     band_high_hz: float
+    rig_simulated: bool = False
+    rig_rate_hz: float | None = None
+    speed: float | None = None
 
 
-def stamp(when: datetime) -> str:
-    """An instant as the store writes it: ISO 8601 with its zone, to the microsecond."""
-    return when.isoformat(timespec="microseconds")
+@dataclass(frozen=True)
+class Sitting:
+    """Who answers and what of the stimuli they can see or hear, stored with every run.
 
+    respondent: person, simulated or script; shown: empty, or "seen" or "seen and heard" in a demonstration.
+    """
 
-def open_study(connection: Connection, protocol: StudyProtocol, text: str, now: datetime, tokens: Sequence[str]) -> int:
-    """The study of that protocol text, made with a session for every subject if it is new. tokens: one a subject."""
-    digest = protocol_hash(text)
-    found = connection.execute(select(schema.study.c.id).where(schema.study.c.protocol_sha256 == digest)).scalar()
-    if found is not None:
-        return int(found)
-    row = {
-        "name": protocol.study.name,
-        "protocol_toml": text,
-        "protocol_sha256": digest,
-        "tool_version": __version__,
-        "created_utc": stamp(now),
-    }
-    study = int(connection.execute(insert(schema.study).values(row).returning(schema.study.c.id)).scalar_one())
-    for number, (subject, token) in enumerate(zip(protocol.subject, tokens, strict=True)):
-        connection.execute(insert(schema.session).values(_session(protocol, study, number, subject, token, now)))
-    return study
-
-
-def _session(
-    protocol: StudyProtocol, study: int, number: int, subject: SubjectPart, token: str, now: datetime
-) -> dict[str, Any]:
-    circumstances = protocol.circumstances.model_dump()
-    if subject.skin_temperature_c is not None:
-        circumstances["skin_temperature_c"] = subject.skin_temperature_c
-    return {
-        "study_id": study,
-        "subject_number": number,
-        "subject_code": subject.code,
-        "subject_group": subject.group,
-        "link_token": token,
-        "experimenter": protocol.study.experimenter,
-        "created_utc": stamp(now),
-        **circumstances,
-    }
-
-
-def sessions(connection: Connection, study: int) -> list[Found]:
-    """The study's sessions in order of the subjects."""
-    query = select(schema.session).where(schema.session.c.study_id == study).order_by(schema.session.c.subject_number)
-    return list(connection.execute(query))
-
-
-def session(connection: Connection, session: int) -> Found:
-    """The session's row."""
-    return connection.execute(select(schema.session).where(schema.session.c.id == session)).one()
-
-
-def consent(connection: Connection, session: int, now: datetime) -> None:
-    """The subject agreed."""
-    connection.execute(update(schema.session).where(schema.session.c.id == session).values(consented_utc=stamp(now)))
+    respondent: str = "person"
+    shown: str = ""
 
 
 def latest_runs(connection: Connection, session: int) -> list[Found]:
@@ -113,9 +66,11 @@ def begin_run(
     planned: PlannedRun,
     attempt: int,
     apparatus: Apparatus,
+    sitting: Sitting,
+    version: int,
     now: datetime,
 ) -> int:
-    """A new attempt at a planned run; its id."""
+    """A new attempt at a planned run under that version of the protocol; its id."""
     row = {
         "session_id": session,
         "position": planned.position,
@@ -127,7 +82,9 @@ def begin_run(
         "finger": planned.finger,
         "frequency_hz": planned.frequency_hz,
         "started_utc": stamp(now),
+        "protocol_version_id": version,
         **vars(apparatus),
+        **vars(sitting),
     }
     return int(connection.execute(insert(schema.run).values(row).returning(schema.run.c.id)).scalar_one())
 
@@ -171,23 +128,37 @@ def answer(connection: Connection, session: int, run: int, number: int) -> Found
 
 @dataclass(frozen=True)
 class Answer:
-    """A response as it arrived. Client times: milliseconds of the client's own clock."""
+    """A response as it arrived. Client times: milliseconds of the client's own clock; client_lit_ms: when it lit each
+
+    interval's lamp. received_s: by the server's monotonic clock, where it was taken as the response arrived.
+    """
 
     response: str
     received: datetime
     client_shown_ms: float | None = None
     client_pressed_ms: float | None = None
+    client_lit_ms: tuple[float | None, ...] = ()
+    received_s: float | None = None
 
 
 @dataclass(frozen=True)
 class Played:
-    """A trial that has been played; frequency and level of the curve are None where it is not at one frequency."""
+    """A trial that has been played; frequency and level of the curve are None where it is not at one frequency.
+
+    presented, ended: when it began and was over by the server's clock (ended_s by its monotonic one); rig_tick: when it
+    began by the rig's, lasted_s: how long it took there; presentations: how often it was played until then.
+    """
 
     trial: Trial
     intervals: tuple[IntervalRecord, ...]
     presented: datetime
     frequency_hz: float | None = None
     curve_level_db_re_1um: float | None = None
+    rig_tick: int | None = None
+    lasted_s: float = 0.0
+    ended: datetime | None = None
+    ended_s: float | None = None
+    presentations: int = 1
 
 
 def save_answer(connection: Connection, run: int, played: Played, answer: Answer) -> None:
@@ -201,9 +172,16 @@ def save_answer(connection: Connection, run: int, played: Played, answer: Answer
         "curve_level_db_re_1um": played.curve_level_db_re_1um,
         "correct_response": trial.correct,
         "presented_utc": stamp(played.presented),
+        "ended_utc": None if played.ended is None else stamp(played.ended),
+        "presentations": played.presentations,
+        "rig_tick": played.rig_tick,
     }
     key = connection.execute(insert(schema.trial).values(row).returning(schema.trial.c.id)).scalar_one()
-    rows = [{"trial_id": key, "position": index, **vars(one)} for index, one in enumerate(played.intervals)]
+    lit = [*answer.client_lit_ms, *([None] * len(played.intervals))]
+    rows = [
+        {"trial_id": key, "position": index, **vars(one), "client_lit_ms": lit[index]}
+        for index, one in enumerate(played.intervals)
+    ]
     if rows:
         connection.execute(insert(schema.interval), rows)
     values = {
@@ -213,8 +191,16 @@ def save_answer(connection: Connection, run: int, played: Played, answer: Answer
         "client_shown_ms": answer.client_shown_ms,
         "client_pressed_ms": answer.client_pressed_ms,
         "server_received_utc": stamp(answer.received),
+        "server_after_end_s": _after_s(played, answer),
     }
     connection.execute(insert(schema.response).values(values))
+
+
+def _after_s(played: Played, answer: Answer) -> float | None:
+    """Seconds from the end of the last interval to the response's arrival, by the server's monotonic clock."""
+    if played.ended_s is None or answer.received_s is None:
+        return None
+    return answer.received_s - played.ended_s
 
 
 def note(
@@ -223,6 +209,16 @@ def note(
     """Something that happened."""
     row = {"session_id": session, "at_utc": stamp(now), "kind": kind, "detail": detail, "trials": trials}
     connection.execute(insert(schema.event).values(row))
+
+
+def last_answer_utc(connection: Connection, session: int) -> str | None:
+    """When the session's last response arrived."""
+    query = (
+        select(func.max(schema.response.c.server_received_utc))
+        .select_from(schema.response.join(schema.trial).join(schema.run))
+        .where(schema.run.c.session_id == session)
+    )
+    return connection.execute(query).scalar()
 
 
 def last_break(connection: Connection, session: int) -> int:

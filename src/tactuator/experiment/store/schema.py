@@ -24,10 +24,48 @@ study = Table(
     tables,
     Column("id", Integer, primary_key=True),
     Column("name", String, nullable=False),
-    Column("protocol_toml", String, nullable=False),
-    Column("protocol_sha256", String, nullable=False, unique=True),
+    Column("created_utc", String, nullable=False),
+)
+
+protocol_version = Table(
+    "protocol_version",
+    tables,
+    Column("id", Integer, primary_key=True),
+    Column("study_id", Integer, ForeignKey("study.id"), nullable=False),
+    Column("number", Integer, nullable=False),
+    Column("toml", String, nullable=False),
+    Column("sha256", String, nullable=False),
+    Column("reason", String, nullable=False),
     Column("tool_version", String, nullable=False),
     Column("created_utc", String, nullable=False),
+    UniqueConstraint("study_id", "number"),
+    UniqueConstraint("study_id", "sha256"),
+)
+
+subject = Table(
+    "subject",
+    tables,
+    Column("id", Integer, primary_key=True),
+    Column("study_id", Integer, ForeignKey("study.id"), nullable=False),
+    Column("number", Integer, nullable=False),
+    Column("code", String, nullable=False),
+    Column("subject_group", String, nullable=False),
+    Column("participant_id", String),
+    Column("enrolled_utc", String, nullable=False),
+    UniqueConstraint("study_id", "number"),
+    UniqueConstraint("study_id", "code"),
+    UniqueConstraint("study_id", "participant_id"),
+)
+
+demographic = Table(
+    "demographic",
+    tables,
+    Column("id", Integer, primary_key=True),
+    Column("subject_id", Integer, ForeignKey("subject.id"), nullable=False),
+    Column("name", String, nullable=False),
+    Column("value", String, nullable=False),
+    Column("unit", String, nullable=False),
+    UniqueConstraint("subject_id", "name"),
 )
 
 session = Table(
@@ -35,10 +73,10 @@ session = Table(
     tables,
     Column("id", Integer, primary_key=True),
     Column("study_id", Integer, ForeignKey("study.id"), nullable=False),
-    Column("subject_number", Integer, nullable=False),
-    Column("subject_code", String, nullable=False),
-    Column("subject_group", String, nullable=False),
+    Column("subject_id", Integer, ForeignKey("subject.id"), nullable=False),
+    Column("visit", Integer, nullable=False),
     Column("link_token", String, nullable=False, unique=True),
+    Column("protocol_version_id", Integer, ForeignKey("protocol_version.id")),
     Column("experimenter", String, nullable=False),
     Column("site", String, nullable=False),
     Column("surround", String, nullable=False),
@@ -49,7 +87,12 @@ session = Table(
     Column("masking_level_db_spl", Float),
     Column("created_utc", String, nullable=False),
     Column("consented_utc", String),
-    UniqueConstraint("study_id", "subject_code"),
+    Column("consent_version", String),
+    Column("consent_sha256", String),
+    Column("ended", String),
+    Column("ended_utc", String),
+    UniqueConstraint("subject_id", "visit"),
+    CheckConstraint("ended IN ('declined', 'withdrawn', 'withdrawn-discard')", name="session_ended"),
 )
 
 run = Table(
@@ -75,6 +118,12 @@ run = Table(
     Column("band_high_hz", Float, nullable=False),
     Column("started_utc", String, nullable=False),
     Column("ended_utc", String),
+    Column("protocol_version_id", Integer, ForeignKey("protocol_version.id")),
+    Column("respondent", String, nullable=False, server_default="unknown"),
+    Column("rig_simulated", Boolean),
+    Column("shown", String, nullable=False, server_default=""),
+    Column("rig_rate_hz", Float),
+    Column("speed", Float),
     UniqueConstraint("session_id", "position", "attempt"),
     CheckConstraint("state IN ('running', 'done', 'restarted', 'stopped')", name="run_state"),
 )
@@ -90,6 +139,9 @@ trial = Table(
     Column("curve_level_db_re_1um", Float),
     Column("correct_response", String, nullable=False),
     Column("presented_utc", String, nullable=False),
+    Column("ended_utc", String),
+    Column("presentations", Integer, nullable=False, server_default="1"),
+    Column("rig_tick", Integer),
     UniqueConstraint("run_id", "number"),
 )
 
@@ -103,6 +155,10 @@ interval = Table(
     Column("commanded_db_sl", Float),
     Column("measured_db_sl", Float),
     Column("saturated", Boolean, nullable=False),
+    Column("onset_s", Float),
+    Column("duration_s", Float),
+    Column("lamp_late_s", Float),
+    Column("client_lit_ms", Float),
     UniqueConstraint("trial_id", "position"),
 )
 
@@ -115,6 +171,7 @@ response = Table(
     Column("client_shown_ms", Float),
     Column("client_pressed_ms", Float),
     Column("server_received_utc", String, nullable=False),
+    Column("server_after_end_s", Float),
 )
 
 event = Table(

@@ -12,8 +12,9 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.store import schema
-from tactuator.experiment.store.records import Found
+from tactuator.experiment.store.cells import Found
 from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.study_records import session_query
 from tactuator.experiment.trial.trial import IntervalRecord
 
 
@@ -38,22 +39,22 @@ def detection_runs(store: Store, state: str = "done") -> list[StoredRun]:
     """
     with store.read() as connection:
         asked = select(schema.stimulus.c.study_id)  # identification studies have stimuli of their own
-        protocols = {
-            row.id: parse_protocol(row.protocol_toml, row.name)
-            for row in connection.execute(select(schema.study).where(schema.study.c.id.not_in(asked)))
-        }
-        sessions = {row.id: row for row in connection.execute(select(schema.session))}
+        versions = select(schema.protocol_version).where(schema.protocol_version.c.study_id.not_in(asked))
+        protocols = {row.id: parse_protocol(row.toml) for row in connection.execute(versions)}
+        kept = schema.session.c.ended.is_distinct_from("withdrawn-discard")
+        sessions = {row.id: row for row in connection.execute(session_query().where(kept))}
         query = (
             select(schema.run)
             .where(
                 schema.run.c.state == state,
                 schema.run.c.practice.is_(False),
                 schema.run.c.paradigm == "forced-choice",
+                schema.run.c.session_id.in_(select(schema.session.c.id).where(kept)),
             )
             .order_by(schema.run.c.session_id, schema.run.c.position, schema.run.c.attempt)
         )
         runs = [
-            _stored(connection, sessions[row.session_id], row, protocols[sessions[row.session_id].study_id])
+            _stored(connection, sessions[row.session_id], row, protocols[row.protocol_version_id])
             for row in connection.execute(query)
         ]
     if not runs:
@@ -76,7 +77,9 @@ def _stored(connection: Connection, session: Found, run: Found, protocol: Protoc
         .order_by(schema.trial.c.number, schema.interval.c.position)
     )
     intervals = tuple(
-        IntervalRecord(row.stimulus, row.commanded_db_sl, row.measured_db_sl, bool(row.saturated))
+        IntervalRecord(
+            row.stimulus, row.commanded_db_sl, row.measured_db_sl, bool(row.saturated), row.onset_s, row.duration_s
+        )
         for row in connection.execute(played)
     )
     return StoredRun(

@@ -13,23 +13,18 @@ from tactuator.display.description import Channel
 from tactuator.experiment.procedure.procedure import Estimate, Procedure
 from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
 from tactuator.experiment.trial.matched_filter import amplitude
-from tactuator.experiment.trial.presenter import Presenter
+from tactuator.experiment.trial.presenter import PlayedInterval, Presentation, Presenter
 from tactuator.experiment.trial.stimulus import Masker, ToneInterval
 from tactuator.experiment.trial.timing import Timing
 from tactuator.experiment.trial.trial import ForcedChoice, IntervalRecord, Trial, trial_rng
-from tactuator.rig.trace import Trace
 from tactuator.signals.decibels import db
 
 
 class Subject(Protocol):
     """Someone who answers trials."""
 
-    def begins(self, interval: int, begins: bool) -> None:
-        """An interval begins, or ends (a presenter's watch)."""
-        ...
-
-    def answer(self, trial: Trial, frequency_hz: float) -> str:
-        """The response to the trial that has just been played."""
+    def answer(self, trial: Trial, frequency_hz: float, intervals: Sequence[IntervalRecord], lasted_s: float) -> str:
+        """The response to the trial that has just been played; intervals: when each was in its lasted_s seconds."""
         ...
 
 
@@ -54,16 +49,20 @@ class Detection:
     paradigm: ForcedChoice = field(default_factory=ForcedChoice)
     masker: Masker | None = None
 
-    def play(self, trial: Trial, frequency_hz: float, seed: Sequence[int]) -> tuple[IntervalRecord, ...]:
-        """Play a trial; what was commanded and measured in each interval."""
+    def play(
+        self, trial: Trial, frequency_hz: float, seed: Sequence[int]
+    ) -> tuple[tuple[IntervalRecord, ...], Presentation]:
+        """Play a trial; what was commanded and measured in each interval, and how it was played."""
         tones = self.paradigm.tones(trial, frequency_hz)
         references = [
             self._reference(tone, trial_rng((*seed, 2, index), trial.number)) for index, tone in enumerate(tones)
         ]
-        traces = self.presenter.present(references, self.timing.lead_s, self.timing.gap_s)
-        return tuple(
-            self._record(label, tone, trace) for label, tone, trace in zip(trial.stimuli, tones, traces, strict=True)
+        shown = self.presenter.present(references, self.timing.lead_s, self.timing.gap_s)
+        records = tuple(
+            self._record(label, tone, played)
+            for label, tone, played in zip(trial.stimuli, tones, shown.intervals, strict=True)
         )
+        return records, shown
 
     def _reference(self, tone: ToneInterval, rng: np.random.Generator) -> NDArray[np.float64]:
         rate_hz = self.presenter.rig.rate_hz
@@ -75,13 +74,21 @@ class Detection:
             reference[:, column] += self.masker.wave(len(reference), rate_hz, ramp_s, rng)
         return reference
 
-    def _record(self, label: str, tone: ToneInterval, trace: Trace) -> IntervalRecord:
-        column = self.presenter.column
+    def _record(self, label: str, tone: ToneInterval, played: PlayedInterval) -> IntervalRecord:
+        column, trace = self.presenter.column, played.trace
         ramp_s = self.timing.ramp_at_s(tone.frequency_hz)
         peak_v = amplitude(trace.position_v[:, column], tone.frequency_hz, trace.rate_hz, ramp_s)
         unit_v = float(self.channel.threshold_voltage(tone.frequency_hz))
         measured = float(db(max(peak_v, 1e-12) / unit_v))
-        return IntervalRecord(label, tone.level_db_sl, measured, bool(trace.saturated[:, column].any()))
+        return IntervalRecord(
+            label,
+            tone.level_db_sl,
+            measured,
+            bool(trace.saturated[:, column].any()),
+            played.onset_s,
+            played.duration_s,
+            played.lamp_late_s,
+        )
 
 
 @dataclass(frozen=True)
@@ -113,12 +120,11 @@ def run_detection(
 ) -> RunRecord:
     """Run until the procedure ends (a whole-curve procedure chooses its own frequencies: frequency_hz is ignored)."""
     records: list[TrialRecord] = []
-    detection.presenter.watch = subject.begins
     while (placement := procedure.placement()) is not None:
         frequency = frequency_hz if placement.frequency_hz is None else placement.frequency_hz
         trial = detection.paradigm.trial(len(records), placement, seed)
-        intervals = detection.play(trial, frequency, seed)
-        response = subject.answer(trial, frequency)
+        intervals, shown = detection.play(trial, frequency, seed)
+        response = subject.answer(trial, frequency, intervals, shown.lasted_s)
         correct = trial.judge(response)
         procedure.record(correct)
         records.append(TrialRecord(trial, frequency, response, correct, intervals))

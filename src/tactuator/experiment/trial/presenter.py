@@ -1,32 +1,73 @@
-"""Plays the intervals of a trial on a rig, one after the other, and reads back what the sensor saw."""
+"""Plays the intervals of a trial on a rig as one stretch, and reads back what the sensor saw and when."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.errors import BadInput
-from tactuator.rig.rig import Rig
-from tactuator.rig.trace import Trace
+from tactuator.experiment.trial.marks import Marks
+from tactuator.rig.rig import Rig, Ticking
+from tactuator.rig.trace import Trace, join_traces
 
 Watch = Callable[[int, bool], None]
-"""Told (interval from 0, True) as an interval begins and (interval, False) as it ends."""
+"""Told (interval from 0, True) as an interval begins and (interval, False) as it ends, by the rig's own time."""
+
+Samples = NDArray[np.float64]
+_PIECE_S = 0.02
+"""A reference is given to the rig in pieces of this length: a stop takes effect within one."""
+
+
+class Halted(Exception):
+    """Somebody stopped the trial while it played; the rig is at rest."""
 
 
 def _nobody(interval: int, begins: bool) -> None:
     """Nobody watches."""
 
 
+def _never() -> bool:
+    """Nobody stops the trial."""
+    return False
+
+
+@dataclass(frozen=True)
+class PlayedInterval:
+    """An interval as it was played: what the sensor saw, and the rig's own times in seconds from the trial's first
+    sample. lamp_late_s: how far the rig was past the onset when the watch was told of it."""
+
+    trace: Trace
+    onset_s: float
+    duration_s: float
+    lamp_late_s: float
+
+
+@dataclass(frozen=True)
+class Presentation:
+    """A trial as it was played. rig_tick: of its first sample by the rig's clock, None where the rig tells none;
+    lasted_s: from the first sample to the last."""
+
+    intervals: tuple[PlayedInterval, ...]
+    rig_tick: int | None
+    lasted_s: float
+
+
 @dataclass
 class Presenter:
-    """rig with its controller loaded; channel: the one that stimuli are played on."""
+    """rig with its controller loaded; channel: the one that stimuli are played on.
+
+    halted: asked after every piece; the trial ends at once where it says so. marks: announce intervals by touch.
+    """
 
     rig: Rig
     channel: str
     watch: Watch = field(default=_nobody)
+    halted: Callable[[], bool] = field(default=_never)
+    marks: Marks | None = None
 
     def __post_init__(self) -> None:
         if self.channel not in self.rig.channels:
@@ -37,29 +78,79 @@ class Presenter:
         """The channel's place among the rig's."""
         return self.rig.channels.index(self.channel)
 
-    def on_channel(self, wave: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A reference of every channel, (n, channels), from the wave of one, (n,)."""
+    def on_channel(self, wave: Samples) -> Samples:
+        """Return a reference of every channel, (n, channels), from the wave of one, (n,)."""
         reference = np.zeros((wave.size, len(self.rig.channels)))
         reference[:, self.column] = wave
         return reference
 
-    def present(self, references: Sequence[NDArray[np.float64]], lead_s: float, gap_s: float) -> tuple[Trace, ...]:
-        """Play silence of lead_s, then every reference (n, channels) with silence of gap_s between; the traces of each.
+    def present(self, references: Sequence[Samples], lead_s: float, gap_s: float, tail_s: float = 0.0) -> Presentation:
+        """Play every reference (n, channels) after silence of lead_s, with gap_s between and tail_s after the last.
 
-        BadInput where a reference has other channels than the rig.
+        All of it is one stretch of the rig's time: no gap is longer or shorter by a sample. Raises Halted where the
+        trial was stopped, BadInput where a reference has other channels than the rig, and as the rig's `stream` does.
         """
-        traces = []
+        stretch, onsets = self._stretch(references, lead_s, gap_s, tail_s)
+        edges = [(onset, interval, True) for interval, onset in enumerate(onsets)]
+        edges += [(onset + len(references[index]), index, False) for index, onset in enumerate(onsets)]
+        lates = [0.0] * len(references)
+        edges.sort(key=lambda edge: (edge[0], edge[2]))
+        trace = join_traces(self._played(stretch, edges, lates), self.rig.rate_hz, self.rig.channels)
+        rate_hz = self.rig.rate_hz
+        intervals = tuple(
+            PlayedInterval(trace.part(onset, onset + len(one)), onset / rate_hz, len(one) / rate_hz, late)
+            for one, onset, late in zip(references, onsets, lates, strict=True)
+        )
+        tick = self.rig.began_at if isinstance(self.rig, Ticking) else None
+        return Presentation(intervals, tick, len(stretch) / rate_hz)
+
+    def _stretch(
+        self, references: Sequence[Samples], lead_s: float, gap_s: float, tail_s: float
+    ) -> tuple[Samples, list[int]]:
+        """The whole trial, (n, channels), and the sample at which each reference begins."""
+        parts: list[Samples] = []
+        onsets: list[int] = []
         for interval, reference in enumerate(references):
             if reference.ndim != 2 or reference.shape[1] != len(self.rig.channels):
                 raise BadInput(f"reference of shape {reference.shape}; allowed: (samples, {len(self.rig.channels)})")
-            self.silence(lead_s if interval == 0 else gap_s)
-            self.watch(interval, True)
-            traces.append(self.rig.play(reference))
-            self.watch(interval, False)
-        return tuple(traces)
+            parts.append(self._before(interval, lead_s if interval == 0 else gap_s))
+            onsets.append(sum(map(len, parts)))
+            parts.append(reference)
+        parts.append(self._silence(tail_s))
+        if self.marks is not None:
+            parts.append(self.marks.end(self.rig.rate_hz, self.rig.channels))
+        return np.concatenate(parts), onsets
 
-    def silence(self, duration_s: float) -> None:
-        """Play nothing: the loop goes on holding its place."""
-        count = round(duration_s * self.rig.rate_hz)
-        if count:
-            self.rig.play(np.zeros((count, len(self.rig.channels))))
+    def _before(self, interval: int, silence_s: float) -> Samples:
+        if self.marks is None:
+            return self._silence(silence_s)
+        return self.marks.before(interval, silence_s, self.rig.rate_hz, self.rig.channels)
+
+    def _silence(self, duration_s: float) -> Samples:
+        return np.zeros((round(duration_s * self.rig.rate_hz), len(self.rig.channels)))
+
+    def _played(self, stretch: Samples, edges: Sequence[tuple[int, int, bool]], lates: list[float]) -> Iterator[Trace]:
+        """The trace in pieces; the watch is told of each edge as the rig reaches it."""
+        waiting, got = list(edges), 0
+        self._tell(waiting, got, lates)
+        for trace in self.rig.stream(self._pieces(stretch, [edge[0] for edge in edges])):
+            got += len(trace)
+            self._tell(waiting, got, lates)
+            yield trace
+            if self.halted():
+                self.rig.rest()
+                raise Halted
+
+    def _tell(self, waiting: list[tuple[int, int, bool]], got: int, lates: list[float]) -> None:
+        while waiting and waiting[0][0] <= got:
+            sample, interval, begins = waiting.pop(0)
+            if begins:
+                lates[interval] = (got - sample) / self.rig.rate_hz
+            self.watch(interval, begins)
+
+    def _pieces(self, stretch: Samples, cuts: Sequence[int]) -> Iterator[Samples]:
+        """The stretch in pieces, cut at every onset and end: a rig whose time waits stands exactly there."""
+        step = max(1, round(_PIECE_S * self.rig.rate_hz))
+        places = sorted({*range(0, len(stretch), step), *cuts, len(stretch)})
+        for start, stop in pairwise(places):
+            yield stretch[start:stop]

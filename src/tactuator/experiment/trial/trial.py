@@ -41,13 +41,18 @@ class Trial:
 class IntervalRecord:
     """An interval as it was played. commanded_db_sl: None where nothing was, or no one level; measured_db_sl: at the
 
-    sensor, at the stimulus's frequency; None where there is no one frequency.
+    sensor, at the stimulus's frequency; None where there is no one frequency. onset_s, duration_s: by the rig's own
+    clock, from the trial's first sample; lamp_late_s: how far the rig was past the onset when the lamp was lit. None:
+    not known (stores of before).
     """
 
     stimulus: str
     commanded_db_sl: float | None
     measured_db_sl: float | None
     saturated: bool
+    onset_s: float | None = None
+    duration_s: float | None = None
+    lamp_late_s: float | None = None
 
 
 BLANK, SIGNAL = "blank", "tone"

@@ -72,6 +72,7 @@ class BoardRig(ClosingRig):
             )
         self._waits, self._lead_s = waits and status.allows_hold, lead_s
         self._run, self._at, self._drives, self._loaded = status.run, 0, False, False
+        self._began: int | None = None
         self._fingers: tuple[BoardFinger, ...] = ()
         self._lag = status.trace_capacity // 2
         if status.safety_crc == 0:
@@ -196,6 +197,11 @@ class BoardRig(ClosingRig):
         """Return the tick of its run to which the board has been given rows."""
         return self._at
 
+    @property
+    def began_at(self) -> int | None:
+        """The tick of its run at which the board played the first row of the last block or stream."""
+        return self._began
+
     def status(self) -> Status:
         """Return the status that the board reports."""
         return self._client.status()
@@ -295,7 +301,7 @@ class BoardRig(ClosingRig):
                 for part in stream.play(fed(), self._at, round(0.25 * lead_s * self.rate_hz)):
                     yield self._trace(part, _take(asked, len(part.flags)), drives)
             finally:
-                self._at = stream.end
+                self._at, self._began = stream.end, stream.first
         except LinkDown:
             raise
         except (Exception, KeyboardInterrupt):  # of the blocks' own making, too

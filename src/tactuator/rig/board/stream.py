@@ -55,7 +55,7 @@ class BoardStream:
         self._rows: Rows = np.zeros((0, channels), dtype=np.float32)
         self._forces: Rows | None = None
         self._tick = 0
-        self._first = self._got = self.end = 0
+        self.first = self._got = self.end = 0
 
     def play(self, blocks: Iterable[Rows], first: int = 0, start: int = 0) -> Iterator[TraceRows]:
         """Yield the trace of all rows, in pieces as it comes; the next block (n, channels) is asked for when there is
@@ -64,7 +64,7 @@ class BoardStream:
         first: tick of the first row, on a board that waits; on another it is `start` ticks from now. Raises RigFault
         and StreamDry.
         """
-        self._first = self._got = self.end = first
+        self.first = self._got = self.end = first
         source, more = iter(blocks), True
         while more or len(self._rows) or self._got < self.end:
             while more and not len(self._rows) and self._ahead() < self._lead:
@@ -78,7 +78,7 @@ class BoardStream:
                 yield part
 
     def _ahead(self) -> int:
-        return self.end - max(self._tick, self._first)
+        return self.end - max(self._tick, self.first)
 
     def _take_block(self, block: Rows | None) -> bool:
         if block is None:
@@ -89,13 +89,13 @@ class BoardStream:
 
     def _feed(self, start: int) -> None:
         """Send one request's worth of rows."""
-        if not self._waits and self._got == self.end == self._first:
+        if not self._waits and self._got == self.end == self.first:
             taken = self._feed_first(start)
         else:
             taken = self._ask_to_take(self._rows[: self._once])
             if taken < min(self._once, len(self._rows)) and self._tick > self.end:
                 raise StreamDry(
-                    f"the stream ran dry {self.end - self._first} samples after its beginning; allowed: a host and a "
+                    f"the stream ran dry {self.end - self.first} samples after its beginning; allowed: a host and a "
                     f"link that carry {4 * self._channels} bytes a sample there and {8 * self._channels} back",
                     self._tick - self.end,
                 )
@@ -111,7 +111,7 @@ class BoardStream:
             while self._tick < there < self._tick + start:
                 self._sleep(_LOOK_S)
                 there = self._look()
-            self._first = self._got = self.end = max(there, self._tick + (start << attempt))
+            self.first = self._got = self.end = max(there, self._tick + (start << attempt))
             taken = self._ask_to_take(self._rows[:_FIRST_ROWS])
             if taken:
                 return taken

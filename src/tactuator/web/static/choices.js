@@ -4,7 +4,7 @@ const LARGEST_PX = [260, 200], FONTS_PX = [88, 72, 60, 48, 40, 34, 28, 24, 21, 1
 const SPACINGS_PX = [{ gap: 8, least: 44, margin: 18 }, { gap: 4, least: 38, margin: 14 }]; // the second where many must fit
 
 class Choices {
-  // choices: {response, keys}; intervals: names of those that are told apart; chosen: called with a response.
+  // choices: {response, keys, codes}; intervals: names of those that are told apart; chosen: called with a response.
   constructor(box, lamps, choices, intervals, chosen) {
     this.box = box;
     this.choices = choices;
@@ -31,8 +31,12 @@ class Choices {
     return button;
   }
 
-  // The response that a key gives, or undefined.
-  byKey(key) { return (this.choices.find((choice) => choice.keys.includes(key)) || {}).response; }
+  // The response that a key gives, by where it stands or by what it types, or undefined. Digits go by place: what an
+  // unshifted AZERTY key types is another character.
+  byKey(code, key) {
+    const found = this.choices.find((choice) => choice.codes.includes(code)) || this.choices.find((choice) => choice.keys.includes(key));
+    return (found || {}).response;
+  }
 
   // Whether an answer is asked for: told to those who cannot see it; buttons keep their focus.
   open(yes) { for (const button of this.buttons.values()) button.setAttribute("aria-disabled", String(!yes)); }

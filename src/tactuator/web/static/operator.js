@@ -1,6 +1,6 @@
 "use strict";
 // The operator's page. The token stands in the address after the # and never leaves the page but to its own server.
-let shown = "";
+let shown = "", asks = "", dayOf = null;
 
 const link = new Link(
   "/ws/operator",
@@ -12,35 +12,45 @@ const link = new Link(
   (socket) => { socket.send(location.hash.slice(1)); banner(""); },
   (code) => {
     const refused = code === 4003;
-    banner(refused ? "The operator's token is missing or wrong: open the address that the server printed." : "The connection is lost. Trying again…");
+    banner(word(refused ? "token" : "lost"));
     return !refused;
   },
 );
 
 const command = (type, session) => link.send(session === undefined ? { type } : { type, session });
 const percent = (share) => (share === null ? "–" : `${Math.round(100 * share)} %`);
+const minutes = (seconds) => (seconds === null ? "–" : `${Math.ceil(seconds / 60)} min`);
 const row = (...cells) => make("tr", {}, ...cells.map((cell) => make("td", {}, cell)));
+const named = (table, name) => TEXTS[`${table}_${name.replace("-", "_")}`] || name;
 
-function button(text, name, subject, disabled, pressed) {
-  const made = make("button", { type: "button", [`data-${name}`]: subject }, text);
+function button(text, name, key, disabled, pressed) {
+  const made = make("button", { type: "button", [`data-${name}`]: key }, text);
   made.disabled = disabled;
   made.onclick = pressed;
   return made;
 }
 
-function sessionRow(session, snapshot) {
-  const open = make("a", { href: session.link, target: "_blank", rel: "noopener" }, "open");
-  const cannot = !snapshot.control || snapshot.active !== null || session.stage === "done";
+function sessionRows(session, snapshot) {
+  const key = session.visit === 1 ? session.subject : `${session.subject}-${session.visit}`;
+  const open = make("a", { href: session.link, target: "_blank", rel: "noopener" }, word("open"));
+  const over = session.stage === "done" || session.stage === "ended";
+  const cannot = !snapshot.control || snapshot.active !== null || over;
   const buttons = make("div", { class: "buttons" },
-    button("Start", "start", session.subject, cannot, () => command("start", session.id)),
-    button("Results", "results", session.subject, session.trials === 0, () => command("results", session.id)));
-  const made = row(session.subject, session.group, session.stage ?? "–", percent(session.progress), String(session.trials),
-    percent(session.share_correct), session.here ? "open" : "closed", open, buttons);
+    button(word("start"), "start", key, cannot, () => command("start", session.id)),
+    button(word("results"), "results", key, session.trials === 0, () => command("results", session.id)),
+    button(word("day"), "day", key, !snapshot.control, () => { dayOf = dayOf === session.id ? null : session.id; shown = ""; sessions(snapshot); }),
+    button(word("new_visit"), "visit", key, !snapshot.control, () => link.send({ type: "new-visit", subject: session.subject })));
+  const who = session.participant_id === null ? session.subject : `${session.subject} (${session.participant_id})`;
+  const made = row(who, String(session.visit), named("group", session.group), session.stage === null ? "–" : named("stage", session.stage),
+    percent(session.progress), minutes(over ? null : session.left_s), String(session.trials), percent(session.share_correct),
+    word(session.here ? "open" : "closed"), open, buttons);
   made.className = session.id === snapshot.active ? "active" : "";
-  return made;
+  const saved = (message) => { link.send(message); dayOf = null; };
+  return dayOf === session.id ? [made, dayForm(session, saved)] : [made];
 }
 
-const runRow = (run) => row(run.title, run.state, run.of === null ? String(run.answered) : `${run.answered} of ${run.of}`, percent(run.share_correct));
+const runRow = (run) => row(run.title, named("state", run.state),
+  run.of === null ? String(run.answered) : word("of", { done: run.answered, count: run.of }), percent(run.share_correct));
 
 // How each kind of run is drawn.
 const pictures = {
@@ -49,13 +59,13 @@ const pictures = {
 };
 
 function picture(one) {
-  el("run").textContent = one === null ? "No run goes on" : one.title;
+  el("run").textContent = one === null ? word("no_run") : one.title;
   for (const kind of Object.keys(pictures)) el(kind).toggleAttribute("hidden", one === null || one.kind !== kind);
   if (one !== null) pictures[one.kind](one);
 }
 
 function results(message) {
-  const title = make("h2", { tabindex: "-1" }, `Results of ${message.subject}, test runs so far`);
+  const title = make("h2", { tabindex: "-1" }, word("results_of", { subject: message.subject }));
   el("results").replaceChildren(title, ...message.tables.flatMap(resultTable));
   el("results").hidden = false;
   title.focus();
@@ -71,16 +81,16 @@ function controls(snapshot) {
     const name = button.dataset.command;
     button.disabled = name === "take-control" ? snapshot.control : !snapshot.control || !enabled[name];
   }
-  el("state").textContent = there ? (snapshot.paused ? "paused" : "running") : "nobody at the rig";
+  el("state").textContent = word(there ? (snapshot.paused ? "paused" : "running") : "nobody");
 }
 
 // Made anew only where something changed; the focus stays where it was.
 function sessions(snapshot) {
   const stands = JSON.stringify([snapshot.sessions, snapshot.active, snapshot.control]);
-  if (stands === shown) return;
+  if (stands === shown || (dayOf !== null && el("sessions").querySelector("form") !== null && shown !== "")) return;
   shown = stands;
   const { start, results } = document.activeElement ? document.activeElement.dataset : {};
-  el("sessions").replaceChildren(...snapshot.sessions.map((session) => sessionRow(session, snapshot)));
+  el("sessions").replaceChildren(...snapshot.sessions.flatMap((session) => sessionRows(session, snapshot)));
   const again = start ? `[data-start="${start}"]` : results ? `[data-results="${results}"]` : null;
   if (again !== null && document.querySelector(again)) document.querySelector(again).focus();
 }
@@ -88,13 +98,25 @@ function sessions(snapshot) {
 function show(snapshot) {
   el("study").textContent = snapshot.study;
   const rig = snapshot.rig;
-  el("rig").textContent = `${rig.name}: ${rig.display}, ${rig.channels.join(", ")}, ${rig.rate_hz} Hz`;
-  banner(snapshot.fault === null ? (snapshot.control ? "" : "Another operator has control: you look on.") : `Fault: ${snapshot.fault}`);
+  el("rig").textContent = word("rig", { name: rig.name, display: rig.display, channels: rig.channels.join(", "), rate: rig.rate_hz });
+  el("simulated").hidden = !rig.simulated;
+  banner(snapshot.fault === null ? (snapshot.control ? "" : word("looking_on")) : word("fault", { fault: snapshot.fault }));
+  el("calls").hidden = snapshot.calls.length === 0;
+  el("calls").replaceChildren(...snapshot.calls.map((call) => make("li", {}, word("called", { call }))));
   controls(snapshot);
   sessions(snapshot);
   picture(snapshot.picture);
   el("runs-section").hidden = snapshot.runs.length === 0;
   el("runs").replaceChildren(...snapshot.runs.map(runRow));
+  if (JSON.stringify(snapshot.demographics) !== asks) {
+    asks = JSON.stringify(snapshot.demographics);
+    el("demographics").replaceChildren(...demographicFields(snapshot.demographics));
+  }
 }
 
 for (const button of document.querySelectorAll("[data-command]")) button.onclick = () => command(button.dataset.command);
+el("enrol-form").onsubmit = (event) => {
+  event.preventDefault();
+  link.send(enrolment(event.target));
+  event.target.reset();
+};

@@ -1,9 +1,10 @@
 "use strict";
 // The subject's page. What it shows follows from what the server says; an answer stays here until it is acknowledged.
-// going: the subject has begun; asked: and has told the server so; standing: the trial that waits for an answer.
+// going: the subject has begun; asked: and has told the server so; standing: the trial that waits for an answer;
+// litAt: when each interval's lamp was lit; leaving: the subject is asked how to leave.
 const page = {
-  about: null, stage: null, introduction: "", waiting: false, going: false, asked: false, standing: null, unsaved: null,
-  shownAt: 0, noise: null, choices: null, restUntil: 0, over: false,
+  about: null, stage: null, ended: null, introduction: "", waiting: false, going: false, asked: false, standing: null, unsaved: null,
+  shownAt: 0, litAt: [], noise: null, choices: null, demonstration: null, restUntil: 0, over: false, leaving: false,
 };
 const say = (text) => { if (el("status").textContent !== text) el("status").textContent = text; };
 
@@ -13,10 +14,10 @@ const link = new Link(
   () => banner(""),
   (code) => {
     if (page.over || code === 4001) return false;
-    if (code === 4004) { page.over = true; say("This link opens no session."); return false; }
+    if (code === 4004) { page.over = true; say(word("no_session")); return false; }
     stand(null);
     page.asked = false;
-    banner("The connection is lost. Nothing of what was acknowledged is gone. Trying again…");
+    banner(word("lost"));
     return true;
   },
 );
@@ -27,28 +28,36 @@ const handlers = {
     page.asked = false; // whatever was asked for was asked of another connection
     el("study").textContent = message.study;
     el("who").textContent = message.subject;
+    simulated(message);
     if (page.noise === null) page.noise = new MaskingNoise(message.masking_sound);
     if (page.choices === null) page.choices = new Choices(el("choices"), el("lamps"), message.choices, message.intervals, answer);
     page.choices.open(false);
     if (page.unsaved !== null) link.send(page.unsaved);
   },
   stage(message) {
+    page.restUntil = message.break_left_s > 0 ? performance.now() + 1000 * message.break_left_s : 0;
     if (message.stage === "break" && page.stage !== "break") rest();
-    if (message.stage !== page.stage) page.asked = false;
-    Object.assign(page, { stage: message.stage, introduction: message.introduction, waiting: message.waiting });
-    el("progress").value = message.progress;
-    if (message.stage !== "trial") page.going = page.going && message.stage === "introduction" && page.asked;
+    if (message.stage !== page.stage) { page.asked = false; page.leaving = false; }
+    Object.assign(page, { stage: message.stage, ended: message.ended, introduction: message.introduction, waiting: message.waiting });
+    progress(message);
+    if (message.stage === "paused" || message.stage === "stopped") { page.going = false; page.unsaved = null; stand(null); }
+    else if (message.stage !== "trial") page.going = page.going && message.stage === "introduction" && page.asked;
     else if (page.going && page.standing === null && !page.asked) goOn();
     show();
   },
   playing() {
     page.waiting = false;
+    page.litAt = [];
     stand(null);
     page.choices.clear();
     page.choices.playing(true);
     show();
   },
-  interval(message) { page.choices.light(message.on ? message.interval : -1); },
+  interval(message) {
+    if (message.on) page.litAt[message.interval] = performance.now();
+    page.choices.light(message.on ? message.interval : -1);
+  },
+  shape(message) { page.demonstration.play(message); },
   "answer-now"(message) {
     page.waiting = false;
     document.body.dataset.trial = `${message.run}/${message.number}`;
@@ -61,11 +70,11 @@ const handlers = {
       const correct = page.unsaved.response === message.right;
       if (!correct) page.choices.mark(page.unsaved.response, "wrong");
       page.choices.mark(message.right, "right");
-      say(correct ? "Right" : `No, it was ${message.right}`);
+      say(correct ? word("right") : word("wrong", { right: message.right }));
     }
     page.unsaved = null;
     stand(null);
-    el("progress").value = message.progress;
+    progress(message);
     banner("");
   },
   fault(message) {
@@ -73,16 +82,30 @@ const handlers = {
     if (page.unsaved !== null) setTimeout(() => page.unsaved !== null && link.send(page.unsaved), 1500);
     else { page.going = false; page.asked = false; stand(null); show(); } // the rig failed: the subject says when to go on
   },
-  refused() { page.unsaved = null; stand(null); },
+  refused() { page.unsaved = null; page.asked = false; stand(null); },
   elsewhere() {
     page.over = true;
     stand(null);
     hideAll();
     el("go").hidden = false;
-    el("go").textContent = "Continue here";
-    say("This session was opened in another tab.");
+    el("go").textContent = word("continue_here");
+    say(word("elsewhere"));
   },
 };
+
+function simulated({ simulated: yes, shown }) {
+  el("simulated").hidden = !yes;
+  el("simulated").firstElementChild.textContent = word(shown === "" ? "simulated_blank" : "simulated");
+  el("sound").hidden = !shown.includes("heard");
+  el("sound").textContent = word("sound_on");
+  if (page.demonstration === null) page.demonstration = new Demonstration(el("stimulus"), el("sound"));
+}
+
+function progress({ progress: share, left_s: left }) {
+  el("progress").value = share;
+  const minutes = Math.ceil(left / 60);
+  el("left").textContent = page.stage === "ended" || share >= 1 ? "" : minutes > 1 ? word("minutes_left", { minutes }) : word("minute_left");
+}
 
 function stand(trial) {
   page.standing = trial;
@@ -92,49 +115,70 @@ function stand(trial) {
   page.choices.playing(false);
 }
 
-function hideAll() { for (const id of ["text", "lamps", "choices", "go"]) el(id).hidden = true; }
+function hideAll() { for (const id of ["text", "lamps", "choices", "go", "others", "stimulus", "pause"]) el(id).hidden = true; }
 
 function rest() {
-  page.restUntil = performance.now() + 1000 * page.about.break_s;
-  const tick = () => { if (page.stage === "break") { show(); if (performance.now() < page.restUntil) setTimeout(tick, 250); } };
+  const tick = () => { if (page.stage === "break") { show(); if (restLeft() > 0) setTimeout(tick, 250); } };
   setTimeout(tick, 0);
 }
 
 const restLeft = () => Math.max(0, Math.ceil((page.restUntil - performance.now()) / 1000));
 
-// What a stage shows before the subject goes on: [status, text, button].
+// What a stage shows before the subject goes on: [status, text, button, other buttons].
 const before = {
-  consent: () => ["Before we begin", page.about.consent, "I agree (Enter)"],
-  break: () => ["Time for a break. Go on when you are ready.", "", restLeft() > 0 ? `Go on in ${restLeft()} s` : "Go on (Enter)"],
-  introduction: () => [page.about.prompt, words(page.introduction), "Begin (Enter)"],
-  trial: () => [page.about.prompt, words(page.introduction), "Begin (Enter)"],
+  consent: () => [word("before"), page.about.consent, word("agree"), [[word("decline"), () => link.send({ type: "decline" })]]],
+  break: () => [word("break"), "", restLeft() > 0 ? word("break_wait", { seconds: restLeft() }) : word("go_on"), leave()],
+  introduction: () => [page.about.prompt, words(page.introduction), word("begin"), leave()],
+  trial: () => [page.about.prompt, words(page.introduction), word("begin"), leave()],
+  paused: () => [word("paused"), "", word("go_on"), [[word("stop"), () => link.send({ type: "stop" })], ...leave()]],
+  stopped: () => [word("stopped"), "", word("go_on"), leave()],
 };
 const words = (introduction) => [page.about.instructions, introduction].filter((part) => part !== "").join("\n\n");
+const leave = () => [[word("withdraw"), () => { page.leaving = true; show(); }]];
+
+function asked(buttons) {
+  el("others").hidden = buttons.length === 0;
+  el("others").replaceChildren(...buttons.map(([text, pressed]) => {
+    const button = make("button", { type: "button" }, text);
+    button.onclick = pressed;
+    return button;
+  }));
+}
 
 function show() {
   if (page.over || page.about === null) return;
   hideAll();
-  if (page.stage === "done") {
-    say("That was all. Thank you!");
+  if (page.stage === "done" || page.stage === "ended") {
+    say(word(page.stage === "done" ? "done" : page.ended === "declined" ? "declined" : "withdrawn"));
+    el("left").textContent = "";
     page.noise.stop();
-  } else if (page.stage === "trial" && page.going) {
-    el("choices").hidden = false;
-    if (!page.choices.hasFocus()) el("choices").focus(); // the next Tab leads to the responses
-    el("lamps").hidden = el("lamps").childElementCount === 0;
-    if (page.standing !== null) say(page.about.prompt);
-    else if (page.waiting) say("Please wait for the experimenter.");
-    else if (page.unsaved === null) say("Feel…");
-    page.choices.fit();
-  } else {
-    const [status, text, button] = before[page.stage]();
+  } else if (page.leaving) {
+    say(word("withdraw_ask"));
+    const withdraw = (keep) => () => link.send({ type: "withdraw", keep });
+    asked([[word("withdraw_keep"), withdraw(true)], [word("withdraw_discard"), withdraw(false)], [word("back"), () => { page.leaving = false; show(); }]]);
+  } else if (page.stage === "trial" && page.going) trial();
+  else {
+    const [status, text, button, others] = before[page.stage]();
     say(status);
     el("text").hidden = text === "";
     el("text").textContent = text;
     el("go").textContent = button;
     el("go").disabled = page.stage === "break" && restLeft() > 0;
     el("go").hidden = false;
-    el("go").focus();
+    asked(others);
+    if (!el("others").contains(document.activeElement)) el("go").focus();
   }
+}
+
+function trial() {
+  el("choices").hidden = el("pause").hidden = false;
+  el("stimulus").hidden = page.about.shown === "";
+  if (!page.choices.hasFocus()) el("choices").focus(); // the next Tab leads to the responses
+  el("lamps").hidden = el("lamps").childElementCount === 0;
+  if (page.standing !== null) say(page.about.prompt);
+  else if (page.waiting) say(word("wait"));
+  else if (page.unsaved === null) say(word("feel"));
+  page.choices.fit();
 }
 
 function goOn() { page.asked = true; link.send({ type: "ready", stage: page.stage }); }
@@ -149,13 +193,22 @@ function go() {
   if (page.stage === "trial") show();
 }
 
+function pause() {
+  if (el("pause").hidden) return;
+  page.noise.stop();
+  page.unsaved = null;
+  stand(null);
+  link.send({ type: "pause" });
+}
+
 function answer(response) {
   if (page.standing === null || page.unsaved !== null) return;
-  page.unsaved = { type: "answer", ...page.standing, response, shown_ms: page.shownAt, pressed_ms: performance.now() };
+  const pressed = performance.now(), lit = Array.from(page.litAt, (at) => at === undefined ? null : at);
+  page.unsaved = { type: "answer", ...page.standing, response, shown_ms: page.shownAt, pressed_ms: pressed, lit_ms: lit };
   stand(null);
   page.choices.clear();
   page.choices.mark(response, "chosen");
-  say("…");
+  say(word("saving"));
   link.send(page.unsaved);
 }
 
@@ -165,9 +218,12 @@ document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const enter = event.key === "Enter" || event.key === " ";
   if (event.repeat) { if (enter) event.preventDefault(); return; }
-  const response = page.choices === null || el("choices").hidden ? undefined : page.choices.byKey(event.key);
+  const response = page.choices === null || el("choices").hidden ? undefined : page.choices.byKey(event.code, event.key);
+  const other = document.activeElement !== null && el("others").contains(document.activeElement);
   if (response !== undefined) { event.preventDefault(); answer(response); }
-  else if (enter && !el("go").hidden) { event.preventDefault(); go(); }
+  else if (event.key === "Escape") pause();
+  else if (enter && !el("go").hidden && !other) { event.preventDefault(); go(); }
   else if (event.key in ARROWS && !el("choices").hidden) { event.preventDefault(); page.choices.move(...ARROWS[event.key]); }
 });
 el("go").onclick = go;
+el("pause").onclick = pause;

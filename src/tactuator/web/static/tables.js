@@ -13,7 +13,7 @@ function plainTable(columns, rows) {
 }
 
 function confusionTable(labels, counts) {
-  const head = make("tr", {}, make("th", { scope: "col" }, "stimulus \u2193 response \u2192"),
+  const head = make("tr", {}, make("th", { scope: "col" }, word("matrix")),
     ...labels.map((label) => make("th", { scope: "col" }, label)));
   const rows = labels.map((label, row) => {
     const total = counts[row].reduce((sum, count) => sum + count, 0);

@@ -17,7 +17,7 @@ function drawTrack(svg, levels, correct) {
     nodes.push(draw("line", { class: "grid", x1: 50, x2: 790, y1: y(level), y2: y(level) }));
     nodes.push(draw("text", { x: 42, y: y(level) + 4, "text-anchor": "end" }, String(level)));
   }
-  nodes.push(draw("text", { x: 420, y: 292, "text-anchor": "middle" }, "level in dB SL against trial (open: right, filled: wrong)"));
+  nodes.push(draw("text", { x: 420, y: 292, "text-anchor": "middle" }, word("track_axis")));
   nodes.push(draw("polyline", { class: "line", points: levels.map((level, i) => `${x(i)},${y(level)}`).join(" ") }));
   levels.forEach((level, i) => {
     nodes.push(draw("circle", { class: correct[i] ? "right" : "wrong", cx: x(i), cy: y(level), r: 4 }));

@@ -1,0 +1,1 @@
+"""A store in open formats, for R and for reviewers."""

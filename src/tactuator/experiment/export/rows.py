@@ -1,0 +1,262 @@
+"""A store as tables of plain values, in the order of the dictionary; withdrawn data are left out."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from math import isnan
+from typing import Any
+
+from sqlalchemy import Connection, Row, Select, select
+
+from tactuator.errors import BadInput
+from tactuator.experiment.export.dictionary import (
+    EVENT_COLUMNS,
+    INTERVAL_COLUMNS,
+    SUBJECT_COLUMNS,
+    THRESHOLD_COLUMNS,
+    TRIAL_COLUMNS,
+    Meaning,
+)
+from tactuator.experiment.protocol.file import parse_any_protocol
+from tactuator.experiment.result.thresholds import thresholds
+from tactuator.experiment.store import schema
+from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.stored_runs import detection_runs
+
+Value = str | int | float | None
+TableRow = Mapping[str, Value]
+
+
+@dataclass(frozen=True)
+class Table:
+    """columns: what each means; rows: values by their names."""
+
+    columns: tuple[Meaning, ...]
+    rows: tuple[TableRow, ...]
+
+
+@dataclass(frozen=True)
+class Exported:
+    """All of a store. settings: each version of each study's protocol and what is known of it, by a file's name."""
+
+    trials: Table
+    intervals: Table
+    events: Table
+    subjects: Table
+    thresholds: Table
+    settings: Mapping[str, Mapping[str, object]]
+
+    @property
+    def tables(self) -> dict[str, Table]:
+        """Return the tables by their names."""
+        return {
+            "trials": self.trials,
+            "intervals": self.intervals,
+            "events": self.events,
+            "subjects": self.subjects,
+            "thresholds": self.thresholds,
+        }
+
+
+def exported(store: Store) -> Exported:
+    """Read all of the store. Raises BadInput for a store without a response that may be used."""
+    with store.read() as connection:
+        trials = _trials(connection)
+        if not trials.rows:
+            raise BadInput(f"store {store.path} has no response; allowed: one with at least one")
+        intervals, events = _intervals(connection), _events(connection)
+        subjects, settings = _subjects(connection), _settings(connection)
+    return Exported(trials, intervals, events, subjects, _thresholds(store), settings)
+
+
+_ANSWERED = (
+    schema.study.join(schema.subject, schema.subject.c.study_id == schema.study.c.id)
+    .join(schema.session, schema.session.c.subject_id == schema.subject.c.id)
+    .join(schema.run, schema.run.c.session_id == schema.session.c.id)
+    .join(schema.trial, schema.trial.c.run_id == schema.run.c.id)
+    .join(schema.response, schema.response.c.trial_id == schema.trial.c.id)
+)
+_KEPT = schema.session.c.ended.is_distinct_from("withdrawn-discard")
+_ORDER = (schema.study.c.id, schema.subject.c.number, schema.session.c.visit, schema.run.c.id, schema.trial.c.number)
+
+
+def _trials(connection: Connection) -> Table:
+    names = {one.name for one in TRIAL_COLUMNS}
+    taken = {"run", "trial", "ended_utc"}
+    run, trial, response, session = schema.run, schema.trial, schema.response, schema.session
+    query: Select[Any] = (
+        select(
+            *_who(),
+            session.c.ended.label("session_ended"),
+            schema.protocol_version.c.number.label("protocol_version"),
+            run.c.id.label("run"),
+            run.c.state.label("run_state"),
+            trial.c.number.label("trial"),
+            trial.c.ended_utc.label("ended_utc"),
+            response.c.server_received_utc.label("received_utc"),
+            response.c.server_after_end_s.label("server_response_time"),
+            schema.subject.c.subject_group,
+            *(one for one in (*session.c, *run.c, *trial.c, *response.c) if one.name in names - taken - _WHO_NAMES),
+            trial.c.id.label("trial_key"),
+            response.c.client_shown_ms,
+            response.c.client_pressed_ms,
+        )
+        .select_from(
+            _ANSWERED.outerjoin(schema.protocol_version, run.c.protocol_version_id == schema.protocol_version.c.id)
+        )
+        .where(_KEPT)
+        .order_by(*_ORDER)
+    )
+    played = _played(connection)
+    rows = []
+    for row in connection.execute(query):
+        values = dict(row._mapping)
+        values["stimuli"], values["measured_db_sl"] = played.get(values["trial_key"], ("", None))
+        shown, pressed = values["client_shown_ms"], values["client_pressed_ms"]
+        values["response_time"] = None if shown is None or pressed is None else (pressed - shown) / 1000.0
+        rows.append(_plain(values, TRIAL_COLUMNS))
+    return Table(TRIAL_COLUMNS, tuple(rows))
+
+
+_WHO_NAMES = {"study", "subject", "visit"}
+
+
+def _who() -> tuple[Any, ...]:
+    return (schema.study.c.name.label("study"), schema.subject.c.code.label("subject"), schema.session.c.visit)
+
+
+def _played(connection: Connection) -> dict[int, tuple[str, float | None]]:
+    """Labels of each trial's intervals, and the level at the sensor where something was commanded."""
+    found: dict[int, tuple[str, float | None]] = {}
+    table = schema.interval
+    for row in connection.execute(select(table).order_by(table.c.trial_id, table.c.position)):
+        labels, measured = found.get(row.trial_id, ("", None))
+        labels = f"{labels}|{row.stimulus}" if labels else row.stimulus
+        found[row.trial_id] = (labels, measured if row.commanded_db_sl is None else row.measured_db_sl)
+    return found
+
+
+def _intervals(connection: Connection) -> Table:
+    interval = schema.interval
+    query = (
+        select(
+            *_who(),
+            schema.run.c.id.label("run"),
+            schema.trial.c.number.label("trial"),
+            (interval.c.position + 1).label("interval"),
+            *(one for one in interval.c if one.name not in ("id", "trial_id", "position")),
+        )
+        .select_from(_ANSWERED.join(interval, interval.c.trial_id == schema.trial.c.id))
+        .where(_KEPT)
+        .order_by(*_ORDER, interval.c.position)
+    )
+    return _table(connection.execute(query), INTERVAL_COLUMNS)
+
+
+def _events(connection: Connection) -> Table:
+    event, session, subject, study = schema.event, schema.session, schema.subject, schema.study
+    query = (
+        select(*_who(), event.c.at_utc, event.c.kind, event.c.trials, event.c.detail)
+        .select_from(
+            event.outerjoin(session, session.c.id == event.c.session_id)
+            .outerjoin(subject, subject.c.id == session.c.subject_id)
+            .outerjoin(study, study.c.id == subject.c.study_id)
+        )
+        .order_by(event.c.id)
+    )
+    return _table(connection.execute(query), EVENT_COLUMNS)
+
+
+def _subjects(connection: Connection) -> Table:
+    facts: dict[int, dict[str, Value]] = {}
+    meanings: dict[str, Meaning] = {}
+    for row in connection.execute(select(schema.demographic).order_by(schema.demographic.c.id)):
+        facts.setdefault(row.subject_id, {})[row.name] = row.value
+        meanings.setdefault(row.name, Meaning(row.name, "As the laboratory defines it", row.unit))
+    for label in connection.execute(select(schema.protocol_version.c.toml)).scalars():
+        for one in parse_any_protocol(label).demographic:
+            meanings[one.name] = Meaning(one.name, one.label, one.unit)
+    subject = schema.subject
+    query = (
+        select(
+            subject.c.id,
+            schema.study.c.name.label("study"),
+            subject.c.code.label("subject"),
+            subject.c.subject_group,
+            subject.c.participant_id.label("outside_id"),
+            subject.c.enrolled_utc,
+        )
+        .join(schema.study, schema.study.c.id == subject.c.study_id)
+        .order_by(schema.study.c.id, subject.c.number)
+    )
+    columns = (*SUBJECT_COLUMNS, *meanings.values())
+    rows = [
+        _plain({**dict.fromkeys(meanings), **row._mapping, **facts.get(row.id, {})}, columns)
+        for row in connection.execute(query)
+    ]
+    return Table(columns, tuple(rows))
+
+
+def _thresholds(store: Store) -> Table:
+    try:
+        runs = detection_runs(store)
+    except BadInput:
+        return Table(THRESHOLD_COLUMNS, ())
+    with store.read() as connection:
+        names = {row.id: row.name for row in connection.execute(select(schema.study))}
+    about = {
+        run.run.id: {
+            "study": names[run.session.study_id],
+            "visit": run.session.visit,
+            "respondent": run.run.respondent,
+            "rig_simulated": run.run.rig_simulated,
+            "shown": run.run.shown,
+        }
+        for run in runs
+    }
+    rows = []
+    for one in thresholds(runs):
+        values = {**asdict(one), **about[one.run], "flags": "|".join(one.flags)}
+        rows.append(_plain(values, THRESHOLD_COLUMNS))
+    return Table(THRESHOLD_COLUMNS, tuple(rows))
+
+
+def _settings(connection: Connection) -> dict[str, dict[str, object]]:
+    version, study = schema.protocol_version, schema.study
+    query = (
+        select(version, study.c.name.label("study"))
+        .join(study, study.c.id == version.c.study_id)
+        .order_by(version.c.study_id, version.c.number)
+    )
+    return {
+        f"protocol-{row.study_id}-{row.number}": {
+            "study": row.study,
+            "version": row.number,
+            "reason": row.reason,
+            "sha256": row.sha256,
+            "tool_version": row.tool_version,
+            "created_utc": row.created_utc,
+            "protocol": json.loads(json.dumps(tomllib.loads(row.toml), default=str)),
+        }
+        for row in connection.execute(query)
+    }
+
+
+def _table(rows: Iterable[Row[Any]], columns: tuple[Meaning, ...]) -> Table:
+    return Table(columns, tuple(_plain(dict(row._mapping), columns) for row in rows))
+
+
+def _plain(values: Mapping[str, object], columns: tuple[Meaning, ...]) -> TableRow:
+    return {one.name: _value(values[one.name]) for one in columns}
+
+
+def _value(value: object) -> Value:
+    if isinstance(value, bool):
+        return int(value)
+    if isinstance(value, float) and isnan(value):
+        return None
+    assert value is None or isinstance(value, str | int | float)
+    return value

@@ -1,0 +1,1 @@
+"""What subjects and operators read, in their language."""

@@ -1,0 +1,94 @@
+"""Words by their key, from a language file: shipped ones, or one that a laboratory wrote."""
+
+from __future__ import annotations
+
+import string
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+
+from tactuator.errors import BadInput
+
+_SOURCE = "en"
+_LONGEST = 400
+
+
+@dataclass(frozen=True)
+class Words:
+    """language: its tag (BCP 47), as a page's `lang`; texts: by key, with {names} of what is put in."""
+
+    language: str
+    texts: Mapping[str, str]
+
+    def __call__(self, key: str, /, **values: object) -> str:
+        """Return the text of that key with the values put in. Raises KeyError for a key that no file has."""
+        return self.texts[key].format_map({name: str(value) for name, value in values.items()})
+
+
+def shipped_languages() -> tuple[str, ...]:
+    """Return the tags of the languages that come with the package, in order."""
+    folder = files("tactuator.experiment.language")
+    return tuple(sorted(one.name.removesuffix(".toml") for one in folder.iterdir() if one.name.endswith(".toml")))
+
+
+@cache
+def shipped_words(language: str) -> Words:
+    """Return the words of a language that comes with the package; BadInput for another."""
+    if language not in shipped_languages():
+        raise BadInput(
+            f"language {language!r}; allowed: {', '.join(shipped_languages())}, or a language_file of one's own"
+        )
+    text = files("tactuator.experiment.language").joinpath(f"{language}.toml").read_text(encoding="utf-8")
+    return Words(language, _flat(tomllib.loads(text)))
+
+
+def read_words(path: Path, language: str) -> Words:
+    """Return the words of a language file, which has the keys of the shipped ones and the same names in each text.
+
+    Raises BadInput for a file that cannot be read or lacks a key, has one too many, or puts in other names.
+    """
+    try:
+        found = _flat(tomllib.loads(path.read_text(encoding="utf-8-sig")))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        reason = (error.strerror if isinstance(error, OSError) else str(error)) or "cannot be read"
+        raise BadInput(f"language file {path}: {reason}; allowed: TOML as the shipped files are") from None
+    amiss = difference(found, shipped_words(_SOURCE).texts)
+    if amiss is not None:
+        raise BadInput(f"language file {path}: {amiss}")
+    return Words(language, found)
+
+
+def difference(found: Mapping[str, str], source: Mapping[str, str]) -> str | None:
+    """Return what keeps `found` from standing in for `source`, in one line; None where nothing does."""
+    missing, beyond = sorted(set(source) - set(found)), sorted(set(found) - set(source))
+    if missing or beyond:
+        return f"keys missing: {', '.join(missing) or 'none'}; beyond: {', '.join(beyond) or 'none'}; allowed: the same"
+    for key, text in found.items():
+        wanted, got = _names(source[key]), _names(text)
+        if got != wanted:
+            return f"{key} puts in {_listed(got)}; allowed: {_listed(wanted)}"
+        if not 0 < len(text) <= _LONGEST:
+            return f"{key} has {len(text)} characters; allowed: 1 to {_LONGEST}"
+    return None
+
+
+def _listed(names: set[str]) -> str:
+    return ", ".join(sorted(names)) or "nothing"
+
+
+def _names(text: str) -> set[str]:
+    try:
+        return {name for _, name, _, _ in string.Formatter().parse(text) if name is not None}
+    except ValueError:
+        return {"a brace without its partner"}
+
+
+def _flat(document: Mapping[str, object], prefix: str = "") -> dict[str, str]:
+    """{"page.done": ...} of tables in tables; whatever is no text becomes its words."""
+    flat: dict[str, str] = {}
+    for key, value in document.items():
+        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": str(value)}
+    return flat

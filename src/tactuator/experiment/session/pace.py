@@ -1,0 +1,31 @@
+"""How long a session will still take, from how fast it has gone so far."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+_THINKING_S = 1.5
+"""From the end of a trial to the next one where nothing is known of the subject yet."""
+_PAUSE_S = 60.0
+"""Longer between two answers is a break, and says nothing of the pace."""
+_KEPT = 30
+
+
+@dataclass
+class Pace:
+    """Seconds that trials take beside what they play: the mean of the last thirty."""
+
+    _beside_s: deque[float] = field(init=False, default_factory=lambda: deque(maxlen=_KEPT))
+    _last_s: float | None = field(init=False, default=None)
+
+    def answered(self, now_s: float, played_s: float) -> None:
+        """An answer came; played_s: how long its trial plays."""
+        if self._last_s is not None and now_s - self._last_s < _PAUSE_S + played_s:
+            self._beside_s.append(max(0.0, now_s - self._last_s - played_s))
+        self._last_s = now_s
+
+    @property
+    def beside_s(self) -> float:
+        """Return the seconds between trials, as they were or as they are taken to be."""
+        return sum(self._beside_s) / len(self._beside_s) if self._beside_s else _THINKING_S

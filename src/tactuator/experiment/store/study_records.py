@@ -1,0 +1,155 @@
+"""Reading and writing who takes part in what: studies, versions of their protocols, subjects, sessions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import Connection, Select, func, insert, select, update
+
+from tactuator import __version__
+from tactuator.experiment.protocol.file import protocol_hash
+from tactuator.experiment.protocol.study import StudyProtocol
+from tactuator.experiment.store import schema
+from tactuator.experiment.store.cells import Found, stamp
+
+Tokens = Callable[[str, int], str]
+"""Makes the token of a link, told the subject's code and the number of the visit."""
+
+
+@dataclass(frozen=True)
+class NewSubject:
+    """Someone to enrol. facts: (value, unit) of each demographic item by its name."""
+
+    code: str
+    group: str = "unknown"
+    participant_id: str | None = None
+    skin_temperature_c: float | None = None
+    facts: Mapping[str, tuple[str, str]] | None = None
+
+
+def add_study(connection: Connection, name: str, now: datetime) -> int:
+    """A new study; its id."""
+    row = {"name": name, "created_utc": stamp(now)}
+    return int(connection.execute(insert(schema.study).values(row).returning(schema.study.c.id)).scalar_one())
+
+
+def study_by_version(connection: Connection, text: str) -> int | None:
+    """The newest study that has had a protocol of exactly that text."""
+    version = schema.protocol_version
+    query = select(func.max(version.c.study_id)).where(version.c.sha256 == protocol_hash(text))
+    return connection.execute(query).scalar()
+
+
+def study_by_name(connection: Connection, name: str) -> int | None:
+    """The newest study of that name."""
+    return connection.execute(select(func.max(schema.study.c.id)).where(schema.study.c.name == name)).scalar()
+
+
+def versions(connection: Connection, study: int) -> list[Found]:
+    """Every version of the study's protocol, the first first."""
+    table = schema.protocol_version
+    return list(connection.execute(select(table).where(table.c.study_id == study).order_by(table.c.number)))
+
+
+def add_version(connection: Connection, study: int, text: str, reason: str, now: datetime) -> int:
+    """A further version of the study's protocol; its id."""
+    table = schema.protocol_version
+    last = connection.execute(select(func.max(table.c.number)).where(table.c.study_id == study)).scalar() or 0
+    row = {
+        "study_id": study,
+        "number": last + 1,
+        "toml": text,
+        "sha256": protocol_hash(text),
+        "reason": reason,
+        "tool_version": __version__,
+        "created_utc": stamp(now),
+    }
+    return int(connection.execute(insert(table).values(row).returning(table.c.id)).scalar_one())
+
+
+def subjects(connection: Connection, study: int) -> list[Found]:
+    """The study's subjects in the order in which they were enrolled."""
+    table = schema.subject
+    return list(connection.execute(select(table).where(table.c.study_id == study).order_by(table.c.number)))
+
+
+def add_subject(connection: Connection, study: int, new: NewSubject, now: datetime) -> Found:
+    """Enrol a subject under the next number; the row."""
+    table = schema.subject
+    last = connection.execute(select(func.max(table.c.number)).where(table.c.study_id == study)).scalar()
+    row = {
+        "study_id": study,
+        "number": 0 if last is None else last + 1,
+        "code": new.code,
+        "subject_group": new.group,
+        "participant_id": new.participant_id,
+        "enrolled_utc": stamp(now),
+    }
+    made = connection.execute(insert(table).values(row).returning(table)).one()
+    for name, (value, unit) in (new.facts or {}).items():
+        fact = {"subject_id": made.id, "name": name, "value": value, "unit": unit}
+        connection.execute(insert(schema.demographic).values(fact))
+    return made
+
+
+def add_session(
+    connection: Connection,
+    protocol: StudyProtocol,
+    subject: Found,
+    token: str,
+    now: datetime,
+    skin_temperature_c: float | None = None,
+) -> None:
+    """The subject's next visit, under the circumstances of the protocol."""
+    table = schema.session
+    last = connection.execute(select(func.max(table.c.visit)).where(table.c.subject_id == subject.id)).scalar() or 0
+    circumstances = protocol.circumstances.model_dump()
+    if skin_temperature_c is not None:
+        circumstances["skin_temperature_c"] = skin_temperature_c
+    row = {
+        "study_id": subject.study_id,
+        "subject_id": subject.id,
+        "visit": last + 1,
+        "link_token": token,
+        "experimenter": protocol.study.experimenter,
+        "created_utc": stamp(now),
+        **circumstances,
+    }
+    connection.execute(insert(table).values(row))
+
+
+def session_query() -> Select[Any]:
+    """Rows of sessions with what is known of their subjects (subject_number, subject_code, subject_group)."""
+    who = schema.subject
+    return select(
+        schema.session,
+        who.c.number.label("subject_number"),
+        who.c.code.label("subject_code"),
+        who.c.subject_group,
+        who.c.participant_id,
+    ).join(who, who.c.id == schema.session.c.subject_id)
+
+
+def sessions(connection: Connection, study: int) -> list[Found]:
+    """The study's sessions in order of subjects and visits."""
+    query = session_query().where(schema.session.c.study_id == study)
+    return list(connection.execute(query.order_by(schema.subject.c.number, schema.session.c.visit)))
+
+
+def session(connection: Connection, session: int) -> Found:
+    """The session's row."""
+    return connection.execute(session_query().where(schema.session.c.id == session)).one()
+
+
+def change_session(connection: Connection, session: int, **values: Any) -> None:
+    """Write columns of a session."""
+    connection.execute(update(schema.session).where(schema.session.c.id == session).values(**values))
+
+
+def set_participant(connection: Connection, subject: int, participant_id: str) -> None:
+    """Write who the subject is to others."""
+    table = schema.subject
+    connection.execute(update(table).where(table.c.id == subject).values(participant_id=participant_id))

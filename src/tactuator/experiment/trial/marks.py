@@ -1,0 +1,76 @@
+"""Intervals announced by touch, for those who neither see nor hear: as many taps as the interval's number."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.errors import BadInput
+from tactuator.perception.levels import COMFORT_DB_SL
+from tactuator.signals.decibels import from_db
+from tactuator.signals.stimuli import tone
+
+Samples = NDArray[np.float64]
+_LONGEST_S = 5.0
+
+
+@dataclass(frozen=True)
+class Marks:
+    """Taps before each interval (one before the first, two before the second ...) and a long one when all are over.
+
+    channel: where; frequency_hz, level_db_sl, tap_s: of a tap; pause_s: between taps; after_s: rest between the last
+    tap and the interval, long enough that a tap does not mask what follows.
+    """
+
+    channel: str
+    frequency_hz: float = 60.0
+    level_db_sl: float = 25.0
+    tap_s: float = 0.08
+    pause_s: float = 0.12
+    after_s: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not self.level_db_sl <= COMFORT_DB_SL:
+            raise BadInput(f"marks: level_db_sl is {self.level_db_sl:g}; allowed: {COMFORT_DB_SL:g} at most")
+        for key in ("frequency_hz", "tap_s"):
+            if not getattr(self, key) > 0.0:
+                raise BadInput(f"marks: {key} is {getattr(self, key):g}; allowed: a positive number")
+        for key in ("tap_s", "pause_s", "after_s"):
+            if not 0.0 <= getattr(self, key) <= _LONGEST_S:
+                raise BadInput(f"marks: {key} is {getattr(self, key):g}; allowed: 0 to {_LONGEST_S:g} s")
+
+    def before(self, interval: int, silence_s: float, rate_hz: float, channels: Sequence[str]) -> Samples:
+        """Return what precedes an interval (from 0), (n, channels) in threshold units; it ends in silence of after_s,
+
+        or of silence_s where that is longer.
+        """
+        pause = np.zeros(round(self.pause_s * rate_hz))
+        taps = [part for _ in range(interval + 1) for part in (self._tap(self.tap_s, rate_hz), pause)]
+        rest = np.zeros(round(max(self.after_s, silence_s) * rate_hz))
+        lead = np.zeros(round(silence_s * rate_hz))
+        return self._placed(np.concatenate([lead, *taps, rest]), channels)
+
+    def end(self, rate_hz: float, channels: Sequence[str]) -> Samples:
+        """Return what tells that an answer is asked for, (n, channels): silence and a tap four times as long."""
+        return self._placed(
+            np.concatenate([np.zeros(round(self.after_s * rate_hz)), self._tap(4.0 * self.tap_s, rate_hz)]), channels
+        )
+
+    def duration_s(self, intervals: int) -> float:
+        """Return how much longer a trial of that many intervals is, at most, seconds."""
+        taps = intervals * (intervals + 1) // 2
+        return taps * (self.tap_s + self.pause_s) + (intervals + 1) * self.after_s + 4.0 * self.tap_s
+
+    def _tap(self, duration_s: float, rate_hz: float) -> Samples:
+        level = float(from_db(self.level_db_sl))
+        return tone(self.frequency_hz, level, duration_s, rate_hz, ramp_s=0.25 * duration_s)
+
+    def _placed(self, wave: Samples, channels: Sequence[str]) -> Samples:
+        if self.channel not in channels:
+            raise BadInput(f"marks: channel {self.channel!r} is not on the rig; allowed: {', '.join(channels)}")
+        placed = np.zeros((wave.size, len(channels)))
+        placed[:, list(channels).index(self.channel)] = wave
+        return placed

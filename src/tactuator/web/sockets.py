@@ -1,0 +1,44 @@
+"""Connections: what is sent, what is read, and how the parts of one end together."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Coroutine
+from typing import Any
+
+from fastapi import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocketState
+
+from tactuator.errors import BadInput
+
+
+async def send(socket: WebSocket, message: dict[str, Any]) -> None:
+    """Send, or raise WebSocketDisconnect where the page has gone."""
+    if socket.application_state is WebSocketState.DISCONNECTED:
+        raise WebSocketDisconnect
+    await socket.send_json(message)
+
+
+async def receive_text(socket: WebSocket) -> str:
+    """The next message. Raises WebSocketDisconnect where the page has gone, BadInput for a frame that is no text."""
+    frame = await socket.receive()
+    if frame["type"] == "websocket.disconnect":
+        raise WebSocketDisconnect(frame.get("code", 1005))
+    text = frame.get("text")
+    if text is None:
+        raise BadInput("message: a binary frame; allowed: text")
+    return str(text)
+
+
+async def first_to_end(*parts: Coroutine[Any, Any, None]) -> None:
+    """Run the parts of a connection until one ends, and end the others; a page that goes is no error."""
+    tasks = [asyncio.create_task(part) for part in parts]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
+            task.cancel()
+        ends = await asyncio.gather(*tasks, return_exceptions=True)
+    for end in ends:
+        if isinstance(end, Exception) and not isinstance(end, WebSocketDisconnect):
+            raise end

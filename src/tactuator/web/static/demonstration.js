@@ -1,0 +1,62 @@
+"use strict";
+// On a simulated display nothing can be felt: the stimulus is drawn instead, as large as it would be felt, and sounded
+// where that is wished. envelope_db_sl: a value each step_s; frequency_hz where there is one.
+class Demonstration {
+  constructor(canvas, sound) {
+    Object.assign(this, { canvas, sound, shape: null, began: 0, context: null });
+    sound.onclick = () => this.listen(this.context === null);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw(0));
+  }
+
+  listen(on) {
+    if (on) this.context = new AudioContext(); else { this.context.close(); this.context = null; }
+    this.sound.setAttribute("aria-pressed", String(on));
+    this.sound.textContent = word(on ? "sound_off" : "sound_on");
+  }
+
+  // What an interval plays, from now on.
+  play(shape) {
+    Object.assign(this, { shape, began: performance.now() });
+    if (this.context !== null) this.tone(shape);
+    requestAnimationFrame(() => this.step());
+  }
+
+  level(seconds) {
+    const values = this.shape.envelope_db_sl, at = Math.floor(seconds / this.shape.step_s);
+    return at >= 0 && at < values.length ? values[at] : null;
+  }
+
+  step() {
+    const seconds = (performance.now() - this.began) / 1000;
+    const level = this.level(seconds);
+    this.draw(level === null ? 0 : Demonstration.height(level), seconds);
+    if (level !== null) requestAnimationFrame(() => this.step());
+  }
+
+  // Pixels: about one at threshold, so that it is as hard to see there as it would be to feel; full height at 50 dB SL.
+  static height(level) { return Math.min(56, Math.pow(10, level / 28)); }
+
+  draw(height, seconds = 0) {
+    const pen = this.canvas.getContext("2d"), { width, height: tall } = this.canvas;
+    pen.clearRect(0, 0, width, tall);
+    pen.strokeStyle = getComputedStyle(this.canvas).color;
+    pen.lineWidth = 2;
+    pen.beginPath();
+    const waves = 3 + 3 * Math.log10(Math.max(1, this.shape === null ? 1 : this.shape.frequency_hz || 50));
+    for (let x = 0; x <= width; x += 2) {
+      pen.lineTo(x, tall / 2 - height * Math.sin(2 * Math.PI * (waves * x / width - 3 * seconds)));
+    }
+    pen.stroke();
+  }
+
+  tone({ envelope_db_sl: levels, step_s: step, frequency_hz: frequency }) {
+    const gain = this.context.createGain(), source = this.context.createOscillator(), now = this.context.currentTime;
+    source.frequency.value = Math.max(frequency || 200, 60);
+    gain.gain.setValueAtTime(0, now);
+    levels.forEach((level, i) => gain.gain.linearRampToValueAtTime(level <= -60 ? 0 : Math.min(0.5, 0.002 * Math.pow(10, level / 20)), now + (i + 1) * step));
+    gain.gain.linearRampToValueAtTime(0, now + (levels.length + 1) * step);
+    source.connect(gain).connect(this.context.destination);
+    source.start(now);
+    source.stop(now + (levels.length + 1) * step);
+  }
+}

@@ -1,0 +1,220 @@
+"""Studies that live: versions of the protocol, subjects who come later, visits, the data of the day."""
+
+import pytest
+from sqlalchemy import select
+
+from tactuator.errors import BadInput
+from tactuator.experiment.protocol.study import SubjectPart
+from tactuator.experiment.session.studies import open_session
+from tactuator.experiment.store import schema
+from tactuator.experiment.store.records import Sitting
+from tactuator.experiment.store.store import Store
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, opened_study
+
+THIRD = PROTOCOL + '[[subject]]\ncode = "S3"\ngroup = "hearing"\n'
+OTHER = PROTOCOL.replace("[50, 100, 200]", "[60.5, 100, 200, 250]")
+ASKS = PROTOCOL + (
+    '[[demographic]]\nname = "age"\nlabel = "Age"\nkind = "number"\nunit = "year"\nlow = 18\nhigh = 99\n'
+    '[[demographic]]\nname = "hand"\nlabel = "Hand"\nkind = "choice"\nchoices = ["left", "right"]\nrequired = true\n'
+)
+
+
+@pytest.fixture
+def store(tmp_path):
+    made = Store(tmp_path / "lab.db")
+    yield made
+    made.close()
+
+
+def all_of(store, subject):
+    """Everything that the store has of a subject."""
+    with store.read() as connection:
+        who = connection.execute(select(schema.subject).where(schema.subject.c.code == subject)).one()
+        sessions = connection.execute(select(schema.session).where(schema.session.c.subject_id == who.id)).all()
+        ids = [row.id for row in sessions]
+        runs = connection.execute(select(schema.run).where(schema.run.c.session_id.in_(ids))).all()
+        trials = connection.execute(
+            select(schema.trial).where(schema.trial.c.run_id.in_([one.id for one in runs]))
+        ).all()
+        answers = connection.execute(
+            select(schema.response).where(schema.response.c.trial_id.in_([one.id for one in trials]))
+        ).all()
+    return [who, sessions, runs, trials, answers]
+
+
+def orders(study):
+    return {
+        (row.subject_code, row.visit): [(run.finger, run.frequency_hz) for run in study.session(row).runs]
+        for row in study.sessions()
+    }
+
+
+def test_study__subject_added_to_the_file__leaves_the_others_as_they_are(store) -> None:
+    clock = ObedientClock()
+    conduct = begin(store, clock)
+    for _ in range(5):
+        answer_one(conduct, clock)
+    before, order = all_of(store, "S1"), orders(opened_study(store, clock))
+    study = opened_study(store, clock, THIRD)
+    assert all_of(store, "S1") == before
+    assert {key: runs for key, runs in orders(study).items() if key[0] != "S3"} == order
+    assert [row.subject_code for row in study.sessions()] == ["S1", "S2", "S3"]
+    assert [row.link_token for row in study.sessions()] == ["token-S1", "token-S2", "token-S3"]
+    again = begin(store, clock, THIRD)
+    assert again.session.next_trial().trial == conduct.session.next_trial().trial
+
+
+def test_study__subject_put_first_in_the_file__does_not_move_the_others(store) -> None:
+    clock = ObedientClock()
+    order = orders(opened_study(store, clock))
+    first = PROTOCOL.replace('[[subject]]\ncode = "S1"', '[[subject]]\ncode = "S0"\n[[subject]]\ncode = "S1"', 1)
+    after = orders(opened_study(store, clock, first))
+    assert {key: after[key] for key in order} == order
+    assert after["S0", 1] not in (order["S1", 1], order["S2", 1])
+
+
+def test_study__protocol_that_says_something_else__takes_a_reason(store) -> None:
+    clock = ObedientClock()
+    opened_study(store, clock)
+    with pytest.raises(BadInput, match=r"stands at version 1 of its protocol, .*--amend"):
+        opened_study(store, clock, OTHER)
+    study = opened_study(store, clock, OTHER, amend="60 Hz is mains")
+    with store.read() as connection:
+        rows = connection.execute(select(schema.protocol_version).order_by(schema.protocol_version.c.number)).all()
+    assert [(row.number, row.reason, row.toml) for row in rows] == [(1, "", PROTOCOL), (2, "60 Hz is mains", OTHER)]
+    assert study.version == rows[1].id
+    with pytest.raises(BadInput, match="version 1 of study 'short', which stands at 2"):
+        opened_study(store, clock)
+
+
+def test_study__amended__sessions_that_began_stay_with_their_version_and_others_follow(store) -> None:
+    clock = ObedientClock()
+    conduct = begin(store, clock)
+    for _ in range(4):
+        answer_one(conduct, clock)
+    before = all_of(store, "S1")
+    study = opened_study(store, clock, OTHER, amend="60 Hz is mains")
+    assert all_of(store, "S1") == before
+    frequencies = {key: {hertz for _, hertz in runs} for key, runs in orders(study).items()}
+    assert frequencies["S1", 1] == {50.0, 100.0, 200.0}
+    assert frequencies["S2", 1] == {60.5, 100.0, 200.0, 250.0}
+    again = open_session(study, "S1")
+    assert again.next_trial().trial == conduct.session.next_trial().trial
+    other = begin(store, clock, OTHER, subject=1)
+    answer_one(other, clock)
+    with store.read() as connection:
+        versions = dict(
+            connection.execute(
+                select(schema.subject.c.code, schema.protocol_version.c.number)
+                .select_from(
+                    schema.run.join(schema.session)
+                    .join(schema.subject, schema.subject.c.id == schema.session.c.subject_id)
+                    .join(schema.protocol_version, schema.protocol_version.c.id == schema.run.c.protocol_version_id)
+                )
+                .distinct()
+            ).all()
+        )
+    assert versions == {"S1": 1, "S2": 2}
+
+
+def test_study__same_protocol_again__is_the_same_study(store) -> None:
+    clock = ObedientClock()
+    first, again = opened_study(store, clock), opened_study(store, clock)
+    assert (first.id, first.version) == (again.id, again.version)
+    assert len(again.sessions()) == 2
+
+
+def test_visits__of_a_subject__have_links_orders_and_seeds_of_their_own(store) -> None:
+    text = PROTOCOL.replace('experimenter = "EX"', 'experimenter = "EX"\nvisits = 2')
+    study = opened_study(store, ObedientClock(), text)
+    links = {(row.subject_code, row.visit): row.link_token for row in study.sessions()}
+    assert sorted(links) == [("S1", 1), ("S1", 2), ("S2", 1), ("S2", 2)]
+    assert len(set(links.values())) == 4
+    found = orders(study)
+    assert found["S1", 1] == orders(opened_study(store, ObedientClock(), text))["S1", 1]
+    assert sorted(found["S1", 1]) == sorted(found["S1", 2])
+    first, second = (study.session(row) for row in study.sessions()[:2])
+    assert first.task.course(first.runs[1], 0, 1).seed != second.task.course(second.runs[1], 0, 2).seed
+    study.add_visit("S2")
+    assert [row.visit for row in study.sessions() if row.subject_code == "S2"] == [1, 2, 3]
+    with pytest.raises(BadInput, match="'S9' is not in the study"):
+        study.add_visit("S9")
+
+
+def test_open_session__first_visit_over__is_the_next(store) -> None:
+    clock = ObedientClock()
+    text = PROTOCOL.replace('experimenter = "EX"', 'experimenter = "EX"\nvisits = 2')
+    first = begin(store, clock, text)
+    first.withdraw(keep=True)
+    study = opened_study(store, clock, text)
+    assert open_session(study, "S1").id == study.sessions()[1].id
+    assert open_session(study, "S1", visit=1).stage == "ended"
+    with pytest.raises(BadInput, match="visit 7"):
+        open_session(study, "S1", visit=7)
+
+
+def test_enrol__with_what_the_laboratory_asks__is_kept_and_checked(store) -> None:
+    study = opened_study(store, ObedientClock(), ASKS)
+    study.enrol(SubjectPart(code="S7", participant_id="P-07", demographics={"age": "31", "hand": "left"}))
+    with store.read() as connection:
+        facts = connection.execute(
+            select(schema.demographic.c.name, schema.demographic.c.value, schema.demographic.c.unit)
+        )
+        assert [tuple(row) for row in facts] == [("age", "31", "year"), ("hand", "left", "")]
+    for part, words in (
+        (SubjectPart(code="S7"), "'S7' is enrolled already"),
+        (SubjectPart(code="S8", participant_id="P-07"), "'P-07' is another subject's"),
+        (
+            SubjectPart(code="S8", demographics={"age": "7", "hand": "left"}),
+            "age is '7'; allowed: a number from 18 to 99",
+        ),
+        (SubjectPart(code="S8", demographics={"age": "inf", "hand": "left"}), "age is 'inf'"),
+        (SubjectPart(code="S8", demographics={"age": "20"}), "hand is not given"),
+        (SubjectPart(code="S8", demographics={"hand": "third"}), "hand is 'third'; allowed: left, right"),
+        (SubjectPart(code="S8", demographics={"size": "1"}), "'size'; allowed: age, hand"),
+    ):
+        with pytest.raises(BadInput, match=words):
+            study.enrol(part)
+    assert [row.subject_code for row in study.sessions()] == ["S1", "S2", "S7"]
+
+
+def test_claim__participant_id__is_kept_once_and_never_anothers(store) -> None:
+    study = opened_study(store, ObedientClock())
+    first, second = study.sessions()
+    study.claim(first, "abc.1")
+    study.claim(first, "abc.1")
+    for row, name in ((first, "other"), (second, "abc.1")):
+        with pytest.raises(BadInput, match="another participant's"):
+            study.claim(row, name)
+    with pytest.raises(BadInput, match="1 to 64 letters"):
+        study.claim(second, "a b")
+    assert [row.participant_id for row in study.sessions()] == ["abc.1", None]
+
+
+def test_day__written_twice__keeps_what_was_there_as_an_event(store) -> None:
+    study = opened_study(store, ObedientClock())
+    session = study.sessions()[0].id
+    study.set_day(session, 30.5, 0.4)
+    study.set_day(session, 31.5, None)
+    row = study.sessions()[0]
+    assert (row.skin_temperature_c, row.preload_n) == (31.5, None)
+    with store.read() as connection:
+        told = connection.execute(select(schema.event.c.detail).where(schema.event.c.kind == "day")).scalars().all()
+    assert ["31" in told[0], "30.5" in told[1]] == [True, True]
+
+
+def test_run__who_answered__is_stored(store) -> None:
+    clock = ObedientClock()
+    study = opened_study(store, clock)
+    session = open_session(study, "S1", sitting=Sitting("simulated"))
+    session.give_consent()
+    session.next_trial()
+    with store.read() as connection:
+        run = connection.execute(select(schema.run)).one()
+    assert (run.respondent, run.rig_simulated, run.shown, run.rig_rate_hz, run.speed) == (
+        "simulated",
+        True,
+        "",
+        4000.0,
+        None,
+    )
