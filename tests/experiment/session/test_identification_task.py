@@ -108,7 +108,7 @@ def test_results__of_a_detection_session__are_its_thresholds(tmp_path) -> None:
     ("form", "names"),
     [
         ("tidy", {"trials.csv"}),
-        ("psych-ds", {"data/subject-S1_task-identification_table-trials_data.csv"}),
+        ("psych-ds", {"data/subject-S1_task-identification_description-trials_data.csv"}),
         (
             "bids",
             {

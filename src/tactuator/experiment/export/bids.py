@@ -93,6 +93,7 @@ def _events(trials: list[TableRow], played: list[TableRow]) -> str:
         onset = (began[row["trial"]] - first).total_seconds() + row["onset_s"]
         others = [cell(row[one.name], _MISSING) for one in _EVENTS[2:]]
         rows.append([round(onset, 6), cell(row["duration_s"], _MISSING), *others])
+    rows.sort(key=lambda row: float(row[0] or 0.0))
     return lines([[one.name for one in _EVENTS], *rows], "\t")
 
 

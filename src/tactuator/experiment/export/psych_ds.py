@@ -14,7 +14,7 @@ def write_psych_ds(found: Exported, folder: Path) -> None:
     """Write the dataset: trials and intervals of each subject and task, and the tables of all of them."""
     variables: dict[str, Meaning] = {}
     for table in found.tables.values():
-        for one in table.columns:
+        for one in table.columns if table.rows else ():
             variables.setdefault(one.name, one)
     write_json(
         folder / "dataset_description.json",
@@ -27,12 +27,13 @@ def write_psych_ds(found: Exported, folder: Path) -> None:
             "variableMeasured": [_property(one) for one in variables.values()],
         },
     )
+    (folder / "README.md").write_text(f"# {study_names(found)}\n\n{description(found)}\n", encoding="utf-8")
     data = folder / "data"
     data.mkdir()
     for name in ("events", "subjects", "thresholds"):
         table = found.tables[name]
         if table.rows:
-            (data / f"table-{name}_data.csv").write_text(table_text(table), encoding="utf-8")
+            (data / f"description-{name}_data.csv").write_text(table_text(table), encoding="utf-8")
     for subject in subject_codes(found):
         mine = [row for row in found.trials.rows if row["subject"] == subject]
         for task in task_names(mine):
@@ -47,7 +48,7 @@ def write_psych_ds(found: Exported, folder: Path) -> None:
 
 
 def _write(folder: Path, stem: str, what: str, table: Table, rows: list[TableRow]) -> None:
-    (folder / f"{stem}_table-{what}_data.csv").write_text(table_text(table, rows=rows), encoding="utf-8")
+    (folder / f"{stem}_description-{what}_data.csv").write_text(table_text(table, rows=rows), encoding="utf-8")
 
 
 def _property(one: Meaning) -> dict[str, str]:

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from math import isnan
 from typing import Any
 
-from sqlalchemy import Connection, Row, Select, select
+from sqlalchemy import Connection, Row, ScalarSelect, Select, func, select
 
 from tactuator.errors import BadInput
 from tactuator.experiment.export.dictionary import (
@@ -116,6 +116,7 @@ def _trials(connection: Connection) -> Table:
         values = dict(row._mapping)
         values["stimuli"], values["measured_db_sl"] = played.get(values["trial_key"], ("", None))
         shown, pressed = values["client_shown_ms"], values["client_pressed_ms"]
+        values["subject_group"] = _group(values["subject_group"], values["respondent"])
         values["response_time"] = None if shown is None or pressed is None else (pressed - shown) / 1000.0
         rows.append(_plain(values, TRIAL_COLUMNS))
     return Table(TRIAL_COLUMNS, tuple(rows))
@@ -188,16 +189,29 @@ def _subjects(connection: Connection) -> Table:
             subject.c.subject_group,
             subject.c.participant_id.label("outside_id"),
             subject.c.enrolled_utc,
+            _programs().label("programs"),
         )
         .join(schema.study, schema.study.c.id == subject.c.study_id)
         .order_by(schema.study.c.id, subject.c.number)
     )
     columns = (*SUBJECT_COLUMNS, *meanings.values())
-    rows = [
-        _plain({**dict.fromkeys(meanings), **row._mapping, **facts.get(row.id, {})}, columns)
-        for row in connection.execute(query)
-    ]
+    rows = []
+    for row in connection.execute(query):
+        values = {**dict.fromkeys(meanings), **row._mapping, **facts.get(row.id, {})}
+        values["subject_group"] = "simulated" if row.programs else row.subject_group
+        rows.append(_plain(values, columns))
     return Table(columns, tuple(rows))
+
+
+def _programs() -> ScalarSelect[Any]:
+    """How many runs of a subject a program answered."""
+    run, session = schema.run, schema.session
+    return (
+        select(func.count())
+        .select_from(run.join(session, session.c.id == run.c.session_id))
+        .where(session.c.subject_id == schema.subject.c.id, run.c.respondent.in_(("simulated", "script")))
+        .scalar_subquery()
+    )
 
 
 def _thresholds(store: Store) -> Table:
@@ -220,8 +234,14 @@ def _thresholds(store: Store) -> Table:
     rows = []
     for one in thresholds(runs):
         values = {**asdict(one), **about[one.run], "flags": "|".join(one.flags)}
+        values["group"] = _group(one.group, str(values["respondent"]))
         rows.append(_plain(values, THRESHOLD_COLUMNS))
     return Table(THRESHOLD_COLUMNS, tuple(rows))
+
+
+def _group(group: str, respondent: str) -> str:
+    """What a row says of its subject: where a program answered, that, whatever the protocol says."""
+    return "simulated" if respondent in ("simulated", "script") else group
 
 
 def _settings(connection: Connection) -> dict[str, dict[str, object]]:

@@ -1,0 +1,187 @@
+"""Exports: every table whole and explained, thresholds that follow from the tables alone, nothing that executes."""
+
+import csv
+import json
+import math
+import shutil
+import subprocess
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from tactuator.experiment.export.export import export
+from tactuator.experiment.export.writing import cell
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.simulated.sitting import run_study, simulated_observers
+from tactuator.experiment.store.records import Answer
+from tactuator.experiment.store.store import Store
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, opened_study, station
+
+QUICK = (
+    PROTOCOL.replace('kind = "up-down"\nstart_db_sl = 20\nsteps_db = [4, 2]\nreversals = 6\naveraged = 4', "PLACE")
+    .replace("PLACE", 'kind = "quest-plus"\ntrials = 16')
+    .replace('experimenter = "EX"', 'experimenter = "=1+1"\nvisits = 2')
+) + '[[demographic]]\nname = "age"\nlabel = "Age"\nkind = "number"\nunit = "year"\n'
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory):
+    """Two simulated subjects, two visits of the first, and a person who withdraws with all of it."""
+    made, place = Store(tmp_path_factory.mktemp("store") / "lab.db"), station()
+    curve = place.controller.display.channels[0].threshold.curve
+    protocol = parse_protocol(QUICK)
+    for _ in range(2):
+        run_study(made, protocol, QUICK, place, simulated_observers(curve, 2, 3, place.band_hz), ObedientClock())
+    text, clock = QUICK + '[[subject]]\ncode = "S3"\n', ObedientClock()
+    person = begin(made, clock, text, subject=2)
+    for _ in range(5):
+        answer_one(person, clock)
+    person.withdraw(keep=False)
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def tidy(store, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("out") / "tidy"
+    export(store, folder, "tidy")
+    return folder
+
+
+def rows(path):
+    with path.open() as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_tidy__every_column_of_every_table__is_explained(tidy) -> None:
+    explained = {(row["table"], row["column"]) for row in rows(tidy / "dictionary.csv") if row["description"]}
+    tables = [path for path in tidy.glob("*.csv") if path.stem != "dictionary"]
+    assert {path.stem for path in tables} == {"trials", "intervals", "events", "subjects", "thresholds"}
+    for path in tables:
+        with path.open() as stream:
+            assert {(path.stem, name) for name in next(csv.reader(stream))} <= explained
+
+
+def test_tidy__simulated_subjects__are_called_so_in_every_table(tidy) -> None:
+    assert {row["subject_group"] for row in rows(tidy / "trials.csv")} == {"simulated"}
+    assert {row["respondent"] for row in rows(tidy / "trials.csv")} == {"simulated"}
+    assert {(row["group"], row["respondent"], row["rig_simulated"]) for row in rows(tidy / "thresholds.csv")} == {
+        ("simulated", "simulated", "1")
+    }
+    groups = {row["subject"]: row["subject_group"] for row in rows(tidy / "subjects.csv")}
+    assert groups == {"S1": "simulated", "S2": "simulated", "S3": "unknown"}
+
+
+def test_tidy__subject_who_took_the_answers_along__is_in_no_table_of_data(tidy) -> None:
+    for name in ("trials", "intervals", "thresholds"):
+        assert "S3" not in {row["subject"] for row in rows(tidy / f"{name}.csv")}
+    assert "withdrawn-discard" in {row["kind"] for row in rows(tidy / "events.csv")}
+
+
+def test_tidy__intervals__have_the_protocols_times_and_belong_to_the_trials(tidy) -> None:
+    trials = {(row["run"], row["trial"]) for row in rows(tidy / "trials.csv")}
+    intervals = rows(tidy / "intervals.csv")
+    assert {(row["run"], row["trial"]) for row in intervals} == trials
+    assert len(intervals) == 3 * len(trials)
+    for first, second in pairwise(intervals):
+        if first["trial"] == second["trial"] and first["run"] == second["run"]:
+            gap_s = float(second["onset_s"]) - float(first["onset_s"]) - float(first["duration_s"])
+            assert gap_s == pytest.approx(0.01, abs=1 / 4000)
+
+
+def test_tidy__settings__are_the_protocol_of_each_version(tidy) -> None:
+    found = [json.loads(path.read_text()) for path in sorted((tidy / "settings").iterdir())]
+    assert [one["version"] for one in found] == [1, 2]
+    assert found[0]["protocol"]["procedure"] == {"kind": "quest-plus", "trials": 16}
+    assert [one["reason"] for one in found] == ["", "subjects"]
+
+
+def test_tidy__words_that_a_spreadsheet_would_execute__are_not(tidy) -> None:
+    assert {row["experimenter"] for row in rows(tidy / "trials.csv")} == {"'=1+1"}
+    for text in ("=A1", "+1", "-2+3", "@SUM(A1)", "\tx", "\rx"):
+        assert cell(text) == f"'{text}"
+    assert [cell(-3.5), cell(None), cell("plain")] == [-3.5, "", "plain"]
+
+
+def weibull_posterior(levels, correct, guess=1 / 3):
+    """A refit of one's own, of nothing but the exported trials: posterior median on a grid, as the documents say it."""
+    target = 0.7937005259840998
+    threshold = np.linspace(min(levels) - 20.0, max(levels) + 20.0, 801)
+    slope, lapse = np.geomspace(1.0, 6.0, 24), np.linspace(0.0, 0.1, 11)
+    t, s, g = np.meshgrid(threshold, slope, lapse, indexing="ij")
+    shift = np.log10(-np.log((1.0 - g - target) / (1.0 - g - guess))) / s * 20.0
+    log = np.log(np.exp(-0.5 * ((s - 2.5) / 1.0) ** 2) + 1e-30)
+    for level, right in zip(levels, correct, strict=True):
+        rise = 1.0 - np.exp(-(10.0 ** (s * (level - t + shift) / 20.0)))
+        chance = guess + (1.0 - guess - g) * rise
+        log = log + np.log(np.clip(chance if right else 1.0 - chance, 1e-12, 1.0))
+    weight = np.exp(log - log.max()).sum(axis=(1, 2))
+    return float(np.interp(0.5, np.cumsum(weight) / weight.sum(), threshold))
+
+
+def test_tidy__thresholds__follow_from_the_exported_trials_alone(tidy) -> None:
+    """The refit's prior is not in the tables: a posterior with a vague one of one's own agrees within its spread."""
+    trials = [row for row in rows(tidy / "trials.csv") if row["practice"] == "0" and row["run_state"] == "done"]
+    table = rows(tidy / "thresholds.csv")
+    assert {row["run"] for row in trials} == {row["run"] for row in table}
+    for row in table:
+        mine = [one for one in trials if one["run"] == row["run"]]
+        assert len(mine) == int(row["trials"])
+        levels = [float(one["level_db_sl"]) for one in mine]
+        found = weibull_posterior(levels, [one["correct"] == "1" for one in mine])
+        assert abs(found - float(row["refit_db_sl"])) < 0.7 * float(row["refit_sd_db"])
+        shift = float(row["level_db_re_1um"]) - float(row["refit_db_sl"]) - float(mine[0]["curve_level_db_re_1um"])
+        assert shift == pytest.approx(float(row["delivered_db"] or 0.0), abs=1e-9)
+
+
+@pytest.mark.parametrize("form", ["psych-ds", "bids"])
+def test_export__every_variable_described__stands_in_a_table(store, tmp_path, form) -> None:
+    """What the Psych-DS validator refuses: a variable in the description that no file has (it found one here)."""
+    export(store, tmp_path / form, form)
+    if form == "psych-ds":
+        document = json.loads((tmp_path / form / "dataset_description.json").read_text())
+        described = {one["name"] for one in document["variableMeasured"]}
+        found = set()
+        for path in (tmp_path / form / "data").iterdir():
+            with path.open() as stream:
+                found |= set(next(csv.reader(stream)))
+        assert found == described
+        return
+    for path in (tmp_path / form).rglob("*_events.tsv"):
+        with path.open() as stream:
+            onsets = [float(row["onset"]) for row in csv.DictReader(stream, delimiter="\t")]
+        assert onsets == sorted(onsets)
+    header = (tmp_path / form / "participants.tsv").read_text().splitlines()[0].split("\t")
+    assert header == ["participant_id", "subject_group", "enrolled_utc", "age"]
+    described = json.loads((tmp_path / form / "participants.json").read_text())
+    assert described["age"] == {"Description": "Age", "Units": "year"}
+
+
+@pytest.mark.soak
+@pytest.mark.skipif(shutil.which("bids-validator-deno") is None, reason="the validator is not installed")
+def test_bids__its_own_validator__finds_no_error(store, tmp_path) -> None:
+    export(store, tmp_path / "bids", "bids")
+    done = subprocess.run(
+        ["bids-validator-deno", "--json", str(tmp_path / "bids")], capture_output=True, text=True, check=False
+    )
+    issues = json.loads(done.stdout)["issues"]["issues"]
+    assert [one for one in issues if one["severity"] == "error"] == []
+
+
+def test_trials__times__are_of_page_and_server(tmp_path) -> None:
+    clock, made = ObedientClock(), Store(tmp_path / "lab.db")
+    conduct = begin(made, clock)
+    following = conduct.present(lambda interval, begins: None)
+    clock.wait(1.5)
+    answer = Answer(following.trial.correct, clock.utc(), 100.0, 900.0, (10.0, 60.0, 110.0), clock.monotonic_s())
+    conduct.answer(answer)
+    export(made, tmp_path / "out", "tidy")
+    (trial,) = rows(tmp_path / "out" / "trials.csv")
+    assert [float(trial[name]) for name in ("response_time", "server_response_time")] == [0.8, 1.5]
+    assert (trial["rig_rate_hz"], trial["presentations"], trial["respondent"]) == ("4000.0", "1", "person")
+    lit = [float(row["client_lit_ms"]) for row in rows(tmp_path / "out" / "intervals.csv")]
+    assert lit == [10.0, 60.0, 110.0]
+    assert not math.isnan(float(trial["rig_tick"]))
+    opened_study(made, clock)
+    made.close()
