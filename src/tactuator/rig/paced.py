@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 
 from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
+from tactuator.rig.finger import Finger
 from tactuator.rig.rig import ClosingRig, Rig, Ticking
-from tactuator.rig.touchable import Port, TouchableRig
+from tactuator.rig.touchable import TouchableRig
 from tactuator.rig.trace import Trace
 
 
@@ -34,21 +35,21 @@ class PacedRig(ClosingRig):
 
     @property
     def began_at(self) -> int | None:
-        """As the rig itself tells it."""
+        """Return the tick that the rig itself tells."""
         return self._rig.began_at if isinstance(self._rig, Ticking) else None
 
     @property
     def speed(self) -> float:
-        """Of presentation: 1 is real time."""
+        """Return the speed of presentation: 1 is real time."""
         return self._speed
 
     @property
     def has_finger_ports(self) -> bool:
-        """As the rig itself has them."""
+        """Return True where the rig itself has a simulated display."""
         return isinstance(self._rig, TouchableRig) and self._rig.has_finger_ports
 
-    def finger(self, channel: str) -> Port:
-        """The finger port of a channel; BadInput where the display is real."""
+    def finger(self, channel: str) -> Finger:
+        """Return the finger port of a channel; BadInput where the display is real."""
         if not isinstance(self._rig, TouchableRig):
             raise BadInput("this display is real: a finger goes onto it by hand; allowed: a simulated display")
         return self._rig.finger(channel)

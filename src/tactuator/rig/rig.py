@@ -94,5 +94,5 @@ class Ticking(Protocol):
 
     @property
     def began_at(self) -> int | None:
-        """Tick (sample of its run) of the first row of the last block or stream; None before the first."""
+        """Return the tick (sample of its run) of the first row of the last block or stream; None before the first."""
         ...

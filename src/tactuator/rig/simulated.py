@@ -47,7 +47,7 @@ class SimulatedRig(ClosingRig):
 
     @property
     def began_at(self) -> int | None:
-        """The sample, of all that were played or driven, at which the last block or stream began."""
+        """Return the sample, of all that were played or driven, at which the last block or stream began."""
         return self._began_at
 
     @property

@@ -199,7 +199,7 @@ class BoardRig(ClosingRig):
 
     @property
     def began_at(self) -> int | None:
-        """The tick of its run at which the board played the first row of the last block or stream."""
+        """Return the tick of its run at which the board played the first row of the last block or stream."""
         return self._began
 
     def status(self) -> Status:
