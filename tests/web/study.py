@@ -47,11 +47,12 @@ class Server:
     port: int = 0
     process: Any = None
     addresses: dict[str, str] = field(default_factory=dict)
+    more: tuple[str, ...] = ()  # arguments of one's own
 
     def start(self) -> None:
         arguments = ["experiment", "serve", str(self.protocol), "--store", str(self.store), "--port", str(self.port)]
         arguments += ["--controller", str(self.controller), "--operator-token", "op"]
-        arguments += ["--speed", "0", "--auto-start", "--no-show"]
+        arguments += ["--speed", "0", "--auto-start", "--no-show", *self.more]
         hears, told = FORKS.Pipe(duplex=False)
         self.process = FORKS.Process(target=_serve, args=(arguments, told), daemon=True)
         self.process.start()

@@ -92,12 +92,20 @@ class SubjectTab:
             await self._messages.put(_Said(message, clock.utc(), clock.monotonic_s()))
 
     async def _flow(self, conduct: Conduct) -> None:
-        """What the subject does, one stage after another, until it is interrupted; then that."""
+        """What the subject does, one stage after another, until it is interrupted; then that.
+
+        A pause may be interrupted in its turn: the subject leaves.
+        """
+        interruption: Pause | Withdraw | None = None
         while True:
             try:
-                await self._step(conduct)
+                if interruption is None:
+                    await self._step(conduct)
+                else:
+                    now, interruption = interruption, None
+                    await self._interrupted(conduct, now)
             except _Interrupted as interrupted:
-                await self._interrupted(conduct, interrupted.message)
+                interruption = interrupted.message
 
     async def _step(self, conduct: Conduct) -> None:
         session = conduct.session
@@ -294,7 +302,7 @@ class SubjectTab:
             stage=stage or session.stage,
             ended=session.ended,
             introduction="" if upcoming is None else upcoming.introduction,
-            waiting=session.stage == "trial" and not self.lab.may_play(self.session),
+            waiting=stage is None and session.stage == "trial" and not self.lab.may_play(self.session),
             progress=session.progress,
             left_s=round(session.time_left_s),
             break_left_s=session.break_left_s,

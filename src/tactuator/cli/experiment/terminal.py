@@ -30,15 +30,15 @@ class Terminal(Respondent):
         self._console = Console(stderr=True, markup=False)
 
     def agree(self, consent: str) -> bool:
-        """Ask for consent."""
+        """Ask whether the subject consents."""
         return typer.confirm(f"{consent}\n{self._words('terminal.agree')}", err=True)
 
     def pause(self) -> None:
-        """A break, until Enter."""
+        """Wait in a break until Enter."""
         typer.prompt(self._words("terminal.break"), default="", show_default=False, err=True)
 
     def begin(self, following: NextTrial) -> None:
-        """Tell what comes."""
+        """Tell what run comes next."""
         self._console.print(following.planned.introduction)
 
     def respond(self, trial: Trial) -> str:
@@ -51,6 +51,6 @@ class Terminal(Respondent):
             self._console.print(self._words("terminal.no_key", key=repr(typed)))
 
     def learn(self, trial: Trial, told: Acknowledged) -> None:
-        """Tell which was right."""
+        """Tell which response was right."""
         right = self._words("terminal.right") if told.correct else self._words("terminal.wrong", right=told.right)
         self._console.print(right)

@@ -40,7 +40,7 @@ class Demonstration {
     const pen = this.canvas.getContext("2d"), { width, height: tall } = this.canvas;
     pen.clearRect(0, 0, width, tall);
     pen.strokeStyle = getComputedStyle(this.canvas).color;
-    pen.lineWidth = 2;
+    pen.lineWidth = 2 * Math.max(1, width / Math.max(1, this.canvas.clientWidth)); // as thick on a phone
     pen.beginPath();
     const waves = 3 + 3 * Math.log10(Math.max(1, this.shape === null ? 1 : this.shape.frequency_hz || 50));
     for (let x = 0; x <= width; x += 2) {

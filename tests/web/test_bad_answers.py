@@ -1,0 +1,186 @@
+"""What a subject's page may say, and what it may not: refused, the session goes on, and nobody else notices."""
+
+import json
+import time
+
+import pytest
+from sqlalchemy import func, select
+
+from tactuator.errors import BadInput
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.session.detection_task import DetectionTask
+from tactuator.experiment.session.studies import open_study
+from tactuator.experiment.store import schema
+from tactuator.experiment.store.store import Store
+from tactuator.web.app import build_app
+from tactuator.web.lab import Lab
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, station, token
+from tests.web.server import served
+
+TOKEN = "the operator's own"
+
+
+class Running(ObedientClock):
+    """A clock whose seconds pass."""
+
+    def monotonic_s(self) -> float:
+        return time.monotonic()
+
+
+@pytest.fixture
+def lab(tmp_path):
+    store, protocol = Store(tmp_path / "lab.db"), parse_protocol(PROTOCOL)
+    made = Lab(open_study(store, DetectionTask(protocol, station()), PROTOCOL, Running(), token), auto_start=True)
+    yield made
+    made.close()
+    store.close()
+
+
+@pytest.fixture
+def client(lab):
+    with served(build_app(lab, TOKEN)) as made:
+        yield made
+
+
+def until(socket, kind):
+    while True:
+        message = socket.receive_json()
+        if message["type"] == kind:
+            return message
+
+
+def begun(socket):
+    until(socket, "stage")
+    socket.send_json({"type": "consent"})
+    until(socket, "stage")
+    socket.send_json({"type": "ready", "stage": "trial"})
+    return until(socket, "answer-now")
+
+
+def answered(lab) -> int:
+    with lab.store.read() as connection:
+        return int(connection.execute(select(func.count()).select_from(schema.response)).scalar_one())
+
+
+BAD = [
+    {"run": 2**63},
+    {"number": 2**63},
+    {"number": -1},
+    {"number": 0.5},
+    {"number": "0"},
+    {"run": True},
+    {"shown_ms": -1.0},
+    {"pressed_ms": 1e13},
+    {"shown_ms": 500.0, "pressed_ms": 100.0},
+    {"response": "x" * 201},
+    {"response": "9"},
+    {"lit_ms": [1.0] * 10},
+    {"lit_ms": [-1.0]},
+    {"type": "answers"},
+    {"more": 1},
+]
+RAW = [
+    "",
+    "[]",
+    "null",
+    "{",
+    '{"type":"answer"',
+    '{"type":"answer","run":NaN,"number":0,"response":"1"}',
+    "1" * 5000,
+    "[" * 5000,
+]
+
+
+def test_answer__that_cannot_be__is_refused_the_session_goes_on_and_nobody_else_notices(client, lab) -> None:
+    with (
+        client.websocket_connect("/ws/subject/token-S1") as socket,
+        client.websocket_connect("/ws/operator") as operator,
+    ):
+        stands = begun(socket)
+        operator.send_text(TOKEN)
+        until(operator, "snapshot")
+        good = {
+            "type": "answer",
+            "run": stands["run"],
+            "number": 0,
+            "response": "1",
+            "shown_ms": 10.0,
+            "pressed_ms": 400.0,
+        }
+        texts = [json.dumps(good | change) for change in BAD] + RAW
+        texts += [json.dumps(good).replace("400.0", amiss) for amiss in ("Infinity", "1e999", "NaN", "-Infinity")]
+        for text in texts:
+            socket.send_text(text)
+            until(socket, "refused")
+        socket._connection.send(b"\x00\xff\x00")
+        assert "binary" in until(socket, "refused")["message"]
+        assert answered(lab) == 0
+        socket.send_json(good)
+        assert until(socket, "ack")["number"] == 0
+        assert (answered(lab), lab.fault, lab.paused) == (1, None, False)
+        while (snapshot := until(operator, "snapshot"))["sessions"][0]["trials"] != 1:
+            pass
+        assert snapshot["fault"] is None
+
+
+def test_answer__before_its_last_interval_has_ended__is_refused_and_asked_for_again(client, lab) -> None:
+    with client.websocket_connect("/ws/subject/token-S1") as socket:
+        until(socket, "stage")
+        socket.send_json({"type": "consent"})
+        until(socket, "stage")
+        socket.send_json({"type": "ready", "stage": "trial"})
+        until(socket, "playing")
+        early = {"type": "answer", "run": 1, "number": 0, "response": "1"}
+        socket.send_json(early)
+        refused = until(socket, "refused")["message"]
+        assert "allowed: after it" in refused or "allowed: to the trial that stands" in refused
+        assert until(socket, "answer-now")["number"] == 0
+        assert answered(lab) == 0
+        socket.send_json(early)
+        assert until(socket, "ack")["number"] == 0
+
+
+def test_answer__played_for_as_long_as_it_lasts__is_refused_until_the_trial_has_ended(client, lab, monkeypatch) -> None:
+    """The answer waits in the queue while the trial plays; what counts is when it arrived."""
+    stream = lab.station.rig.stream
+
+    def slowly(blocks):
+        for trace in stream(blocks):
+            time.sleep(0.01)
+            yield trace
+
+    monkeypatch.setattr(lab.station.rig, "stream", slowly)
+    with client.websocket_connect("/ws/subject/token-S1") as socket:
+        until(socket, "stage")
+        socket.send_json({"type": "consent"})
+        until(socket, "stage")
+        socket.send_json({"type": "ready", "stage": "trial"})
+        until(socket, "interval")
+        socket.send_json({"type": "answer", "run": 1, "number": 0, "response": "1"})
+        assert "before its last interval had ended" in until(socket, "refused")["message"]
+        assert answered(lab) == 0
+
+
+def test_defect__in_saving_an_answer__leaves_the_rig_and_other_sessions_alone(client, lab, monkeypatch) -> None:
+    with client.websocket_connect("/ws/subject/token-S1") as socket:
+        stands = begun(socket)
+        conduct = lab.opened(1)
+        rested = []
+        monkeypatch.setattr(lab.station.rig, "rest", lambda: rested.append(1))
+        with monkeypatch.context() as patched:
+            patched.setattr(conduct.session, "answer", lambda *these: 1 / 0)
+            socket.send_json({"type": "answer", "run": stands["run"], "number": 0, "response": "1"})
+            until(socket, "fault")
+        assert (rested, lab.paused) == ([], False)
+        socket.send_json({"type": "answer", "run": stands["run"], "number": 0, "response": "1"})
+        assert until(socket, "ack")["number"] == 0
+        monkeypatch.undo()
+
+
+@pytest.mark.parametrize("amiss", ["inf", "nan", "-1", "86401"])
+@pytest.mark.parametrize("key", ["break_s", "resume_within_s"])
+def test_protocol__break_that_never_ends__is_refused(key, amiss) -> None:
+    with pytest.raises(BadInput, match=f"session.{key}"):
+        parse_protocol(
+            PROTOCOL.replace("resume_within_s = 600", "").replace("[session]", f"[session]\n{key} = {amiss}")
+        )

@@ -1,0 +1,113 @@
+"""The pages in a language that nobody speaks: a word that is left in the code shows. And keys by where they stand."""
+
+import re
+
+import pytest
+
+from tactuator.experiment.language.words import shipped_words
+from tests.experiment.session.apparatuses import controller
+from tests.web.study import ASKED, started, watch_errors
+from tests.web.test_chromium import ONE
+
+OWN = ("short", "index", "S1", "You may stop at any time.", "simulated", "three-finger tactuator", "thumb", "middle")
+"""What stands on the pages and is the study's or the rig's own."""
+
+WALK = """() => {
+    const walker = document.createTreeWalker(document.documentElement, NodeFilter.SHOW_TEXT), found = [];
+    while (walker.nextNode()) {
+        const parent = walker.currentNode.parentElement;
+        if (!["SCRIPT", "STYLE"].includes(parent.tagName)) found.push(walker.currentNode.textContent);
+    }
+    for (const node of document.querySelectorAll("[aria-label], [title], [placeholder], [alt]"))
+        for (const name of ["aria-label", "title", "placeholder", "alt"]) found.push(node.getAttribute(name) || "");
+    return found;
+}"""
+
+
+def marked(text: str) -> str:
+    """Every text in double brackets, its names kept."""
+    return f"⟦{text}⟧"
+
+
+@pytest.fixture
+def server(tmp_path):
+    """A study in a language whose every text is the English one in double brackets."""
+    tables: dict[str, list[str]] = {}
+    for key, text in shipped_words("en").texts.items():
+        table, _, name = key.partition(".")
+        tables.setdefault(table, []).append(f'{name} = "{marked(text)}"')
+    whole = "".join(f"[{table}]\n" + "\n".join(lines) + "\n" for table, lines in tables.items())
+    (tmp_path / "own.toml").write_text(whole, encoding="utf-8")
+    text = ONE.replace("seed = 7", 'seed = 7\nlanguage = "qps"\nlanguage_file = "own.toml"')
+    made = started(tmp_path, text, controller())
+    yield made
+    made.kill()
+
+
+def unmarked(page) -> list[str]:
+    """Texts of the page, seen or told to readers of screens, that are in no brackets and not the study's own."""
+    rest = []
+    for text in page.evaluate(WALK):
+        left = text
+        for _ in range(3):  # a text may hold another
+            left = re.sub(r"⟦[^⟦⟧]*⟧", "", left)
+        for own in OWN:
+            left = left.replace(own, "")
+        rest.append(left)
+    return [text for text in rest if re.search("[A-Za-z]{2}", text)]
+
+
+def at_first_trial(page, server) -> None:
+    page.goto(server.addresses["subject S1"])
+    page.locator("#others button").first.wait_for()
+    page.locator("#go").click()
+    page.wait_for_timeout(150)
+    page.keyboard.press("Enter")
+    page.locator(ASKED).first.wait_for(timeout=10_000)
+
+
+def test_pages__in_a_language_of_ones_own__have_no_other_word(server, browser) -> None:
+    page, operator = browser.new_page(), browser.new_page()
+    errors, others = watch_errors(page), watch_errors(operator)
+    operator.goto(server.addresses["operator"])
+    operator.locator("[data-day]").first.wait_for()
+    page.goto(server.addresses["subject S1"])
+    page.locator("#others button").first.wait_for()
+    seen = {"consent": unmarked(page), "operator": unmarked(operator)}
+    at_first_trial(page, server)
+    seen["trial"] = unmarked(page)
+    page.keyboard.press("1")
+    page.wait_for_timeout(150)
+    seen["feedback"] = unmarked(page)
+    page.keyboard.press("Escape")
+    page.locator("#others button").nth(1).wait_for()
+    operator.wait_for_timeout(200)
+    seen["paused"], seen["operator, at a call"] = unmarked(page), unmarked(operator)
+    page.locator("#others button").nth(1).click()
+    seen["leaving"] = unmarked(page)
+    page.locator("#others button").first.click()
+    page.wait_for_timeout(300)
+    seen["left"] = unmarked(page)
+    assert page.locator("#status").inner_text() == marked("You have left the study. You may close this page.")
+    assert page.evaluate("document.documentElement.lang") == "qps"
+    assert {name: texts for name, texts in seen.items() if texts} == {}
+    assert errors + others == []
+    page.close()
+    operator.close()
+
+
+def test_keys__by_where_they_stand__answer_on_every_layout(server, browser) -> None:
+    """What an AZERTY board sends for its unshifted digits, and a number pad with and without its lock."""
+    page = browser.new_page()
+    at_first_trial(page, server)
+    page.evaluate("window.said = []; link.send = (message) => { said.push(message); }")
+    for key, code in (("&", "Digit1"), ("é", "Digit2"), ("1", "Digit1"), ("3", "Numpad3"), ("PageDown", "Numpad3")):
+        page.evaluate("said.length = 0; page.unsaved = null; stand({ run: 1, number: 0 })")
+        page.evaluate(
+            "([key, code]) => document.dispatchEvent(new KeyboardEvent('keydown', { key, code }))", [key, code]
+        )
+        assert page.evaluate("said.map((one) => one.response)") == [code[-1]], (key, code)
+    page.evaluate("said.length = 0; page.unsaved = null; stand({ run: 1, number: 0 })")
+    page.evaluate("document.dispatchEvent(new KeyboardEvent('keydown', { key: '4', code: 'Digit4' }))")
+    assert page.evaluate("said") == []
+    page.close()

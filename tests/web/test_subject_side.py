@@ -1,0 +1,345 @@
+"""The subject's side: declining, pausing, stopping, leaving, breaks that the server keeps, practice to a criterion."""
+
+from itertools import pairwise
+
+import pytest
+from sqlalchemy import select
+
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.session.detection_task import DetectionTask
+from tactuator.experiment.session.studies import open_study
+from tactuator.experiment.store import schema, study_records
+from tactuator.experiment.store.store import Store
+from tactuator.web.app import build_app
+from tactuator.web.lab import Lab
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, response_of, station, token
+from tests.web.server import served
+
+TOKEN = "the operator's own"
+RESTS = PROTOCOL.replace("break_after_trials = 20", "break_after_trials = 2\nbreak_s = 30")
+PRACTISES = PROTOCOL.replace("practice_trials = 2", "practice_trials = 2\npractice_correct = 2\npractice_limit = 3")
+
+
+@pytest.fixture
+def make(tmp_path):
+    made = []
+
+    def lab(text=PROTOCOL, auto_start=True, shown=""):
+        store = Store(tmp_path / "lab.db")
+        study = open_study(store, DetectionTask(parse_protocol(text), station()), text, ObedientClock(), token)
+        made.append(Lab(study, auto_start, shown))
+        return made[-1]
+
+    yield lab
+    for one in made:
+        one.close()
+        one.store.close()
+
+
+def until(socket, kind, heard=None):
+    while True:
+        message = socket.receive_json()
+        if heard is not None:
+            heard.append(message)
+        if message["type"] == kind:
+            return message
+
+
+def stage(socket, name):
+    while (found := until(socket, "stage"))["stage"] != name:
+        pass
+    return found
+
+
+def begun(socket):
+    stage(socket, "consent")
+    socket.send_json({"type": "consent"})
+    stage(socket, "trial")
+    socket.send_json({"type": "ready", "stage": "trial"})
+    return until(socket, "answer-now")
+
+
+def answer(socket, stands, response="1"):
+    socket.send_json({"type": "answer", "run": stands["run"], "number": stands["number"], "response": response})
+    return until(socket, "ack")
+
+
+def session(lab, number=0):
+    with lab.store.read() as connection:
+        return study_records.sessions(connection, lab.study.id)[number]
+
+
+def events(lab):
+    with lab.store.read() as connection:
+        return [row.kind for row in connection.execute(select(schema.event).order_by(schema.event.c.id))]
+
+
+def test_consent__given__is_stored_with_version_and_text(make) -> None:
+    lab = make(PROTOCOL.replace('consent = "', 'consent_version = "2026-03"\nconsent = "'))
+    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+        begun(socket)
+        row = session(lab)
+    assert (row.consent_version, len(row.consent_sha256), row.protocol_version_id) == ("2026-03", 64, lab.study.version)
+
+
+def test_consent__declined__ends_the_session_with_nothing_recorded(make) -> None:
+    lab = make()
+    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+        stage(socket, "consent")
+        socket.send_json({"type": "decline"})
+        assert stage(socket, "ended")["ended"] == "declined"
+    row = session(lab)
+    assert (row.ended, row.consented_utc, events(lab)) == ("declined", None, ["declined"])
+    with lab.store.read() as connection:
+        assert connection.execute(select(schema.run)).all() == []
+
+
+def test_pause__while_a_trial_waits__plays_it_again_after(make) -> None:
+    lab = make()
+    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+        stands = begun(socket)
+        socket.send_json({"type": "pause"})
+        stage(socket, "paused")
+        assert list(lab.calls.values()) == ["S1 has paused."]
+        socket.send_json({"type": "answer", "run": stands["run"], "number": 0, "response": "1"})
+        until(socket, "refused")
+        socket.send_json({"type": "ready", "stage": "paused"})
+        stage(socket, "trial")
+        socket.send_json({"type": "ready", "stage": "trial"})
+        assert until(socket, "answer-now") == stands
+        answer(socket, stands)
+        assert lab.calls == {}
+    assert events(lab) == ["pause", "resume"]
+    with lab.store.read() as connection:
+        assert connection.execute(select(schema.trial.c.presentations)).scalar_one() == 2
+
+
+def test_pause__while_a_trial_plays__ends_it_at_once_and_rests_the_rig(make, monkeypatch) -> None:
+    lab = make(PROTOCOL.replace("lead_s = 0.01", "lead_s = 30"))
+    rig, rested, pieces = lab.station.rig, [], []
+    stream, rest = rig.stream, rig.rest
+
+    def slowly(blocks):
+        for trace in stream(blocks):
+            pieces.append(len(trace))
+            yield trace
+
+    monkeypatch.setattr(rig, "stream", slowly)
+    monkeypatch.setattr(rig, "rest", lambda: (rested.append(sum(pieces)), rest()))
+    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+        stage(socket, "consent")
+        socket.send_json({"type": "consent"})
+        stage(socket, "trial")
+        socket.send_json({"type": "ready", "stage": "trial"})
+        until(socket, "playing")
+        socket.send_json({"type": "pause"})
+        stage(socket, "paused")
+        assert len(rested) == 1
+        assert rested[0] < 30 * rig.rate_hz
+
+
+def test_stop_for_today__frees_the_rig_and_goes_on_another_time(make) -> None:
+    lab = make()
+    with served(build_app(lab, TOKEN)) as client:
+        with client.websocket_connect("/ws/subject/token-S1") as socket:
+            stands = begun(socket)
+            socket.send_json({"type": "stop"})
+            stage(socket, "stopped")
+            assert lab.active is None
+        with client.websocket_connect("/ws/subject/token-S1") as socket:
+            stage(socket, "trial")
+            socket.send_json({"type": "ready", "stage": "trial"})
+            assert until(socket, "answer-now") == stands
+
+
+@pytest.mark.parametrize(("keep", "how"), [(True, "withdrawn"), (False, "withdrawn-discard")])
+def test_withdrawal__at_any_time__ends_the_session_for_good(make, keep, how) -> None:
+    lab = make()
+    with served(build_app(lab, TOKEN)) as client:
+        with client.websocket_connect("/ws/subject/token-S1") as socket:
+            answer(socket, begun(socket))
+            socket.send_json({"type": "withdraw", "keep": keep})
+            assert stage(socket, "ended")["ended"] == how
+        with client.websocket_connect("/ws/subject/token-S1") as socket:
+            assert stage(socket, "ended")["ended"] == how
+            socket.send_json({"type": "withdraw", "keep": not keep})
+        with client.websocket_connect("/ws/subject/token-S2") as socket:  # the rig is free
+            begun(socket)
+    assert session(lab).ended == how
+    with lab.store.read() as connection:
+        assert connection.execute(select(schema.run.c.state)).scalars().all()[0] == "stopped"
+
+
+def test_withdrawal__while_paused__ends_the_session(make) -> None:
+    lab = make()
+    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+        begun(socket)
+        for message, reached in (("pause", "paused"), ("stop", "stopped"), ("pause", "paused")):
+            socket.send_json({"type": message})
+            stage(socket, reached)
+        socket.send_json({"type": "withdraw", "keep": True})
+        assert stage(socket, "ended")["ended"] == "withdrawn"
+    assert lab.active is None
+
+
+def test_break__is_kept_by_the_server_whatever_the_page_says(make) -> None:
+    lab = make(RESTS)
+    clock = lab.clock
+    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+        answer(socket, begun(socket))
+        answer(socket, until(socket, "answer-now"))
+        assert stage(socket, "break")["break_left_s"] == 30.0
+        socket.send_json({"type": "ready", "stage": "break"})
+        assert "30 s are left" in until(socket, "refused")["message"]
+        clock.wait(29.0)
+        socket.send_json({"type": "ready", "stage": "break"})
+        until(socket, "refused")
+        clock.wait(1.0)
+        socket.send_json({"type": "ready", "stage": "break"})
+        stage(socket, "trial")
+
+
+def test_break__server_begun_anew__lasts_from_the_last_answer(make) -> None:
+    lab = make(RESTS)
+    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+        answer(socket, begun(socket))
+        answer(socket, until(socket, "answer-now"))
+        stage(socket, "break")
+    lab.clock.wait(12.0)
+    again = lab.study.session(lab.sessions[0])
+    assert (again.stage, again.break_left_s) == ("break", 18.0)
+
+
+def test_practice__not_passed__calls_the_experimenter_and_begins_again(make) -> None:
+    lab = make(PRACTISES, auto_start=False)
+    lab.start(1)
+    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+        stage(socket, "consent")
+        socket.send_json({"type": "consent"})
+        assert "2 of 2 right" in stage(socket, "introduction")["introduction"]
+        socket.send_json({"type": "ready", "stage": "introduction"})
+        stage(socket, "trial")
+        socket.send_json({"type": "ready", "stage": "trial"})
+        for _ in range(3):
+            stands = until(socket, "answer-now")
+            right = lab.opened(1).pending[0].trial.correct
+            answer(socket, stands, next(one for one in "123" if one != right))
+        assert lab.paused
+        assert "has not passed" in lab.calls[1]
+        stage(socket, "introduction")
+        lab.pause(False)
+        assert lab.calls == {}
+        socket.send_json({"type": "ready", "stage": "introduction"})
+        stage(socket, "trial")
+        socket.send_json({"type": "ready", "stage": "trial"})
+        for _ in range(2):
+            stands = until(socket, "answer-now")
+            answer(socket, stands, lab.opened(1).pending[0].trial.correct)
+        session = lab.opened(1).session
+    assert [one.state for one in session.tally][:1] == ["done"]
+    with lab.store.read() as connection:
+        rows = connection.execute(
+            select(schema.run.c.attempt, schema.run.c.state).where(schema.run.c.position == 0)
+        ).all()
+    assert [tuple(row) for row in rows] == [(0, "restarted"), (1, "done")]
+
+
+def test_practice__not_passed_and_given_up__goes_on_without(make) -> None:
+    lab = make(PRACTISES, auto_start=False)
+    conduct = lab.study.session(lab.sessions[0])
+    conduct.give_consent()
+    from tactuator.experiment.session.presented_session import Conduct
+    from tactuator.experiment.store.records import Answer
+
+    held = Conduct(conduct)
+    conduct.introduce()
+    for _ in range(3):
+        following = held.present(lambda interval, begins: None)
+        wrong = next(one for one in "123" if one != following.trial.correct)
+        held.answer(Answer(wrong, lab.clock.utc()))
+    assert conduct.held is not None
+    held.give_up_run()
+    assert (conduct.held, conduct.upcoming.position) == (None, 1)
+
+
+def test_time_left__falls_with_every_run_and_is_nothing_at_the_end(make) -> None:
+    lab = make()
+    conduct = lab.study.session(lab.sessions[0])
+    left = [conduct.time_left_s]
+    conduct.give_consent()
+    from tactuator.experiment.session.presented_session import Conduct
+    from tactuator.experiment.store.records import Answer
+
+    at = Conduct(conduct)
+    while conduct.stage != "done":
+        if conduct.stage == "break":
+            conduct.end_break()
+        position = conduct.upcoming.position
+        following = at.present(lambda interval, begins: None)
+        lab.clock.wait(2.0)
+        at.answer(Answer(response_of(following.trial), lab.clock.utc(), received_s=lab.clock.monotonic_s()))
+        if conduct.upcoming is None or conduct.upcoming.position != position:
+            left.append(conduct.time_left_s)
+    assert left[-1] == 0.0
+    assert all(before > after for before, after in pairwise(left[1:]))
+
+
+def test_demonstration__on_a_simulated_display__shows_each_interval_and_marks_the_run(make) -> None:
+    lab, heard = make(shown="seen or heard"), []
+    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+        hello = until(socket, "hello")
+        assert (hello["simulated"], hello["shown"]) == (True, "seen or heard")
+        stage(socket, "consent")
+        socket.send_json({"type": "consent"})
+        stage(socket, "trial")
+        socket.send_json({"type": "ready", "stage": "trial"})
+        until(socket, "answer-now", heard)
+        right = int(lab.opened(1).pending[0].trial.correct) - 1
+    shapes = [max(one["envelope_db_sl"]) for one in heard if one["type"] == "shape"]
+    assert len(shapes) == 3
+    assert shapes.index(max(shapes)) == right
+    assert sorted(shapes)[:2] == [-60.0, -60.0]
+    assert max(shapes) == pytest.approx(30.0, abs=1.0)
+    with lab.store.read() as connection:
+        run = connection.execute(select(schema.run)).one()
+    assert (run.rig_simulated, run.shown, run.respondent) == (True, "seen or heard", "person")
+
+
+def test_link__with_what_others_call_the_subject__keeps_it_and_refuses_another(make) -> None:
+    lab = make()
+    with served(build_app(lab, TOKEN)) as client:
+        assert client.get("/s/token-S1?participant=abc-1").status == 200
+        assert client.get("/s/token-S1?participant=abc-1").status == 200
+        for path in ("/s/token-S1?participant=other", "/s/token-S2?participant=abc-1", "/s/token-S2?participant=a%20b"):
+            answer = client.get(path)
+            assert (answer.status, answer.text) == (403, "This link belongs to another participant.\n")
+        assert client.get("/s/token-S2?participant=" + "x" * 65).status == 422
+    assert [row.participant_id for row in lab.study.sessions()] == ["abc-1", None]
+
+
+def test_operator__enrols_plans_a_visit_and_writes_the_day(make) -> None:
+    lab = make()
+    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/operator") as socket:
+        socket.send_text(TOKEN)
+        until(socket, "snapshot")
+        for message in (
+            {"type": "enrol", "code": "S9", "group": "hearing", "participant_id": "q1"},
+            {"type": "new-visit", "subject": "S1"},
+            {"type": "day", "session": 1, "skin_temperature_c": 30.5, "preload_n": 0.4},
+        ):
+            socket.send_json(message)
+        while len((found := until(socket, "snapshot"))["sessions"]) < 4 or found["sessions"][0]["preload_n"] is None:
+            pass
+        who = [(one["subject"], one["visit"]) for one in found["sessions"]]
+        assert who == [("S1", 1), ("S1", 2), ("S2", 1), ("S9", 1)]
+        for amiss in (
+            {"type": "enrol", "code": "S 9"},
+            {"type": "enrol", "code": "S9"},
+            {"type": "new-visit", "subject": "S8"},
+            {"type": "day", "session": 99},
+            {"type": "day", "session": 1, "skin_temperature_c": 99.0},
+            {"type": "start", "session": 2**63},
+        ):
+            socket.send_json(amiss)
+            until(socket, "refused")
+        assert client.get("/s/token-S9").status == 200
