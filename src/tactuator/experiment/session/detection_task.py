@@ -193,10 +193,14 @@ class DetectionCourse:
 
     def picture(self) -> Picture:
         """Level and outcome of every trial."""
-        turned = f", {len(self.procedure.reversal_levels)} reversals" if isinstance(self.procedure, UpDown) else ""
+        words, about = self.task.words, {"title": self.planned.title, "trials": self.trials}
+        if isinstance(self.procedure, UpDown):
+            title = words("run.so_far_reversals", **about, reversals=len(self.procedure.reversal_levels))
+        else:
+            title = words("run.so_far", **about)
         return {
             "kind": "track",
-            "title": f"{self.planned.title}, {self.trials} trials{turned}",
+            "title": title,
             "levels_db_sl": [level for level, _ in self._outcomes],
             "correct": [correct for _, correct in self._outcomes],
         }

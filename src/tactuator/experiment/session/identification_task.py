@@ -191,5 +191,6 @@ class BlockCourse:
         counts = np.zeros((len(labels), len(labels)), dtype=np.int64)
         for trial, response in zip(self.planned_trials, self._responses, strict=False):
             counts[labels.index(trial.correct), labels.index(response)] += 1
-        title = f"{self.planned.title}, {self.trials} of {len(self.planned_trials)} trials"
+        about = {"title": self.planned.title, "trials": self.trials, "count": len(self.planned_trials)}
+        title = self.task.words("run.so_far_of", **about)
         return {"kind": "confusion", "title": title, "labels": labels, "counts": counts.tolist()}

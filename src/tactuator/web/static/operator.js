@@ -19,7 +19,7 @@ const link = new Link(
 
 const command = (type, session) => link.send(session === undefined ? { type } : { type, session });
 const percent = (share) => (share === null ? "–" : `${Math.round(100 * share)} %`);
-const minutes = (seconds) => (seconds === null ? "–" : `${Math.ceil(seconds / 60)} min`);
+const minutes = (seconds) => (seconds === null ? "–" : word("minutes", { minutes: Math.ceil(seconds / 60) }));
 const row = (...cells) => make("tr", {}, ...cells.map((cell) => make("td", {}, cell)));
 const named = (table, name) => TEXTS[`${table}_${name.replace("-", "_")}`] || name;
 
