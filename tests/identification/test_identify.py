@@ -237,7 +237,19 @@ def test_identify__clipped_converter__is_said_or_refused() -> None:
         identify(Record(RATE_HZ, record.command, np.clip(record.position, -low, low)))
 
 
-@pytest.mark.parametrize("asked", [{"order": 0}, {"order": 7}, {"method": "guess"}, {"quantity": "warmth"}])
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"order": 0},
+        {"order": 9},
+        {"hold": "loose"},
+        {"zeros": -1},
+        {"integrators": 9},
+        {"delay_s": -1.0},
+        {"method": "guess"},
+        {"quantity": "warmth"},
+    ],
+)
 def test_identify__unknown_option__is_refused(asked) -> None:
     with pytest.raises(BadInput, match="allowed"):
         identify(short(2000), **asked)

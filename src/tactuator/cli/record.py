@@ -57,6 +57,8 @@ def register(app: typer.Typer) -> None:
             trace = opened.drive(everything)
             opened.rest()
         about = {"rig": rig, "channel": chosen.name, "load": load, "display": described.name, "excitation": excitation}
+        # every rig's converter holds the command between its samples
+        about["hold"] = "zero-order"
         if rig != "simulated":
             about["date"] = datetime.now(UTC).isoformat(timespec="seconds")
         position = trace.position_v[:, column]

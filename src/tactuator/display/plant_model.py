@@ -12,6 +12,32 @@ from tactuator.errors import BadInput
 from tactuator.signals.systems import ContinuousSystem
 
 Array = NDArray[np.float64]
+_Z95 = 1.959964
+
+
+@dataclass(frozen=True, eq=False)
+class Excess:
+    """Standard deviations of the response's logarithm beyond the covariance's: what the record does not exclude, what
+    the form cannot follow. frequency_hz ascending, magnitude (natural), phase (rad): (m,); ends hold beyond."""
+
+    frequency_hz: Array
+    magnitude: Array
+    phase: Array
+
+    @classmethod
+    def none(cls) -> Excess:
+        """Return no excess at all."""
+        return cls(np.ones(1), np.zeros(1), np.zeros(1))
+
+    def joined(self, other: NDArray[Any]) -> Excess:
+        """Return this with another deviation of the logarithm, (m,), added in squares."""
+        return Excess(self.frequency_hz, np.hypot(self.magnitude, other.real), np.hypot(self.phase, other.imag))
+
+    def at(self, frequency_hz: Array) -> tuple[Array, Array]:
+        """Return magnitude and phase at `frequency_hz` (any shape), straight between points of log frequency."""
+        place = np.log(np.maximum(frequency_hz, 1e-300))
+        known = np.log(self.frequency_hz)
+        return np.interp(place, known, self.magnitude), np.interp(place, known, self.phase)
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +46,9 @@ class PlantModel:
 
     covariance: of (num[0..m], den[1..n], delay_s), (m + n + 2, m + n + 2), zero for what was not estimated. band_hz:
     where the record speaks of the plant. quantity: what the output is proportional to; units: of command and position.
-    record, calibration, method: where it comes from. friction: Coulomb level and presliding, if any was found.
+    record, calibration, method: where it comes from. friction: Coulomb level and presliding, if any was found. excess:
+    uncertainty beyond the covariance. valid_hz: where the record moved the mechanism and the band is narrow (None: not
+    known); beyond it the model is a guess.
     """
 
     num: Array
@@ -35,6 +63,8 @@ class PlantModel:
     record: dict[str, Any] = field(default_factory=dict)
     calibration: dict[str, Any] = field(default_factory=dict)
     friction: dict[str, float] = field(default_factory=dict)
+    excess: Excess = field(default_factory=Excess.none)
+    valid_hz: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         size = self.num.size + self.den.size
@@ -51,16 +81,30 @@ class PlantModel:
         return self._evaluate(self.num, self.den, self.delay_s, np.asarray(frequency_hz, dtype=np.float64))
 
     def band_db(self, frequency_hz: ArrayLike) -> Array:
-        """Return the 95 % half-width of the magnitude in dB at `frequency_hz` (m,): the covariance carried over to
-        first order.
+        """Return the 95 % half-width of the magnitude in dB at `frequency_hz` (m,): the covariance carried over to first
+        order, and the excess.
         """
-        gradient = self._log_gradient(np.asarray(frequency_hz, dtype=np.float64)).real
-        variance = np.einsum("ij,jk,ik->i", gradient, self.covariance, gradient)
-        return np.asarray(1.959964 * 20.0 / np.log(10.0) * np.sqrt(np.maximum(variance, 0.0)))
+        return np.asarray(_Z95 * 20.0 / np.log(10.0) * self._deviations(frequency_hz)[0])
+
+    def band_rad(self, frequency_hz: ArrayLike) -> Array:
+        """Return the 95 % half-width of the phase at `frequency_hz` (m,)."""
+        return np.asarray(_Z95 * self._deviations(frequency_hz)[1])
+
+    def _deviations(self, frequency_hz: ArrayLike) -> tuple[Array, Array]:
+        """Return the standard deviations of the logarithm of the response: real part, imaginary part."""
+        frequency = np.asarray(frequency_hz, dtype=np.float64)
+        gradient, sizes = self._log_gradient(frequency), self._sizes()
+        relative = self._relative_covariance()
+        made = []
+        for part, beyond in zip((gradient.real, gradient.imag), self.excess.at(frequency), strict=True):
+            scaled = part * sizes
+            variance = np.einsum("ij,jk,ik->i", scaled, relative, scaled)
+            made.append(np.sqrt(np.maximum(variance, 0.0) + beyond**2))
+        return made[0], made[1]
 
     def confidence(self) -> dict[str, float]:
         """Return the 95 % half-widths: of the gain num[-1]/den[-1], of each coefficient, of the dead time."""
-        errors = 1.959964 * np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        errors = _Z95 * np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         m, n = self.num.size - 1, self.den.size - 1
         made = {f"num_s{m - k}": float(errors[k]) for k in range(m + 1)}
         made |= {f"den_s{n - 1 - k}": float(errors[m + 1 + k]) for k in range(n)}
@@ -103,11 +147,11 @@ class PlantModel:
         """Return the 95 % half-width of num[-1]/den[-1], or of num[0] where the plant integrates."""
         m = self.num.size - 1
         if self.den[-1] == 0.0:
-            return float(1.959964 * np.sqrt(max(self.covariance[0, 0], 0.0)))
+            return float(_Z95 * np.sqrt(max(self.covariance[0, 0], 0.0)))
         gradient = np.zeros(self.covariance.shape[0])
         gradient[m] = 1.0 / self.den[-1]
         gradient[-2] = -self.num[-1] / self.den[-1] ** 2
-        return float(1.959964 * np.sqrt(max(float(gradient @ self.covariance @ gradient), 0.0)))
+        return float(_Z95 * np.sqrt(max(float(gradient @ self.covariance @ gradient), 0.0)))
 
     def _log_gradient(self, frequency_hz: Array) -> NDArray[np.complex128]:
         s = 2j * np.pi * frequency_hz

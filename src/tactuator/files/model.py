@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tactuator import __version__
-from tactuator.display.plant_model import PlantModel
+from tactuator.display.plant_model import Excess, PlantModel
 from tactuator.errors import BadInput
 from tactuator.files.atomic import write_text
 from tactuator.signals.systems import ContinuousSystem
@@ -35,6 +35,12 @@ def model_document(model: PlantModel, family: Sequence[ContinuousSystem] = ()) -
         "method": model.method,
         "friction": dict(model.friction),
         "family": [_family_member(one) for one in family],
+        "valid_hz": None if model.valid_hz is None else list(model.valid_hz),
+        "excess": {
+            "frequency_hz": model.excess.frequency_hz.tolist(),
+            "magnitude": model.excess.magnitude.tolist(),
+            "phase_rad": model.excess.phase.tolist(),
+        },
         "record": dict(model.record),
         "calibration": dict(model.calibration),
     }
@@ -75,6 +81,19 @@ def read_model(path: str | Path) -> PlantModel:
             record=document["record"],
             calibration=document["calibration"],
             friction=document["friction"],
+            excess=_excess(document.get("excess")),
+            valid_hz=_pair(document.get("valid_hz")),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise BadInput(f"model {path}: {error} is amiss; allowed: a file that `identify` wrote") from None
+
+
+def _excess(table: dict[str, Any] | None) -> Excess:
+    if table is None:
+        return Excess.none()
+    columns = (np.asarray(table[name], dtype=np.float64) for name in ("frequency_hz", "magnitude", "phase_rad"))
+    return Excess(*columns)
+
+
+def _pair(values: Any) -> tuple[float, float] | None:
+    return None if values is None else (float(values[0]), float(values[1]))

@@ -9,106 +9,97 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.display.load import DERIVATIVES
-from tactuator.display.plant_model import PlantModel
 from tactuator.errors import BadInput
-from tactuator.identification.estimate.friction import Friction
-from tactuator.identification.estimate.recursive import identify_recursively
-from tactuator.identification.estimate.refined import RefinedEstimate, Samples, judge
-from tactuator.identification.estimate.states import Hold, companion_states
-from tactuator.identification.estimate.structure import RationalModel, Structure
-from tactuator.identification.evidence.checks import check_direction, check_length, check_polarity, check_record
-from tactuator.identification.evidence.empirical import EmpiricalResponse, empirical_response
-from tactuator.identification.evidence.excitation import ExcitationReport, excitation_report, require_excitation
-from tactuator.identification.evidence.residuals import ResidualTests, check_residual
-from tactuator.identification.selection import Candidate, choose_structure
+from tactuator.identification import by_spectrum
+from tactuator.identification.by_prediction import Prepared, recursive, refined
+from tactuator.identification.estimate.refined import Samples, judge
+from tactuator.identification.evidence.checks import check_direction, check_record
+from tactuator.identification.evidence.empirical import empirical_response
+from tactuator.identification.evidence.excitation import excitation_report, require_excitation
+from tactuator.identification.result import BetweenSamples, Identification
+from tactuator.identification.selection import choose_structure
+from tactuator.identification.spectral.between import HOLDS, Between
+from tactuator.identification.trust import distrusted
 from tactuator.signals.record import Record
 
 Array = NDArray[np.float64]
 LONGEST = 1_000_000
 """Samples identified at once; of a longer record the part with most command power is taken."""
+METHODS = ("refined", "prediction", "rls")
 
 
-@dataclass(frozen=True, eq=False)
-class Identification:
-    """model: with covariance. order: poles. tried: structures in the order of trial. friction: None if none is certain.
+@dataclass(frozen=True)
+class Asked:
+    """What is known or wished: order, zeros (None: chosen), integrators, delay_s (None: estimated), hold, quantity,
+    whether friction is looked for."""
 
-    empirical: the record's own response in bands, for figures. simulated, measured: position by the model and as
-    recorded, (k,), the last k samples of the part used. remarks: what a user must be told.
-    """
+    order: int | None = None
+    zeros: int | None = None
+    integrators: int = 0
+    delay_s: float | None = None
+    hold: str = "auto"
+    quantity: str = "displacement"
+    friction: bool = True
 
-    model: PlantModel
-    order: int
-    excitation: ExcitationReport
-    tests: ResidualTests
-    fit_percent: float
-    friction: Friction | None
-    tried: tuple[Candidate, ...]
-    empirical: EmpiricalResponse
-    simulated: Array
-    measured: Array
-    remarks: tuple[str, ...]
+    def __post_init__(self) -> None:
+        if self.order is not None and not 1 <= self.order <= 8:
+            raise BadInput(f"order {self.order}; allowed: 1 to 8")
+        if self.quantity not in DERIVATIVES:
+            raise BadInput(f"quantity {self.quantity!r}; allowed: {', '.join(DERIVATIVES)}")
+        if self.hold not in ("auto", *HOLDS):
+            raise BadInput(f"hold {self.hold!r}; allowed: auto, {', '.join(HOLDS)}")
+        most = self.order if self.order is not None else 8
+        if self.zeros is not None and not DERIVATIVES[self.quantity] <= self.zeros <= most:
+            raise BadInput(f"{self.zeros} zeros; allowed: {DERIVATIVES[self.quantity]} to {most}")
+        if not 0 <= self.integrators <= most:
+            raise BadInput(f"{self.integrators} integrators; allowed: 0 to {most}")
+        if self.delay_s is not None and not 0.0 <= self.delay_s < np.inf:
+            raise BadInput(f"a dead time of {self.delay_s:g} s; allowed: zero or more")
 
     @property
-    def poles_hz(self) -> Array:
-        """|pole| / 2 pi, ascending, (order,)."""
-        return np.sort(np.abs(np.roots(self.model.den))) / (2.0 * np.pi)
-
-    def frequency_hz(self, count: int = 500) -> Array:
-        """Frequencies even in log over 0.4 .. 300 Hz, or what the record supports of it, (count,)."""
-        return np.geomspace(*self.model.band_hz, count)
+    def is_free(self) -> bool:
+        """Nothing about the form but its order is given: the time domain's search can serve."""
+        return self.zeros is None and self.integrators == 0 and self.delay_s is None
 
 
 def identify(
     record: Record,
     *,
-    order: int | None = None,
     method: str = "refined",
-    quantity: str = "displacement",
-    friction: bool = True,
-    hold: Hold = "zero-order",
     forgetting: float = 1.0,
     note: Callable[[str], None] = lambda _: None,
+    **wishes: object,
 ) -> Identification:
-    """Identify a continuous model of a record.
+    """Return a continuous model of a record.
 
-    order: number of poles, 1 to 6 (default: chosen). method: "refined" (unbiased), or "rls" (the paper's recursive
-    least squares, with `forgetting`). quantity: what the position is proportional to; a velocity or acceleration output
-    has zeros at s = 0. hold: the command between its samples. Raises BadInput for a record that cannot tell this.
+    wishes: the fields of `Asked`. method: "refined" (maximum likelihood in the frequency domain, and by prediction
+    error where friction shows), "prediction" (prediction error alone, for held commands), "rls" (the paper's recursive
+    least squares, with `forgetting`). Raises BadInput for a record that cannot tell this.
     """
-    if method not in ("refined", "rls"):
-        raise BadInput(f"method {method!r}; allowed: 'refined', 'rls'")
-    if order is not None and not 1 <= order <= 6:
-        raise BadInput(f"order {order}; allowed: 1 to 6")
-    if quantity not in DERIVATIVES:
-        raise BadInput(f"quantity {quantity!r}; allowed: {', '.join(DERIVATIVES)}")
+    if method not in METHODS:
+        raise BadInput(f"method {method!r}; allowed: {', '.join(METHODS)}")
+    asked = Asked(**wishes)  # type: ignore[arg-type]
+    common = _prepared(record, asked)
+    if method == "rls":
+        return recursive(common, forgetting)
+    if method == "prediction":
+        return distrusted(_by_prediction(common, asked, note), common)
+    return distrusted(_by_spectrum(common, asked, note), common)
+
+
+def _prepared(record: Record, asked: Asked) -> Prepared:
     remarks = list(record.remarks) + list(check_record(record))
     part, said = _liveliest(record)
     remarks += said
     scale = (float(np.std(part.command)), float(np.std(part.position)))
     centred = (part.command - part.command.mean(), part.position - part.position.mean())
-    samples = Samples(centred[0] / scale[0], centred[1] / scale[1], part.rate_hz, hold)
-    integrated = DERIVATIVES[quantity]
-    excitation = excitation_report(samples.command, samples.rate_hz, (order or 2) + 1)
+    hold = "first-order" if asked.hold == "first-order" else "zero-order"
+    samples = Samples(centred[0] / scale[0], centred[1] / scale[1], part.rate_hz, hold)  # type: ignore[arg-type]
+    excitation = excitation_report(samples.command, samples.rate_hz, (asked.order or 2) + 1)
     require_excitation(excitation)
     response = empirical_response(samples.command, samples.position, samples.rate_hz)
     remarks += check_direction(response)
-    common = _Common(part, samples, scale, response, excitation, quantity, order, tuple(remarks))
-    if method == "rls":
-        return _recursive(common, forgetting)
-    selection = choose_structure(samples, response, order=order, integrated=integrated, friction=friction, note=note)
-    return _refined(common, judge(samples, selection.fit, selection.tests), selection.tried)
-
-
-@dataclass(frozen=True, eq=False)
-class _Common:
-    record: Record
-    samples: Samples
-    scale: tuple[float, float]
-    response: EmpiricalResponse
-    excitation: ExcitationReport
-    quantity: str
-    order: int | None
-    remarks: tuple[str, ...]
+    return Prepared(part, samples, scale, response, excitation, asked.quantity, asked.order, tuple(remarks))
 
 
 def _liveliest(record: Record) -> tuple[Record, tuple[str, ...]]:
@@ -125,156 +116,40 @@ def _liveliest(record: Record) -> tuple[Record, tuple[str, ...]]:
     return replace(record, command=record.command[piece], position=record.position[piece], reference=None), (said,)
 
 
-def _refined(common: _Common, estimate: RefinedEstimate, tried: tuple[Candidate, ...]) -> Identification:
-    fit = estimate.fit
-    to_unit, to_position = common.scale
-    friction = estimate.friction
-    if friction is not None:
-        friction = Friction(
-            friction.coulomb * to_unit, friction.confidence * to_unit, friction.presliding * to_position
-        )
-    excitation = replace(common.excitation, needed=fit.structure.count, condition=estimate.condition)
-    require_excitation(excitation)
-    covariance, transform = inflated(estimate), _to_polynomials(fit.structure, fit.model, to_position / to_unit)
-    remarks = list(common.remarks)
-    poles = np.roots(fit.model.denominator())
-    remarks += check_length(poles, _slow_pole_error(fit.model, fit.structure, covariance), common.record.duration_s)
-    remarks += check_polarity(fit.model.numerator(), fit.model.denominator())
-    if not estimate.tests.uncorrelated_with_input:
-        remarks.append(
-            f"{100.0 * estimate.tests.unexplained:.2g} % of the residual still follows the command (not linear, or of "
-            f"a higher order): the band is widened accordingly"
-        )
-    if np.any(poles.real > 1e-9 * np.abs(poles).max()):
-        remarks.append("the model is not stable")
-    model = PlantModel(
-        num=fit.model.numerator() * to_position / to_unit,
-        den=fit.model.denominator(),
-        delay_s=fit.model.delay_s,
-        covariance=transform @ covariance @ transform.T,
-        band_hz=_band(common.record),
-        quantity=common.quantity,
-        command_unit=common.record.command_unit,
-        position_unit=common.record.position_unit,
-        method="refined",
-        record=common.record.about | {"rate_hz": common.record.rate_hz, "duration_s": common.record.duration_s},
-        friction={} if friction is None else {"coulomb": friction.coulomb, "presliding": friction.presliding},
+def _by_prediction(common: Prepared, asked: Asked, note: Callable[[str], None]) -> Identification:
+    if not asked.is_free or (asked.order or 1) > 6 or asked.hold == "band-limited":
+        raise BadInput("zeros, integrators, a dead time, more than six poles or a band-limited command; allowed: none "
+                       "of these with the method 'prediction'")  # fmt: skip
+    found = choose_structure(
+        common.samples,
+        common.response,
+        order=asked.order,
+        integrated=DERIVATIVES[asked.quantity],
+        friction=asked.friction,
+        note=note,
     )
-    return Identification(
-        model=model,
-        order=fit.structure.poles,
-        excitation=excitation,
-        tests=estimate.tests,
-        fit_percent=estimate.fit_percent,
-        friction=friction,
-        tried=tried,
-        empirical=_unscaled(common.response, to_position / to_unit),
-        simulated=estimate.simulated * to_position + float(common.record.position.mean()),
-        measured=common.record.position[-estimate.simulated.size :],
-        remarks=tuple(remarks),
-    )
+    made = refined(common, judge(common.samples, found.fit, found.tests), found.tried)
+    return replace(made, between=BetweenSamples(common.samples.hold, "asked"))
 
 
-def inflated(estimate: RefinedEstimate) -> Array:
-    """The covariance, times how much more of the residual follows the command than chance would have it (at least 1):
-    what the structure cannot say is uncertainty as well."""
-    count = estimate.fit.minimum.prediction.residual.size
-    excess = estimate.tests.unexplained * count / 14.0
-    factor = max(1.0, excess) if not estimate.tests.uncorrelated_with_input else 1.0
-    return estimate.covariance * factor
+def _by_spectrum(common: Prepared, asked: Asked, note: Callable[[str], None]) -> Identification:
+    holds, source = _holds(common.record, asked)
+    known = by_spectrum.known_of(asked.quantity, asked.order, asked.zeros, asked.integrators, asked.delay_s)
+    found = by_spectrum.spectral_estimate(common, holds, known, note)
+    between = BetweenSamples(found.chosen.hold, source, source != "data" or found.certain, found.advantage)
+    may_be_held = between.hold != "band-limited" or not between.certain
+    if asked.friction and may_be_held and asked.is_free and (asked.order or 1) <= 6:
+        note("looking for friction")
+        if by_spectrum.friction_shows(common, found):
+            made = _by_prediction(common, asked, note)
+            if made.friction is not None:
+                return by_spectrum.with_doubt(made, found, between)
+    return by_spectrum.identification(common, found, between)
 
 
-def _band(record: Record) -> tuple[float, float]:
-    """0.4 .. 300 Hz as far as the record reaches; all that it reaches where that is less than a decade."""
-    lowest, highest = 1.0 / record.duration_s, 0.45 * record.rate_hz
-    low, high = max(0.4, lowest), min(300.0, highest)
-    return (low, high) if high >= 10.0 * low else (lowest, highest)
-
-
-def _to_polynomials(structure: Structure, model: RationalModel, gain: float) -> Array:
-    """Matrix from theta to (num descending, den[1:] descending, delay_s)."""
-    n, m, w = structure.poles, structure.zeros, model.scale_rad_s
-    made = np.zeros((m + n + 2, structure.count))
-    for column, i in enumerate(range(structure.integrated, m + 1)):
-        made[m - i, column] = gain * w ** float(n - i)
-    for j in range(n):
-        made[m + 1 + (n - 1 - j), structure.numerator_count + j] = w ** float(n - j)
-    if structure.dead_time:
-        made[-1, -1] = 1.0 / w
-    return made
-
-
-def _slow_pole_error(model: RationalModel, structure: Structure, covariance: Array) -> float:
-    """Standard error of the slowest pole's real part, rad/s, to first order."""
-    polynomial = np.append(1.0, model.a[::-1])
-    poles = np.roots(polynomial)
-    slow = poles[np.argmin(np.abs(poles.real))]
-    slope = np.polyval(np.polyder(polynomial), slow)
-    if slope == 0.0:
-        return float("inf")
-    first = structure.numerator_count
-    gradient = np.array([-(slow**j) / slope for j in range(structure.poles)])
-    block = covariance[first : first + structure.poles, first : first + structure.poles]
-    return float(np.sqrt(max(np.real(gradient.real @ block @ gradient.real), 0.0)) * model.scale_rad_s)
-
-
-def _unscaled(response: EmpiricalResponse, gain: float) -> EmpiricalResponse:
-    return replace(response, value=response.value * gain)
-
-
-def _recursive(common: _Common, forgetting: float) -> Identification:
-    """The paper's way, judged by the same tests."""
-    samples = common.samples
-    order = common.order or 2
-    integrated = DERIVATIVES[common.quantity]
-    if integrated >= order:
-        raise BadInput(f"order {order} for a {common.quantity} by least squares; allowed: {integrated + 1} or more")
-    estimate = identify_recursively(
-        samples.command, samples.position, samples.rate_hz, poles=order, zeros=integrated, forgetting=forgetting
-    )
-    excitation = replace(common.excitation, needed=order + 1)
-    require_excitation(excitation)
-    gain = common.scale[1] / common.scale[0]
-    simulated = simulate(estimate.num, estimate.den, samples)
-    residual = samples.position - simulated
-    residual -= residual.mean()
-    tests = check_residual(residual, samples.command, samples.command[:, None], samples.rate_hz)
-    remarks = list(common.remarks) + list(check_length(np.roots(estimate.den), 0.0, common.record.duration_s))
-    remarks.append("least squares is biased by sensor noise: its confidence covers the noise, not the bias")
-    m = integrated + 1
-    covariance = np.zeros((m + order + 1, m + order + 1))
-    covariance[:-1, :-1] = estimate.covariance
-    covariance[:m] *= gain
-    covariance[:, :m] *= gain
-    spread = float(np.linalg.norm(samples.position - samples.position.mean()))
-    model = PlantModel(
-        num=estimate.num * gain,
-        den=estimate.den,
-        delay_s=0.0,
-        covariance=covariance,
-        band_hz=_band(common.record),
-        quantity=common.quantity,
-        command_unit=common.record.command_unit,
-        position_unit=common.record.position_unit,
-        method="rls",
-        record=common.record.about | {"rate_hz": common.record.rate_hz, "duration_s": common.record.duration_s},
-    )
-    return Identification(
-        model=model,
-        order=order,
-        excitation=excitation,
-        tests=tests,
-        fit_percent=100.0 * (1.0 - float(np.linalg.norm(residual)) / spread),
-        friction=None,
-        tried=(),
-        empirical=_unscaled(common.response, gain),
-        simulated=(simulated - simulated.mean()) * common.scale[1] + float(common.record.position.mean()),
-        measured=common.record.position,
-        remarks=tuple(remarks),
-    )
-
-
-def simulate(num: Array, den: Array, samples: Samples) -> Array:
-    """Position by num/den (fewer zeros than poles) from rest, (n,)."""
-    states = companion_states(den, samples.command, samples.rate_hz, hold=samples.hold)
-    return np.asarray(states[:, : num.size] @ num[::-1])
+def _holds(record: Record, asked: Asked) -> tuple[tuple[Between, ...], str]:
+    """The holds to try, and who says so: the user, the record's own file, or the data."""
+    if asked.hold != "auto":
+        return tuple(hold for hold in HOLDS if hold == asked.hold), "asked"
+    written = tuple(hold for hold in HOLDS if hold == record.about.get("hold"))
+    return (written, "file") if written else (("zero-order", "band-limited"), "data")

@@ -42,13 +42,16 @@ _POOR = 0.02
 
 @dataclass(frozen=True)
 class Candidate:
-    """One structure that was tried: squared innovation over the best, chance that nothing is left (score test)."""
+    """One structure that was tried: squared innovation, chance that nothing is left (score test; nan: not tested), the
+    hold it was tried under and how far its criterion is behind the best (Bayes; nan: not known)."""
 
     poles: int
     zeros: int
     dead_time: bool
     cost: float
     uncorrelated_p: float
+    hold: str = "zero-order"
+    behind: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,13 +19,14 @@ class ResidualTests:
     """Chances (p) that a residual free of structure would look as bad; a test passes above 1 %.
 
     white: of the innovations (after the noise model). uncorrelated: with the command's past; unexplained: the share of
-    the residual's power that the command's past explains. feedback: whether the command depends on the residual's past.
+    the residual's power that the command's past explains. feedback: whether the command depends on the
+    residual's past; None: the record cannot tell.
     """
 
     white_p: float
     uncorrelated_p: float
     unexplained: float
-    feedback: bool
+    feedback: bool | None
 
     @property
     def white(self) -> bool:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from tactuator.files.atomic import atomic_folder
-from tactuator.identification.identify import Identification
+from tactuator.identification.result import Identification
 from tactuator.report.plate import Plate
 from tactuator.report.style import BLUE, FAINT, ORANGE, RED, figure, frequency_axis, legend
 from tactuator.signals.spectra import power_spectrum
@@ -47,6 +47,7 @@ def identification_plate(found: Identification) -> Plate:
     }
     caption = (
         f"Model of {found.order} poles and {found.model.num.size - 1} zeros by the {found.model.method} estimator, "
+        f"command {found.between.hold}, "
         f"fit {found.fit_percent:.2f} %."
     )
     return Plate("identification", "Identified response", caption, made, columns)

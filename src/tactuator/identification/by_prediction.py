@@ -1,0 +1,196 @@
+"""The time domain's estimates: by prediction error, for held commands and friction, and the paper's recursion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.load import DERIVATIVES
+from tactuator.display.plant_model import PlantModel
+from tactuator.errors import BadInput
+from tactuator.identification.estimate.friction import Friction
+from tactuator.identification.estimate.recursive import identify_recursively
+from tactuator.identification.estimate.refined import RefinedEstimate, Samples
+from tactuator.identification.estimate.states import companion_states
+from tactuator.identification.estimate.structure import RationalModel, Structure
+from tactuator.identification.evidence.checks import check_length, check_polarity
+from tactuator.identification.evidence.empirical import EmpiricalResponse
+from tactuator.identification.evidence.excitation import ExcitationReport, require_excitation
+from tactuator.identification.evidence.residuals import check_residual
+from tactuator.identification.result import Identification
+from tactuator.identification.selection import Candidate
+from tactuator.signals.record import Record
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A record, its samples of unit size (scale: of command and position), its own response, and what is asked."""
+
+    record: Record
+    samples: Samples
+    scale: tuple[float, float]
+    response: EmpiricalResponse
+    excitation: ExcitationReport
+    quantity: str
+    order: int | None
+    remarks: tuple[str, ...]
+
+
+def refined(common: Prepared, estimate: RefinedEstimate, tried: tuple[Candidate, ...]) -> Identification:
+    """Return the identification of a finished refined estimate."""
+    fit = estimate.fit
+    to_unit, to_position = common.scale
+    friction = estimate.friction
+    if friction is not None:
+        friction = Friction(
+            friction.coulomb * to_unit, friction.confidence * to_unit, friction.presliding * to_position
+        )
+    excitation = replace(common.excitation, needed=fit.structure.count, condition=estimate.condition)
+    require_excitation(excitation)
+    covariance, transform = inflated(estimate), _to_polynomials(fit.structure, fit.model, to_position / to_unit)
+    remarks = list(common.remarks)
+    poles = np.roots(fit.model.denominator())
+    remarks += check_length(poles, _slow_pole_error(fit.model, fit.structure, covariance), common.record.duration_s)
+    remarks += check_polarity(fit.model.numerator(), fit.model.denominator())
+    if not estimate.tests.uncorrelated_with_input:
+        remarks.append(
+            f"{100.0 * estimate.tests.unexplained:.2g} % of the residual still follows the command (not linear, or of "
+            f"a higher order): the band is widened accordingly"
+        )
+    if np.any(poles.real > 1e-9 * np.abs(poles).max()):
+        remarks.append("the model is not stable")
+    model = PlantModel(
+        num=fit.model.numerator() * to_position / to_unit,
+        den=fit.model.denominator(),
+        delay_s=fit.model.delay_s,
+        covariance=transform @ covariance @ transform.T,
+        band_hz=usual_band(common.record),
+        quantity=common.quantity,
+        command_unit=common.record.command_unit,
+        position_unit=common.record.position_unit,
+        method="refined",
+        record=common.record.about | {"rate_hz": common.record.rate_hz, "duration_s": common.record.duration_s},
+        friction={} if friction is None else {"coulomb": friction.coulomb, "presliding": friction.presliding},
+    )
+    return Identification(
+        model=model,
+        order=fit.structure.poles,
+        excitation=excitation,
+        tests=estimate.tests,
+        fit_percent=estimate.fit_percent,
+        friction=friction,
+        tried=tried,
+        empirical=_unscaled(common.response, to_position / to_unit),
+        simulated=estimate.simulated * to_position + float(common.record.position.mean()),
+        measured=common.record.position[-estimate.simulated.size :],
+        remarks=tuple(remarks),
+    )
+
+
+def inflated(estimate: RefinedEstimate) -> Array:
+    """The covariance, times how much more of the residual follows the command than chance would have it (at least 1):
+    what the structure cannot say is uncertainty as well."""
+    count = estimate.fit.minimum.prediction.residual.size
+    excess = estimate.tests.unexplained * count / 14.0
+    factor = max(1.0, excess) if not estimate.tests.uncorrelated_with_input else 1.0
+    return estimate.covariance * factor
+
+
+def usual_band(record: Record) -> tuple[float, float]:
+    """0.4 .. 300 Hz as far as the record reaches; all that it reaches where that is less than a decade."""
+    lowest, highest = 1.0 / record.duration_s, 0.45 * record.rate_hz
+    low, high = max(0.4, lowest), min(300.0, highest)
+    return (low, high) if high >= 10.0 * low else (lowest, highest)
+
+
+def _to_polynomials(structure: Structure, model: RationalModel, gain: float) -> Array:
+    """Matrix from theta to (num descending, den[1:] descending, delay_s)."""
+    n, m, w = structure.poles, structure.zeros, model.scale_rad_s
+    made = np.zeros((m + n + 2, structure.count))
+    for column, i in enumerate(range(structure.integrated, m + 1)):
+        made[m - i, column] = gain * w ** float(n - i)
+    for j in range(n):
+        made[m + 1 + (n - 1 - j), structure.numerator_count + j] = w ** float(n - j)
+    if structure.dead_time:
+        made[-1, -1] = 1.0 / w
+    return made
+
+
+def _slow_pole_error(model: RationalModel, structure: Structure, covariance: Array) -> float:
+    """Standard error of the slowest pole's real part, rad/s, to first order."""
+    polynomial = np.append(1.0, model.a[::-1])
+    poles = np.roots(polynomial)
+    slow = poles[np.argmin(np.abs(poles.real))]
+    slope = np.polyval(np.polyder(polynomial), slow)
+    if slope == 0.0:
+        return float("inf")
+    first = structure.numerator_count
+    gradient = np.array([-(slow**j) / slope for j in range(structure.poles)])
+    block = covariance[first : first + structure.poles, first : first + structure.poles]
+    return float(np.sqrt(max(np.real(gradient.real @ block @ gradient.real), 0.0)) * model.scale_rad_s)
+
+
+def _unscaled(response: EmpiricalResponse, gain: float) -> EmpiricalResponse:
+    return replace(response, value=response.value * gain)
+
+
+def recursive(common: Prepared, forgetting: float) -> Identification:
+    """Return the paper's estimate, judged by the same tests."""
+    samples = common.samples
+    order = common.order or 2
+    integrated = DERIVATIVES[common.quantity]
+    if integrated >= order:
+        raise BadInput(f"order {order} for a {common.quantity} by least squares; allowed: {integrated + 1} or more")
+    estimate = identify_recursively(
+        samples.command, samples.position, samples.rate_hz, poles=order, zeros=integrated, forgetting=forgetting
+    )
+    excitation = replace(common.excitation, needed=order + 1)
+    require_excitation(excitation)
+    gain = common.scale[1] / common.scale[0]
+    simulated = simulate(estimate.num, estimate.den, samples)
+    residual = samples.position - simulated
+    residual -= residual.mean()
+    tests = check_residual(residual, samples.command, samples.command[:, None], samples.rate_hz)
+    remarks = list(common.remarks) + list(check_length(np.roots(estimate.den), 0.0, common.record.duration_s))
+    remarks.append("least squares is biased by sensor noise: its confidence covers the noise, not the bias")
+    m = integrated + 1
+    covariance = np.zeros((m + order + 1, m + order + 1))
+    covariance[:-1, :-1] = estimate.covariance
+    covariance[:m] *= gain
+    covariance[:, :m] *= gain
+    spread = float(np.linalg.norm(samples.position - samples.position.mean()))
+    model = PlantModel(
+        num=estimate.num * gain,
+        den=estimate.den,
+        delay_s=0.0,
+        covariance=covariance,
+        band_hz=usual_band(common.record),
+        quantity=common.quantity,
+        command_unit=common.record.command_unit,
+        position_unit=common.record.position_unit,
+        method="rls",
+        record=common.record.about | {"rate_hz": common.record.rate_hz, "duration_s": common.record.duration_s},
+    )
+    return Identification(
+        model=model,
+        order=order,
+        excitation=excitation,
+        tests=tests,
+        fit_percent=100.0 * (1.0 - float(np.linalg.norm(residual)) / spread),
+        friction=None,
+        tried=(),
+        empirical=_unscaled(common.response, gain),
+        simulated=(simulated - simulated.mean()) * common.scale[1] + float(common.record.position.mean()),
+        measured=common.record.position,
+        remarks=tuple(remarks),
+    )
+
+
+def simulate(num: Array, den: Array, samples: Samples) -> Array:
+    """Position by num/den (fewer zeros than poles) from rest, (n,)."""
+    states = companion_states(den, samples.command, samples.rate_hz, hold=samples.hold)
+    return np.asarray(states[:, : num.size] @ num[::-1])

@@ -1,0 +1,218 @@
+"""The frequency domain's estimate of a record as an identification: model, band, tests, and what speaks against it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.load import DERIVATIVES
+from tactuator.display.plant_model import Excess, PlantModel
+from tactuator.identification.by_prediction import Prepared, usual_band
+from tactuator.identification.estimate.loops import dahl_state
+from tactuator.identification.evidence.checks import check_length, check_polarity
+from tactuator.identification.evidence.feedback import feedback_seen
+from tactuator.identification.evidence.residuals import ResidualTests, check_residual
+from tactuator.identification.evidence.whitening import apply_filter, whitening_filter
+from tactuator.identification.result import BetweenSamples, Identification
+from tactuator.identification.selection import Candidate
+from tactuator.identification.spectral.between import Between
+from tactuator.identification.spectral.estimate import SpectralEstimate, estimate
+from tactuator.identification.spectral.likelihood import Fit, information
+from tactuator.identification.spectral.record_residual import Residual, record_residual
+from tactuator.identification.spectral.search import Choice, Known
+from tactuator.identification.spectral.uncertainty import (
+    fed_back,
+    left_over,
+    log_slopes,
+    other_forms,
+    physical,
+    response_of_rows,
+)
+
+Array = NDArray[np.float64]
+_TABLE = 120
+_WIDEST_DB = 3.0
+"""Half-width of the band beyond which the model says nothing."""
+_CERTAIN_FRICTION = 100.0
+"""Drop of -2 log likelihood by one parameter from which on friction is looked for."""
+
+
+def spectral_estimate(
+    common: Prepared, holds: tuple[Between, ...], known: Known, note: Callable[[str], None]
+) -> SpectralEstimate:
+    """Return the frequency domain's estimate of the prepared record."""
+    samples = common.samples
+    return estimate(samples.command, samples.position, samples.rate_hz, holds, known, note)
+
+
+def friction_shows(common: Prepared, found: SpectralEstimate) -> bool:
+    """Return true where a friction along the model's own path explains more of the residual than chance ever would."""
+    fit, left = found.chosen.fit, record_residual(found.chosen, found.lines)
+    path = left.simulated
+    best = 0.0
+    for presliding in np.geomspace(1e-3, 1.0, 4) * float(np.std(path)):
+        state = dahl_state(np.ascontiguousarray(path), float(presliding))
+        lines = np.fft.rfft(state - state.mean()) / np.sqrt(state.size)
+        pull = response_of_rows(fit, found.lines.frequency_hz[1:]) * lines[1:] * left.weight[1:]
+        goal = left.lines[1:] * left.weight[1:]
+        size = float(np.sum(np.abs(pull) ** 2))
+        along = float(np.sum((np.conj(pull) * goal).real))
+        if size > 0.0 and along < 0.0:
+            best = max(best, 2.0 * along**2 / size)
+    return best > _CERTAIN_FRICTION
+
+
+@np.errstate(all="ignore")
+def identification(common: Prepared, found: SpectralEstimate, between: BetweenSamples) -> Identification:
+    """Return the identification by the chosen fit, its band wide enough for the other hold where none is certain."""
+    chosen, to_unit, to_position = found.chosen, *common.scale
+    gain = to_position / to_unit
+    model = _model(common, found, chosen, gain)
+    other = None
+    remarks = list(common.remarks)
+    if found.other is not None and not found.certain and between.source == "data":
+        other = _model(common, found, found.other, gain)
+        table = model.excess.frequency_hz
+        apart = np.log(other.response(table) / model.response(table))
+        model = replace(model, excess=model.excess.joined(apart / 1.96))
+        remarks.append(
+            f"whether the command was held or band-limited between its samples cannot be told (difference "
+            f"{found.advantage:.2g}): taken as {between.hold}, the band holds both; --hold says which it is"
+        )
+    model = replace(model, valid_hz=_valid(model, found))
+    left = record_residual(chosen, found.lines)
+    tests = _tests(common, found, left)
+    poles = chosen.fit.poles_rad_s
+    remarks += check_length(poles, _slow_pole_error(chosen), common.record.duration_s)
+    remarks += check_polarity(model.num, model.den)
+    spread = float(np.linalg.norm(left.measured))
+    percent = 100.0 * (1.0 - float(np.linalg.norm(left.simulated - left.measured)) / spread) if spread > 0.0 else 0.0
+    offset = float(common.record.position.mean())
+    return Identification(
+        model=model,
+        order=chosen.fit.form.poles,
+        excitation=replace(common.excitation, needed=chosen.fit.form.count),
+        tests=tests,
+        fit_percent=percent,
+        friction=None,
+        tried=_tried(found),
+        empirical=common.response,
+        simulated=left.simulated * to_position + offset,
+        measured=left.measured * to_position + offset,
+        remarks=tuple(remarks),
+        between=between,
+        other=other,
+    )
+
+
+def with_doubt(made: Identification, found: SpectralEstimate, between: BetweenSamples) -> Identification:
+    """Return the identification with a band that holds the other hold too, where the record cannot tell them apart."""
+    if between.certain or found.other is None:
+        return replace(made, between=replace(between, hold="zero-order"))
+    table = np.geomspace(1.0 / made.model.band_hz[1], 0.5 * found.lines.rate_hz, _TABLE)
+    apart = np.log(found.other.fit.response(table) / found.chosen.fit.response(table))
+    excess = Excess(table, np.zeros(table.size), np.zeros(table.size)).joined(apart / 1.96)
+    said = "whether the command was held or band-limited cannot be told: taken as held, the band holds both"
+    return replace(
+        made,
+        model=replace(made.model, excess=excess),
+        between=replace(between, hold="zero-order"),
+        remarks=(*made.remarks, said),
+    )
+
+
+def _tried(found: SpectralEstimate) -> tuple[Candidate, ...]:
+    made = []
+    for choice in (found.chosen, *([] if found.other is None else [found.other])):
+        best = choice.criterion(choice.fit)
+        for form, fit in sorted(choice.fits.items(), key=lambda one: choice.criterion(one[1])):
+            behind = choice.criterion(fit) - best
+            made.append(Candidate(form.poles, form.zeros, form.dead_time, fit.cost, float("nan"), choice.hold, behind))
+    return tuple(made)
+
+
+def _model(common: Prepared, found: SpectralEstimate, choice: Choice, gain: float) -> PlantModel:
+    fit, record = choice.fit, common.record
+    covariance = information(choice.problem, fit)
+    num, den, spread = physical(fit, covariance, gain)
+    high = 0.5 * record.rate_hz
+    table = np.geomspace(1.0 / record.duration_s, high, _TABLE)
+    beyond = other_forms(choice, table)
+    bias = fed_back(choice, found.lines)
+    if bias is not None:
+        beyond = beyond.joined(log_slopes(fit, table) @ bias)
+    local = found.local
+    missing = left_over(fit, local, response_of_rows(fit, local.frequency_hz), table)
+    beyond = beyond.joined(missing * (1.0 + 1.0j))
+    return PlantModel(
+        num=num,
+        den=den,
+        delay_s=fit.delay_s,
+        covariance=spread,
+        band_hz=usual_band(record),
+        quantity=common.quantity,
+        command_unit=record.command_unit,
+        position_unit=record.position_unit,
+        method="spectral",
+        record=record.about | {"rate_hz": record.rate_hz, "duration_s": record.duration_s, "hold": choice.hold},
+        excess=beyond,
+    )
+
+
+def _valid(model: PlantModel, found: SpectralEstimate) -> tuple[float, float]:
+    """From where to where the record moved the mechanism and the band is narrower than 3 dB."""
+    local = found.local
+    moved = local.frequency_hz[local.excitation > 1e-5 * float(np.max(local.excitation))]
+    low = found.lines.spacing_hz if moved[0] == local.frequency_hz[0] else float(moved[0])
+    frequency = np.geomspace(low, min(float(moved[-1]), 0.47 * found.lines.rate_hz), 200)
+    narrow = np.flatnonzero(model.band_db(frequency) <= _WIDEST_DB)
+    if not narrow.size:
+        return (float(frequency[0]), float(frequency[0]))
+    # the longest run without a wide place in it
+    runs = np.split(narrow, np.flatnonzero(np.diff(narrow) > 1) + 1)
+    longest = max(runs, key=len)
+    return (float(frequency[longest[0]]), float(frequency[longest[-1]]))
+
+
+def _tests(common: Prepared, found: SpectralEstimate, left: Residual) -> ResidualTests:
+    residual = left.measured - left.simulated
+    whitener = whitening_filter(residual)
+    command = common.samples.command[: residual.size]
+    skip = whitener.size + 1
+    innovation = apply_filter(whitener, residual)[skip:]
+    moved = apply_filter(whitener, command)[skip:]
+    hertz = found.lines.frequency_hz[1:]
+    fit = found.chosen.fit
+    along = log_slopes(fit, hertz) * (response_of_rows(fit, hertz) * found.lines.command[1:])[:, None]
+    columns = np.fft.irfft(np.vstack([np.zeros(along.shape[1]), along]), found.lines.samples, axis=0)
+    slopes = apply_filter(whitener, columns)[skip:]
+    tests = check_residual(innovation, moved, slopes, common.samples.rate_hz)
+    return replace(tests, feedback=feedback_seen(found.lines, left, found.chosen.fit))
+
+
+def _slow_pole_error(choice: Choice) -> float:
+    """Standard error of the slowest pole's real part, rad/s, to first order."""
+    fit = choice.fit
+    covariance = information(choice.problem, fit)
+    first = fit.numerator.size
+    block = covariance[first : first + fit.theta.size, first : first + fit.theta.size]
+    gradient = np.zeros(fit.theta.size)
+    slow = _slowest(fit, fit.theta)
+    for j in range(fit.theta.size):
+        step = np.zeros(fit.theta.size)
+        step[j] = 1e-6 * max(abs(float(fit.theta[j])), 1e-9)
+        gradient[j] = (_slowest(fit, fit.theta + step) - slow) / step[j]
+    return float(np.sqrt(max(float(gradient @ block @ gradient), 0.0))) * fit.grid.scale_rad_s
+
+
+def _slowest(fit: Fit, theta: Array) -> float:
+    poles = replace(fit, theta=theta).poles_rad_s / fit.grid.scale_rad_s
+    return float(poles[np.argmin(np.abs(poles.real))].real) if poles.size else 0.0
+
+
+def known_of(quantity: str, order: int | None, zeros: int | None, integrators: int, delay_s: float | None) -> Known:
+    """Return what is asked of the form; a velocity or an acceleration has zeros at s = 0."""
+    return Known(order, zeros, integrators, DERIVATIVES[quantity], delay_s)

@@ -1,0 +1,82 @@
+"""What an identification gives: the model, its tests, and what a user must be told of both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.plant_model import PlantModel
+from tactuator.identification.estimate.friction import Friction
+from tactuator.identification.evidence.empirical import EmpiricalResponse
+from tactuator.identification.evidence.excitation import ExcitationReport
+from tactuator.identification.evidence.residuals import ResidualTests
+from tactuator.identification.selection import Candidate
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BetweenSamples:
+    """hold: what the command is taken to do between its samples. source: "asked", "file" or "data". certain: the data
+    (or the file) tell it from the other; advantage: by how much of -2 log likelihood."""
+
+    hold: str = "zero-order"
+    source: str = "asked"
+    certain: bool = True
+    advantage: float = float("inf")
+
+
+@dataclass(frozen=True)
+class Resonance:
+    """A pair of complex poles: |pole| / 2 pi, damping ratio, Q = 1 / (2 damping ratio)."""
+
+    frequency_hz: float
+    damping_ratio: float
+    q: float
+
+
+def resonances(den: Array) -> tuple[Resonance, ...]:
+    """Return the complex pairs among the roots of `den` (descending powers of s), by frequency."""
+    poles = np.roots(den)
+    upper = poles[poles.imag > 1e-9 * np.abs(poles)]
+    made = []
+    for pole in sorted(upper, key=abs):
+        ratio = float(-pole.real / abs(pole))
+        made.append(Resonance(float(abs(pole) / (2.0 * np.pi)), ratio, 0.5 / ratio if ratio else float("inf")))
+    return tuple(made)
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """model: with covariance. order: poles. tried: structures in the order of trial. friction: None if none is certain.
+
+    empirical: the record's own response in bands, for figures. simulated, measured: position by the model and as
+    recorded, (k,), the last k samples of the part used. remarks: what a user must be told. other: the model under the
+    other hold where the record cannot tell them apart. distrust: why the model is not to be trusted; empty if it is.
+    """
+
+    model: PlantModel
+    order: int
+    excitation: ExcitationReport
+    tests: ResidualTests
+    fit_percent: float
+    friction: Friction | None
+    tried: tuple[Candidate, ...]
+    empirical: EmpiricalResponse
+    simulated: Array
+    measured: Array
+    remarks: tuple[str, ...]
+    between: BetweenSamples = BetweenSamples()
+    other: PlantModel | None = None
+    distrust: tuple[str, ...] = ()
+
+    @property
+    def poles_hz(self) -> Array:
+        """|pole| / 2 pi, ascending, (order,)."""
+        return np.sort(np.abs(np.roots(self.model.den))) / (2.0 * np.pi)
+
+    def frequency_hz(self, count: int = 500) -> Array:
+        """Frequencies even in log over 0.4 .. 300 Hz, or what the record supports of it, (count,)."""
+        return np.geomspace(*self.model.band_hz, count)

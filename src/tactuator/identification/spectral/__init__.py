@@ -1,0 +1,1 @@
+"""Maximum likelihood in the frequency domain, for held and for band-limited commands, with transient terms."""

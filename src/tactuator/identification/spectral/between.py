@@ -1,0 +1,139 @@
+"""What a continuous model does to the lines of a sampled command, by what the command does between its samples.
+
+Held commands: the answer of 1/(s - p) to a command that is constant between samples, exact with any dead time.
+Band-limited commands: the response itself (Pintelon and Schoukens, System Identification: A Frequency Domain Approach,
+2012, chapter 6).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.identification.spectral.form import (
+    Form,
+    Ladder,
+    all_poles,
+    denominator_values,
+    numerator_values,
+    separated,
+)
+
+Array = NDArray[np.float64]
+Complex = NDArray[Any]
+Between = Literal["zero-order", "first-order", "band-limited"]
+HOLDS: tuple[Between, ...] = ("zero-order", "first-order", "band-limited")
+_EDGE = 10
+"""Samples at either end of the record that are given up: what came before and comes after shows there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """frequency_hz (m,), of a record sampled at rate_hz whose position was shifted ahead by `shift` samples."""
+
+    frequency_hz: Array
+    rate_hz: float
+    scale_rad_s: float
+    hold: Between
+    shift: int = 0
+
+    @cached_property
+    def s(self) -> Complex:
+        """Scaled i omega, (m,)."""
+        return np.asarray(2j * np.pi * self.frequency_hz / self.scale_rad_s)
+
+    @property
+    def period(self) -> float:
+        """Scaled sampling period."""
+        return self.scale_rad_s / self.rate_hz
+
+    @cached_property
+    def back(self) -> Complex:
+        """One sample back, 1/z, (m,)."""
+        return np.asarray(np.exp(-2j * np.pi * self.frequency_hz / self.rate_hz))
+
+    @cached_property
+    def step(self) -> Complex:
+        """1 - 1/z to full precision, (m,)."""
+        return np.asarray(-np.expm1(-2j * np.pi * self.frequency_hz / self.rate_hz))
+
+    def late(self, delay: float) -> Complex:
+        """Return the dead time's factor for a band-limited command, (m,)."""
+        return np.asarray(np.exp(-self.s * (delay - self.shift * self.period)))
+
+    def lag(self, pole: NDArray[Any]) -> Complex:
+        """Return 1 - exp(p T)/z for each pole (n,), shape (m, n), to full precision."""
+        fall = -np.expm1(_bounded(pole * self.period))
+        return np.asarray(self.step[:, None] * (1.0 - fall) + fall)
+
+
+def response_columns(grid: Grid, theta: Array, delay: float, form: Form, rungs: Ladder) -> Complex:
+    """Return what each numerator of the ladder makes of the command's lines, (m, numerators)."""
+    if grid.hold == "band-limited":
+        under = denominator_values(theta, form, grid.s)
+        return np.asarray(numerator_values(rungs, grid.s, form) * (grid.late(delay) / under)[:, None])
+    poles = separated(all_poles(theta, form))
+    slope = np.array([np.prod(poles[i] - np.delete(poles, i)) for i in range(poles.size)])
+    made = _held(grid, poles, delay) @ (numerator_values(rungs, poles, form) / slope[:, None])
+    if form.zeros == form.poles:
+        whole, part = divmod(delay / grid.period - grid.shift, 1.0)
+        made[:, -1] += grid.back**whole * (1.0 - part + part * grid.back)
+    return np.asarray(made)
+
+
+def _held(grid: Grid, poles: Complex, delay: float) -> Complex:
+    """Answer of 1/(s - p), late by `delay`, to the lines of a held command, (m, n)."""
+    whole, part = divmod(delay / grid.period - grid.shift, 1.0)
+    period, back = grid.period, grid.back[:, None]
+    if grid.hold == "first-order":
+        return _ramped(grid, poles, whole, part)
+    now = _integral(poles, (1.0 - part) * period)
+    before = np.exp(_bounded(poles * (1.0 - part) * period)) * _integral(poles, part * period)
+    return np.asarray(back ** (whole + 1.0) * (now + before * back) / grid.lag(poles))
+
+
+def _ramped(grid: Grid, poles: Complex, whole: float, part: float) -> Complex:
+    """The same for a command that is a straight line between samples; the dead time's fraction is interpolated."""
+    period, back = grid.period, grid.back[:, None]
+    first = _integral(poles, period)
+    second = np.where(np.abs(poles * period) < 1e-4, 0.5 * period**2, (first - period) / np.where(poles == 0, 1, poles))
+    early, late = second / period, first - second / period
+    exact = (early + late * back) / grid.lag(poles)
+    return np.asarray(back**whole * (1.0 - part + part * back) * exact)
+
+
+def _integral(poles: Complex, duration: float) -> Complex:
+    """Integral of exp(p t) over 0 .. duration, (n,)."""
+    small = np.abs(poles * duration) < 1e-8
+    return np.where(small, duration, np.expm1(_bounded(poles * duration)) / np.where(small, 1.0, poles))
+
+
+def _bounded(exponent: NDArray[Any]) -> Complex:
+    return np.asarray(np.minimum(exponent.real, 40.0) + 1j * exponent.imag)
+
+
+def edge_columns(grid: Grid) -> Complex:
+    """Return what the ends of the record, `_EDGE` samples each, and a drift may add to the position's lines, (m, k).
+
+    The coefficients are real.
+    """
+    made = [grid.back ** float(k) for k in range(-_EDGE, _EDGE + 1)]
+    return np.stack([*made, 1.0 / grid.step], axis=1)
+
+
+def transient_columns(grid: Grid, theta: Array, form: Form) -> Complex:
+    """Return what the state before the record may add to the position's lines: a decay of each pole, (m, poles)."""
+    poles = separated(all_poles(theta, form))
+    made: list[Complex] = []
+    for pole in poles[poles.imag >= -1e-14]:
+        decay = 1.0 / grid.lag(np.array([pole]))[:, 0]
+        if pole.imag > 1e-14:
+            other = 1.0 / grid.lag(np.array([np.conj(pole)]))[:, 0]
+            made += [decay + other, 1j * (decay - other)]
+        else:
+            made.append(decay)
+    return np.stack(made, axis=1)

@@ -1,0 +1,83 @@
+"""From samples to a choice under each hold, and which hold it was."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.errors import BadInput
+from tactuator.identification.spectral.between import Between
+from tactuator.identification.spectral.lines import LocalResponse, Spectrum, equations, local_response, spectrum
+from tactuator.identification.spectral.search import Choice, Known, choose, propose
+
+Array = NDArray[np.float64]
+CERTAIN = 12.0
+"""Difference of -2 log likelihood from which on a hold is told: odds of 1 : 400 on equal terms."""
+_FAR = 300.0
+"""The same from which on the worse hold is not looked at more closely."""
+_SILENT = 1e-6
+"""Power of the command's lines, over their median, below which the response is not looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpectralEstimate:
+    """chosen: under the better hold, or the first one where the record does not tell them apart (certain). other: under
+    the other, or None. advantage: how much better the better one's criterion is. local: the record's own response;
+    lines: its spectrum."""
+
+    chosen: Choice
+    other: Choice | None
+    certain: bool
+    advantage: float
+    local: LocalResponse
+    lines: Spectrum
+
+
+@np.errstate(all="ignore")
+def estimate(
+    command: Array,
+    position: Array,
+    rate_hz: float,
+    holds: tuple[Between, ...],
+    known: Known,
+    note: Callable[[str], None] = lambda _: None,
+) -> SpectralEstimate:
+    """Return the estimate from command and position (n,), both of about unit size. Raises BadInput without a start."""
+    whole = spectrum(command, position, rate_hz)
+    local = local_response(whole, 0.47 * rate_hz)
+    if local.frequency_hz.size < 4:
+        raise BadInput(
+            f"the record shows its response at {local.frequency_hz.size} frequencies; allowed: 4 or more (a longer "
+            "record, or a command with more lines)"
+        )
+    local = local.at(local.excitation > _SILENT * float(np.median(local.excitation)))
+    scale = 2.0 * np.pi * float(np.exp(np.mean(np.log(local.frequency_hz))))
+    proposals = propose(local, rate_hz, scale, holds, known, note)
+    if not all(proposals[hold] for hold in holds):
+        raise BadInput("no model of the form asked for fits the record at all; allowed: another order, or more zeros")
+    # what was commanded before the record began is unknown for as long as the dead time: the position starts later
+    shift = max(min(int(proposals[hold][0].delay_s * rate_hz + 1e-3) for hold in holds) - 1, 0)
+    shift = min(shift, command.size // 4)
+    taken = spectrum(command, position, rate_hz, shift) if shift else whole
+    given = equations(taken, 0.0, 0.5 * rate_hz)
+    choices: list[Choice] = []
+    for hold in sorted(holds, key=lambda one: proposals[one][0].cost):
+        note(f"fitting the record as {hold}")
+        if choices:
+            glance = choose(given, proposals[hold], hold, known, quick=True)
+            if glance.evidence > choices[0].evidence + _FAR:
+                choices.append(glance)
+                continue
+        choices.append(choose(given, proposals[hold], hold, known))
+    choices.sort(key=lambda one: one.evidence)
+    if len(choices) == 1:
+        return SpectralEstimate(choices[0], None, True, np.inf, local, taken)
+    advantage = choices[1].evidence - choices[0].evidence
+    certain = bool(advantage > CERTAIN)
+    if not certain:
+        # most commands come from a converter: without evidence it is taken to hold
+        choices.sort(key=lambda one: holds.index(one.hold))
+    return SpectralEstimate(choices[0], choices[1], certain, float(advantage), local, taken)

@@ -1,0 +1,158 @@
+"""The form of a transfer function, its denominator as sections, its numerator on a ladder of products of sections.
+
+Sections keep the numbers well conditioned over many decades and eight poles, where coefficients of one polynomial do
+not. Time is scaled: s is in units of `scale_rad_s`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.errors import BadInput
+
+Array = NDArray[np.float64]
+Complex = NDArray[Any]
+Ladder = tuple[tuple[Array, int], ...]
+MOST_POLES = 8
+
+
+@dataclass(frozen=True)
+class Form:
+    """poles, of which `integrators` at s = 0; zeros, of which `origin_zeros` at s = 0; dead_time: is it estimated?"""
+
+    poles: int
+    zeros: int
+    dead_time: bool = False
+    integrators: int = 0
+    origin_zeros: int = 0
+
+    def __post_init__(self) -> None:
+        if not (1 <= self.poles <= MOST_POLES and 0 <= self.integrators <= self.poles):
+            raise BadInput(
+                f"{self.poles} poles, {self.integrators} of them at zero; allowed: 1 to {MOST_POLES}, no more at zero"
+            )
+        if not self.origin_zeros <= self.zeros <= self.poles:
+            raise BadInput(f"{self.zeros} zeros for {self.poles} poles; allowed: {self.origin_zeros} to {self.poles}")
+
+    @property
+    def free(self) -> int:
+        """Poles that are estimated."""
+        return self.poles - self.integrators
+
+    @property
+    def numerators(self) -> int:
+        """Coefficients of the numerator."""
+        return self.zeros - self.origin_zeros + 1
+
+    @property
+    def count(self) -> int:
+        """Number of parameters."""
+        return self.free + self.numerators + int(self.dead_time)
+
+
+def section_list(theta: Array, form: Form) -> list[Array]:
+    """Return the free sections (descending, monic): s^2 + a1 s + a0 for each pair in `theta`, then s + a0."""
+    pairs = [np.array([1.0, theta[2 * j], theta[2 * j + 1]]) for j in range(form.free // 2)]
+    return [*pairs, np.array([1.0, theta[form.free - 1]])] if form.free % 2 else pairs
+
+
+def free_poles(theta: Array, form: Form) -> Complex:
+    """Return the estimated poles, (free,)."""
+    made: list[complex] = []
+    for j in range(form.free // 2):
+        half, product = 0.5 * float(theta[2 * j]), float(theta[2 * j + 1])
+        under = half * half - product
+        if under < 0.0:
+            made += [complex(-half, (-under) ** 0.5), complex(-half, -((-under) ** 0.5))]
+        else:
+            # the larger root first: the smaller one as a difference would lose its digits
+            large = -half - (under**0.5 if half >= 0.0 else -(under**0.5))
+            made += [complex(large), complex(product / large if large else 0.0)]
+    if form.free % 2:
+        made.append(complex(-float(theta[form.free - 1])))
+    return np.array(made, dtype=np.complex128)
+
+
+def all_poles(theta: Array, form: Form) -> Complex:
+    """Return all poles, those at zero last, (poles,)."""
+    return np.concatenate([free_poles(theta, form), np.zeros(form.integrators)])
+
+
+def sections_of(poles: NDArray[Any]) -> Array:
+    """Return theta of the conjugate-closed `poles`, (n,): pairs first, real poles paired by size, an odd one last."""
+    values = np.asarray(poles, dtype=np.complex128)
+    is_real = np.abs(values.imag) <= 1e-12 * np.abs(values)
+    made: list[float] = []
+    for pole in values[~is_real & (values.imag > 0.0)]:
+        made += [-2.0 * pole.real, abs(pole) ** 2]
+    real = np.sort(values[is_real].real).tolist()
+    for k in range(0, len(real) - 1, 2):
+        made += [-(real[k] + real[k + 1]), real[k] * real[k + 1]]
+    return np.array([*made, -real[-1]] if len(real) % 2 else made)
+
+
+def separated(poles: Complex) -> Complex:
+    """Return the poles with those that coincide moved apart by 1e-4 of their size: residues need single poles.
+
+    The error of the response is of the square of that.
+    """
+    moved = poles.copy()
+    for i in range(moved.size):
+        for j in range(i):
+            size = max(abs(moved[i]), 1e-9)
+            if abs(moved[i] - moved[j]) < 2e-4 * size:
+                middle = 0.5 * (moved[i] + moved[j])
+                step = 1e-4 * max(abs(middle), 1e-6)
+                apart = 1j * step if abs(middle.imag) <= 1e-9 * abs(middle) else step
+                moved[i], moved[j] = middle + apart, middle - apart
+    return moved
+
+
+def ladder(theta: Array, form: Form) -> Ladder:
+    """Return numerators of ascending degree as products of sections, slow ones first: (polynomial, power of s) each."""
+    slow_first = sorted(section_list(theta, form), key=lambda one: abs(one[-1]) ** (1.0 / (one.size - 1)))
+    rows = [np.array([1.0, 0.0])] * form.integrators + slow_first
+    made: list[tuple[Array, int]] = []
+    done = np.array([1.0])
+    for section in rows:
+        made.append((done, 0))
+        if section.size == 3:
+            made.append((done, 1))
+        done = np.polymul(done, section)
+    made.append((done, 0))
+    return tuple(made)
+
+
+def numerator_values(rungs: Ladder, s: Complex, form: Form) -> Complex:
+    """Return the numerators at s (m,), shape (m, numerators)."""
+    values = [np.polyval(rungs[j][0], s) * s ** (rungs[j][1] + form.origin_zeros) for j in range(form.numerators)]
+    return np.stack(values, axis=-1)
+
+
+def numerator_polynomial(rungs: Ladder, weights: Array, form: Form) -> Array:
+    """Return the numerator with those weights (numerators,) as one polynomial, descending, of degree `zeros`."""
+    made = np.zeros(form.zeros + 1)
+    for (polynomial, power), weight in zip(rungs, weights, strict=False):
+        term = np.append(polynomial, np.zeros(power + form.origin_zeros))
+        made[made.size - term.size :] += weight * term
+    return made
+
+
+def denominator_values(theta: Array, form: Form, s: Complex) -> Complex:
+    """Return the denominator at s (m,)."""
+    value = s**form.integrators if form.integrators else np.ones(s.shape, dtype=np.complex128)
+    for section in section_list(theta, form):
+        value = value * np.polyval(section, s)
+    return np.asarray(value)
+
+
+def denominator_polynomial(theta: Array, form: Form) -> Array:
+    """Return the denominator as one monic polynomial, descending."""
+    made = np.append(1.0, np.zeros(form.integrators))
+    for section in section_list(theta, form):
+        made = np.polymul(made, section)
+    return made

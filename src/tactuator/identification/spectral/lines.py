@@ -1,0 +1,223 @@
+"""A record's lines, gathered in bands where there are many: a fit costs the same for a second and for an hour.
+
+Within a narrow band response and transient are polynomials of second degree in frequency, so that an orthogonal
+transformation turns all its lines into six equations and one number, the power that no such polynomial explains. The
+same three coefficients, fitted band by band, are the local polynomial estimate of the response (Pintelon and Schoukens,
+2012, chapter 7).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Complex = NDArray[Any]
+NODES = 3
+_PLACES = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)[::-1]
+_FEWEST = 9
+"""Lines below which a band is kept line by line."""
+_WIDEST = 1.0 / 1200.0
+"""Widest band over the sampling rate: a dead time of 150 samples turns the phase by less than a radian in it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Lines of command and position over the square root of the number of samples, zero first; position shifted."""
+
+    command: Complex
+    position: Complex
+    rate_hz: float
+    samples: int
+    shift: int = 0
+
+    @property
+    def spacing_hz(self) -> float:
+        """Distance between lines."""
+        return self.rate_hz / self.samples
+
+    @cached_property
+    def frequency_hz(self) -> Array:
+        """Frequencies of the lines."""
+        return np.asarray(np.arange(self.command.size) * self.spacing_hz)
+
+
+def spectrum(command: Array, position: Array, rate_hz: float, shift: int = 0) -> Spectrum:
+    """Return the lines of a record (n,) whose position is read `shift` samples later, means taken off."""
+    late, early = position[shift:], command[: command.size - shift]
+    root = np.sqrt(late.size)
+    lines = [np.fft.rfft(one - one.mean()) / root for one in (early, late)]
+    return Spectrum(lines[0], lines[1], rate_hz, late.size, shift)
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """goal = response_of(G) + transient_of(T) + noise, one complex equation each; power of noise as in single lines.
+
+    frequency_hz: where G and T are wanted, (m,): `raw` single lines, then NODES for each of b bands. rest: power (b,)
+    that the bands' equations leave, of lines - 2 NODES lines. of_hz: frequency of each equation. shift: as in Spectrum.
+    """
+
+    frequency_hz: Array
+    raw: int
+    command: Complex
+    position: Complex
+    by_response: Complex
+    by_transient: Complex
+    by_goal: Complex
+    rest: Array
+    lines: Array
+    centre_hz: Array
+    rate_hz: float
+    shift: int
+
+    @cached_property
+    def goal(self) -> Complex:
+        """Left side, (e,)."""
+        return np.concatenate([self.position, self.by_goal.reshape(-1)])
+
+    @cached_property
+    def of_hz(self) -> Array:
+        """Frequency of each equation, (e,)."""
+        return np.concatenate([self.frequency_hz[: self.raw], np.repeat(self.centre_hz, 2 * NODES)])
+
+    @property
+    def spare(self) -> Array:
+        """Lines of each band beyond its equations, (b,)."""
+        return np.maximum(self.lines - 2 * NODES, 0.0)
+
+    @property
+    def total(self) -> int:
+        """Real equations that the record gives."""
+        return int(2 * (self.goal.size + self.spare.sum()))
+
+    def response_of(self, values: Complex) -> Complex:
+        """Return the equations' right sides for responses (m, c) at the nodes: (e, c)."""
+        return self._gathered(values[: self.raw] * self.command[:, None], self.by_response, values)
+
+    def transient_of(self, values: Complex) -> Complex:
+        """Return the same for transients (m, c)."""
+        return self._gathered(values[: self.raw], self.by_transient, values)
+
+    def _gathered(self, top: Complex, operator: Complex, values: Complex) -> Complex:
+        if not self.lines.size:
+            return top
+        width = values.shape[1]
+        low = np.matmul(operator, values[self.raw :].reshape(-1, NODES, width))
+        return np.concatenate([top, low.reshape(-1, width)])
+
+
+def points(frequency_hz: Array, response: Complex, rate_hz: float) -> Equations:
+    """Return equations of a response by itself, (m,): command 1, no bands."""
+    none = np.zeros((0, 2 * NODES, NODES), dtype=np.complex128)
+    ones = np.ones(frequency_hz.size, dtype=np.complex128)
+    empty = np.zeros(0)
+    return Equations(
+        frequency_hz, frequency_hz.size, ones, response, none, none, none[:, :, 0], empty, empty, empty, rate_hz, 0
+    )
+
+
+def band_edges(taken: Spectrum, first: int, last: int, share: float, fewest: int) -> list[tuple[int, int]]:
+    """Return (begin, end) of bands over lines first .. last - 1, `share` of their frequency wide, `fewest` lines."""
+    made, k = [], first
+    while k < last:
+        width = max(fewest, int(min(share * k, _WIDEST * taken.samples)))
+        end = min(k + width, last)
+        made.append((k, last if last - end < fewest else end))
+        k = made[-1][1]
+    return made
+
+
+def equations(taken: Spectrum, low_hz: float, high_hz: float, share: float = 0.01) -> Equations:
+    """Return the equations of the lines between low_hz and high_hz, in bands `share` of their frequency wide."""
+    first = max(1, int(np.ceil(low_hz / taken.spacing_hz - 1e-9)))
+    last = min(int(np.floor(high_hz / taken.spacing_hz + 1e-9)) + 1, (taken.samples + 1) // 2)
+    singles: list[tuple[int, int]] = []
+    bands: list[tuple[int, int]] = []
+    for begin, end in band_edges(taken, first, last, share, _FEWEST):
+        (bands if end - begin > _FEWEST + NODES else singles).append((begin, end))
+    kept = np.concatenate([np.arange(*one) for one in singles] or [np.zeros(0, dtype=np.int64)])
+    count = len(bands)
+    by_response = np.zeros((count, 2 * NODES, NODES), dtype=np.complex128)
+    by_transient, by_goal = np.zeros_like(by_response), np.zeros((count, 2 * NODES), dtype=np.complex128)
+    rest, lines, nodes = np.zeros(count), np.zeros(count), np.zeros((count, NODES))
+    for i, (begin, end) in enumerate(bands):
+        middle, half = 0.5 * (begin + end - 1), 0.5 * (end - 1 - begin)
+        shape = _lagrange(np.asarray((np.arange(begin, end) - middle) / half, dtype=np.float64))
+        u, y = taken.command[begin:end, None], taken.position[begin:end, None]
+        triangle: Complex = np.asarray(np.linalg.qr(np.hstack([u * shape, shape, y]), mode="r"))
+        by_response[i], by_transient[i] = triangle[: 2 * NODES, :NODES], triangle[: 2 * NODES, NODES : 2 * NODES]
+        by_goal[i] = triangle[: 2 * NODES, 2 * NODES]
+        rest[i] = float(np.abs(triangle[2 * NODES, 2 * NODES]) ** 2)
+        lines[i], nodes[i] = end - begin, (middle + half * _PLACES) * taken.spacing_hz
+    frequency = np.concatenate([kept * taken.spacing_hz, nodes.ravel()])
+    centre = nodes[:, NODES // 2].copy()
+    return Equations(
+        frequency, kept.size, taken.command[kept], taken.position[kept], by_response, by_transient, by_goal, rest,
+        lines, centre, taken.rate_hz, taken.shift,
+    )  # fmt: skip
+
+
+def _lagrange(place: Array) -> Array:
+    """Polynomials that are one at one node and zero at the others, (n, NODES), over -1 .. 1."""
+    made = np.ones((place.size, NODES))
+    for a in range(NODES):
+        for b in range(NODES):
+            if a != b:
+                made[:, a] *= (place - _PLACES[b]) / (_PLACES[a] - _PLACES[b])
+    return made
+
+
+@dataclass(frozen=True, eq=False)
+class LocalResponse:
+    """The response as the record shows it by itself: frequency_hz, value, variance (of its complex error), noise (power
+    of a position's line that is not the command's), excitation (power of a command's line), lines; all (m,)."""
+
+    frequency_hz: Array
+    value: Complex
+    variance: Array
+    noise: Array
+    excitation: Array
+    lines: Array
+
+    def at(self, keep: NDArray[np.bool_]) -> LocalResponse:
+        """Return the points where `keep` (m,)."""
+        return LocalResponse(
+            self.frequency_hz[keep], self.value[keep], self.variance[keep], self.noise[keep], self.excitation[keep],
+            self.lines[keep],
+        )  # fmt: skip
+
+
+def local_response(taken: Spectrum, high_hz: float, share: float = 0.02, fewest: int = 13) -> LocalResponse:
+    """Return the local polynomial estimate in bands `share` of their frequency wide, at least `fewest` lines."""
+    last = min(int(high_hz / taken.spacing_hz) + 1, (taken.samples + 1) // 2)
+    rows = []
+    for begin, end in band_edges(taken, 2, last, share, fewest):
+        if end - begin < 2 * NODES + 2:
+            continue
+        middle, half = 0.5 * (begin + end - 1), 0.5 * (end - 1 - begin)
+        place = (np.arange(begin, end) - middle) / half
+        shape = np.stack([np.ones_like(place), place, place * place], axis=1)
+        u, y = taken.command[begin:end], taken.position[begin:end]
+        q, r = np.linalg.qr(np.hstack([u[:, None] * shape, shape]))
+        size = np.abs(np.diag(r))
+        if size[:NODES].min() <= 1e-9 * size.max() or size.min() <= 1e-13 * size.max():
+            continue
+        inverse = np.linalg.inv(r)
+        solution = inverse @ (q.conj().T @ y)
+        left = y - u * (shape @ solution[:NODES]) - shape @ solution[NODES:]
+        noise = float(np.sum(np.abs(left) ** 2)) / (end - begin - 2 * NODES)
+        variance = noise * float(np.sum(np.abs(inverse[0]) ** 2))
+        rows.append(
+            (middle * taken.spacing_hz, solution[0], variance, noise, float(np.mean(np.abs(u) ** 2)), end - begin)
+        )
+    columns = list(zip(*rows, strict=True)) if rows else [()] * 6
+    frequency, value, variance_, noise_, excitation, lines = columns
+    return LocalResponse(
+        np.array(frequency, dtype=np.float64), np.array(value, dtype=np.complex128), np.array(variance_),
+        np.array(noise_), np.array(excitation), np.array(lines, dtype=np.float64),
+    )  # fmt: skip

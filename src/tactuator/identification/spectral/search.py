@@ -1,0 +1,215 @@
+"""Which form a record asks for: proposals by the local response, the choice by the record's own likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.identification.spectral.between import Between, Grid
+from tactuator.identification.spectral.form import MOST_POLES, Form, free_poles, sections_of
+from tactuator.identification.spectral.likelihood import Fit, Problem
+from tactuator.identification.spectral.lines import Equations, LocalResponse
+from tactuator.identification.spectral.noise import misfit, weights
+from tactuator.identification.spectral.start import Starter
+
+Array = NDArray[np.float64]
+Complex = NDArray[Any]
+TIE = 6.0
+"""Difference of the criterion within which the form of fewer poles is taken (Raftery 1995: from 6 on it is strong)."""
+_HIGHEST = {"zero-order": 0.4999, "first-order": 0.4999, "band-limited": 0.47}
+"""Highest line used over the rate: the flank of an anti-alias filter says nothing."""
+_COMPARED = 0.47
+_KEPT = 6
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known beforehand: numbers of poles and zeros (None: chosen), poles and zeros at s = 0, dead time."""
+
+    poles: int | None = None
+    zeros: int | None = None
+    integrators: int = 0
+    origin_zeros: int = 0
+    delay_s: float | None = None
+
+    def forms(self, poles: int) -> Iterator[Form]:
+        """Yield the forms of that many poles that are allowed, without and with a dead time to estimate."""
+        most = self.zeros if self.zeros is not None else min(poles - 1, 2 + self.origin_zeros)
+        least = self.zeros if self.zeros is not None else min(self.origin_zeros, poles)
+        for late in (False, True) if self.delay_s is None else (False,):
+            for zeros in range(least, max(most, least) + 1):
+                if zeros <= poles and poles >= self.integrators:
+                    yield Form(poles, zeros, late, self.integrators, self.origin_zeros)
+
+    def allows(self, form: Form) -> bool:
+        """Return true for a form that does not contradict what is known."""
+        return (
+            (self.poles is None or form.poles == self.poles)
+            and (self.zeros is None or form.zeros == self.zeros)
+            and form.zeros >= self.origin_zeros
+            and form.free >= 0
+            and not (form.dead_time and self.delay_s is not None)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """Under one hold: the fit chosen, every form that was fitted to the record with its criterion (Bayes), the problem
+    with the noise's weights, and -2 log likelihood with the noise fitted too."""
+
+    hold: Between
+    fit: Fit
+    fits: dict[Form, Fit]
+    problem: Problem
+    likelihood: float
+
+    def criterion(self, fit: Fit) -> float:
+        """Return -2 log likelihood for the noise of the chosen fit, with Bayes' penalty."""
+        return 2.0 * fit.cost + float(np.log(self.problem.given.total)) * fit.form.count
+
+    @property
+    def evidence(self) -> float:
+        """Return what two holds are compared by."""
+        return self.likelihood + float(np.log(self.problem.given.total)) * self.fit.form.count
+
+
+def propose(
+    local: LocalResponse,
+    rate_hz: float,
+    scale_rad_s: float,
+    holds: tuple[Between, ...],
+    known: Known,
+    note: Callable[[str], None] = lambda _: None,
+) -> dict[Between, list[Fit]]:
+    """Return fits to the local response under each hold, best first: poles are added until two
+    more bring nothing."""
+    starters = {hold: Starter(local, rate_hz, hold, scale_rad_s) for hold in holds}
+    found: dict[Between, list[tuple[float, Fit]]] = {hold: [] for hold in holds}
+    price = float(np.log(2.0 * local.frequency_hz.size))
+    best, stale = np.inf, 0
+    least = max(1, known.integrators, known.origin_zeros, known.zeros or 0)
+    for poles in [known.poles] if known.poles is not None else range(least, MOST_POLES + 1):
+        now = np.inf
+        for hold in holds:
+            for form in known.forms(poles):
+                fit = starters[hold].fit(form, (known.delay_s or 0.0) * scale_rad_s)
+                if fit is not None:
+                    score = 2.0 * fit.cost + price * form.count
+                    found[hold].append((score, fit))
+                    now = min(now, score)
+        note(f"{poles} poles")
+        stale = stale + 1 if now > best - 2.0 else 0
+        best = min(best, now)
+        if stale >= 2:
+            break
+    return {hold: [fit for _, fit in sorted(found[hold], key=lambda one: one[0])] for hold in holds}
+
+
+def choose(given: Equations, proposals: list[Fit], hold: Between, known: Known, *, quick: bool = False) -> Choice:
+    """Return the form of best criterion on the record, simpler ones tried from there (quick: the best two only)."""
+    highest = _HIGHEST[hold] * given.rate_hz
+    kept = _kept(proposals)[: 2 if quick else _KEPT]
+    first = kept[0]
+    grid = Grid(given.frequency_hz, given.rate_hz, first.grid.scale_rad_s, hold, given.shift)
+    flat = np.where(given.of_hz <= highest, 1.0, 0.0)
+    problem = Problem(given, flat, grid)
+    fits: dict[Form, Fit] = {}
+    for _ in range(2):
+        problem = problem.with_weight(weights(given, problem.residual(first), highest))
+        first = _again(problem, first, 8) or first
+    fits[first.form] = first
+    for one in kept[1:]:
+        fitted = _again(problem, one, 8)
+        if fitted is not None:
+            fits[fitted.form] = fitted
+    best = _best(problem, fits) if quick else _settled(problem, fits, known)
+    for _ in range(1 if quick else 2):
+        problem = problem.with_weight(weights(given, problem.residual(best), highest))
+        best = _again(problem, best, 10) or best
+    fits[best.form] = best
+    if quick:
+        left = problem.residual(best)
+        return Choice(hold, best, {best.form: best}, problem, misfit(given, left, _COMPARED * given.rate_hz))
+    near = {form: one for form, one in fits.items() if _score(problem, one) < _score(problem, best) + 60.0}
+    for form, one in near.items():
+        if one is not best:
+            near[form] = _again(problem, one, 4) or one
+    likelihood = misfit(given, problem.residual(best), _COMPARED * given.rate_hz)
+    return Choice(hold, best, near | {best.form: best}, problem, likelihood)
+
+
+def _kept(proposals: list[Fit]) -> list[Fit]:
+    """The best few, three of each number of poles at most."""
+    made: list[Fit] = []
+    for one in proposals:
+        if sum(other.form.poles == one.form.poles for other in made) < 3:
+            made.append(one)
+    return made[:_KEPT]
+
+
+def _again(problem: Problem, fit: Fit, most: int) -> Fit | None:
+    return problem.descend(fit.form, fit.theta, fit.delay, most=most)
+
+
+def _score(problem: Problem, fit: Fit) -> float:
+    return 2.0 * fit.cost + float(np.log(problem.given.total)) * fit.form.count
+
+
+def _best(problem: Problem, fits: dict[Form, Fit]) -> Fit:
+    lowest = min(_score(problem, one) for one in fits.values())
+    near = [one for one in fits.values() if _score(problem, one) < lowest + TIE]
+    return min(near, key=lambda one: (one.form.poles, _score(problem, one)))
+
+
+def _settled(problem: Problem, fits: dict[Form, Fit], known: Known) -> Fit:
+    """The best form after all that are simpler by a pole, a zero or a dead time have been tried from it."""
+    tried: set[Form] = set()
+    while True:
+        best = _best(problem, fits)
+        for form, theta in _simpler(best):
+            if form in tried or form in fits or not known.allows(form):
+                continue
+            tried.add(form)
+            delay = best.delay if form.dead_time or known.delay_s is not None else 0.0
+            fitted = problem.descend(form, theta, delay, most=12)
+            if fitted is not None:
+                fits[form] = fitted
+        if _best(problem, fits) is best:
+            return best
+
+
+def _simpler(fit: Fit) -> Iterator[tuple[Form, Array]]:
+    """Forms beside the fit's, with where to start: a far pole less (perhaps a dead time for it), a slow one with a zero
+    less, a zero less, no dead time."""
+    form = fit.form
+    without_far, without_slow = _fewer_poles(free_poles(fit.theta, form))
+    if without_far is not None and without_slow is not None and form.poles > 1:
+        less = replace(form, poles=form.poles - 1) if form.zeros <= form.poles - 1 else None
+        if less is not None and form.zeros <= form.poles - 2:
+            yield less, sections_of(without_far)
+            yield replace(less, dead_time=True), sections_of(without_far)
+        if form.zeros > form.origin_zeros:
+            yield replace(form, poles=form.poles - 1, zeros=form.zeros - 1), sections_of(without_slow)
+    if form.zeros > form.origin_zeros:
+        yield replace(form, zeros=form.zeros - 1), fit.theta
+        yield replace(form, zeros=form.zeros - 1, dead_time=True), fit.theta
+    if form.dead_time:
+        yield replace(form, dead_time=False), fit.theta
+
+
+def _fewer_poles(poles: Complex) -> tuple[Complex | None, Complex | None]:
+    """Without the farthest and without the slowest real pole; a far pair becomes one real pole where none is real."""
+    real = np.flatnonzero(np.abs(poles.imag) <= 1e-9 * np.abs(poles))
+    if real.size:
+        far, slow = real[np.argmax(np.abs(poles[real]))], real[np.argmin(np.abs(poles[real]))]
+        return np.delete(poles, far), np.delete(poles, slow)
+    if poles.size < 3:
+        return None, None
+    far = int(np.argmax(np.abs(poles)))
+    kept = poles[np.abs(np.abs(poles) - np.abs(poles[far])) > 1e-9 * np.abs(poles[far])]
+    made = np.append(kept, -np.abs(poles[far]))
+    return made, made

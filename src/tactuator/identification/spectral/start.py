@@ -1,0 +1,173 @@
+"""Where a fit begins: poles moved to where a linear fit of the local response puts them, for many dead times.
+
+Source: Gustavsen and Semlyen, Rational approximation of frequency domain responses by vector fitting, 1999; the degree
+of the numerator is kept.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.identification.spectral.between import Between, Grid
+from tactuator.identification.spectral.form import (
+    Form,
+    denominator_values,
+    ladder,
+    numerator_values,
+    sections_of,
+    separated,
+)
+from tactuator.identification.spectral.likelihood import Fit, Problem
+from tactuator.identification.spectral.lines import LocalResponse, points
+
+Array = NDArray[np.float64]
+Complex = NDArray[Any]
+_FLOOR = 3e-3
+"""Relative error of a point that is not believed to be smaller: curvature within its band."""
+_MOST_DELAYS = 40
+_THIN = 120
+
+
+class Starter:
+    """Fits to one local response under one hold, and what was learnt from them on the way."""
+
+    def __init__(self, local: LocalResponse, rate_hz: float, hold: Between, scale_rad_s: float) -> None:
+        self.local, self.hold = local, hold
+        weight = 1.0 / np.sqrt(local.variance + (_FLOOR * np.abs(local.value)) ** 2)
+        grid = Grid(local.frequency_hz, rate_hz, scale_rad_s, hold)
+        self.problem = Problem(points(local.frequency_hz, local.value, rate_hz), weight, grid, with_transient=False)
+        # what the hold adds, aliases aside, is taken off; the descent has the exact one
+        turn = 2j * np.pi * local.frequency_hz / rate_hz
+        held = -np.expm1(-turn) / turn
+        self._target = local.value / {"zero-order": held, "first-order": np.abs(held) ** 2, "band-limited": 1.0}[hold]
+        strength = np.minimum(np.abs(local.value) ** 2 / np.maximum(local.variance, 1e-300), 1e4)
+        seen = local.frequency_hz[strength > 10.0] if np.sum(strength > 10.0) > 3 else local.frequency_hz
+        self.low_hz, self.high_hz = float(seen.min()), float(seen.max())
+        self._scale, self._rate_hz = scale_rad_s, rate_hz
+        self._last_delay: float | None = None
+
+    def fit(self, form: Form, delay: float = 0.0) -> Fit | None:
+        """Return the best fit of that form; `delay` (scaled) holds where the form has no dead time to estimate."""
+        candidates = []
+        for lag in self._lags(form) if form.dead_time else [delay]:
+            theta = sections_of(self._relocated(form, lag, np.arange(self._target.size), 5))
+            with np.errstate(all="ignore"):
+                point = self.problem.evaluate(form, theta, lag)
+            if point is not None and np.isfinite(point.cost):
+                candidates.append((point.cost, theta, lag))
+        candidates.sort(key=lambda one: one[0])
+        fits = [
+            self.problem.descend(form, theta, lag, most=10, gain=3e-2)
+            for _, theta, lag in candidates[: 2 if form.poles < 4 else 1]
+        ]
+        found = [one for one in fits if one is not None]
+        if not found:
+            return None
+        best = min(found, key=lambda one: one.cost)
+        if form.dead_time:
+            self._last_delay = best.delay
+        return best
+
+    def _lags(self, form: Form) -> list[float]:
+        """The three best of many dead times by linear fits, coarse ones below a 16th of the highest frequency first;
+        near the one found before, from three poles on."""
+        if form.poles > 2 and self._last_delay is not None:
+            return [self._last_delay, 0.6 * self._last_delay]
+        hertz = self.local.frequency_hz
+        longest = max(min(400.0 / self._rate_hz, 0.5 / self.low_hz), 2.5 / self._rate_hz)
+        best: list[float] = []
+        for top in (self.high_hz / 16.0, self.high_hz / 4.0, self.high_hz):
+            below = np.flatnonzero(hertz <= top)
+            if below.size < 4 * form.count:
+                continue
+            chosen = below[np.unique(np.linspace(0, below.size - 1, _THIN).astype(int))]
+            step = max(0.3 / top, 0.4 / self._rate_hz)
+            near = [lag + k * step for lag in best for k in range(-4, 5)]
+            lags = [lag for lag in near or step * np.arange(1, _MOST_DELAYS) if 0.0 < lag < longest] or [step]
+            quick = []
+            for lag in sorted({round(lag * self._rate_hz, 6) / self._rate_hz for lag in lags}):
+                poles = self._relocated(form, lag * self._scale, chosen, 4)
+                quick.append((self._linear_cost(form, lag * self._scale, poles, chosen), lag))
+            best = [lag for _, lag in sorted(quick)[:3]]
+        return [lag * self._scale for lag in best] or [0.5 * self._scale / self._rate_hz]
+
+    def _linear_cost(self, form: Form, lag: float, poles: Complex, chosen: NDArray[np.int64]) -> float:
+        s, weight = self.problem.grid.s[chosen], self.problem.weight[chosen]
+        theta = sections_of(poles)
+        columns = numerator_values(ladder(theta, form), s, form)
+        columns = columns * (weight * np.exp(-s * lag) / denominator_values(theta, form, s))[:, None]
+        return _least_squares(columns, self._target[chosen] * weight)[1]
+
+    def _relocated(self, form: Form, lag: float, chosen: NDArray[np.int64], rounds: int) -> Complex:
+        """Poles after `rounds` of fitting numerator/A and sigma = 1 + sum r/(s - p), whose zeros are the next poles."""
+        s, weight = self.problem.grid.s[chosen], self.problem.weight[chosen]
+        target = self._target[chosen] * np.exp(s * lag)
+        poles = self._first_poles(form)
+        for _ in range(rounds if form.free else 0):
+            poles = separated(poles)
+            theta = sections_of(poles)
+            top = numerator_values(ladder(theta, form), s, form) / denominator_values(theta, form, s)[:, None]
+            fractions = _fractions(s, poles)
+            columns = np.hstack([top, -target[:, None] * fractions]) * weight[:, None]
+            solution, _ = _least_squares(columns, target * weight)
+            poles = _mirrored(_zeros_of_sigma(poles, solution[top.shape[1] :]))
+        return poles
+
+    def _first_poles(self, form: Form) -> Complex:
+        """Lightly damped pairs over what the response shows, and a real pole in the middle for an odd number."""
+        scale = 2.0 * np.pi / self.problem.grid.scale_rad_s
+        pairs = np.geomspace(self.low_hz, self.high_hz, form.free // 2 + 2)[1:-1] * scale
+        made = [size * turn for size in pairs for turn in (-0.15 + 1j, -0.15 - 1j)]
+        if form.free % 2:
+            made.append(complex(-0.8 * scale * np.sqrt(self.low_hz * self.high_hz)))
+        return np.array(made, dtype=np.complex128)
+
+
+def _least_squares(columns: Complex, goal: Complex) -> tuple[Array, float]:
+    matrix = np.concatenate([columns.real, columns.imag])
+    values = np.concatenate([goal.real, goal.imag])
+    size = np.linalg.norm(matrix, axis=0)
+    size[size == 0.0] = 1.0
+    if not np.all(np.isfinite(matrix)):
+        return np.zeros(matrix.shape[1]), np.inf
+    solution = np.linalg.lstsq(matrix / size, values, rcond=1e-12)[0]
+    return solution / size, float(np.sum((values - matrix @ (solution / size)) ** 2))
+
+
+def _fractions(s: Complex, poles: Complex) -> Complex:
+    """1/(s - p) with real coefficients: sum and difference of each conjugate pair, (m, n)."""
+    made = []
+    for pole in poles[poles.imag >= -1e-13]:
+        one = 1.0 / (s - pole)
+        if pole.imag > 1e-13:
+            other = 1.0 / (s - np.conj(pole))
+            made += [one + other, 1j * (one - other)]
+        else:
+            made.append(one)
+    return np.stack(made, axis=1)
+
+
+def _zeros_of_sigma(poles: Complex, weights: Array) -> Complex:
+    upper = poles[poles.imag >= -1e-13]
+    n = poles.size
+    a, b, i = np.zeros((n, n)), np.zeros(n), 0
+    for pole in upper:
+        if pole.imag > 1e-13:
+            a[i : i + 2, i : i + 2] = [[pole.real, pole.imag], [-pole.imag, pole.real]]
+            b[i] = 2.0
+            i += 2
+        else:
+            a[i, i], b[i] = pole.real, 1.0
+            i += 1
+    moved = a - np.outer(b, weights)
+    return np.asarray(np.linalg.eigvals(moved) if np.all(np.isfinite(moved)) else poles, dtype=np.complex128)
+
+
+def _mirrored(poles: Complex) -> Complex:
+    """Into the left half plane, and off the axis."""
+    made = np.where(poles.real > 0.0, -np.conj(poles), poles)
+    made = np.where(np.abs(made.real) < 1e-4 * np.abs(made), -1e-3 * np.abs(made) + 1j * made.imag, made)
+    return np.asarray(made[np.argsort(np.abs(made), kind="stable")])

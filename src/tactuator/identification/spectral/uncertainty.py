@@ -1,0 +1,163 @@
+"""How far the response may be off: noise, forms that the record does not exclude, and what the form cannot follow."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.plant_model import Excess
+from tactuator.identification.spectral.between import response_columns
+from tactuator.identification.spectral.form import (
+    Form,
+    denominator_polynomial,
+    numerator_polynomial,
+    numerator_values,
+    section_list,
+)
+from tactuator.identification.spectral.likelihood import Fit, information, nonlinear_slopes
+from tactuator.identification.spectral.lines import LocalResponse, Spectrum
+from tactuator.identification.spectral.search import Choice
+
+Array = NDArray[np.float64]
+Complex = NDArray[Any]
+_LEAST_WEIGHT = 14.0
+"""Difference of the criterion beyond which a form does not count (odds of 1 : 1100)."""
+_POOLED = 0.15
+
+
+def log_slopes(fit: Fit, frequency_hz: Array) -> Complex:
+    """Return the derivatives of the response's logarithm by (numerator, theta, dead time), (m, k)."""
+    s = 2j * np.pi * np.asarray(frequency_hz) / fit.grid.scale_rad_s
+    rungs = numerator_values(fit.rungs, s, fit.form)
+    columns: list[Complex] = [rungs / (rungs @ fit.numerator)[:, None]]
+    for section in section_list(fit.theta, fit.form):
+        under = np.polyval(section, s)[:, None]
+        columns.append(-np.hstack([s[:, None], np.ones((s.size, 1))])[:, 3 - section.size :] / under)
+    if fit.form.dead_time:
+        columns.append(-s[:, None])
+    return np.hstack(columns)
+
+
+def other_forms(choice: Choice, frequency_hz: Array) -> Excess:
+    """Return what the forms that the record does not exclude add: their mean squared departure, weighted by Bayes."""
+    best = choice.fit
+    value = best.response(frequency_hz)
+    own = log_slopes(best, frequency_hz)
+    spread = information(choice.problem, best)
+    lowest = min(choice.criterion(one) for one in choice.fits.values())
+    total, magnitude, phase = 0.0, np.zeros(frequency_hz.size), np.zeros(frequency_hz.size)
+    own_variance = _variances(own, spread)
+    for one in choice.fits.values():
+        behind = choice.criterion(one) - lowest
+        if behind > _LEAST_WEIGHT:
+            continue
+        weight = float(np.exp(-0.5 * behind))
+        total += weight
+        if one is best:
+            continue
+        away = np.log(one.response(frequency_hz) / value)
+        variance = _variances(log_slopes(one, frequency_hz), information(choice.problem, one))
+        magnitude += weight * np.maximum(away.real**2 + variance[0] - own_variance[0], 0.0)
+        phase += weight * np.maximum(away.imag**2 + variance[1] - own_variance[1], 0.0)
+    return Excess(frequency_hz, np.sqrt(magnitude / max(total, 1e-300)), np.sqrt(phase / max(total, 1e-300)))
+
+
+def _variances(slopes: Complex, covariance: Array) -> tuple[Array, Array]:
+    made = [np.einsum("ij,jk,ik->i", part, covariance, part) for part in (slopes.real, slopes.imag)]
+    return np.maximum(made[0], 0.0), np.maximum(made[1], 0.0)
+
+
+def left_over(fit: Fit, local: LocalResponse, seen: Complex, frequency_hz: Array) -> Array:
+    """Return the relative error, (m,), by which the record's own response departs from the model beyond its noise.
+
+    seen: the model's response at the local points, hold included. Means over 15 % of frequency; what feedback of the
+    noise may have turned in the local estimate is allowed for.
+    """
+    off = np.abs(local.value - seen) ** 2
+    fed_back = (local.noise / np.maximum(local.excitation * np.abs(seen), 1e-300)) ** 2
+    allowed = local.variance + np.minimum(fed_back, np.abs(seen) ** 2)
+    place = local.frequency_hz
+    made = np.zeros(place.size)
+    for k, hertz in enumerate(place):
+        near = np.abs(place - hertz) <= 0.5 * _POOLED * hertz
+        if near.sum() < 5:
+            near = np.abs(np.arange(place.size) - k) <= 3
+        count = float(near.sum())
+        beyond = float(np.mean(off[near] / allowed[near]))
+        if beyond > 1.0 + 4.0 / np.sqrt(count):
+            relative = np.mean((off[near] - allowed[near]) / np.abs(seen[near]) ** 2)
+            made[k] = np.sqrt(max(float(relative), 0.0))
+    return np.interp(np.log(frequency_hz), np.log(place), made)
+
+
+def fed_back(choice: Choice, taken: Spectrum) -> Array | None:
+    """Return the bias (numerator, theta, dead time) that noise in an analogue loop may leave; None for a held command.
+
+    The noise that a loop feeds back drops out of the likelihood over all frequencies; a band-limited record ends below
+    half the rate, and what lies above is missing. It follows from the model beyond and from the noise's share in the
+    command, seen in the upper part of the record and taken as constant from there.
+    """
+    fit, problem = choice.fit, choice.problem
+    if choice.hold != "band-limited":
+        return None
+    hertz = taken.frequency_hz
+    top = choice.problem.given.of_hz[choice.problem.weight > 0.0].max()
+    upper = np.flatnonzero((hertz > 0.6 * top) & (hertz < 0.95 * top))
+    seen = fit.response(hertz[upper]) * np.exp(2j * np.pi * hertz[upper] * taken.shift / taken.rate_hz)
+    left = taken.position[upper] - seen * taken.command[upper]
+    power = float(np.sum(np.abs(left) ** 2))
+    share = complex(np.sum(taken.command[upper] * np.conj(left))) / max(power, 1e-300)
+    chance = float(np.sqrt(np.sum(np.abs(taken.command[upper] * left) ** 2))) / max(power, 1e-300)
+    share = share * max(1.0, chance / max(abs(share), 1e-300))
+    beyond = np.geomspace(top, 50.0 * top, 400)
+    grid = replace(problem.grid, frequency_hz=beyond, shift=0)
+    linear = response_columns(grid, fit.theta, fit.delay, fit.form, fit.rungs)
+    bent = nonlinear_slopes(grid, fit.form, fit.theta, fit.delay, fit.numerator, fit.rungs)
+    slopes = np.hstack([linear, bent])
+    missing = -np.trapezoid((slopes * share).real, beyond, axis=0) / taken.spacing_hz
+    return np.asarray(2.0 * information(problem, fit) @ missing)
+
+
+def moved(fit: Fit, change: Array) -> Fit:
+    """Return the fit with (numerator, theta, dead time) changed, its ladder as it was."""
+    first, last = fit.numerator.size, fit.numerator.size + fit.theta.size
+    delay = max(fit.delay + float(change[-1]), 0.0) if fit.form.dead_time else fit.delay
+    return replace(fit, numerator=fit.numerator + change[:first], theta=fit.theta + change[first:last], delay=delay)
+
+
+def physical(fit: Fit, covariance: Array, gain: float) -> tuple[Array, Array, Array]:
+    """Return num, den (descending powers of s in rad/s, den monic) and the covariance of (num, den[1:], delay_s).
+
+    gain: position's unit over command's, as the lines were scaled.
+    """
+    num, den = _polynomials(fit, gain)
+    size = num.size + den.size
+    slopes = np.zeros((size, covariance.shape[0]))
+    for j in range(covariance.shape[0]):
+        step = np.zeros(covariance.shape[0])
+        step[j] = 1e-5 * max(float(np.sqrt(covariance[j, j])), 1e-12)
+        high, low = moved(fit, step), moved(fit, -step)
+        above, below = _polynomials(high, gain), _polynomials(low, gain)
+        late = (high.delay_s - low.delay_s) if fit.form.dead_time else 0.0
+        change = np.concatenate([above[0] - below[0], (above[1] - below[1])[1:], [late]])
+        slopes[:, j] = change / (2.0 * step[j])
+    return num, den, slopes @ covariance @ slopes.T
+
+
+def _polynomials(fit: Fit, gain: float) -> tuple[Array, Array]:
+    form: Form = fit.form
+    scale = fit.grid.scale_rad_s
+    num = numerator_polynomial(fit.rungs, fit.numerator, form)
+    den = denominator_polynomial(fit.theta, form)
+    top, under = np.arange(num.size - 1, -1, -1.0), np.arange(den.size - 1, -1, -1.0)
+    n = den.size - 1
+    return gain * num * scale ** (n - top), den * scale ** (n - under)
+
+
+def response_of_rows(fit: Fit, rows: Array) -> Complex:
+    """Return the sampled response (hold included) at frequencies `rows` (m,) of the unshifted record."""
+    grid = replace(fit.grid, frequency_hz=rows, shift=0)
+    return np.asarray(response_columns(grid, fit.theta, fit.delay, fit.form, fit.rungs) @ fit.numerator)

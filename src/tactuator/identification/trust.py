@@ -1,0 +1,40 @@
+"""Why a model is not to be trusted though it could be computed: each reason in a sentence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tactuator.identification.by_prediction import Prepared
+from tactuator.identification.result import Identification
+
+_WIDEST_DB = 20.0
+
+
+def distrusted(found: Identification, common: Prepared) -> Identification:
+    """Return the identification with the reasons, if any, for which its model must not be designed with."""
+    model, record = found.model, common.record
+    reasons = []
+    poles = np.roots(model.den)
+    size = float(np.abs(poles).max())
+    unstable = bool(np.any(poles.real > 1e-6 * size))
+    if unstable and found.tests.feedback is not True:
+        reasons.append("the model is not stable, though the record stays bounded and no feedback can be seen in it")
+    fastest = float(np.abs(poles).max()) / (2.0 * np.pi)
+    if fastest > 0.5 * record.rate_hz:
+        reasons.append(
+            f"a pole at {fastest:.3g} Hz lies beyond half the rate ({0.5 * record.rate_hz:.6g} Hz), where the record "
+            "shows nothing"
+        )
+    low, high = max(common.excitation.low_hz, model.band_hz[0]), min(common.excitation.high_hz, model.band_hz[1])
+    if high > low:
+        band = model.band_db(np.geomspace(low, high, 100))
+        if float(np.max(band)) > _WIDEST_DB:
+            reasons.append(f"the band is {float(np.max(band)):.3g} dB wide inside the record's own excitation")
+    if found.fit_percent < 100.0 * (1.0 - np.sqrt(1.0 - 1e-3)):
+        reasons.append("the model explains next to nothing of the position")
+    remarks = list(found.remarks)
+    if unstable and found.tests.feedback is True:
+        remarks.append("the model is not stable (the record was made in a closed loop)")
+    return replace(found, distrust=tuple(reasons), remarks=tuple(r for r in remarks if r != "the model is not stable"))

@@ -1,0 +1,92 @@
+"""Held or band-limited: records as others make them, under both assumptions; what is said where none can be told."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.identification.identify import identify
+from tactuator.identification.result import resonances
+from tactuator.signals.record import Record
+from tests.identification.others import Plant, band_limited, held
+
+RESONATOR = Plant(np.zeros(0), np.array([-42.65 + 435.0j, -42.65 - 435.0j]), 2.0, 0.0)
+"""The resonator of 69.5 Hz whose band-limited record at 610.35 Hz, read as held, is wrong by decibels."""
+LATE = Plant(np.array([-900.0]), np.array([-60.0 + 500.0j, -60.0 - 500.0j, -300.0]), 0.7, 1.3e-3)
+RATE_HZ = 610.35
+
+
+def logarithm_off(found, plant, frequency):
+    return np.log(found.model.response(frequency) / plant.response(frequency))
+
+
+@pytest.fixture(scope="module")
+def filtered() -> Record:
+    return Record(RATE_HZ, *band_limited(RESONATOR, np.random.default_rng(1), RATE_HZ, 15.0, 40.0))
+
+
+def test_identify__recorded_through_filters__is_named_and_right_within_its_band(filtered: Record) -> None:
+    found = identify(filtered)
+    assert (found.between.hold, found.between.certain, found.between.source) == ("band-limited", True, "data")
+    assert (found.order, found.model.num.size - 1, found.model.delay_s) == (2, 0, 0.0)
+    frequency = np.geomspace(1.0, 0.3 * RATE_HZ, 100)
+    off = logarithm_off(found, RESONATOR, frequency)
+    assert np.max(np.abs(off.real)) * 8.686 < 0.05
+    assert np.max(np.abs(np.degrees(off.imag))) < 1.0
+    assert np.mean(np.abs(off.real) * 8.686 <= found.model.band_db(frequency)) > 0.8
+    assert np.mean(np.abs(off.imag) <= found.model.band_rad(frequency)) > 0.8
+    (pair,) = resonances(found.model.den)
+    assert pair.q == pytest.approx(abs(RESONATOR.poles[0]) / (2.0 * 42.65), rel=0.02)
+
+
+def test_identify__filtered_record_read_as_held__is_wrong_by_decibels_and_its_band_says_so(filtered: Record) -> None:
+    found = identify(filtered, hold="zero-order", order=2)
+    frequency = np.geomspace(1.0, 0.3 * RATE_HZ, 100)
+    off = np.abs(logarithm_off(found, RESONATOR, frequency))
+    assert np.max(off) * 8.686 > 1.0
+    # what the form cannot follow is in the band
+    assert np.max(found.model.band_db(frequency)) > 0.5
+
+
+def test_identify__held_record_with_dead_time__is_named_and_right() -> None:
+    record = Record(1000.0, *held(LATE, np.random.default_rng(2), 1000.0, 12.0, 40.0))
+    found = identify(record)
+    assert (found.between.hold, found.between.certain) == ("zero-order", True)
+    assert found.order == 3
+    frequency = np.geomspace(1.0, 300.0, 100)
+    off = logarithm_off(found, LATE, frequency)
+    assert np.max(np.abs(off.real)) * 8.686 < 0.1
+    assert np.max(np.abs(np.degrees(off.imag))) < 1.0
+    assert found.model.delay_s == pytest.approx(1.3e-3, abs=1e-4)
+
+
+def test_identify__slow_plant_at_a_high_rate__cannot_tell_and_the_band_holds_both() -> None:
+    late = replace(RESONATOR, delay_s=0.4e-3)
+    record = Record(12000.0, *band_limited(late, np.random.default_rng(3), 12000.0, 2.0, 30.0))
+    found = identify(record, order=2, zeros=0)
+    assert not found.between.certain
+    assert found.other is not None
+    assert any("cannot be told" in remark for remark in found.remarks)
+    frequency = np.geomspace(5.0, 400.0, 50)
+    off = logarithm_off(found, late, frequency)
+    assert np.mean(np.abs(off.imag) <= found.model.band_rad(frequency)) > 0.9
+
+
+def test_identify__file_says_how_it_was_commanded__that_is_taken(filtered: Record) -> None:
+    said = replace(filtered, about={"hold": "band-limited"})
+    assert identify(said, order=2, zeros=0).between.source == "file"
+
+
+def test_identify__fixed_parts__are_kept(filtered: Record) -> None:
+    found = identify(filtered, hold="band-limited", order=3, zeros=1, delay_s=1e-4)
+    assert (found.order, found.model.num.size - 1, found.model.delay_s) == (3, 1, pytest.approx(1e-4))
+    with pytest.raises(BadInput, match="method 'prediction'"):
+        identify(filtered, method="prediction", hold="band-limited")
+
+
+def test_identify__pole_beyond_half_the_rate__is_not_trusted(filtered: Record) -> None:
+    found = identify(filtered, hold="band-limited", order=3, zeros=0)
+    fast = np.max(found.poles_hz) > 0.5 * RATE_HZ
+    assert fast == any("beyond half the rate" in reason for reason in found.distrust)
+    assert fast
