@@ -7,27 +7,23 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
 
 import numpy as np
 import typer
 from rich.table import Table
 
+from tactuator.cli import identify_options as o
 from tactuator.cli.answer import answer, progress
+from tactuator.cli.identify_document import document
 from tactuator.cli.options import AsJson
-from tactuator.display.plant_model import PlantModel
 from tactuator.errors import BadInput
 from tactuator.files.model import write_model
 from tactuator.files.record import read_record
-from tactuator.identification.identify import identify
+from tactuator.identification.identify import Asked, identify
 from tactuator.identification.result import Identification, resonances
 from tactuator.signals.record import Record
 
 _FAMILY = 8
-DELAY_SAYS = (
-    "delay_s is everything between the command and the position as recorded, the laboratory's converters and filters "
-    "included; the display's delay_samples is its own computing delay and comes on top"
-)
 
 
 def register(app: typer.Typer) -> None:
@@ -35,72 +31,51 @@ def register(app: typer.Typer) -> None:
 
     @app.command("identify")
     def identify_verb(
-        record: Annotated[Path, typer.Argument(help="Record: HDF5, CSV, MATLAB or WAV.")],
-        input_name: Annotated[str | None, typer.Option("--input", help="Column or variable of the command.")] = None,
-        output_name: Annotated[str | None, typer.Option("--output", help="Column or variable of the position.")] = None,
-        time_name: Annotated[str | None, typer.Option("--time", help="Column or variable of the time stamps.")] = None,
-        rate_hz: Annotated[
-            float | None, typer.Option("--rate-hz", help="Sampling rate, where the file has none.")
-        ] = None,
-        from_s: Annotated[float | None, typer.Option("--from-s", help="Use the record from here on.")] = None,
-        to_s: Annotated[float | None, typer.Option("--to-s", help="Use the record up to here.")] = None,
-        order: Annotated[int | None, typer.Option("--order", help="Number of poles (default: chosen).")] = None,
-        zeros: Annotated[int | None, typer.Option("--zeros", help="Number of zeros (default: chosen).")] = None,
-        integrators: Annotated[int, typer.Option("--integrators", help="Poles known to lie at s = 0.")] = 0,
-        delay_s: Annotated[
-            float | None, typer.Option("--delay-s", help="Dead time, where it is known (default: estimated).")
-        ] = None,
-        hold: Annotated[
-            str,
-            typer.Option(
-                "--hold",
-                help="The command between its samples: zero-order, first-order (held by a converter), band-limited "
-                "(recorded through an anti-aliasing filter), or auto: the record tells.",
-            ),
-        ] = "auto",
-        method: Annotated[
-            str, typer.Option("--method", help="refined, prediction (held only), rls (the paper's).")
-        ] = "refined",
-        quantity: Annotated[
-            str, typer.Option("--quantity", help="What the position is: displacement, velocity, acceleration.")
-        ] = "displacement",
-        forgetting: Annotated[float, typer.Option("--forgetting", help="Of the recursion; 1 keeps everything.")] = 1.0,
-        friction: Annotated[bool, typer.Option("--friction/--no-friction", help="Estimate friction.")] = True,
-        out: Annotated[Path | None, typer.Option("--out", help="Model file to write (JSON).")] = None,
-        charts: Annotated[Path | None, typer.Option("--charts", help="Folder for the charts (SVG and CSV).")] = None,
+        record: o.RecordPath,
+        input_name: o.Input = None,
+        output_name: o.Output = None,
+        time_name: o.Time = None,
+        rate_hz: o.RateHz = None,
+        from_s: o.FromS = None,
+        to_s: o.ToS = None,
+        order: o.Order = None,
+        zeros: o.Zeros = None,
+        integrators: o.Integrators = 0,
+        delay_s: o.DelayS = None,
+        hold: o.Hold = "auto",
+        method: o.Method = "refined",
+        quantity: o.Quantity = "displacement",
+        forgetting: o.Forgetting = 1.0,
+        friction: o.LookForFriction = True,
+        out: o.Out = None,
+        charts: o.Charts = None,
         as_json: AsJson = False,
     ) -> None:
         """Identify a continuous model of a recorded mechanism, with its confidence band."""
         read = read_record(record, input_name=input_name, output_name=output_name, time_name=time_name, rate_hz=rate_hz)
         read = part_of(read, from_s, to_s)
+        asked = Asked(order, zeros, integrators, delay_s, hold, quantity, friction)
         with steps() as note:
-            found = identify(
-                read,
-                method=method,
-                forgetting=forgetting,
-                note=note,
-                order=order,
-                zeros=zeros,
-                integrators=integrators,
-                delay_s=delay_s,
-                hold=hold,
-                quantity=quantity,
-                friction=friction,
-            )
-        for remark in found.remarks:
-            sys.stderr.write(f"tactuator: note: {remark}\n")
-        for reason in found.distrust:
-            sys.stderr.write(f"tactuator: the model is not to be trusted: {reason}\n")
-        if out is not None:
-            write_model(out, found.model, found.model.family(_FAMILY, np.random.default_rng(0)))
-        if charts is not None:
-            from tactuator.report.plates.identification import save_identification  # matplotlib takes a second
+            found = identify(read, method=method, forgetting=forgetting, note=note, **vars(asked))
+        deliver(found, read, out, charts, as_json)
 
-            save_identification(found, charts)
-        columns = {name: read.about.get(name) for name in ("input", "output")}
-        answer(document(found) | {"columns": columns, "out": out}, as_json, _table(found, read.about, out))
-        if found.distrust:
-            raise typer.Exit(1)
+
+def deliver(found: Identification, read: Record, out: Path | None, charts: Path | None, as_json: bool) -> None:
+    """Say, write and print what was found; exit status 1 where the model is not to be trusted."""
+    for remark in found.remarks:
+        sys.stderr.write(f"tactuator: note: {remark}\n")
+    for reason in found.distrust:
+        sys.stderr.write(f"tactuator: the model is not to be trusted: {reason}\n")
+    if out is not None:
+        write_model(out, found.model, found.model.family(_FAMILY, np.random.default_rng(0)))
+    if charts is not None:
+        from tactuator.report.plates.identification import save_identification  # matplotlib takes a second
+
+        save_identification(found, charts)
+    columns = {name: read.about.get(name) for name in ("input", "output")}
+    answer(document(found) | {"columns": columns, "out": out}, as_json, _table(found, read.about, out))
+    if found.distrust:
+        raise typer.Exit(1)
 
 
 def part_of(record: Record, from_s: float | None, to_s: float | None) -> Record:
@@ -121,75 +96,6 @@ def steps() -> Iterator[Callable[[str], None]]:
     with progress() as bars:
         task = bars.add_task("identifying", total=None)
         yield lambda text: bars.update(task, description=f"identifying: {text}")
-
-
-def document(found: Identification) -> dict[str, Any]:
-    """Return what `--json` prints."""
-    model, frequency = found.model, found.frequency_hz()
-    confidence = model.confidence()
-    n, m = model.den.size - 1, model.num.size - 1
-    friction = found.friction
-    return {
-        "model": _coefficients(model),
-        "poles_hz": found.poles_hz,
-        "damping": [vars(one) for one in resonances(model.den)],
-        "hold": {
-            "taken": found.between.hold,
-            "source": found.between.source,
-            "certain": found.between.certain,
-            "advantage": found.between.advantage,
-            "other": None if found.other is None else _coefficients(found.other),
-        },
-        "valid_hz": model.valid_hz,
-        "trusted": not found.distrust,
-        "distrust": list(found.distrust),
-        "delay": DELAY_SAYS,
-        "confidence": {
-            "gain": confidence["gain"],
-            "num": [confidence[f"num_s{m - k}"] for k in range(m + 1)],
-            "den": [0.0, *(confidence[f"den_s{n - 1 - k}"] for k in range(n))],
-            "delay_s": confidence["delay_s"],
-        },
-        "frf": {
-            "frequency_hz": frequency,
-            "magnitude_db": 20.0 * np.log10(np.abs(model.response(frequency))),
-            "phase_deg": np.degrees(np.unwrap(np.angle(model.response(frequency)))),
-            "band_db": model.band_db(frequency),
-            "band_deg": np.degrees(model.band_rad(frequency)),
-        },
-        "order": found.order,
-        "zeros": m,
-        "method": model.method,
-        "excitation": {
-            "order": found.excitation.order,
-            "needed": found.excitation.needed,
-            "condition": found.excitation.condition,
-            "band_hz": [found.excitation.low_hz, found.excitation.high_hz],
-            "sufficient": found.excitation.sufficient,
-        },
-        "residuals": {
-            "white": found.tests.white,
-            "white_p": found.tests.white_p,
-            "uncorrelated_with_input": found.tests.uncorrelated_with_input,
-            "uncorrelated_p": found.tests.uncorrelated_p,
-            "unexplained": found.tests.unexplained,
-            "closed_loop": found.tests.feedback,
-        },
-        "fit_percent": found.fit_percent,
-        "friction": {
-            "coulomb": 0.0 if friction is None else friction.coulomb,
-            "confidence": None if friction is None else friction.confidence,
-            "presliding": None if friction is None else friction.presliding,
-            "command_for_1_db": None if friction is None else friction.small_command,
-        },
-        "units": {"command": model.command_unit, "position": model.position_unit},
-        "tried": [vars(candidate) for candidate in found.tried],
-        "remarks": list(found.remarks),
-    }
-
-
-def _coefficients(model: PlantModel) -> dict[str, Any]:
-    return {"num": model.num, "den": model.den, "delay_s": model.delay_s}
 
 
 def _table(found: Identification, about: dict[str, str], out: Path | None) -> Table:

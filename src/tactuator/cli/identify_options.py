@@ -1,0 +1,36 @@
+"""What `tactuator identify` may be told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+RecordPath = Annotated[Path, typer.Argument(help="Record: HDF5, CSV, MATLAB or WAV.")]
+Input = Annotated[str | None, typer.Option("--input", help="Column or variable of the command.")]
+Output = Annotated[str | None, typer.Option("--output", help="Column or variable of the position.")]
+Time = Annotated[str | None, typer.Option("--time", help="Column or variable of the time stamps.")]
+RateHz = Annotated[float | None, typer.Option("--rate-hz", help="Sampling rate, where the file has none.")]
+FromS = Annotated[float | None, typer.Option("--from-s", help="Use the record from here on.")]
+ToS = Annotated[float | None, typer.Option("--to-s", help="Use the record up to here.")]
+Order = Annotated[int | None, typer.Option("--order", help="Number of poles (default: chosen).")]
+Zeros = Annotated[int | None, typer.Option("--zeros", help="Number of zeros (default: chosen).")]
+Integrators = Annotated[int, typer.Option("--integrators", help="Poles known to lie at s = 0.")]
+DelayS = Annotated[float | None, typer.Option("--delay-s", help="Dead time, where it is known (default: estimated).")]
+Hold = Annotated[
+    str,
+    typer.Option(
+        "--hold",
+        help="The command between its samples: zero-order, first-order (held by a converter), band-limited (recorded "
+        "through an anti-aliasing filter), or auto: the record tells.",
+    ),
+]
+Method = Annotated[str, typer.Option("--method", help="refined, prediction (held only), rls (the paper's).")]
+Quantity = Annotated[
+    str, typer.Option("--quantity", help="What the position is: displacement, velocity, acceleration.")
+]
+Forgetting = Annotated[float, typer.Option("--forgetting", help="Of the recursion; 1 keeps everything.")]
+LookForFriction = Annotated[bool, typer.Option("--friction/--no-friction", help="Estimate friction.")]
+Out = Annotated[Path | None, typer.Option("--out", help="Model file to write (JSON).")]
+Charts = Annotated[Path | None, typer.Option("--charts", help="Folder for the charts (SVG and CSV).")]
