@@ -1,4 +1,4 @@
-"""`tactuator identify`: a model with its uncertainty from a record."""
+"""The verb `identify`: a model with its uncertainty from a record."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _FAMILY = 8
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the verb to the application."""
 
     @app.command("identify")
     def identify_verb(

@@ -1,4 +1,4 @@
-"""What `tactuator identify --json` prints."""
+"""The JSON that `tactuator identify` prints."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DELAY_SAYS = (
 
 
 def document(found: Identification) -> dict[str, Any]:
-    """Return what `--json` prints."""
+    """Return the answer that `--json` prints."""
     model, excitation, tests = found.model, found.excitation, found.tests
     return _of_model(model) | {
         "poles_hz": found.poles_hz,

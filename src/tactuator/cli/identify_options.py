@@ -1,4 +1,4 @@
-"""What `tactuator identify` may be told."""
+"""The options of `tactuator identify`."""
 
 from __future__ import annotations
 

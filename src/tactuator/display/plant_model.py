@@ -81,8 +81,9 @@ class PlantModel:
         return self._evaluate(self.num, self.den, self.delay_s, np.asarray(frequency_hz, dtype=np.float64))
 
     def band_db(self, frequency_hz: ArrayLike) -> Array:
-        """Return the 95 % half-width of the magnitude in dB at `frequency_hz` (m,): the covariance carried over to first
-        order, and the excess.
+        """Return the 95 % half-width of the magnitude in dB at `frequency_hz` (m,).
+
+        It holds the covariance, carried over to first order, and the excess.
         """
         return np.asarray(_Z95 * 20.0 / np.log(10.0) * self._deviations(frequency_hz)[0])
 
