@@ -1,7 +1,9 @@
-/* Port: all that a board has of its own. One file implements it for each board; docs/porting.md tells how.
+/* Port: all that a board has of its own. One folder implements it for each board; docs/porting.md tells how.
  *
- *     timer ----> tick, given by main.c ----> put_out, read_in          (in the interrupt)
- *     link  <---> tact_port_receive, tact_port_send                     (in the main loop)
+ *     timer ----> tick in main.c ----> put_out, read_in                  (in the interrupt)
+ *            `--> supervisor ---> outputs on or safe, watchdog           (in the interrupt)
+ *     link  <---> receive, send                                          (in the main loop)
+ *     fault ----> outputs_safe                                           (from anywhere)
  */
 #ifndef TACT_PORT_H
 #define TACT_PORT_H
@@ -12,7 +14,8 @@
 #include "board/board.h"
 #include "link/link.h"
 
-/* Clocks, converters at rest, link; called once, before anything else. May register a simulated display and set link->bench. */
+/* Clocks, outputs safe, converters, link; called once, before anything else. May register a
+ * simulated display and set link->bench. */
 void tact_port_begin(tact_board *board, tact_link *link);
 
 /* The timer's interrupt at this rate from now on; it calls `tick`. */
@@ -39,8 +42,20 @@ size_t tact_port_receive(uint8_t *bytes, size_t most);
 /* Bytes to the host; returns when they are under way. */
 void tact_port_send(const uint8_t *bytes, size_t size);
 
-/* The timer's interrupt kept out, and let in again. */
-void tact_port_enter(void);
-void tact_port_leave(void);
+/* The timer's interrupt kept out: gives what was before, for tact_port_leave() to restore. */
+uint32_t tact_port_enter(void);
+void tact_port_leave(uint32_t before);
+
+/* Amplifier off and D/A at zero, at once: from any interrupt or fault, whatever memory holds; needs no clock, no bus. */
+void tact_port_outputs_safe(void);
+
+/* The amplifier follows the D/A, which is at zero. The watchdog begins with the first call. */
+void tact_port_outputs_on(void);
+
+/* The watchdog waits anew. Unfed for 20 ms at most it resets the processor; outputs are safe out of reset. */
+void tact_port_feed_watchdog(void);
+
+/* Whether the converters have done what they were told. */
+int tact_port_is_sound(void);
 
 #endif

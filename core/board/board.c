@@ -255,6 +255,7 @@ int tact_board_take_safety(tact_board *board, const tact_safety *safety)
 {
     if (board->mode != TACT_OFF)
         return 0;
+    board->taken++;
     board->safety = *safety;
     board->channels = safety->channels;
     board->image.format = 0;
@@ -304,6 +305,7 @@ int tact_board_take_image(tact_board *board, const tact_image *image)
 {
     if (board->mode != TACT_OFF)
         return 0;
+    board->taken++;
     board->image = *image;
     board->is_designed = image->format == TACT_FLOAT32;
     for (int32_t c = 0; c < board->channels; c++) {

@@ -71,6 +71,7 @@ typedef struct {
     uint32_t silence;     /* ticks since the link was heard */
     uint32_t fault_tick;
     uint32_t late;        /* interrupts that came too late */
+    uint32_t taken;       /* safety tables and images, since the board began */
     float fade, command_fade; /* of the reference, of the command */
     float fade_step, command_fade_step;
     int32_t fading; /* one of the two steps is not zero */

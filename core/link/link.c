@@ -6,16 +6,15 @@
 
 enum { ROWS_AT_ONCE = 16 };
 
-static void keep_out(const tact_link *link)
+static uint32_t keep_out(const tact_link *link)
 {
-    if (link->enter)
-        link->enter();
+    return link->enter ? link->enter() : 0;
 }
 
-static void let_in(const tact_link *link)
+static void let_in(const tact_link *link, uint32_t before)
 {
     if (link->leave)
-        link->leave();
+        link->leave(before);
 }
 
 void tact_link_reset(tact_link *link, tact_board *board, const char *name)
@@ -55,9 +54,9 @@ static int32_t commit_image(tact_link *link, uint32_t size, uint8_t *refusal)
                                          safety->channels);
     if (*refusal)
         return TACT_REFUSED;
-    keep_out(link);
+    const uint32_t before = keep_out(link);
     const int taken = tact_board_take_image(board, &link->image);
-    let_in(link);
+    let_in(link, before);
     return taken ? TACT_DONE : TACT_NOT_IN_THIS_MODE;
 }
 
@@ -67,9 +66,9 @@ static int32_t commit_safety(tact_link *link, uint32_t size, uint8_t *refusal)
     *refusal = (uint8_t)tact_safety_parse(&link->safety, link->upload, size, board->channels_max);
     if (*refusal)
         return TACT_REFUSED;
-    keep_out(link);
+    const uint32_t before = keep_out(link);
     const int taken = tact_board_take_safety(board, &link->safety);
-    let_in(link);
+    let_in(link, before);
     return taken ? TACT_DONE : TACT_NOT_IN_THIS_MODE;
 }
 
@@ -78,12 +77,12 @@ static int32_t commit_display(tact_link *link, uint32_t size, uint8_t *refusal)
     int taken = 0;
     if (!link->display.take)
         return TACT_NOT_HERE;
-    keep_out(link);
+    const uint32_t before = keep_out(link);
     if (link->board->mode == TACT_OFF)
         taken = link->display.take(link->display.context, link->upload, size, link->board->channels);
     for (int32_t c = 0; taken && c < link->board->channels; c++)
         tact_guard_reset(&link->board->channel[c].guard, link->board->ticks); /* what it saw last was another display */
-    let_in(link);
+    let_in(link, before);
     *refusal = (uint8_t)!taken;
     return taken ? TACT_DONE : TACT_REFUSED;
 }
@@ -123,6 +122,8 @@ static uint32_t take_rows(tact_link *link, tact_reader *in, uint32_t first, uint
     uint32_t end = board->stream_end;
     for (uint32_t k = 0; k < count; k += ROWS_AT_ONCE) {
         const uint32_t some = count - k < ROWS_AT_ONCE ? count - k : ROWS_AT_ONCE;
+        if (k && first + k != end && first + k - end < 0x80000000u)
+            break; /* what came before was too late; what follows would leave a gap that nobody is told of */
         for (uint32_t i = 0; i < some; i++) {
             for (uint32_t c = 0; c < width; c++)
                 rows[i * width + c] = tact_read_f32(in);
@@ -133,9 +134,9 @@ static uint32_t take_rows(tact_link *link, tact_reader *in, uint32_t first, uint
                     link->display.force_v[row * width + c] = force_v;
             }
         }
-        keep_out(link);
+        const uint32_t before = keep_out(link);
         end = tact_board_stream(board, first + k, rows, some);
-        let_in(link);
+        let_in(link, before);
     }
     return end;
 }
@@ -208,7 +209,7 @@ static int32_t move(tact_link *link, uint8_t type, tact_reader *in, tact_writer 
 {
     tact_board *board = link->board;
     int32_t outcome;
-    keep_out(link);
+    const uint32_t before = keep_out(link);
     if (type == TACT_ASK_START)
         outcome = start(link, in);
     else if (in->size != in->at)
@@ -220,7 +221,7 @@ static int32_t move(tact_link *link, uint8_t type, tact_reader *in, tact_writer 
                                                  : tact_board_clear(board);
         outcome = done ? TACT_DONE : TACT_NOT_IN_THIS_MODE;
     }
-    let_in(link);
+    let_in(link, before);
     tact_write_u8(out, (uint8_t)board->mode);
     return outcome;
 }

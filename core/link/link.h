@@ -85,9 +85,9 @@ typedef struct {
 struct tact_link {
     tact_board *board;
     tact_link_display display;
-    /* Keeps the timer's interrupt out and lets it in again; NULL where there is none. */
-    void (*enter)(void);
-    void (*leave)(void);
+    /* Keeps the timer's interrupt out, and restores what was before; NULL where there is none. */
+    uint32_t (*enter)(void);
+    void (*leave)(uint32_t before);
     /* Counts instructions of periods, into least, most and sum; NULL where that cannot be. */
     void (*bench)(uint32_t samples, uint32_t *counts);
     uint8_t name[TACT_BOARD_NAME_SIZE];

@@ -10,44 +10,40 @@
  * instructions, a sleep until the next interrupt (WFI) would leap there at once, so a free run only dozes: WFE is one
  * instruction of the board and leaves the machine to the host meanwhile, for longer where the host is behind. */
 
-#include "board/period.h"
-#include "display/simulated_board.h"
+#include "cortex_m/systick.h"
+#include "emulated/bench.h"
+#include "emulated/display.h"
+#include "mps2/semihosting.h"
 #include "port.h"
-#include "semihosting.h"
 
-enum { CLOCK_HZ = 25000000, RELOAD_MAX = 0xffffff, BREATH = 32, SETTLE = 8192, LONGEST = 65536, STREAM_ROWS = 4096 };
-enum { PATIENCE = 4096 };                     /* looks at a silent UART before sleep */
-enum { BEHIND_TICKS = 64, BEHIND_ROWS = 256 }; /* a host that is silent for longer, or has fed less ahead, is behind */
+enum { CLOCK_HZ = 25000000, BREATH = 32, SETTLE = 8192, LONGEST = 65536 };
+enum { PATIENCE = 4096 }; /* looks at a silent UART before sleep */
+enum { WATCHDOG_CLOCKS = CLOCK_HZ / 100 };
 
 #define REGISTER(address) (*(volatile uint32_t *)(address))
-#define SYSTICK_CONTROL REGISTER(0xE000E010u)
-#define SYSTICK_RELOAD REGISTER(0xE000E014u)
-#define SYSTICK_VALUE REGISTER(0xE000E018u)
 #define UART_DATA REGISTER(0x40004000u)
 #define UART_STATE REGISTER(0x40004004u)
 #define UART_CONTROL REGISTER(0x40004008u)
 #define UART_DIVISOR REGISTER(0x40004010u)
-enum { SYSTICK_ENABLED = 1, SYSTICK_COUNTS = 5, SYSTICK_RUNS = 7, SYSTICK_WRAPPED = 1 << 16 };
+#define WATCHDOG_LOAD REGISTER(0x40008000u)
+#define WATCHDOG_CONTROL REGISTER(0x40008008u)
+#define WATCHDOG_CLEAR REGISTER(0x4000800Cu)
+#define WATCHDOG_LOCK REGISTER(0x40008C00u)
+#define LEDS REGISTER(0x40028000u)
 enum { UART_FULL = 1, UART_HAS = 2, UART_BOTH = 3 };
+enum { WATCHDOG_INTERRUPTS = 1, WATCHDOG_RESETS = 2, WATCHDOG_KEY = 0x1ACCE551, AMPLIFIER = 1 };
 
-void tact_systick(void);
-
-static tact_board *the_board;
-static tact_simulated_board simulated;
-static float force[STREAM_ROWS * TACT_CHANNELS_MAX], felt_mm[STREAM_ROWS * TACT_CHANNELS_MAX];
+static const volatile tact_board *the_board; /* as the interrupt changes it */
 static int from_host = -1, to_host = -1;
-static void (*the_tick)(void);
-static uint32_t timer, missed, lateness; /* timer: SYSTICK_CONTROL when it runs */
 
-static void count_instructions(uint32_t samples, uint32_t *counts);
+static void bench(uint32_t samples, uint32_t *counts);
 
 void tact_port_begin(tact_board *board, tact_link *link)
 {
     the_board = board;
-    tact_simulated_board_reset(&simulated, force, felt_mm);
-    board->allows_hold = 1;
-    tact_simulated_board_join(&simulated, link);
-    link->bench = count_instructions;
+    tact_emulated_begin(board, link);
+    tact_emulated_bench_begin(board);
+    link->bench = bench;
     from_host = tact_host_open("to-board", 0);
     if (from_host >= 0)
         to_host = tact_host_open("from-board", 1);
@@ -57,98 +53,55 @@ void tact_port_begin(tact_board *board, tact_link *link)
 
 void tact_port_start_timer(float rate_hz, void (*tick)(void))
 {
-    the_tick = tick;
-    SYSTICK_CONTROL = 0;
-    SYSTICK_RELOAD = (uint32_t)((float)CLOCK_HZ / rate_hz + 0.5f) - 1u;
-    SYSTICK_VALUE = 0;
-    SYSTICK_CONTROL = timer = SYSTICK_RUNS;
-}
-
-void tact_systick(void)
-{
-    const uint32_t reload = SYSTICK_RELOAD, value = SYSTICK_VALUE; /* reads 0 at the wrap itself */
-    (void)SYSTICK_CONTROL; /* takes back the mark of the wrap that brought us here */
-    lateness = (value == 0 ? 0 : reload - value) * 256u / (reload + 1u) + missed;
-    the_tick();
-    missed = SYSTICK_CONTROL & SYSTICK_WRAPPED ? 256u : 0u;
+    tact_systick_start((uint32_t)((float)CLOCK_HZ / rate_hz + 0.5f), tick);
 }
 
 uint32_t tact_port_lateness(void)
 {
-    return lateness;
+    return tact_systick_lateness();
 }
 
 int tact_port_holds(void)
 {
-    const int rests = the_board->ending == TACT_STAYS && the_board->mode != TACT_RUNNING;
-    return simulated.channels != the_board->channels || rests || tact_board_waits(the_board);
-}
-
-/* What the display's computation takes is no time of the board's. */
-static void timer_stands(void)
-{
-    SYSTICK_CONTROL = timer & ~(uint32_t)SYSTICK_ENABLED;
-}
-
-static void timer_goes_on(void)
-{
-    SYSTICK_CONTROL = timer;
+    return tact_emulated_holds();
 }
 
 void tact_port_put_out(const int32_t *codes)
 {
-    timer_stands();
-    tact_simulated_board_press(&simulated, the_board);
-    tact_simulated_board_latch(&simulated, codes);
-    timer_goes_on();
+    tact_emulated_put_out(codes);
 }
 
 void tact_port_read_in(int32_t *codes)
 {
-    timer_stands();
-    tact_simulated_board_read(&simulated, codes);
-    tact_simulated_board_feel(&simulated, the_board);
-    timer_goes_on();
+    tact_emulated_read_in(codes);
 }
 
 void tact_port_finish(void)
 {
-    timer_stands();
-    tact_simulated_board_advance(&simulated);
-    timer_goes_on();
+    tact_emulated_finish();
 }
 
-static void sleep(void)
-{
-    __asm volatile("wfi" ::: "memory");
-}
+/* -- link ----------------------------------------------------------------------------------------------------------- */
 
 /* Ticks that may pass before the host is waited for: in a fault the motor coasts to rest, and the guard finds back to a
  * sensor that has been mended. */
-static uint32_t breath(const volatile tact_board *board)
+static uint32_t breath(void)
 {
-    if (board->mode == TACT_FAULT)
+    if (the_board->mode == TACT_FAULT)
         return SETTLE;
-    return board->holds && board->ending == TACT_STAYS ? LONGEST : BREATH;
+    return the_board->holds && the_board->ending == TACT_STAYS ? LONGEST : BREATH;
 }
 
 static void let_run(void)
 {
-    const volatile tact_board *board = the_board;
-    const uint32_t begun = board->ticks;
-    while (SYSTICK_CONTROL & SYSTICK_ENABLED && !tact_port_holds() && board->ticks - begun < breath(board))
-        sleep();
+    const uint32_t begun = the_board->ticks;
+    while (tact_systick_goes() && !tact_port_holds() && the_board->ticks - begun < breath())
+        tact_sleep();
 }
 
-static int runs_freely(const volatile tact_board *board)
+static void doze(void)
 {
-    return board->mode == TACT_RUNNING && !board->holds;
-}
-
-static void doze(const volatile tact_board *board)
-{
-    const uint32_t ahead = board->stream_end - board->tick;
-    if (runs_freely(board) && (board->silence > BEHIND_TICKS || (ahead != 0 && ahead < BEHIND_ROWS)))
+    if (tact_emulated_is_behind())
         __asm volatile(".rept 15\n wfe\n .endr" ::: "memory");
     __asm volatile("wfe" ::: "memory");
 }
@@ -156,15 +109,14 @@ static void doze(const volatile tact_board *board)
 static size_t look_at_uart(uint8_t *bytes, size_t most)
 {
     static uint32_t looks;
-    const volatile tact_board *board = the_board;
     size_t size = 0;
     while (size < most && UART_STATE & UART_HAS)
         bytes[size++] = (uint8_t)UART_DATA;
     looks = size ? 0 : looks + 1;
-    if (looks > PATIENCE && SYSTICK_CONTROL & SYSTICK_ENABLED && !runs_freely(board))
-        sleep();
+    if (looks > PATIENCE && tact_systick_goes() && !tact_emulated_runs_freely())
+        tact_sleep();
     else if (size == 0)
-        doze(board);
+        doze();
     return size;
 }
 
@@ -192,46 +144,50 @@ void tact_port_send(const uint8_t *bytes, size_t size)
     }
 }
 
-void tact_port_enter(void)
+uint32_t tact_port_enter(void)
 {
-    __asm volatile("cpsid i" ::: "memory");
+    return tact_interrupts_enter();
 }
 
-void tact_port_leave(void)
+void tact_port_leave(uint32_t before)
 {
-    __asm volatile("cpsie i" ::: "memory");
+    tact_interrupts_leave(before);
 }
 
-static uint32_t since(uint32_t before)
+/* -- safe state ----------------------------------------------------------------------------------------------------- */
+
+/* The first light stands for the amplifier's enable. */
+void tact_port_outputs_safe(void)
 {
-    return (before - SYSTICK_VALUE) & RELOAD_MAX;
+    LEDS = 0;
 }
 
-/* Periods in the main loop, the timer free-running and silent: what the board's part of each takes, the display's part
- * left out. In counts of the timer; under -icount they are instructions, times a constant. */
-static void count_instructions(uint32_t samples, uint32_t *counts)
+/* After WATCHDOG_CLOCKS its interrupt (NMI: tact_halt) takes the outputs to rest, after as many again it resets. */
+void tact_port_outputs_on(void)
 {
-    int32_t codes[TACT_CHANNELS_MAX];
-    SYSTICK_CONTROL = 0;
-    SYSTICK_RELOAD = RELOAD_MAX;
-    SYSTICK_VALUE = 0;
-    SYSTICK_CONTROL = timer = SYSTICK_COUNTS;
-    counts[0] = RELOAD_MAX;
-    const uint32_t begun = SYSTICK_VALUE;
-    const uint32_t reading = since(begun); /* what it takes to look at the timer */
-    for (uint32_t k = 0; k < samples; k++) {
-        uint32_t before = SYSTICK_VALUE;
-        tact_period_latch(the_board, codes);
-        uint32_t count = since(before) - reading;
-        tact_port_put_out(codes);
-        tact_port_read_in(codes);
-        before = SYSTICK_VALUE;
-        tact_period_step(the_board, codes, 0);
-        count += since(before) - reading;
-        tact_port_finish();
-        counts[0] = count < counts[0] ? count : counts[0];
-        counts[1] = count > counts[1] ? count : counts[1];
-        counts[2] += count;
+    if (!(WATCHDOG_CONTROL & WATCHDOG_RESETS)) {
+        WATCHDOG_LOCK = WATCHDOG_KEY;
+        WATCHDOG_LOAD = WATCHDOG_CLOCKS;
+        WATCHDOG_CONTROL = WATCHDOG_INTERRUPTS | WATCHDOG_RESETS;
     }
-    SYSTICK_CONTROL = 0;
+    LEDS = AMPLIFIER;
+}
+
+void tact_port_feed_watchdog(void)
+{
+    WATCHDOG_CLEAR = 1;
+}
+
+int tact_port_is_sound(void)
+{
+    return 1;
+}
+
+/* Nobody feeds the watchdog while periods are counted, and the amplifier is off. */
+static void bench(uint32_t samples, uint32_t *counts)
+{
+    WATCHDOG_LOCK = WATCHDOG_KEY;
+    WATCHDOG_CONTROL = 0;
+    tact_port_outputs_safe();
+    tact_emulated_bench(samples, counts);
 }

@@ -1,6 +1,7 @@
 """`tactuator firmware`, as a user runs it."""
 
 import json
+import struct
 from contextlib import nullcontext
 from dataclasses import replace
 from importlib import import_module
@@ -47,7 +48,7 @@ def test_verify__that_differs__status_1(monkeypatch: pytest.MonkeyPatch, capsys:
     assert "DIFFERENT (float32: seed 1, tick 5)" in capsys.readouterr().out.replace("\n", "")
 
 
-def test_bench__one_finger__both_boards_in_both_formats(made: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bench__one_finger__every_board_in_both_formats(made: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["firmware", "bench", "--controller", made, "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [(row["board"], row["format"]) for row in rows] == [
@@ -63,11 +64,13 @@ def test_bench__one_finger__both_boards_in_both_formats(made: str, capsys: pytes
     ("arguments", "words"),
     [
         (["verify", "--rig", "simulated"], "rig 'simulated' is no connected board; allowed: board:PORT"),
-        (["verify", "--board", "nucleo"], "board 'nucleo' is not known; allowed: mps2-an386, mps2-an500"),
+        (["verify", "--board", "nucleo"], "board 'nucleo' is not known; allowed: mps2-an386, mps2-an500, stm32f405"),
         (["verify", "--ticks", "0"], "ticks is 0; allowed: 1 or more"),
         (["verify", "--ticks", "many"], "'many'"),
         (["program", "--board", "nucleo", "--out", "FOLDER/f.elf"], "board 'nucleo' is not known"),
         (["program", "--out", "FOLDER/none/f.elf"], "none is not a folder"),
+        (["program", "--out", "FOLDER/f.dfu"], "f.dfu: a program's name ends in '.dfu'; allowed: .elf, .bin, .hex"),
+        (["program", "--board", "stm32f405", "--crystal-mhz", "32"], "32"),
         (["weld"], "weld"),
     ],
 )
@@ -144,3 +147,50 @@ def test_program__good__is_an_elf_file(tmp_path: Path, capsys: pytest.CaptureFix
     found = json.loads(capsys.readouterr().out)
     assert (found["board"], found["program"]) == ("mps2-an386", str(out))
     assert out.read_bytes().startswith(b"\x7fELF")
+
+
+def words_of_a_hex_file(text: str) -> bytes:
+    """What an Intel HEX file holds, as one piece; its addresses follow on from each other."""
+    found, begun, base = bytearray(), None, 0
+    for line in text.split():
+        record = bytes.fromhex(line[1:])
+        assert sum(record) % 256 == 0
+        count, at, kind = record[0], int.from_bytes(record[1:3], "big"), record[3]
+        if kind == 4:
+            base = int.from_bytes(record[4:6], "big") << 16
+        if kind == 0:
+            begun = base + at if begun is None else begun
+            assert base + at == begun + len(found)
+            found += record[4 : 4 + count]
+    assert begun == 0x08000000
+    return bytes(found)
+
+
+def test_program__for_a_board_one_can_buy__is_the_same_in_every_form(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Stack and reset vector where the chip looks for them; .hex and .bin hold the same bytes."""
+    for form in ("bin", "hex", "elf"):
+        told = ["firmware", "program", "--board", "stm32f405", "--out", str(tmp_path / f"f.{form}"), "--json"]
+        assert main(told) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert found["flash_bytes"] <= 1 << 20
+        assert 64 << 10 < found["ram_bytes"] <= 128 << 10
+    content = (tmp_path / "f.bin").read_bytes()
+    stack, reset = struct.unpack_from("<2I", content)
+    assert 0x20000000 < stack <= 0x20020000
+    assert reset & 1 == 1
+    assert 0x08000000 < reset < 0x08000000 + len(content)
+    assert words_of_a_hex_file((tmp_path / "f.hex").read_text()) == content
+    assert (tmp_path / "f.elf").read_bytes().startswith(b"\x7fELF")
+
+
+def test_program__that_does_not_fit_the_board__is_refused_by_the_linker(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cache = tmp_path / "cache"
+    cache.mkdir()
+    monkeypatch.setattr(program, "_cache", lambda: cache)
+    monkeypatch.setitem(BOARDS, "stm32f405", replace(BOARDS["stm32f405"], rows=4096))
+    told = ["firmware", "program", "--board", "stm32f405", "--out", str(tmp_path / "f.bin")]
+    refused(told, "region `data' overflowed by", capsys, tmp_path)

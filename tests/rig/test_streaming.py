@@ -7,7 +7,8 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.rig.board.commissioning import soft_ticks
-from tactuator.rig.board.link import LinkClient, Mode, RigFault
+from tactuator.rig.board.frames import Request
+from tactuator.rig.board.link import STREAM, LinkClient, Mode, RigFault
 from tactuator.rig.board.rig import LEAD_S, BoardRig
 from tactuator.rig.board.stream import StreamDry
 from tactuator.rig.board_check.streaming_trial import try_streaming
@@ -145,7 +146,20 @@ def test_recut__pieces_of_any_length__are_the_same_samples():
     assert np.array_equal(joined(cut).position_v, whole.position_v[:954])
 
 
-@pytest.mark.parametrize("board", ["mps2-an386", "mps2-an500"])
+def test_free_board__rows_of_which_the_first_are_too_late__are_all_refused():
+    """Found on the emulated STM32F405: rows are taken sixteen at a time, and the second sixteen began a new stretch."""
+    rig = free_rig()
+    rig.client.must(Request.ARM)
+    rig.client.start(1, STREAM, False, False)
+    for late in range(1, 64):
+        before = rig.status()
+        first = before.tick + 32 - late  # in-process, 32 ticks pass before a request is heard
+        end, tick = rig.client.stream(1, first, noise(64), None)
+        assert tick == first + late
+        assert end == before.stream_end
+
+
+@pytest.mark.parametrize("board", ["mps2-an386", "mps2-an500", "stm32f405"])
 def test_emulated_board_in_free_run__reference_streams_in__no_interrupt_is_late(board):
     found = try_streaming(board, designed(), 0.5, instruction_ns=4)
     assert (found.late, found.dry, found.dropped, found.fault) == (0, 0, 0, "none")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -23,7 +22,7 @@ from tactuator.rig.board_check.period_check import check_period
 from tactuator.rig.board_check.period_cost import count_instructions
 from tactuator.rig.board_check.streaming_trial import INSTRUCTION_NS, StreamingTrial, try_streaming
 from tactuator.rig.open import open_rig
-from tactuator.rig.program import BOARDS, build_firmware, find_board
+from tactuator.rig.program import BOARDS, build_firmware, find_board, form_of, memory_used, write_program
 from tactuator.runtime.image import FORMATS
 from tactuator.synthesis.design import design_controller
 
@@ -42,15 +41,23 @@ def _add_program(firmware: typer.Typer) -> None:
     @firmware.command()
     def program(
         board: BoardOption = "mps2-an500",
-        out: Annotated[Path, typer.Option("--out", help="ELF file to write.")] = Path("firmware.elf"),
+        out: Annotated[Path, typer.Option("--out", help="File to write: .elf, .bin or .hex.")] = Path("firmware.elf"),
+        emulated: Annotated[bool, typer.Option("--emulated", help="For the emulator, not the board itself.")] = False,
+        crystal_mhz: Annotated[
+            int | None, typer.Option("--crystal-mhz", min=4, max=26, help="Of the board itself: 12 if not given.")
+        ] = None,
         as_json: AsJson = False,
     ) -> None:
         """Compile a board's program from core/ and firmware/."""
-        built = build_firmware(board)
+        found, form = find_board(board), form_of(out)
+        flags = () if crystal_mhz is None else (f"-DTACT_CRYSTAL_MHZ={crystal_mhz}",)
+        built = build_firmware(board, emulated or not found.is_real, flags)
         with atomic_path(out) as beside:
-            shutil.copyfile(built, beside)
-        result = {"board": board, "processor": find_board(board).describes, "program": str(out)}
-        answer(result, as_json, f"{out}: {find_board(board).describes}")
+            write_program(built, beside, form)
+        flash, ram = memory_used(built)
+        result = {"board": board, "processor": found.describes, "program": str(out)}
+        text = f"{out}: {found.describes}, {flash} bytes of flash, {ram} of RAM"
+        answer({**result, "flash_bytes": flash, "ram_bytes": ram}, as_json, text)
 
 
 def _add_verify(firmware: typer.Typer) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from tactuator.display.description import Display
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
-from tactuator.rig.transport.emulator import Emulator
+from tactuator.rig.transport.emulator import emulator
 from tactuator.rig.transport.serial import SerialPort
 from tactuator.rig.transport.socket import SCHEME, connect
 from tactuator.rig.transport.transport import InProcess, Transport
@@ -25,7 +25,7 @@ def emulated_rig(
     """Return a rig of `display`, simulated, on a board of the emulator ("mps2-an500"). Raises BadInput if QEMU or the
     cross-compiler is missing.
     """
-    return simulated_board_rig(Emulator(board, counting), display, seed, number_format)
+    return simulated_board_rig(emulator(board, counting), display, seed, number_format)
 
 
 def in_process_rig(display: Display, seed: int = 0, number_format: str = "float32") -> BoardRig:

@@ -1,4 +1,4 @@
-"""Boards of the emulator, and their programs built from core/ and firmware/."""
+"""Programs of boards: the boards that there are, and their programs built from core/ and firmware/."""
 
 from __future__ import annotations
 
@@ -14,31 +14,57 @@ from tactuator.errors import BadInput
 
 ROOT = Path(__file__).resolve().parents[3]
 COMPILER = "arm-none-eabi-gcc"
+OBJCOPY, SIZE = "arm-none-eabi-objcopy", "arm-none-eabi-size"
 FLAGS = (
     "-std=c99", "-O2", "-ffp-contract=off", "-ffreestanding", "-Wall", "-Wextra", "-Werror", "-mthumb",
     "-mfloat-abi=hard", "-nostartfiles", "-nostdlib",
 )  # fmt: skip
+FORMS = {".elf": "", ".bin": "binary", ".hex": "ihex"}
+"""What a program may be written as, by the file's ending, and what objcopy calls it."""
 _HOST_ALONE = ("core/lanes", "core/host", "core/display/closed_loop")
 """Parts of core/ for many loops at once and for identification: no board has a use for them."""
 
 
 @dataclass(frozen=True)
 class Board:
-    """A board of the emulator: its processor for the compiler, its clock, and what its links are called."""
+    """A board: what the compiler and the linker are told, and what the emulator calls it.
+
+    folder: its own, in firmware/; `script` there is the linker's. rows: of the rings for stream and trace, a power of
+    two. machine: QEMU's name, where the timer counts at `timer_hz`; its link is the emulator's serial port number
+    `serial`. has_fifos: in the emulator it can be reached over FIFOs as well. is_real: it can be bought, and has a
+    program for the board itself.
+    """
 
     name: str
+    describes: str
     processor: str
     floating_point: str
-    describes: str
+    folder: str
+    script: str
+    rows: int
+    machine: str
+    timer_hz: float
+    serial: int = 0
+    has_fifos: bool = False
+    is_real: bool = False
+
+    def parts(self, emulated: bool) -> tuple[str, ...]:
+        """Return the folders of firmware/ whose files the program is made of, besides what is for every board."""
+        own = (self.folder, f"{self.folder}/{'emulated' if emulated else 'silicon'}")
+        return ("cortex_m", "emulated", *own) if emulated else ("cortex_m", *own)
 
 
 BOARDS: dict[str, Board] = {
     board.name: board
     for board in (
-        Board("mps2-an386", "cortex-m4", "fpv4-sp-d16", "Cortex-M4F"),
-        Board("mps2-an500", "cortex-m7", "fpv5-d16", "Cortex-M7"),
+        Board("mps2-an386", "Cortex-M4F", "cortex-m4", "fpv4-sp-d16", "mps2", "mps2.ld", 4096, "mps2-an386",
+              25e6, has_fifos=True),
+        Board("mps2-an500", "Cortex-M7", "cortex-m7", "fpv5-d16", "mps2", "mps2.ld", 4096, "mps2-an500",
+              25e6, has_fifos=True),
+        Board("stm32f405", "STM32F405, Cortex-M4F", "cortex-m4", "fpv4-sp-d16", "stm32f405", "stm32f405.ld", 1024,
+              "netduinoplus2", 168e6, serial=2, is_real=True),
     )
-}
+}  # fmt: skip
 
 
 def find_board(name: str) -> Board:
@@ -48,50 +74,87 @@ def find_board(name: str) -> Board:
     return BOARDS[name]
 
 
-def sources() -> list[Path]:
-    """Return every file that a program is made of. Raises BadInput where they are not beside the package."""
-    folders = (ROOT / "core", ROOT / "firmware")
-    if not all(folder.is_dir() for folder in folders):
+def sources(board: Board, emulated: bool = True) -> list[Path]:
+    """Return every file that a board's program is made of. Raises BadInput where they are not beside the package."""
+    core, firmware = ROOT / "core", ROOT / "firmware"
+    if not (core.is_dir() and firmware.is_dir()):
         raise BadInput("the firmware's sources are not beside this installation; allowed: a checkout of the repository")
-    every = (path for folder in folders for path in folder.rglob("*") if path.suffix in {".c", ".h", ".ld"})
-    return sorted(path for path in every if not str(path.relative_to(ROOT)).startswith(_HOST_ALONE))
+    every = [path for path in core.rglob("*") if not str(path.relative_to(ROOT)).startswith(_HOST_ALONE)]
+    for part in ("", *board.parts(emulated)):
+        every += (firmware / part).glob("*")
+    return sorted(path for path in every if path.suffix in {".c", ".h", ".ld"})
 
 
-def build_firmware(name: str) -> Path:
+def build_firmware(name: str, emulated: bool = True, flags: tuple[str, ...] = ()) -> Path:
     """Build the program (ELF) of a board, unless one of these very sources is there already, and return its path.
 
-    Raises BadInput if the compiler is missing (it says what to install) or the sources do not compile.
+    emulated: for the emulator, with the simulated display in the place of converters; otherwise for the board itself.
+    flags: more for the compiler. Raises BadInput if the compiler is missing (it says what to install), if the board
+    cannot be bought, or if the sources do not compile or do not fit the board's memory.
     """
     board = find_board(name)
-    files = sources()
-    program = _cache() / f"{name}-{_digest(board, files)}.elf"
+    if not emulated and not board.is_real:
+        raise BadInput(f"board {name!r} is the emulator's alone; allowed: one with a program for the board itself")
+    files = sources(board, emulated)
+    kind = "emulated" if emulated else "silicon"
+    program = _cache() / f"{name}-{kind}-{_digest(board, files, flags)}.elf"
     if program.exists():
         return program
-    if shutil.which(COMPILER) is None:
-        raise BadInput(f"{COMPILER} is missing; allowed: install it with `make install-boards`")
+    _require(COMPILER)
     program.parent.mkdir(parents=True, exist_ok=True)
     handle, beside = tempfile.mkstemp(suffix=".elf", dir=program.parent)
     os.close(handle)
-    done = subprocess.run(_command(board, files, beside), cwd=ROOT, capture_output=True, text=True, check=False)
+    command = [*_command(board, files, beside), *flags]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        Path(beside).unlink()
-        first = next((line for line in done.stderr.splitlines() if "error" in line), "the compiler failed")
-        raise BadInput(f"firmware for {name} does not compile: {first.strip()}; allowed: sources that do")
+        Path(beside).unlink(missing_ok=True)
+        said = done.stderr.splitlines()
+        first = next((line for line in said if "overflowed" in line or "error:" in line), "the compiler failed")
+        raise BadInput(f"firmware for {name} does not compile: {first.strip()}; allowed: sources that do, and that fit")
     Path(beside).replace(program)
     return program
+
+
+def form_of(out: Path) -> str:
+    """Return what objcopy calls the form that a program's name ends in, "" for ELF. Raises BadInput for another."""
+    if out.suffix not in FORMS:
+        raise BadInput(f"{out.name}: a program's name ends in {out.suffix!r}; allowed: {', '.join(FORMS)}")
+    return FORMS[out.suffix]
+
+
+def write_program(built: Path, out: Path, form: str) -> None:
+    """Write the program `built` (ELF) to `out`, in a form of form_of(). Raises BadInput if objcopy is missing."""
+    if not form:
+        shutil.copyfile(built, out)
+        return
+    _require(OBJCOPY)
+    subprocess.run([OBJCOPY, "-O", form, str(built), str(out)], check=True, capture_output=True)
+
+
+def memory_used(built: Path) -> tuple[int, int]:
+    """Return the bytes of flash and of RAM that a program (ELF) takes, its stack among them."""
+    _require(SIZE)
+    said = subprocess.run([SIZE, str(built)], check=True, capture_output=True, text=True).stdout
+    text, data, bss = (int(word) for word in said.splitlines()[1].split()[:3])
+    return text + data, data + bss
+
+
+def _require(tool: str) -> None:
+    if shutil.which(tool) is None:
+        raise BadInput(f"{tool} is missing; allowed: install it with `make install-boards`")
 
 
 def _command(board: Board, files: list[Path], program: str) -> list[str]:
     names = [str(path.relative_to(ROOT)) for path in files if path.suffix == ".c"]
     return [
         COMPILER, *FLAGS, f"-mcpu={board.processor}", f"-mfpu={board.floating_point}",
-        f'-DTACT_BOARD_NAME="{board.name}"', "-Icore", "-Ifirmware", *names,
-        "-T", "firmware/mps2/mps2.ld", "-lgcc", "-o", program,
+        f'-DTACT_BOARD_NAME="{board.name}"', f"-DTACT_STREAM_ROWS={board.rows}", f"-DTACT_TRACE_ROWS={board.rows}",
+        "-Icore", "-Ifirmware", *names, "-T", f"firmware/{board.folder}/{board.script}", "-lgcc", "-o", program,
     ]  # fmt: skip
 
 
-def _digest(board: Board, files: list[Path]) -> str:
-    digest = hashlib.sha256(repr((board, FLAGS)).encode())
+def _digest(board: Board, files: list[Path], flags: tuple[str, ...]) -> str:
+    digest = hashlib.sha256(repr((board, FLAGS, flags)).encode())
     for path in files:
         digest.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:16]

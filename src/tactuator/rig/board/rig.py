@@ -74,7 +74,7 @@ class BoardRig(ClosingRig):
         self._run, self._at, self._drives, self._loaded = status.run, 0, False, False
         self._began: int | None = None
         self._fingers: tuple[BoardFinger, ...] = ()
-        self._lag = status.trace_capacity // 2
+        self._lag, self._lead_most = status.trace_capacity // 2, status.stream_capacity * 7 // 8
         if status.safety_crc == 0:
             self.off()
             self.commission()
@@ -279,7 +279,8 @@ class BoardRig(ClosingRig):
 
     def _streaming(self, lead_s: float, felt: bool = True) -> BoardStream:
         fingers = self._fingers if felt else ()
-        lead = round((min(lead_s, _WAITING_LEAD_S) if self._waits else lead_s) * self.rate_hz)
+        asked_s = min(lead_s, _WAITING_LEAD_S) if self._waits else lead_s
+        lead = min(round(asked_s * self.rate_hz), self._lead_most)
         sleep = (lambda seconds: None) if self._waits else self._sleep
         return BoardStream(self._client, self._run, len(self.channels), lead, self._lag, self._waits, fingers, sleep)
 

@@ -12,9 +12,10 @@ from tactuator.rig.board.commissioning import soft_ticks
 from tactuator.rig.board.frames import Request
 from tactuator.rig.board.link import STREAM
 from tactuator.rig.boards import emulated_rig
+from tactuator.rig.program import find_board
 
-COUNTS_PER_INSTRUCTION = 1024.0 / 40.0
-"""Of the boards' 25 MHz timer under `-icount shift=10`: 1024 ns an instruction, 40 ns a count."""
+COUNTING, INSTRUCTION_S = "shift=10,sleep=off", 1024e-9
+"""An instruction takes 1024 ns of the emulator's time, so that the boards' timers tell one from two."""
 CLOCKS_MHZ = (168.0, 480.0, 600.0)
 _BENCH_TICKS = 600
 _LEVEL = 100.0
@@ -38,17 +39,17 @@ def count_instructions(board: str, controller: Controller, number_format: str) -
     time_s = np.arange(soft + _BENCH_TICKS) / controller.rate_hz
     count = len(controller.channels)
     rows = np.stack([_LEVEL * np.sin(2.0 * np.pi * _TONES_HZ[c % 4] * time_s + 0.5) for c in range(count)], axis=1)
-    with emulated_rig(board, controller.display, 0, number_format, counting="shift=10,sleep=off") as rig:
+    with emulated_rig(board, controller.display, 0, number_format, counting=COUNTING) as rig:
         rig.load(controller)
         client = rig.client
-        client.must(Request.ARM)
         client.must(Request.BENCH, struct.pack("<I", 1))  # stops the timer: at this clock it would come too often
+        client.must(Request.ARM)
         client.start(1, STREAM, False, True)
         end = 0
         while end < rows.shape[0]:
             end, _ = client.stream(1, end, rows[end:].astype(np.float32), None)
         client.must(Request.BENCH, struct.pack("<I", soft))
         _, most, _, _ = struct.unpack("<4I", client.must(Request.BENCH, struct.pack("<I", _BENCH_TICKS)))
-    instructions = round(most / COUNTS_PER_INSTRUCTION)
+    instructions = round(most / (INSTRUCTION_S * find_board(board).timer_hz))
     shares = {f"{clock:g} MHz": instructions * controller.rate_hz / (clock * 1e6) for clock in CLOCKS_MHZ}
     return PeriodCost(board, number_format, count, instructions, shares)

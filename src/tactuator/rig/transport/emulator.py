@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from tactuator.errors import BadInput
-from tactuator.rig.program import build_firmware
+from tactuator.rig.program import build_firmware, find_board
 from tactuator.rig.transport.socket import SocketLink
 from tactuator.rig.transport.transport import LinkDown
 
@@ -24,15 +24,22 @@ _PIPE_BYTES = 1 << 16
 
 def emulator_command(board: str, program: Path, counting: str | None, serial: str = "none") -> list[str]:
     """Return the command line of QEMU for a board. counting: what -icount is told (virtual time from instructions), or
-    None for none; serial: where UART 0 goes.
+    None for none; serial: where the serial port of its link goes.
     """
+    found = find_board(board)
     if shutil.which(EMULATOR) is None:
         raise BadInput(f"{EMULATOR} is missing; allowed: install it with `make install-boards`")
     clock = [] if counting is None else ["-icount", counting]
     return [
-        EMULATOR, "-M", board, "-display", "none", "-monitor", "none", "-serial", serial,
+        EMULATOR, "-M", found.machine, "-display", "none", "-monitor", "none",
+        *["-serial", "null"] * found.serial, "-serial", serial,
         "-semihosting-config", "enable=on,target=native", *clock, "-kernel", str(program),
     ]  # fmt: skip
+
+
+def emulator(board: str, counting: str | None = "shift=3,sleep=off") -> Emulator | EmulatorUart:
+    """Return a board in QEMU, by the fastest way there is to it."""
+    return Emulator(board, counting) if find_board(board).has_fifos else EmulatorUart(board, counting)
 
 
 class Emulator:
@@ -116,7 +123,8 @@ class Emulator:
 class EmulatorUart:
     """A board in QEMU behind its UART, on a socket of this machine: its time goes on while it sends and receives."""
 
-    def __init__(self, board: str, counting: str | None = "shift=3,sleep=off") -> None:
+    def __init__(self, board: str, counting: str | None = "shift=3,sleep=off", more: tuple[str, ...] = ()) -> None:
+        """more: further options of QEMU."""
         program = build_firmware(board)
         self._folder = tempfile.TemporaryDirectory(prefix="tactuator-")  # no FIFOs in it: the board takes its UART
         self._process: subprocess.Popen[bytes] | None = None
@@ -124,8 +132,11 @@ class EmulatorUart:
             listener.settimeout(_OPEN_S)
             serial = f"tcp:127.0.0.1:{listener.getsockname()[1]},nodelay=on"
             try:
-                self._process = _begun(emulator_command(board, program, counting, serial), Path(self._folder.name))
+                command = [*emulator_command(board, program, counting, serial), *more]
+                self._process = _begun(command, Path(self._folder.name))
                 self._link = SocketLink(listener.accept()[0])
+                if not self._link.receive(_OPEN_S):  # a board says when it is there; before, it hears nothing
+                    raise TimeoutError
             except BaseException as error:
                 self.close()
                 if isinstance(error, TimeoutError):

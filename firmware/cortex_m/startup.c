@@ -1,38 +1,20 @@
-/* Cortex-M from reset to main(): vectors, memory, floating point. Nothing of a library. */
+/* Nothing of a library. */
+
+#include "cortex_m/startup.h"
 
 #include <stddef.h>
-#include <stdint.h>
 
-extern uint32_t tact_stack_top, tact_data_from, tact_data_begin, tact_data_end, tact_bss_begin, tact_bss_end;
+#include "port.h"
+
+extern uint32_t tact_data_from, tact_data_begin, tact_data_end, tact_bss_begin, tact_bss_end;
 
 int main(void);
-void tact_reset(void);
-void tact_systick(void);
 void *memcpy(void *to, const void *from, size_t size);
 void *memset(void *to, int value, size_t size);
-
-/* A fault of the processor ends here, where a watchdog finds it. */
-static void stuck(void)
-{
-    for (;;) {
-    }
-}
-
-__attribute__((section(".vectors"), used)) static void (*const VECTORS[16])(void) = {
-    [0] = (void (*)(void))&tact_stack_top,
-    [1] = tact_reset,
-    [2] = stuck,
-    [3] = stuck,
-    [4] = stuck,
-    [5] = stuck,
-    [6] = stuck,
-    [11] = stuck,
-    [14] = stuck,
-    [15] = tact_systick,
-};
+void tact_halt_here(void);
 
 /* The compiler calls these for structures, even freestanding. */
-void *memcpy(void *to, const void *from, size_t size)
+__attribute__((used)) void *memcpy(void *to, const void *from, size_t size)
 {
     uint8_t *target = to;
     const uint8_t *source = from;
@@ -41,7 +23,7 @@ void *memcpy(void *to, const void *from, size_t size)
     return to;
 }
 
-void *memset(void *to, int value, size_t size)
+__attribute__((used)) void *memset(void *to, int value, size_t size)
 {
     uint8_t *target = to;
     while (size--)
@@ -49,7 +31,20 @@ void *memset(void *to, int value, size_t size)
     return to;
 }
 
-void tact_reset(void)
+__attribute__((used)) void tact_halt_here(void)
+{
+    tact_port_outputs_safe();
+    for (;;) {
+    }
+}
+
+/* The stack may be what is broken. */
+__attribute__((naked, used)) void tact_halt(void)
+{
+    __asm volatile("cpsid i\n ldr r0, =tact_stack_top\n mov sp, r0\n b tact_halt_here");
+}
+
+__attribute__((used)) void tact_reset(void)
 {
     volatile uint32_t *const access = (volatile uint32_t *)0xE000ED88u; /* CPACR: the floating-point unit */
     *access |= 0xFu << 20;
@@ -59,5 +54,5 @@ void tact_reset(void)
     for (uint32_t *at = &tact_bss_begin; at < &tact_bss_end;)
         *at++ = 0;
     (void)main();
-    stuck();
+    tact_halt_here();
 }

@@ -1,0 +1,51 @@
+#include "board/supervisor.h"
+
+enum { WORDS_A_TICK = 64 };
+
+void tact_supervisor_reset(tact_supervisor *supervisor)
+{
+    uint8_t *bytes = (uint8_t *)supervisor;
+    for (size_t i = 0; i < sizeof *supervisor; i++)
+        bytes[i] = 0;
+}
+
+static void lose(tact_supervisor *supervisor, tact_lost what)
+{
+    if (supervisor->lost == TACT_LOST_NOTHING)
+        supervisor->lost = what;
+}
+
+/* Whether the board's mode asks for the amplifier. */
+static int is_wanted(tact_supervisor *supervisor, const tact_board *board)
+{
+    if (board->mode != TACT_FAULT || board->command_fade > 0.0f) {
+        supervisor->rest_ticks = 0;
+        return board->mode != TACT_OFF;
+    }
+    supervisor->rest_ticks++;
+    return (float)supervisor->rest_ticks <= TACT_SUPERVISOR_BRAKE_S * board->safety.rate_hz;
+}
+
+int32_t tact_supervisor_tick(tact_supervisor *supervisor, const tact_board *board, int converters_are_sound)
+{
+    const int wanted = is_wanted(supervisor, board);
+    const uint32_t deaf = wanted ? supervisor->deaf_ticks + 1u : 0;
+    supervisor->deaf_ticks = deaf;
+    if (wanted && !converters_are_sound)
+        lose(supervisor, TACT_LOST_CONVERTERS);
+    if ((float)deaf > TACT_SUPERVISOR_DEAF_S * board->safety.rate_hz)
+        lose(supervisor, TACT_LOST_MAIN_LOOP);
+    if (supervisor->lost)
+        return TACT_OUTPUTS_SAFE;
+    return TACT_WATCHDOG_FED | (wanted ? TACT_OUTPUTS_ON : 0);
+}
+
+void tact_supervisor_heard(tact_supervisor *supervisor, const tact_board *board)
+{
+    supervisor->deaf_ticks = 0;
+    if (supervisor->checked == board->ticks && supervisor->tables.taken == board->taken)
+        return;
+    supervisor->checked = board->ticks;
+    if (!tact_tables_check(&supervisor->tables, board, WORDS_A_TICK))
+        lose(supervisor, TACT_LOST_TABLES);
+}

@@ -1,0 +1,37 @@
+/* The timer of a Cortex-M, and what is shared by all boards that have one.
+ *
+ * Example use:
+ *   tact_systick_start(168000000u / 4000u, tick);
+ */
+#ifndef TACT_SYSTICK_H
+#define TACT_SYSTICK_H
+
+#include <stdint.h>
+
+/* `tick` every so many clocks, at the priority of the timer's interrupt. */
+void tact_systick_start(uint32_t clocks, void (*tick)(void));
+
+/* Since the interrupt was due, 1/256 of a period; 256 more if one was missed. */
+uint32_t tact_systick_lateness(void);
+
+/* Time stands still, and goes on: for what an emulated board does that a real one does not. */
+void tact_systick_stand(void);
+void tact_systick_go_on(void);
+int tact_systick_goes(void);
+
+/* Counts down in clocks, 24 bits, without an interrupt; and what is left. */
+void tact_systick_count(void);
+uint32_t tact_systick_left(void);
+
+/* The vector. */
+void tact_systick(void);
+
+/* The timer's interrupt kept out, with all of lower urgency; gives what was before, to be restored. */
+uint32_t tact_interrupts_enter(void);
+void tact_interrupts_leave(uint32_t before);
+
+/* Until the next interrupt; with a reason not to, only if there is none at the last moment. */
+void tact_sleep(void);
+void tact_sleep_unless(int (*reason)(void));
+
+#endif

@@ -1,0 +1,34 @@
+/* The simulated display in the place of an emulated board's converters.
+ *
+ * The timer stands still while the display is computed, which no real board does: what that takes is no time of the
+ * board's. Between runs the display's time stands still as well, so that what a board plays does not depend on how long
+ * the host takes; in a free run time goes on, as on a real board.
+ *
+ * Example use, in a port:
+ *   void tact_port_put_out(const int32_t *codes) { tact_emulated_put_out(codes); }
+ */
+#ifndef TACT_EMULATED_DISPLAY_H
+#define TACT_EMULATED_DISPLAY_H
+
+#include <stdint.h>
+
+#include "board/board.h"
+#include "link/link.h"
+
+/* Registers the display with the link; the board may wait from now on. */
+void tact_emulated_begin(tact_board *board, tact_link *link);
+
+/* As in port.h. */
+void tact_emulated_put_out(const int32_t *codes);
+void tact_emulated_read_in(int32_t *codes);
+void tact_emulated_finish(void);
+int tact_emulated_holds(void);
+
+/* A run whose time goes on, whatever the host does. */
+int tact_emulated_runs_freely(void);
+
+/* And its host has been silent for a while, or has fed little ahead: the board should leave it the machine. Where the
+ * emulator's time follows the instructions, a sleep until the next interrupt (WFI) leaps there at once. */
+int tact_emulated_is_behind(void);
+
+#endif

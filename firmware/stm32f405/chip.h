@@ -1,0 +1,29 @@
+/* What the emulator's STM32F405 has not got: a clock that has to be waited for, and converters on a bus.
+ *
+ * silicon/ is the board itself; emulated/ stands in for it with the simulated display. All else is the same program.
+ */
+#ifndef TACT_STM32F405_CHIP_H
+#define TACT_STM32F405_CHIP_H
+
+#include <stdint.h>
+
+#include "board/board.h"
+#include "link/link.h"
+
+/* 168 MHz from the crystal: 1; 0 if it does not come up. */
+int tact_chip_clock(void);
+
+/* Converters ready: 1. May register a simulated display. */
+int tact_chip_converters(tact_board *board, tact_link *link);
+
+/* As in port.h. */
+void tact_chip_put_out(const int32_t *codes);
+void tact_chip_read_in(int32_t *codes);
+void tact_chip_finish(void);
+int tact_chip_holds(void);
+int tact_chip_is_sound(void);
+
+/* After a look at what has come: sleep until the next interrupt, if nothing has. */
+void tact_chip_idle(int something_came);
+
+#endif

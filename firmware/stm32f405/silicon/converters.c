@@ -1,0 +1,59 @@
+/* The converters of a real board: AD7606 in, AD5754R out. A reading that does not come is that of an open sensor. */
+
+#include "stm32f405/silicon/ad5754.h"
+#include "stm32f405/silicon/ad7606.h"
+#include "stm32f405/bus.h"
+#include "stm32f405/chip.h"
+#include "cortex_m/systick.h"
+#include "stm32f405/usart.h"
+
+enum { NO_READING = INT16_MAX, LOOK_EVERY = 64 };
+
+static int32_t channels;
+static volatile int32_t is_sound;
+
+int tact_chip_converters(tact_board *board, tact_link *link)
+{
+    (void)link;
+    channels = board->channels_max;
+    tact_ad7606_begin();
+    is_sound = tact_ad5754_begin();
+    return is_sound;
+}
+
+/* A D/A that was reset by itself, is overloaded or too hot is found within LOOK_EVERY ticks. */
+void tact_chip_put_out(const int32_t *codes)
+{
+    static uint32_t ticks;
+    if (!tact_ad5754_write(codes, channels))
+        is_sound = 0;
+    if (++ticks % LOOK_EVERY == 0 && !tact_ad5754_is_sound())
+        is_sound = 0;
+}
+
+void tact_chip_read_in(int32_t *codes)
+{
+    for (int32_t c = 0; c < channels; c++)
+        codes[c] = NO_READING;
+    (void)tact_ad7606_read(codes, channels);
+}
+
+void tact_chip_finish(void)
+{
+}
+
+int tact_chip_holds(void)
+{
+    return 0;
+}
+
+int tact_chip_is_sound(void)
+{
+    return is_sound;
+}
+
+void tact_chip_idle(int something_came)
+{
+    if (!something_came)
+        tact_sleep_unless(tact_usart_has);
+}

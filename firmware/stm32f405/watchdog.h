@@ -1,0 +1,20 @@
+/* The independent watchdog, and the watch over the supply.
+ *
+ * The watchdog runs from an oscillator of its own, of 17 to 47 kHz: it resets the processor 6.5 to 17.9 ms after it was
+ * fed last. Out of reset no pin drives anything: resistors hold the amplifier off and the D/A's CLR low.
+ *
+ * Example use:
+ *   tact_watchdog_start();
+ *   tact_watchdog_feed();        at every tick
+ */
+#ifndef TACT_STM32F405_WATCHDOG_H
+#define TACT_STM32F405_WATCHDOG_H
+
+/* Cannot be stopped again. */
+void tact_watchdog_start(void);
+void tact_watchdog_feed(void);
+
+/* A supply below 2.9 V takes the fault's vector, long before the processor fails at 1.8 V. */
+void tact_supply_watch(void);
+
+#endif
