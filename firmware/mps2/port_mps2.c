@@ -92,11 +92,15 @@ static uint32_t breath(void)
     return the_board->holds && the_board->ending == TACT_STAYS ? LONGEST : BREATH;
 }
 
-static void let_run(void)
+/* 1 while the run goes on before the host is waited for; the main loop comes by after each tick of it. */
+static int goes_on(void)
 {
-    const uint32_t begun = the_board->ticks;
-    while (tact_systick_goes() && !tact_port_holds() && the_board->ticks - begun < breath())
-        tact_sleep();
+    static uint32_t begun;
+    static int32_t has_begun;
+    if (!has_begun)
+        begun = the_board->ticks;
+    has_begun = tact_systick_goes() && !tact_port_holds() && the_board->ticks - begun < breath();
+    return has_begun;
 }
 
 static void doze(void)
@@ -124,7 +128,10 @@ size_t tact_port_receive(uint8_t *bytes, size_t most)
 {
     if (from_host < 0)
         return look_at_uart(bytes, most);
-    let_run();
+    if (goes_on()) {
+        tact_sleep();
+        return 0;
+    }
     const size_t size = tact_host_read(from_host, bytes, most);
     if (size == 0)
         tact_host_exit(); /* the host is gone for good */

@@ -37,7 +37,7 @@ class Bench:
     def __post_init__(self) -> None:
         for part in ("core", "firmware"):
             shutil.copytree(ROOT / part, self.folder / part)
-        command = _command(find_board(self.board), sources(), "PROGRAM")
+        command = _command(find_board(self.board), sources(find_board(self.board)), "PROGRAM")
         at = command.index("-T")
         self.flags = [word for word in command[:at] if not word.endswith(".c") and word != "-Werror"]
         self.tail = command[at:-2]
