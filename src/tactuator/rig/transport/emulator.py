@@ -124,7 +124,7 @@ class EmulatorUart:
     """A board in QEMU behind its UART, on a socket of this machine: its time goes on while it sends and receives."""
 
     def __init__(self, board: str, counting: str | None = "shift=3,sleep=off", more: tuple[str, ...] = ()) -> None:
-        """more: further options of QEMU."""
+        """Start the emulator; `more` are further options of it."""
         program = build_firmware(board)
         self._folder = tempfile.TemporaryDirectory(prefix="tactuator-")  # no FIFOs in it: the board takes its UART
         self._process: subprocess.Popen[bytes] | None = None

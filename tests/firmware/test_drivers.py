@@ -1,0 +1,210 @@
+"""The STM32F405's drivers against a model of its registers and of the chips around it, by the makers' documents."""
+
+from __future__ import annotations
+
+import ctypes
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactuator.runtime._core import ffi
+from tests.firmware.chip_model import CRYSTAL_HZ, FLASH, IWDG, MODE, RCC, STEP_V, USART3, Chip, Drivers, build
+
+CODES = st.lists(st.integers(-32768, 32767), min_size=3, max_size=3)
+LSI_HZ = (17e3, 47e3)
+"""The watchdog's oscillator, least and most (data sheet of the chip)."""
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
+    return build(tmp_path_factory.mktemp("drivers"))
+
+
+def drivers(library: ctypes.CDLL, chip: Chip | None = None) -> Drivers:
+    made = Drivers(library, chip or Chip())
+    made.call("tact_bus_begin")
+    return made
+
+
+def three(codes: list[int]) -> ctypes.Array[ctypes.c_int32]:
+    return (ctypes.c_int32 * 3)(*codes)
+
+
+def test_bus__begin__outputs_are_safe_before_a_pin_drives_anything(library):
+    chip = drivers(library).chip
+    assert (chip.pins["A4"], chip.pins["A5"]) == (0, 0)
+    for pin in ("A4", "A5", "B8", "B9", "C2", "C3", "C6"):
+        level = chip.moved.index(next(move for move in chip.moved if move[:2] == ("pin", pin)))
+        drives = chip.moved.index(("mode", pin, 1))
+        assert level < drives
+
+
+@given(CODES)
+def test_ad5754__codes__are_volts_at_the_outputs_all_at_one_instant(library, codes):
+    on = drivers(library)
+    assert on.call("tact_ad5754_begin") == 1
+    on.call("tact_bus_outputs_on")
+    before = len(on.chip.moved)
+    assert on.call("tact_ad5754_write", three(codes), 3) == 1
+    assert on.chip.output.volts[:3] == [code * STEP_V for code in codes]
+    assert on.chip.output.volts[3] == 0.0
+    assert [move for move in on.chip.moved[before:] if move == ("pin", "C2", 0)] == [("pin", "C2", 0)]
+
+
+@given(CODES)
+def test_outputs_safe__whatever_was_put_out__is_zero_volts_and_no_amplifier_by_one_store(library, codes):
+    on = drivers(library)
+    on.call("tact_ad5754_begin")
+    on.call("tact_bus_outputs_on")
+    on.call("tact_ad5754_write", three(codes), 3)
+    assert on.chip.pins["A4"] == 1
+    before = len(on.chip.moved)
+    on.call("tact_bus_outputs_safe")
+    assert on.chip.output.volts == [0.0] * 4
+    assert on.chip.pins["A4"] == 0
+    assert on.chip.registers[0x40020018] == 1 << 20 | 1 << 21
+    assert len(on.chip.moved) == before + 2
+    on.call("tact_ad5754_write", three(codes), 3)
+    assert on.chip.output.volts == [0.0] * 4
+    on.call("tact_bus_outputs_on")
+    assert on.chip.output.volts == [0.0] * 4
+
+
+@given(st.lists(st.floats(-11.0, 11.0), min_size=8, max_size=8))
+def test_ad7606__volts__are_codes_of_the_instant_it_was_asked(library, volts):
+    chip = Chip()
+    chip.input.volts = volts
+    on = drivers(library, chip)
+    on.call("tact_ad7606_begin")
+    codes = three([0, 0, 0])
+    assert on.call("tact_ad7606_read", codes, 3) == 1
+    assert list(codes) == [max(-32768, min(32767, round(v / STEP_V))) for v in volts[:3]]
+
+
+@pytest.mark.parametrize("busy_looks", [None, 10**9], ids=["never begins", "never ends"])
+def test_ad7606__that_does_not_convert__is_told_and_no_code_comes(library, busy_looks):
+    chip = Chip()
+    chip.input.busy_looks = busy_looks
+    on = drivers(library, chip)
+    codes = three([7, 8, 9])
+    assert on.call("tact_ad7606_read", codes, 3) == 0
+    assert list(codes) == [7, 8, 9]
+    assert on.chip.pins["C6"] == 0
+
+
+def test_bus__stands_still__is_told(library):
+    chip = Chip()
+    on = drivers(library, chip)
+    chip.spi_stands = True
+    assert on.call("tact_ad5754_write", three([1, 2, 3]), 3) == 0
+    assert on.call("tact_ad7606_read", three([0, 0, 0]), 3) == 0
+    assert (chip.pins["B8"], chip.pins["C3"]) == (1, 1)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda output: setattr(output, "is_there", False),
+        lambda output: output.ranges.__setitem__(0, 0),
+        lambda output: setattr(output, "power", 0),
+        lambda output: setattr(output, "alerts", 1 << 5),
+        lambda output: setattr(output, "alerts", 1 << 8),
+    ],
+    ids=["gone", "range lost", "power lost", "too hot", "too much current"],
+)
+def test_ad5754__no_longer_as_it_was_set__is_found_out(library, spoil):
+    on = drivers(library)
+    assert on.call("tact_ad5754_begin") == 1
+    assert on.call("tact_ad5754_is_sound") == 1
+    spoil(on.chip.output)
+    assert on.call("tact_ad5754_is_sound") == 0
+
+
+def board():
+    made = ffi.new("tact_board *")
+    made.channels_max = 3
+    return made
+
+
+def converters(library, chip):
+    """The board's converters begun, and what it says of them."""
+    made, on = board(), drivers(library, chip)
+    return on, on.call("tact_chip_converters", ctypes.c_void_p(int(ffi.cast("uintptr_t", made))), None)
+
+
+def test_converters__there__are_sound(library):
+    on, begun = converters(library, Chip())
+    assert begun == on.call("tact_chip_is_sound") == 1
+
+
+def test_converters__without_a_d_a__do_not_begin(library):
+    chip = Chip()
+    chip.output.is_there = False
+    assert converters(library, chip)[1] == 0
+
+
+def test_converters__d_a_that_resets_itself__is_found_out_within_64_ticks(library):
+    on, _ = converters(library, Chip())
+    on.chip.output.ranges, on.chip.output.power = [0] * 4, 0
+    for _ in range(64):
+        on.call("tact_chip_put_out", three([0, 0, 0]))
+    assert on.call("tact_chip_is_sound") == 0
+
+
+def test_converters__a_d_that_is_silent__reads_as_an_open_sensor(library):
+    on, _ = converters(library, Chip())
+    on.chip.input.busy_looks = None
+    codes = three([0, 0, 0])
+    on.call("tact_chip_read_in", codes)
+    assert list(codes) == [32767] * 3
+
+
+def test_clock__crystal__is_168_mhz_with_the_flash_slowed_before(library):
+    on = drivers(library)
+    order: list[int] = []
+    kept = on.chip.set
+    on.chip.set = lambda address, value: (order.append(address), kept(address, value))[1]
+    assert on.call("tact_chip_clock") == 1
+    pll, bus = on.chip.registers[RCC + 4], on.chip.registers[RCC + 8]
+    assert pll >> 22 & 1
+    fast_hz = CRYSTAL_HZ / (pll & 63) * (pll >> 6 & 511)
+    assert 1e6 <= CRYSTAL_HZ / (pll & 63) <= 2e6
+    assert 100e6 <= fast_hz <= 432e6
+    assert fast_hz / (2 * (pll >> 16 & 3) + 2) == 168e6
+    assert (bus & 3, bus >> 10 & 7, bus >> 13 & 7) == (2, 5, 4)
+    assert on.chip.registers[FLASH] & 15 == 5
+    assert order.index(FLASH) < len(order) - 1 - order[::-1].index(RCC + 8)
+
+
+def test_clock__no_crystal__is_told(library):
+    chip = Chip()
+    chip.crystal_works = False
+    assert drivers(library, chip).call("tact_chip_clock") == 0
+
+
+def test_watchdog__slowest_and_fastest_oscillator__between_6_and_18_ms(library):
+    on = drivers(library)
+    keys = []
+    kept = on.chip.set
+    on.chip.set = lambda address, value: (keys.append((address - IWDG, value)), kept(address, value))[1]
+    on.call("tact_watchdog_start")
+    assert keys == [(0, 0xCCCC), (0, 0x5555), (4, 0), (8, on.chip.registers[IWDG + 8]), (0, 0xAAAA)]
+    longest, shortest = (1e3 * 4 * (on.chip.registers[IWDG + 8] + 1) / hz for hz in LSI_HZ)
+    assert shortest > 6.0
+    assert longest < 18.0
+
+
+def test_usart__2_megabaud_and_bytes_in_order_as_many_as_the_ring_holds(library):
+    on = drivers(library)
+    on.call("tact_usart_begin", ctypes.c_uint32(42_000_000))
+    assert 42_000_000 / on.chip.registers[USART3 + 8] == 2_000_000
+    assert on.chip.registers[0x40020400 + MODE] >> 20 & 15 == 0b1010
+    for length in (3, 8192, 9000):
+        on.chip.from_host = [n % 251 for n in range(length)]
+        while on.chip.from_host:
+            on.call("tact_usart")
+        taken = ctypes.create_string_buffer(16384)
+        size = on.call("tact_usart_receive", taken, ctypes.c_size_t(16384))
+        assert size == min(length, 8192)
+        assert taken.raw[:size] == bytes(n % 251 for n in range(size))
