@@ -3,9 +3,9 @@
 import re
 from pathlib import Path
 
-from tactuator.paper.comparison import comparison, markdown
 from tactuator.paper.plan import Plan, paper_display
-from tactuator.paper.plates import plates
+from tactuator.paper.publication.comparison import comparison, markdown
+from tactuator.paper.publication.plates import plates
 from tactuator.paper.run import run_study
 from tactuator.paper.speech import check_speech
 

@@ -40,7 +40,7 @@ def test_verify__few_ticks__bit_exact_in_both_formats(made: str, capsys: pytest.
 
 
 def test_verify__that_differs__status_1(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    verb = import_module("tactuator.cli.firmware")
+    verb = import_module("tactuator.cli.controller.firmware")
     differing = PeriodCheck("mps2-an500", False, "float32: seed 1, tick 5", 9, 3, ("float32", "q31"), 9, 1, (), 0)
     monkeypatch.setattr(verb, "check_period", lambda *arguments: differing)
     monkeypatch.setattr(verb, "open_rig", lambda *arguments: nullcontext())

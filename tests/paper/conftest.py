@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tactuator.paper.plan import Plan, paper_display
-from tactuator.paper.publish import publish
+from tactuator.paper.publication.publish import publish
 from tactuator.paper.run import Study, run_study
 from tactuator.paper.speech import check_speech
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactuator.paper.comparison import comparison
 from tactuator.paper.plan import LEVELS_DB_SL, MAINS_HZ, RESPONSE_HZ, THRESHOLD_HZ
+from tactuator.paper.publication.comparison import comparison
+from tactuator.paper.publication.summary import summary
 from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint, worst_error_db
 from tactuator.paper.run import Study
-from tactuator.paper.summary import summary
 from tactuator.paper.thresholds import bias_and_spread_db
 
 pytestmark = pytest.mark.xdist_group("study")

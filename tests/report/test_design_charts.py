@@ -10,8 +10,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from tactuator.errors import BadInput
 from tactuator.loop.feedback import FeedbackLoop
 from tactuator.report.plate import Plate
-from tactuator.report.plates.design import design_plates, save_design_plates
-from tactuator.report.plates.nichols import NicholsInput, nichols_plate
+from tactuator.report.plates.controller.design import design_plates, save_design_plates
+from tactuator.report.plates.controller.nichols import NicholsInput, nichols_plate
 from tactuator.signals.discretise import bilinear
 from tactuator.synthesis import paper
 from tactuator.synthesis.family import plant_family

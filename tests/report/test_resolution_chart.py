@@ -10,7 +10,7 @@ from matplotlib.text import Text
 
 from tactuator.errors import BadInput
 from tactuator.report.plate import Plate
-from tactuator.report.plates.resolution import resolution_plate, save_resolution
+from tactuator.report.plates.controller.resolution import resolution_plate, save_resolution
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded
 
 RATES_HZ = (4000.0, 8000.0, 16000.0, 32000.0)

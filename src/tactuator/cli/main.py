@@ -14,7 +14,7 @@ import typer
 from typer.exceptions import TyperException
 
 from tactuator import __version__
-from tactuator.cli.verbs import VERBS
+from tactuator.cli.verbs import MODULES, VERBS
 from tactuator.errors import BadInput, TactuatorError
 
 DONE, BAD_INPUT, OWN_FAULT, INTERRUPTED, TERMINATED = 0, 2, 70, 130, 143
@@ -42,7 +42,7 @@ def build_app(verbs: Sequence[str] = VERBS) -> typer.Typer:
             typer.echo(context.get_help())
 
     for verb in verbs:
-        import_module(f"tactuator.cli.{verb.replace('-', '_')}").register(app)
+        import_module(f"tactuator.cli.{MODULES.get(verb, verb)}").register(app)
     return app
 
 

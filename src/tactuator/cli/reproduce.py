@@ -12,12 +12,12 @@ from rich.table import Table
 from tactuator.cli.answer import answer, progress
 from tactuator.cli.options import AsJson, Seed
 from tactuator.files.atomic import atomic_folder
-from tactuator.paper.comparison import comparison
 from tactuator.paper.plan import Plan, Progress, paper_display
-from tactuator.paper.publish import OWN_NAMES, publish
+from tactuator.paper.publication.comparison import comparison
+from tactuator.paper.publication.publish import OWN_NAMES, publish
+from tactuator.paper.publication.summary import summary
 from tactuator.paper.run import STEPS, Study, run_study
 from tactuator.paper.speech import check_speech
-from tactuator.paper.summary import summary
 from tactuator.speech.reading import SpeechFile
 
 

@@ -18,7 +18,7 @@ from tactuator.experiment.result.thresholds import Threshold, thresholds
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.files.curve import resolve_curve
-from tactuator.report.plates.thresholds import PersonThresholds, thresholds_plate
+from tactuator.report.plates.felt.thresholds import PersonThresholds, thresholds_plate
 
 
 def results(

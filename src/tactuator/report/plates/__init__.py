@@ -1,1 +1,1 @@
-"""Figures of the report, one kind of figure in each module."""
+"""Figures of the report: of a controller, of a device, of what is felt."""

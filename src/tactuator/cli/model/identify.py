@@ -12,9 +12,9 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from tactuator.cli import identify_options as o
 from tactuator.cli.answer import answer, progress
-from tactuator.cli.identify_document import document
+from tactuator.cli.model import identify_options as o
+from tactuator.cli.model.identify_document import document
 from tactuator.cli.options import AsJson
 from tactuator.errors import BadInput
 from tactuator.files.model import write_model
@@ -69,7 +69,7 @@ def deliver(found: Identification, read: Record, out: Path | None, charts: Path 
     if out is not None:
         write_model(out, found.model, found.model.family(_FAMILY, np.random.default_rng(0)))
     if charts is not None:
-        from tactuator.report.plates.identification import save_identification  # matplotlib takes a second
+        from tactuator.report.plates.device.identification import save_identification  # matplotlib takes a second
 
         save_identification(found, charts)
     columns = {name: read.about.get(name) for name in ("input", "output")}

@@ -9,7 +9,6 @@ import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer
-from tactuator.cli.measure import frequencies
 from tactuator.cli.options import (
     AsJson,
     ControllerOption,
@@ -19,6 +18,7 @@ from tactuator.cli.options import (
     ask_for_load,
     chosen_controller,
 )
+from tactuator.cli.response.measure import frequencies
 from tactuator.measure.noise import FeltNoise, felt_noise
 from tactuator.measure.proportional import proportional_controller
 from tactuator.rig.open import open_rig

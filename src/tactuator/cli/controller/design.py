@@ -39,7 +39,7 @@ def register(app: typer.Typer) -> None:
         """Design loop and prefilter of every channel, and write them as a controller file."""
         controller = design_controller(_with_curve(read_display(display), curve), poles, error_db)
         if charts is not None:
-            from tactuator.report.plates.design import save_design_plates  # drawing takes a second to load
+            from tactuator.report.plates.controller.design import save_design_plates  # drawing takes a second to load
 
             save_design_plates(controller, charts)
         write_controller(out, controller)

@@ -66,7 +66,7 @@ def _assess(controller: Controller) -> tuple[FormatReport, ...]:
 
 def _draw(controller: Controller, path: Path) -> dict[str, object]:
     """Write the picture and return its numbers, for the answer."""
-    from tactuator.report.plates.resolution import require_ending, resolution_plate, save_resolution
+    from tactuator.report.plates.controller.resolution import require_ending, resolution_plate, save_resolution
 
     require_ending(path)
     rates = [controller.rate_hz * 2.0**k for k in range(_DOUBLINGS)]

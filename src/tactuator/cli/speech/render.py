@@ -56,7 +56,7 @@ def register(app: typer.Typer) -> None:
         if save_coding is not None:
             write_coding(save_coding, chosen)
         if picture is not None and rendered.felt is not None:
-            from tactuator.report.plates.spectrogram import spectrogram_plate  # drawing loads slowly
+            from tactuator.report.plates.felt.spectrogram import spectrogram_plate  # drawing loads slowly
 
             plate = spectrogram_plate(rendered.felt, f"{speech.name}, coding “{coding}” at {level:g} dB SL")
             write_text(picture, plate.svg())

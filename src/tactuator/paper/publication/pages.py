@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tactuator import __version__
-from tactuator.paper.comparison import comparison
 from tactuator.paper.objectives import Figures
+from tactuator.paper.publication.comparison import comparison
 from tactuator.paper.response import LOADED, UNLOADED, worst_error_db
 from tactuator.paper.run import Study
 from tactuator.paper.thresholds import bias_and_spread_db

@@ -10,18 +10,18 @@ from tactuator.paper.loops import sampled_loop
 from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint, nominal_response
 from tactuator.paper.run import Study
 from tactuator.report.plate import Plate
-from tactuator.report.plates.calibration import calibration_plate
-from tactuator.report.plates.configuration import loop_plate, mechanism_plate, processor_plate
-from tactuator.report.plates.curve import threshold_plate
-from tactuator.report.plates.equality import equality_plate
-from tactuator.report.plates.felt import felt_plate
-from tactuator.report.plates.motor import motor_plate
-from tactuator.report.plates.nichols import NicholsInput, nichols_plate
-from tactuator.report.plates.noise import noise_plate
-from tactuator.report.plates.prefilter import prefilter_plate
-from tactuator.report.plates.resolution import resolution_plate
-from tactuator.report.plates.response import LevelResponse, response_plate
-from tactuator.report.plates.thresholds import PersonThresholds, thresholds_plate
+from tactuator.report.plates.controller.configuration import loop_plate, mechanism_plate, processor_plate
+from tactuator.report.plates.controller.nichols import NicholsInput, nichols_plate
+from tactuator.report.plates.controller.prefilter import prefilter_plate
+from tactuator.report.plates.controller.resolution import resolution_plate
+from tactuator.report.plates.device.calibration import calibration_plate
+from tactuator.report.plates.device.motor import motor_plate
+from tactuator.report.plates.device.noise import noise_plate
+from tactuator.report.plates.device.response import LevelResponse, response_plate
+from tactuator.report.plates.felt.curve import threshold_plate
+from tactuator.report.plates.felt.equality import equality_plate
+from tactuator.report.plates.felt.felt import felt_plate
+from tactuator.report.plates.felt.thresholds import PersonThresholds, thresholds_plate
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.synthesis import paper
 

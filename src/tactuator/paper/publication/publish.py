@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tactuator.paper.pages import report_page
-from tactuator.paper.plates import plates
+from tactuator.paper.publication.pages import report_page
+from tactuator.paper.publication.plates import plates
+from tactuator.paper.publication.summary import summary_text
 from tactuator.paper.run import Study
-from tactuator.paper.summary import summary_text
 
 OWN_NAMES = frozenset({"report.html", "figures", "summary.json"})
 """What the folder holds then."""

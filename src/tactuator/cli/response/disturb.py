@@ -9,7 +9,6 @@ import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer
-from tactuator.cli.measure import frequencies
 from tactuator.cli.options import (
     AsJson,
     ControllerOption,
@@ -18,6 +17,7 @@ from tactuator.cli.options import (
     Seed,
     chosen_controller,
 )
+from tactuator.cli.response.measure import frequencies
 from tactuator.errors import BadInput
 from tactuator.measure.disturbance import DisturbanceReport, disturbance
 from tactuator.rig.open import open_rig

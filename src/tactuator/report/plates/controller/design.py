@@ -10,11 +10,11 @@ from tactuator.display.controller import Controller
 from tactuator.files.atomic import atomic_folder
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.report.plate import Plate
-from tactuator.report.plates.bode import bode_plate
-from tactuator.report.plates.equality import equality_plate
-from tactuator.report.plates.headroom import headroom_plate
-from tactuator.report.plates.nichols import NicholsInput, nichols_plate
-from tactuator.report.plates.sensitivity import sensitivity_plate
+from tactuator.report.plates.controller.bode import bode_plate
+from tactuator.report.plates.controller.headroom import headroom_plate
+from tactuator.report.plates.controller.nichols import NicholsInput, nichols_plate
+from tactuator.report.plates.controller.sensitivity import sensitivity_plate
+from tactuator.report.plates.felt.equality import equality_plate
 from tactuator.synthesis.design import headroom_grid_hz
 from tactuator.synthesis.family import UNLOADED, plant_family
 from tactuator.synthesis.headroom import headroom

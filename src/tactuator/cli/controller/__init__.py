@@ -1,0 +1,1 @@
+"""Verbs from models to images: design, check, wordlength, build, image, firmware."""

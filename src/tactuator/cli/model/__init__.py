@@ -1,0 +1,1 @@
+"""Verbs from records to models: calibrate, record, identify."""

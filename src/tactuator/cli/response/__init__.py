@@ -1,0 +1,1 @@
+"""Verbs that measure a display: noise, measure, disturb."""

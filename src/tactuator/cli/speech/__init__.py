@@ -1,0 +1,1 @@
+"""Verbs that bring speech to fingers: waveforms, render, play, corpus."""

@@ -1,0 +1,1 @@
+"""The pages, tables and files that the study of the paper is published as."""

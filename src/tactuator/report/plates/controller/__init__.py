@@ -1,0 +1,1 @@
+"""Figures of a controller: loop, prefilter, headroom, word length, configuration."""

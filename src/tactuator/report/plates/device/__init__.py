@@ -1,0 +1,1 @@
+"""Figures of a device: calibration, identification, motor, noise, response."""

@@ -1,0 +1,1 @@
+"""Figures of what a person feels: curves, thresholds, equality, speech."""
