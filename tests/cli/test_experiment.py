@@ -8,6 +8,7 @@ import pytest
 from tactuator.cli.main import main
 from tactuator.experiment.protocol.file import parse_identification
 from tactuator.experiment.session.identification_plan import block_trials
+from tactuator.experiment.store.lock import sessions_of
 from tactuator.files.controller import write_controller
 from tests.experiment.session.apparatuses import PROTOCOL
 from tests.experiment.session.identifying import controller, items, protocol_text  # noqa: F401
@@ -142,3 +143,14 @@ def test_identify__abx_by_script__on_any_rig_with_a_name(words, capsys, rig) -> 
     assert json.loads(capsys.readouterr().out)["trials"] == 12
     assert main(["experiment", "information", "--store", "lab.db", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["abx"][0]["share_correct"] == 1.0
+
+
+def test_serve__sessions_are_run_already__is_refused_in_one_line(tmp_path, capsys) -> None:
+    (tmp_path / "protocol.toml").write_text(PROTOCOL)
+    with sessions_of(tmp_path / "lab.db"):
+        arguments = ["experiment", "serve", str(tmp_path / "protocol.toml"), "--store", str(tmp_path / "lab.db")]
+        assert main([*arguments, "--port", "0"]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "its sessions are run by process" in told
+    assert not (tmp_path / "lab.db").exists()

@@ -1,0 +1,72 @@
+"""A trial whose timing the rig missed is noted and played again; an answer belongs after its trial."""
+
+import numpy as np
+import pytest
+from sqlalchemy import select
+
+from tactuator.errors import BadInput
+from tactuator.experiment.store import schema
+from tactuator.experiment.store.records import Answer
+from tactuator.experiment.store.store import Store
+from tactuator.rig.board.stream import StreamDry
+from tests.experiment.session.apparatuses import ObedientClock, begin, nobody
+
+
+@pytest.fixture
+def conduct(tmp_path):
+    store = Store(tmp_path / "lab.db")
+    yield begin(store, ObedientClock())
+    store.close()
+
+
+def dry(rig, times, monkeypatch):
+    """Let the rig's stream run dry in the middle of a trial, so many times."""
+    stream, left = rig.stream, [times]
+
+    def drying(blocks):
+        for count, trace in enumerate(stream(blocks)):
+            if count == 3 and left[0]:
+                left[0] -= 1
+                raise StreamDry("the stream ran dry 240 samples after its beginning; allowed: a faster host", 12)
+            yield trace
+
+    monkeypatch.setattr(rig, "stream", drying)
+
+
+def noted(store):
+    with store.read() as connection:
+        return [(row.kind, row.detail) for row in connection.execute(select(schema.event))]
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_present__stream_ran_dry__is_noted_and_the_trial_played_again(conduct, monkeypatch, times) -> None:
+    dry(conduct.session.task.station.rig, times, monkeypatch)
+    following = conduct.present(nobody)
+    assert [kind for kind, _ in noted(conduct.session.store)] == ["timing-missed"] * times
+    assert "trial 0: the stream ran dry 240 samples" in noted(conduct.session.store)[0][1]
+    conduct.answer(Answer(following.trial.correct, conduct.session.clock.utc()))
+    with conduct.session.store.read() as connection:
+        row = connection.execute(select(schema.trial)).one()
+        onsets = connection.execute(select(schema.interval.c.onset_s)).scalars().all()
+    assert row.presentations == times + 1
+    assert np.allclose(onsets, [0.01, 0.07, 0.13], atol=1e-9)
+
+
+def test_present__stream_dry_again_and_again__is_the_rigs_fault(conduct, monkeypatch) -> None:
+    dry(conduct.session.task.station.rig, 9, monkeypatch)
+    with pytest.raises(StreamDry):
+        conduct.present(nobody)
+    assert len(noted(conduct.session.store)) == 3
+    with pytest.raises(BadInput, match="no trial waits"):
+        conduct.answer(Answer("1", conduct.session.clock.utc()))
+
+
+def test_answer__earlier_than_its_trial_by_either_clock__is_refused_and_the_trial_stands(conduct) -> None:
+    clock = conduct.session.clock
+    following = conduct.present(nobody)
+    with pytest.raises(BadInput, match=r"0.500 s before its last interval had ended"):
+        conduct.answer(Answer("1", clock.utc(), received_s=clock.monotonic_s() - 0.5))
+    with pytest.raises(BadInput, match="50 ms before it was asked for"):
+        conduct.answer(Answer("1", clock.utc(), 100.0, 50.0))
+    assert conduct.answer(Answer("1", clock.utc(), 100.0, 100.0, (), clock.monotonic_s())).number == 0
+    assert following.trial.number == 0
