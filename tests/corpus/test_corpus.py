@@ -18,7 +18,7 @@ from tactuator.corpus.corpus import MANIFEST, run_corpus
 from tactuator.corpus.items import find_items
 from tactuator.corpus.journal import NAME as JOURNAL
 from tactuator.corpus.task import Outcome, Task
-from tactuator.corpus.workers import ATTEMPTS, DaskCluster, Here, LocalProcesses
+from tactuator.corpus.workers import ATTEMPTS_MAX, DaskCluster, Here, LocalProcesses
 from tactuator.errors import BadInput
 from tactuator.files.display import parse_display
 from tactuator.files.reference import content_sha256
@@ -171,7 +171,7 @@ def test_local_processes__a_file_that_kills_every_worker__listed(monkeypatch):
     monkeypatch.setattr("tactuator.corpus.workers.do_task", _dies)
     task = Task("a.wav", "", "", "", "", 35.0, False, 0)
     (outcome,) = LocalProcesses(1).outcomes([task])
-    assert outcome.error == f"a.wav: its worker died {ATTEMPTS} times; not rendered"
+    assert outcome.error == f"a.wav: its worker died {ATTEMPTS_MAX} times; not rendered"
 
 
 def test_dask_cluster__a_worker_killed_in_mid_run__complete_and_equal_to_serial(job, corpus, tmp_path):

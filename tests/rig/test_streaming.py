@@ -9,7 +9,7 @@ from tactuator.errors import BadInput
 from tactuator.rig.board.commissioning import soft_ticks
 from tactuator.rig.board.frames import Request
 from tactuator.rig.board.link import STREAM, LinkClient, Mode, RigFault
-from tactuator.rig.board.rig import LEAD_S, BoardRig
+from tactuator.rig.board.rig import STREAM_LEAD_S, BoardRig
 from tactuator.rig.board.stream import StreamDry
 from tactuator.rig.board_check.streaming_trial import try_streaming
 from tactuator.rig.boards import in_process_rig
@@ -71,7 +71,7 @@ def test_free_board__block__is_asked_for_no_earlier_than_the_lead():
         played += len(trace)
     assert played == asked == 8000
     # what is told of lags behind what is played by the pieces of the trace
-    assert max(ahead) <= LEAD_S * RATE_HZ + 200 + 2 * 200
+    assert max(ahead) <= STREAM_LEAD_S * RATE_HZ + 200 + 2 * 200
 
 
 def test_free_board__host_falls_behind__is_told_and_the_output_rests():

@@ -1,4 +1,4 @@
-"""Round-off: the trial loop against responses, its noise against the linear noise model, and facts' figures."""
+"""Round-off: the stepped loop against responses, its noise against the linear noise model, and facts' figures."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from tactuator.signals.discretise import zero_order_hold
 from tactuator.wordlength.direct_forms import FULL_SCALE_V
 from tactuator.wordlength.formats import FORMATS, Written
 from tactuator.wordlength.quantised import rows_response
-from tactuator.wordlength.roundoff import double_step, felt_db_sl, run_loop, trial_reference
+from tactuator.wordlength.roundoff import double_step, felt_db_sl, roundoff_reference, run_loop
 from tests.runtime.paper_display import channel, controller, display, lock_in, tone
 
 BY_NAME = {each.name: each for each in FORMATS}
@@ -77,8 +77,8 @@ def test_felt_level__beyond_the_band_or_silent__is_nothing() -> None:
     assert felt_db_sl(np.full(2000, 0.75), of, 4000.0) == -300.0
 
 
-def test_trial_reference__any_rate__listens_at_the_end_of_sound_and_of_silence() -> None:
-    reference, during, after = trial_reference(4000.0, 30.0)
+def test_roundoff_reference__any_rate__listens_at_the_end_of_sound_and_of_silence() -> None:
+    reference, during, after = roundoff_reference(4000.0, 30.0)
     assert np.ptp(reference[during]) == pytest.approx(60.0, rel=1e-3)
     assert not np.any(reference[after.start - 4000 : after.stop])
     assert during.stop - during.start == after.stop - after.start == 2000
@@ -188,7 +188,7 @@ def test_roundoff__busy_reference__is_the_linear_noise_model_within_a_factor_of_
 
 def test_limit_cycle__direct_form_in_q31__has_one_and_feeding_errors_back_takes_it_away() -> None:
     made = controller(display(channel()))
-    reference, _, after = trial_reference(4000.0, 30.0)
+    reference, _, after = roundoff_reference(4000.0, 30.0)
     stuck = {
         name: error_of(BY_NAME[name].write(made, 0), made.display, reference)[after]
         for name in ("q31 biquads", "q31 biquads fed back", "q31", "float32")

@@ -17,9 +17,9 @@ from typing import Protocol
 from tactuator.corpus.task import Outcome, Task, do_task
 from tactuator.errors import BadInput
 
-ATTEMPTS = 3
-"""How often a task may lose its worker before it counts as failed: it may be what kills them."""
-AHEAD = 4
+ATTEMPTS_MAX = 3
+"""Workers that a task may lose before it counts as failed: the task itself may kill them."""
+TASKS_AHEAD = 4
 """Tasks handed out for every worker, so that none waits."""
 
 
@@ -63,9 +63,9 @@ class LocalProcesses:
                     if task.item not in done:
                         lost[task.item] = lost.get(task.item, 0) + 1
             waiting = [task for task in waiting if task.item not in done]
-            for task in [task for task in waiting if lost.get(task.item, 0) >= ATTEMPTS]:
+            for task in [task for task in waiting if lost.get(task.item, 0) >= ATTEMPTS_MAX]:
                 waiting.remove(task)
-                yield Outcome(task.item, None, None, f"{task.item}: its worker died {ATTEMPTS} times; not rendered")
+                yield Outcome(task.item, None, None, f"{task.item}: its worker died {ATTEMPTS_MAX} times; not rendered")
 
     def _pool(self, tasks: Sequence[Task], begun: list[Task]) -> Iterator[Outcome]:
         """Yield outcomes from one pool; `begun` ends up holding the tasks that were handed out and not done."""
@@ -140,7 +140,7 @@ class DaskCluster:
                 names[self._submit(ahead, following)] = following
 
     def _first(self, queue: Iterator[Task]) -> Iterator[Task]:
-        count = max(1, sum(self._client.nthreads().values())) * AHEAD
+        count = max(1, sum(self._client.nthreads().values())) * TASKS_AHEAD
         for _, task in zip(range(count), queue, strict=False):
             yield task
 

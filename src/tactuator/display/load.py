@@ -12,7 +12,7 @@ from tactuator.signals.systems import ContinuousSystem
 
 Quantity = Literal["displacement", "velocity", "acceleration"]
 DERIVATIVES: dict[str, int] = {"displacement": 0, "velocity": 1, "acceleration": 2}
-"""How many times the displacement is differentiated to give the quantity."""
+"""Number of times that the displacement is differentiated to give the quantity."""
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.signals.systems import ContinuousSystem
 
-Array = NDArray[np.float64]
 _Z95 = 1.959964
 
 
@@ -20,9 +20,9 @@ class Excess:
     """Standard deviations of the response's logarithm beyond the covariance's: what the record does not exclude, what
     the form cannot follow. frequency_hz ascending, magnitude (natural), phase (rad): (m,); ends hold beyond."""
 
-    frequency_hz: Array
-    magnitude: Array
-    phase: Array
+    frequency_hz: FloatArray
+    magnitude: FloatArray
+    phase: FloatArray
 
     @classmethod
     def none(cls) -> Excess:
@@ -33,7 +33,7 @@ class Excess:
         """Return this with another deviation of the logarithm, (m,), added in squares."""
         return Excess(self.frequency_hz, np.hypot(self.magnitude, other.real), np.hypot(self.phase, other.imag))
 
-    def at(self, frequency_hz: Array) -> tuple[Array, Array]:
+    def at(self, frequency_hz: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return magnitude and phase at `frequency_hz` (any shape), straight between points of log frequency."""
         place = np.log(np.maximum(frequency_hz, 1e-300))
         known = np.log(self.frequency_hz)
@@ -51,10 +51,10 @@ class PlantModel:
     known); beyond it the model is a guess.
     """
 
-    num: Array
-    den: Array
+    num: FloatArray
+    den: FloatArray
     delay_s: float
-    covariance: Array
+    covariance: FloatArray
     band_hz: tuple[float, float]
     quantity: str = "displacement"
     command_unit: str = "V"
@@ -80,18 +80,18 @@ class PlantModel:
         """Return the complex response at `frequency_hz` (any shape)."""
         return self._evaluate(self.num, self.den, self.delay_s, np.asarray(frequency_hz, dtype=np.float64))
 
-    def band_db(self, frequency_hz: ArrayLike) -> Array:
+    def band_db(self, frequency_hz: ArrayLike) -> FloatArray:
         """Return the 95 % half-width of the magnitude in dB at `frequency_hz` (m,).
 
         It holds the covariance, carried over to first order, and the excess.
         """
         return np.asarray(_Z95 * 20.0 / np.log(10.0) * self._deviations(frequency_hz)[0])
 
-    def band_rad(self, frequency_hz: ArrayLike) -> Array:
+    def band_rad(self, frequency_hz: ArrayLike) -> FloatArray:
         """Return the 95 % half-width of the phase at `frequency_hz` (m,)."""
         return np.asarray(_Z95 * self._deviations(frequency_hz)[1])
 
-    def _deviations(self, frequency_hz: ArrayLike) -> tuple[Array, Array]:
+    def _deviations(self, frequency_hz: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the standard deviations of the logarithm of the response: real part, imaginary part."""
         frequency = np.asarray(frequency_hz, dtype=np.float64)
         gradient, sizes = self._log_gradient(frequency), self._sizes()
@@ -127,21 +127,21 @@ class PlantModel:
             self._append(made, spread @ rng.standard_normal(values.size), count)
         return tuple(made)
 
-    def _append(self, made: list[ContinuousSystem], change: Array, count: int) -> None:
+    def _append(self, made: list[ContinuousSystem], change: FloatArray, count: int) -> None:
         theta = self._theta() + change * self._sizes()
         m = self.num.size
         system = ContinuousSystem.from_polynomials(theta[:m], np.append(1.0, theta[m:-1]), max(float(theta[-1]), 0.0))
         if len(made) < count and system.is_stable == self.system.is_stable:
             made.append(system)
 
-    def _theta(self) -> Array:
+    def _theta(self) -> FloatArray:
         return np.concatenate([self.num, self.den[1:], [self.delay_s]])
 
-    def _sizes(self) -> Array:
+    def _sizes(self) -> FloatArray:
         errors = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         return np.where(errors > 0.0, errors, 1.0)
 
-    def _relative_covariance(self) -> Array:
+    def _relative_covariance(self) -> FloatArray:
         return np.asarray(self.covariance / np.outer(self._sizes(), self._sizes()))
 
     def _gain_confidence(self) -> float:
@@ -154,7 +154,7 @@ class PlantModel:
         gradient[-2] = -self.num[-1] / self.den[-1] ** 2
         return float(_Z95 * np.sqrt(max(float(gradient @ self.covariance @ gradient), 0.0)))
 
-    def _log_gradient(self, frequency_hz: Array) -> NDArray[np.complex128]:
+    def _log_gradient(self, frequency_hz: FloatArray) -> NDArray[np.complex128]:
         s = 2j * np.pi * frequency_hz
         numerator, denominator = np.polyval(self.num, s), np.polyval(self.den, s)
         m, n = self.num.size - 1, self.den.size - 1
@@ -163,6 +163,6 @@ class PlantModel:
         return np.stack([*by_num, *by_den, -s], axis=-1)
 
     @staticmethod
-    def _evaluate(num: Array, den: Array, delay_s: float, frequency_hz: Array) -> NDArray[np.complex128]:
+    def _evaluate(num: FloatArray, den: FloatArray, delay_s: float, frequency_hz: FloatArray) -> NDArray[np.complex128]:
         s = 2j * np.pi * frequency_hz
         return np.asarray(np.polyval(num, s) / np.polyval(den, s) * np.exp(-s * delay_s))

@@ -13,14 +13,13 @@ import h5py
 import numpy as np
 import scipy.io
 import soundfile
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 
-Array = NDArray[np.float64]
 MOST_SAMPLES = 4_000_000
 """Rows read of one file: 100 MB in memory, whatever the file's length."""
-_ROWS = 200_000
+_PIECE_ROWS = 200_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +30,7 @@ class Columns:
     attributes: plain text that the file carries. cut: rows beyond MOST_SAMPLES were left unread.
     """
 
-    values: Mapping[str, Array]
+    values: Mapping[str, FloatArray]
     rate_hz: float | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     attributes: Mapping[str, str] = field(default_factory=dict)
@@ -96,7 +95,7 @@ def _header(line: str, delimiter: str | None) -> list[str] | None:
     return cells
 
 
-def _blocks(stream: TextIO, delimiter: str | None, header: bool, comma: bool) -> tuple[list[Array], bool]:
+def _blocks(stream: TextIO, delimiter: str | None, header: bool, comma: bool) -> tuple[list[FloatArray], bool]:
     def clean() -> Iterator[str]:
         skip = header
         for line in stream:
@@ -108,9 +107,9 @@ def _blocks(stream: TextIO, delimiter: str | None, header: bool, comma: bool) ->
             yield line.replace(",", ".") if comma else line
 
     lines, rows = clean(), 0
-    blocks: list[Array] = []
+    blocks: list[FloatArray] = []
     while rows < MOST_SAMPLES:
-        piece = list(itertools.islice(lines, _ROWS))
+        piece = list(itertools.islice(lines, _PIECE_ROWS))
         if not piece:
             return blocks, False
         blocks.append(_parse(piece, delimiter, rows))
@@ -118,7 +117,7 @@ def _blocks(stream: TextIO, delimiter: str | None, header: bool, comma: bool) ->
     return blocks, next(lines, None) is not None
 
 
-def _parse(lines: list[str], delimiter: str | None, before: int) -> Array:
+def _parse(lines: list[str], delimiter: str | None, before: int) -> FloatArray:
     try:
         return np.loadtxt(lines, delimiter=delimiter, ndmin=2, comments=None)
     except ValueError:
@@ -146,14 +145,14 @@ def _read_matlab(path: Path) -> Columns:
     if h5py.is_hdf5(path):
         return _read_hdf5(path)
     content = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
-    found: dict[str, Array] = {}
+    found: dict[str, FloatArray] = {}
     for name, value in content.items():
         if not name.startswith("__"):
             _gather(name, value, found)
     return Columns(found)
 
 
-def _gather(name: str, value: Any, found: dict[str, Array]) -> None:
+def _gather(name: str, value: Any, found: dict[str, FloatArray]) -> None:
     """Gather the numbers, rows and columns of a variable; fields of a struct as name.field."""
     if hasattr(value, "_fieldnames"):
         for field_name in value._fieldnames:
@@ -182,7 +181,7 @@ def _read_sound(path: Path) -> Columns:
 
 
 def _read_hdf5(path: Path) -> Columns:
-    found: dict[str, Array] = {}
+    found: dict[str, FloatArray] = {}
     units: dict[str, str] = {}
     cut = False
     with h5py.File(path, "r") as file:

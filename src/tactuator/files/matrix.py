@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 
 
@@ -16,7 +16,7 @@ from tactuator.errors import BadInput
 class NamedMatrix:
     """A confusion matrix with names. counts: (stimuli, responses). Names are the file's, or 1, 2, 3, ..."""
 
-    counts: NDArray[np.float64]
+    counts: FloatArray
     stimuli: tuple[str, ...]
     responses: tuple[str, ...]
 

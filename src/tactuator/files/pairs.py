@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 
 
@@ -18,8 +18,8 @@ class Pairs:
     its row).
     """
 
-    displacement_mm: NDArray[np.float64]
-    voltage_v: NDArray[np.float64]
+    displacement_mm: FloatArray
+    voltage_v: FloatArray
     names: list[str]
 
 

@@ -6,16 +6,15 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from tactuator import __version__
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.files.atomic import atomic_path
 from tactuator.files.columns import MOST_SAMPLES, Columns, read_columns
 from tactuator.files.stamps import read_stamps
 from tactuator.signals.record import Record
 
-Array = NDArray[np.float64]
 FORMAT = "tactuator-record/1"
 INPUT_NAMES = ("command_v", "command", "input", "u", "voltage", "in", "uest", "vir", "torque", "force", "current")
 OUTPUT_NAMES = ("position_v", "position", "output", "y", "out", "yest", "qm", "angle", "displacement", "velocity")
@@ -101,7 +100,7 @@ def _known_rate(columns: Columns, rate_hz: float | None) -> float | None:
     return rate_hz
 
 
-def _seconds(name: str, values: Array) -> Array:
+def _seconds(name: str, values: FloatArray) -> FloatArray:
     for ending, factor in (("_ms", 1e-3), ("_us", 1e-6), ("_ns", 1e-9)):
         if name.lower().endswith(ending):
             return values * factor

@@ -23,6 +23,7 @@ import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.files.atomic import atomic_path, write_text
 
@@ -89,7 +90,7 @@ class ReferenceWriter:
         """
         return self._digest.hexdigest()
 
-    def write(self, block: NDArray[np.float64]) -> None:
+    def write(self, block: FloatArray) -> None:
         """Append a block. Raises BadInput for another shape, samples that are not finite, or where it cannot go."""
         if block.ndim != 2 or block.shape[1] != len(self._head.channels):
             raise BadInput(f"reference block of shape {block.shape}; allowed: (n, {len(self._head.channels)})")
@@ -99,7 +100,7 @@ class ReferenceWriter:
             self._append(block)
         self.frames += len(block)
 
-    def _append(self, block: NDArray[np.float64]) -> None:
+    def _append(self, block: FloatArray) -> None:
         shares = sample_shares(block, self._head)
         if isinstance(self._sink, soundfile.SoundFile):
             after = (self.frames + len(block)) * 4 * block.shape[1]
@@ -157,7 +158,7 @@ class ReferenceFile:
         """Return the length of the reference, seconds."""
         return self.frames / self.head.rate_hz
 
-    def blocks(self, block_frames: int = BLOCK_FRAMES) -> Iterator[NDArray[np.float64]]:
+    def blocks(self, block_frames: int = BLOCK_FRAMES) -> Iterator[FloatArray]:
         """Yield the reference in blocks (n, channels), threshold units."""
         if self.path.suffix == ".wav":
             with soundfile.SoundFile(self.path) as file:
@@ -193,7 +194,7 @@ def content_sha256(path: str | Path) -> str:
     return digest.hexdigest()
 
 
-def sample_shares(block: NDArray[np.float64], head: ReferenceHead) -> NDArray[np.float32]:
+def sample_shares(block: FloatArray, head: ReferenceHead) -> NDArray[np.float32]:
     """Return a block (n, channels) of threshold units as little-endian float32 shares of full scale, row by row."""
     return np.ascontiguousarray(block / head.full_scale, dtype="<f4")
 
@@ -246,7 +247,7 @@ def _told(path: Path) -> Iterator[None]:
         raise BadInput(f"{path}: cannot be written (the disk is full); allowed: a place with room to write") from None
 
 
-def _finite(block: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
+def _finite(block: FloatArray, path: Path) -> FloatArray:
     if not np.all(np.isfinite(block)):
         raise BadInput(f"reference {path}: a sample is not a finite number; allowed: finite samples")
     return block

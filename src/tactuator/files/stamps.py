@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import interpolate
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 
-Array = NDArray[np.float64]
 _MOST_DROPPED = 0.02
 _RATE_TOLERANCE = 0.01
 
@@ -24,12 +23,12 @@ class Stamps:
     """
 
     rate_hz: float
-    place: Array
+    place: FloatArray
     count: int
     even: bool
     remarks: tuple[str, ...]
 
-    def spread(self, values: Array, hold: bool) -> Array:
+    def spread(self, values: FloatArray, hold: bool) -> FloatArray:
         """Return the values (n,) on the even grid (count,): held (a command) or interpolated (a position)."""
         if self.even:
             return values
@@ -40,7 +39,7 @@ class Stamps:
         return np.asarray(interpolate.make_interp_spline(self.place, values, k=min(3, values.size - 1))(grid))
 
 
-def read_stamps(time_s: Array, rate_hz: float | None) -> Stamps:
+def read_stamps(time_s: FloatArray, rate_hz: float | None) -> Stamps:
     """Judge stamps (n,), seconds. BadInput where they do not ascend, contradict rate_hz, or too much is missing."""
     if time_s.size < 3:
         raise BadInput(f"{time_s.size} time stamps; allowed: 3 or more")
@@ -67,7 +66,7 @@ def read_stamps(time_s: Array, rate_hz: float | None) -> Stamps:
     return _judge(time_s, rate, place_by_count, missing)
 
 
-def _typical_step(step: Array) -> float:
+def _typical_step(step: FloatArray) -> float:
     """Return the median step, sharpened by the mean of all that are near it (stamps rounded to few digits
     alternate).
     """
@@ -76,7 +75,7 @@ def _typical_step(step: Array) -> float:
     return float(np.mean(step[near]))
 
 
-def _quantum(time_s: Array) -> float:
+def _quantum(time_s: FloatArray) -> float:
     """Return the last decimal place that the stamps were printed with, seconds; 0 where they have all their digits."""
     some = time_s[:1000]
     for digits in range(10):
@@ -86,7 +85,7 @@ def _quantum(time_s: Array) -> float:
     return 0.0
 
 
-def _judge(time_s: Array, rate: float, by_count: Array, missing: int) -> Stamps:
+def _judge(time_s: FloatArray, rate: float, by_count: FloatArray, missing: int) -> Stamps:
     place = (time_s - time_s[0]) * rate
     offset = float(np.mean(place - by_count))
     astray = place - by_count - offset

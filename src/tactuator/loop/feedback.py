@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tactuator.arrays import ComplexArray
 from tactuator.loop.stability import System, UnstableLoop, is_stable
-
-Response = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
@@ -49,26 +48,26 @@ class FeedbackLoop:
                 "the closed loop is unstable: it has no margins and no steady response; allowed: a stable one"
             )
 
-    def open_response(self, frequency_hz: ArrayLike) -> Response:
+    def open_response(self, frequency_hz: ArrayLike) -> ComplexArray:
         """Return the open-loop response L at `frequency_hz` (hertz, any shape)."""
         return self.controller.response(frequency_hz) * self.plant.response(frequency_hz)
 
-    def sensitivity(self, frequency_hz: ArrayLike) -> Response:
+    def sensitivity(self, frequency_hz: ArrayLike) -> ComplexArray:
         """Return S = 1/(1 + L): from a disturbance of the position to the position."""
         numerator, denominator = self.open_loop.fraction(frequency_hz)
         return np.asarray(denominator / (numerator + denominator))
 
-    def complementary(self, frequency_hz: ArrayLike) -> Response:
+    def complementary(self, frequency_hz: ArrayLike) -> ComplexArray:
         """Return T = L/(1 + L): from F's output to the position, and (with a minus sign) from sensor noise to it."""
         numerator, denominator = self.open_loop.fraction(frequency_hz)
         return np.asarray(numerator / (numerator + denominator))
 
-    def command_sensitivity(self, frequency_hz: ArrayLike) -> Response:
+    def command_sensitivity(self, frequency_hz: ArrayLike) -> ComplexArray:
         """Return C S: from F's output to the command."""
         (c, c_den), (p, p_den) = self.controller.fraction(frequency_hz), self.plant.fraction(frequency_hz)
         return np.asarray(c * p_den / (c * p + c_den * p_den))
 
-    def load_sensitivity(self, frequency_hz: ArrayLike) -> Response:
+    def load_sensitivity(self, frequency_hz: ArrayLike) -> ComplexArray:
         """Return P S: from a voltage added to the command (friction, a force) to the position."""
         (c, c_den), (p, p_den) = self.controller.fraction(frequency_hz), self.plant.fraction(frequency_hz)
         return np.asarray(p * c_den / (c * p + c_den * p_den))
@@ -87,13 +86,13 @@ class TwoDegreeLoop:
         """Return the loop behind the prefilter, or None."""
         return None if self.controller is None else FeedbackLoop(self.controller, self.plant)
 
-    def position_response(self, frequency_hz: ArrayLike) -> Response:
+    def position_response(self, frequency_hz: ArrayLike) -> ComplexArray:
         """Return H = F T (or F P): volts of y per unit of reference."""
         loop = self.feedback
         behind = self.plant.response(frequency_hz) if loop is None else loop.complementary(frequency_hz)
         return self.prefilter.response(frequency_hz) * behind
 
-    def command_response(self, frequency_hz: ArrayLike) -> Response:
+    def command_response(self, frequency_hz: ArrayLike) -> ComplexArray:
         """Return F C S (or F): volts of command per unit of reference."""
         ahead = self.prefilter.response(frequency_hz)
         return ahead if self.feedback is None else ahead * self.feedback.command_sensitivity(frequency_hz)

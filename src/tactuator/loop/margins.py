@@ -12,14 +12,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.loop.feedback import FeedbackLoop
-from tactuator.loop.stability import Roots, closed_poles
+from tactuator.loop.stability import closed_poles
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -115,7 +113,7 @@ def margins(loop: FeedbackLoop) -> Margins:
     return Margins(crossover, phase, gain_up, gain_down, at, delay, samples, sense, complement, disk, bandwidth)
 
 
-def analysis_grid_hz(loop: FeedbackLoop, points: int = 1500) -> Array:
+def analysis_grid_hz(loop: FeedbackLoop, points: int = 1500) -> FloatArray:
     """Return the frequencies (hertz) on which a loop is examined: even in log frequency over every root's decade, and
     dense around each open- and closed-loop pole, in proportion to its damping.
     """
@@ -125,7 +123,7 @@ def analysis_grid_hz(loop: FeedbackLoop, points: int = 1500) -> Array:
         roots = [root for root in np.append(open_loop.poles, open_loop.zeros) if abs(root) > 1e-3]
         closed = closed_poles(open_loop) + 1.0
         roots.extend(root for root in closed if abs(root) > 1e-3)
-        s: Roots = np.asarray(np.log(np.array(roots, dtype=np.complex128)) * open_loop.rate_hz)
+        s: ComplexArray = np.asarray(np.log(np.array(roots, dtype=np.complex128)) * open_loop.rate_hz)
     else:
         s = np.concatenate([open_loop.poles, open_loop.zeros])
         if open_loop.delay_s == 0.0:
@@ -140,12 +138,12 @@ def analysis_grid_hz(loop: FeedbackLoop, points: int = 1500) -> Array:
     return np.unique(np.concatenate(parts))
 
 
-def _highest_hz(open_loop: ContinuousSystem, roots: NDArray[np.complex128]) -> float:
+def _highest_hz(open_loop: ContinuousSystem, roots: ComplexArray) -> float:
     top = float(np.max(np.abs(roots), initial=1.0)) * 30.0 / (2.0 * np.pi)
     return max(top, 3.0 / open_loop.delay_s) if open_loop.delay_s > 0.0 else top
 
 
-def _peak(magnitude: Callable[[Array], Array], grid: Array, values: Array) -> tuple[float, float]:
+def _peak(magnitude: Callable[[FloatArray], FloatArray], grid: FloatArray, values: FloatArray) -> tuple[float, float]:
     """Return the greatest value and its frequency, refined around the three highest maxima of the grid."""
     best = int(np.argmax(values))
     found, at = float(values[best]), float(grid[best])
@@ -163,7 +161,7 @@ def _peak(magnitude: Callable[[Array], Array], grid: Array, values: Array) -> tu
     return found, at
 
 
-def _crossings(function: Callable[[float], float], grid: Array, values: Array) -> list[float]:
+def _crossings(function: Callable[[float], float], grid: FloatArray, values: FloatArray) -> list[float]:
     """Return the frequencies where `function` changes its sign, given its values on the grid."""
     signs = np.signbit(values)
     places = np.flatnonzero(signs[1:] != signs[:-1])
@@ -180,7 +178,7 @@ def _crossing(function: Callable[[float], float], low: float, high: float) -> fl
     return float(np.exp(optimize.brentq(function, low, high, xtol=1e-13)))
 
 
-def _phase_margin(loop: FeedbackLoop, grid: Array, response: NDArray[np.complex128]) -> tuple[float, float, float]:
+def _phase_margin(loop: FeedbackLoop, grid: FloatArray, response: ComplexArray) -> tuple[float, float, float]:
     """Return (crossover_hz, phase_margin_deg, delay_margin_s), each the worst over all crossovers."""
     crossovers = _crossings(lambda f: float(np.log(np.abs(loop.open_response(f)))), grid, np.log(np.abs(response)))
     if not crossovers:
@@ -191,7 +189,7 @@ def _phase_margin(loop: FeedbackLoop, grid: Array, response: NDArray[np.complex1
     return crossovers[worst], abs(lag[worst]), min(delays)
 
 
-def _gain_margins(loop: FeedbackLoop, grid: Array, response: NDArray[np.complex128]) -> tuple[float, float, float]:
+def _gain_margins(loop: FeedbackLoop, grid: FloatArray, response: ComplexArray) -> tuple[float, float, float]:
     """Return (gain_margin_db, gain_reduction_db, phase_crossover_hz) from the crossings of the negative real axis."""
     found = _crossings(lambda f: float(np.imag(loop.open_response(f))), grid, response.imag)
     crossings = [f for f in found if np.real(loop.open_response(f)) < 0.0]
@@ -207,7 +205,7 @@ def _gain_margins(loop: FeedbackLoop, grid: Array, response: NDArray[np.complex1
     return up, down, at
 
 
-def _bandwidth(loop: FeedbackLoop, grid: Array, values: Array) -> float:
+def _bandwidth(loop: FeedbackLoop, grid: FloatArray, values: FloatArray) -> float:
     half = 10.0 ** (-3.0 / 20.0)
     crossings = _crossings(lambda f: float(np.abs(loop.complementary(f))) - half, grid, values - half)
     return crossings[0] if crossings and values[0] > half else float("nan")

@@ -7,12 +7,11 @@ factors is closed in state space and its eigenvalues are taken. No polynomial is
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import ComplexArray
 from tactuator.errors import BadInput
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
-Roots = NDArray[np.complex128]
 System = ContinuousSystem | SampledSystem
 
 
@@ -20,7 +19,7 @@ class UnstableLoop(BadInput):
     """The closed loop is unstable, so that it has no margins and no steady response."""
 
 
-def closed_roots(zeros: Roots, poles: Roots, gain: float) -> Roots:
+def closed_roots(zeros: ComplexArray, poles: ComplexArray, gain: float) -> ComplexArray:
     """Return the roots of prod(x - poles) + gain prod(x - zeros), as eigenvalues of the closed cascade.
 
     Raises BadInput with more zeros than poles, or where the direct path makes the loop algebraically undefined.
@@ -34,7 +33,9 @@ def closed_roots(zeros: Roots, poles: Roots, gain: float) -> Roots:
     scale = np.maximum(np.abs(poles), np.abs(np.append(zeros, poles[zeros.size :])))
     a = np.zeros((order, order), dtype=np.complex128)
     b = np.zeros(order, dtype=np.complex128)
-    path: Roots = np.zeros(order, dtype=np.complex128)  # the signal entering a factor, as a function of the states
+    path: ComplexArray = np.zeros(
+        order, dtype=np.complex128
+    )  # the signal entering a factor, as a function of the states
     direct = 1.0
     for index in range(order):
         unit = scale[index] or 1.0
@@ -53,20 +54,20 @@ def closed_roots(zeros: Roots, poles: Roots, gain: float) -> Roots:
     return np.asarray(np.linalg.eigvals(a - np.outer(b, path) * (gain / through)))
 
 
-def _ordered(roots: Roots) -> Roots:
+def _ordered(roots: ComplexArray) -> ComplexArray:
     return np.asarray(sorted(roots, key=lambda root: (abs(root), root.real, root.imag)), dtype=np.complex128)
 
 
-def closed_poles(open_loop: System) -> Roots:
+def closed_poles(open_loop: System) -> ComplexArray:
     """Return the poles of 1/(1 + L): rad/s for a continuous loop without dead time; z - 1 for a sampled loop, delay
     included.
 
     Raises BadInput for a continuous loop with dead time: it has infinitely many.
     """
     if isinstance(open_loop, SampledSystem):
-        delay: Roots = np.full(open_loop.delay_samples, -1.0 + 0.0j)
-        poles: Roots = np.concatenate([open_loop.poles - 1.0, delay])
-        zeros: Roots = open_loop.zeros - np.complex128(1.0)
+        delay: ComplexArray = np.full(open_loop.delay_samples, -1.0 + 0.0j)
+        poles: ComplexArray = np.concatenate([open_loop.poles - 1.0, delay])
+        zeros: ComplexArray = open_loop.zeros - np.complex128(1.0)
         return closed_roots(zeros, poles, open_loop.gain)
     if open_loop.delay_s > 0.0:
         raise BadInput(f"a loop with {open_loop.delay_s:g} s of dead time has no finite list of poles; allowed: none")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.identification.calibration import Calibration, fit_line
 from tactuator.paper.plan import Plan
 from tactuator.rig.simulated import SimulatedRig
@@ -14,7 +14,7 @@ from tactuator.rig.simulated import SimulatedRig
 GAUGE_ERROR_MM = 0.01
 """Standard error of one reading of the dial gauge (its division)."""
 
-_POSITIONS = 21
+_POSITION_COUNT = 21
 _SETTLE_S, _READ_S = 3.0, 0.5
 
 
@@ -29,13 +29,13 @@ def calibrate(plan: Plan) -> dict[str, Calibration]:
     for name in rig.channels:
         rig.finger(name).attach(_gauge(readings[name], rig.rate_hz))
     volts = []
-    for share in np.linspace(-0.8, 0.8, _POSITIONS):
+    for share in np.linspace(-0.8, 0.8, _POSITION_COUNT):
         trace = rig.drive(np.tile(share * _reaching_travel(plan), (round((_SETTLE_S + _READ_S) * rig.rate_hz), 1)))
         volts.append([_steady(column, rig.rate_hz) for column in trace.position_v.T])
     sensed = np.array(volts)
     return {
         name: fit_line(
-            np.array(readings[name]) + GAUGE_ERROR_MM * rng.standard_normal(_POSITIONS),
+            np.array(readings[name]) + GAUGE_ERROR_MM * rng.standard_normal(_POSITION_COUNT),
             sensed[:, index],
             gauge_error_mm=GAUGE_ERROR_MM,
         )
@@ -43,12 +43,12 @@ def calibrate(plan: Plan) -> dict[str, Calibration]:
     }
 
 
-def _gauge(readings: list[float], rate_hz: float) -> Callable[[NDArray[np.float64]], None]:
+def _gauge(readings: list[float], rate_hz: float) -> Callable[[FloatArray], None]:
     """Return a dial gauge that notes the position at which each block has come to rest."""
     return lambda displacement_mm: readings.append(_steady(displacement_mm, rate_hz))
 
 
-def _reaching_travel(plan: Plan) -> NDArray[np.float64]:
+def _reaching_travel(plan: Plan) -> FloatArray:
     """Return the command (V) that would bring each channel to the end of its travel, by the display file, shape
     (channels,).
     """
@@ -57,5 +57,5 @@ def _reaching_travel(plan: Plan) -> NDArray[np.float64]:
     )
 
 
-def _steady(samples: NDArray[np.float64], rate_hz: float) -> float:
+def _steady(samples: FloatArray, rate_hz: float) -> float:
     return float(np.mean(samples[-round(_READ_S * rate_hz) :]))

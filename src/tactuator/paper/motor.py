@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.display.description import Channel
 from tactuator.identification.estimate.recursive import RecursiveEstimate, identify_recursively
 from tactuator.paper.plan import MAINS_HZ, MOTOR_HZ, Plan, Progress
@@ -39,7 +39,7 @@ def record_motors(plan: Plan) -> Trace:
     return rig.drive(command)
 
 
-def _excitation(channel: Channel, rate_hz: float, rng: np.random.Generator) -> NDArray[np.float64]:
+def _excitation(channel: Channel, rate_hz: float, rng: np.random.Generator) -> FloatArray:
     travel_v = _TRAVEL_SHARE * channel.travel_mm * channel.sensor_gain_v_per_mm
     return paper_mix(RECORD_S, rate_hz, channel.converter.range_v, rng, plant=channel.plant, travel_v=travel_v)
 
@@ -61,8 +61,8 @@ class OpenLoopResponse:
     """The motors' own response, channel by channel: y over u at frequency_hz (n,), complex; sampled and continuous
     models are evaluated beside it by whoever draws it."""
 
-    frequency_hz: NDArray[np.float64]
-    response: dict[str, NDArray[np.complex128]]
+    frequency_hz: FloatArray
+    response: dict[str, ComplexArray]
 
 
 def measure_motors(plan: Plan, progress: Progress) -> OpenLoopResponse:

@@ -22,16 +22,16 @@ RESPONSE_HZ = (
     *(0.4, 0.6, 1.0, 1.5, 2.0, 3.0, 4.5, 6.5, 10.0, 14.0, 20.0, 28.0, 38.0, 50.0),
     *(70.0, 90.0, 110.0, 140.0, 170.0, 200.0, 230.0, 265.0, 296.0),
 )
-"""Where responses are measured: 23 frequencies, each 2 Hz or more from every multiple of mains."""
+"""Frequencies of measured responses: 23 frequencies, each 2 Hz or more from every multiple of mains."""
 
 MOTOR_HZ = (*RESPONSE_HZ, 330.0, 365.0, 400.0)
-"""Where the motor's own response is measured (the paper's figure 4: to 400 Hz)."""
+"""Frequencies of the motor's own response (the paper's figure 4: to 400 Hz)."""
 
 LEVELS_DB_SL = (0.0, 10.0, 30.0, 50.0)
 """The paper's figures 9 and 10."""
 
 THRESHOLD_HZ = (0.4, 1.0, 3.0, 8.0, 20.0, 50.0, 100.0, 170.0, 250.0, 296.0)
-"""Where thresholds are measured."""
+"""Frequencies of measured thresholds."""
 
 PROPORTIONAL_GAINS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 """Gains of the proportional controller that probes for noise, volts of command per volt of position."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.description import Channel, Display
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.paper.loops import sampled_loop
@@ -14,8 +14,6 @@ from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear
 from tactuator.synthesis import paper
 from tactuator.synthesis.prefilter.fit import PrefilterFit, fit_prefilter
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -26,8 +24,8 @@ class Judged:
     poles: int
     max_error_db: float
     rms_error_db: float
-    frequency_hz: Array
-    error_db: Array
+    frequency_hz: FloatArray
+    error_db: FloatArray
 
 
 @dataclass(frozen=True)

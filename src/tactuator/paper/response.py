@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tactuator.arrays import ComplexArray
 from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.loop.feedback import TwoDegreeLoop
@@ -15,8 +16,6 @@ from tactuator.paper.plan import LEVELS_DB_SL, RESPONSE_HZ, Plan, Progress
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.decibels import db, from_db
 from tactuator.synthesis.family import sampled_plant
-
-Array = NDArray[np.float64]
 
 UNLOADED, LOADED = "none", "finger"
 CONFIDENCE_DB = {0.0: 1.0, 10.0: 0.3, 30.0: 0.1, 50.0: 0.1}
@@ -44,7 +43,7 @@ class ResponsePoint:
         return float(db(self.measured_v / self.expected_v))
 
 
-def nominal_response(controller: Controller, channel: str, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
+def nominal_response(controller: Controller, channel: str, frequency_hz: ArrayLike) -> ComplexArray:
     """Return H of a channel from the shipped sections and the nominal plant without load, volts of y per threshold
     unit.
     """

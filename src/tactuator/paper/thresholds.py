@@ -8,8 +8,8 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.experiment.procedure.up_down import IMECE2004, UpDown
 from tactuator.experiment.simulated.observer import Observer
@@ -24,7 +24,7 @@ from tactuator.rig.simulated import SimulatedRig
 
 _START_ABOVE_DB = 20.0
 _HIGHEST_HZ = 300.0
-_WORKERS = 2
+_WORKER_COUNT = 2
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def measure_thresholds(plan: Plan, controller: Controller, progress: Progress) -
     found: dict[tuple[str, str], tuple[Threshold, ...]] = {}
     # spawned, not forked: a progress bar's thread may hold a lock at that moment
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(_WORKERS, context, initializer=_leave_interrupts_to_the_parent)
+    pool = ProcessPoolExecutor(_WORKER_COUNT, context, initializer=_leave_interrupts_to_the_parent)
     try:
         jobs = {pool.submit(one_observer, plan, controller, *task): (task[0].name, task[1]) for task in tasks}
         for done, job in enumerate(as_completed(jobs), start=1):
@@ -150,5 +150,5 @@ def _difference(library: ThresholdCurve, thresholds: tuple[Threshold, ...], obse
 
 def bias_and_spread_db(thresholds: tuple[Threshold, ...]) -> tuple[float, float]:
     """Return the mean and standard deviation of estimate less truth over all runs (facts: about -0.4 and 1 dB)."""
-    errors: NDArray[np.float64] = np.array([one.level_db_re_1um - one.true_db for one in thresholds])
+    errors: FloatArray = np.array([one.level_db_re_1um - one.true_db for one in thresholds])
     return float(errors.mean()), float(errors.std(ddof=1))

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.signals.decibels import from_db
 
@@ -28,11 +29,11 @@ class ThresholdCurve:
     """
 
     name: str
-    frequency_hz: NDArray[np.float64]
-    level_db_re_1um: NDArray[np.float64]
+    frequency_hz: FloatArray
+    level_db_re_1um: FloatArray
     provenance: Provenance
     source: str
-    standard_error_db: NDArray[np.float64] | None = None
+    standard_error_db: FloatArray | None = None
 
     def __post_init__(self) -> None:
         for field in ("frequency_hz", "level_db_re_1um", "standard_error_db"):
@@ -72,16 +73,16 @@ class ThresholdCurve:
                 f"threshold curve {self.name!r}: {late:g} Hz is out of order; allowed: ascending frequencies"
             )
 
-    def level_db_re_1um_at(self, frequency_hz: ArrayLike) -> NDArray[np.float64]:
+    def level_db_re_1um_at(self, frequency_hz: ArrayLike) -> FloatArray:
         """Return the threshold level (dB re 1 um peak) at `frequency_hz` (any shape, zero allowed)."""
         frequency = np.clip(np.asarray(frequency_hz, dtype=np.float64), *self.frequency_hz[[0, -1]])
         return np.asarray(np.interp(np.log(frequency), np.log(self.frequency_hz), self.level_db_re_1um))
 
-    def amplitude_um(self, frequency_hz: ArrayLike) -> NDArray[np.float64]:
+    def amplitude_um(self, frequency_hz: ArrayLike) -> FloatArray:
         """Return the peak displacement at threshold, micrometres."""
         return from_db(self.level_db_re_1um_at(frequency_hz))
 
-    def displacement_mm(self, frequency_hz: ArrayLike) -> NDArray[np.float64]:
+    def displacement_mm(self, frequency_hz: ArrayLike) -> FloatArray:
         """Return the peak displacement at threshold, millimetres."""
         return self.amplitude_um(frequency_hz) * 1e-3
 

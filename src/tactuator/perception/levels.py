@@ -1,8 +1,9 @@
 """Levels as a person feels them: dB SL, dB re 1 um (peak), and volts of a sensor."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tactuator.arrays import FloatArray
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.decibels import db, from_db
 
@@ -10,18 +11,18 @@ COMFORT_DB_SL = 55.0
 """The greatest comfortable level: 50-55 dB above threshold (Verrillo & Gescheider 1992, the paper's reference 7)."""
 
 
-def displacement_mm(level_db_sl: ArrayLike, frequency_hz: ArrayLike, curve: ThresholdCurve) -> NDArray[np.float64]:
+def displacement_mm(level_db_sl: ArrayLike, frequency_hz: ArrayLike, curve: ThresholdCurve) -> FloatArray:
     """Return the peak displacement (mm) of a sinusoid at `level_db_sl`; arguments broadcast."""
     return from_db(level_db_sl) * curve.displacement_mm(frequency_hz)
 
 
-def level_db_sl(peak_displacement_mm: ArrayLike, frequency_hz: ArrayLike, curve: ThresholdCurve) -> NDArray[np.float64]:
+def level_db_sl(peak_displacement_mm: ArrayLike, frequency_hz: ArrayLike, curve: ThresholdCurve) -> FloatArray:
     """Return the sensation level (dB SL) of a sinusoid of that peak displacement; arguments broadcast."""
     return db(np.asarray(peak_displacement_mm) / curve.displacement_mm(frequency_hz))
 
 
 def sensor_volts(
     level_db_sl: ArrayLike, frequency_hz: ArrayLike, curve: ThresholdCurve, sensor_gain_v_per_mm: float
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Return the peak sensor voltage (V) of a sinusoid at `level_db_sl`; arguments broadcast."""
     return sensor_gain_v_per_mm * displacement_mm(level_db_sl, frequency_hz, curve)

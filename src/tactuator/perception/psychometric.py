@@ -12,9 +12,10 @@ from functools import cache
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 
 TARGET_3_DOWN_1_UP = 0.5 ** (1.0 / 3.0)
@@ -23,7 +24,7 @@ TARGET_3_DOWN_1_UP = 0.5 ** (1.0 / 3.0)
 class Shape(Protocol):
     """Shape F of a psychometric function: the probability of a correct response with guessing and lapses taken out."""
 
-    def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> NDArray[np.float64]:
+    def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> FloatArray:
         """Return F at `level_db` relative to threshold, where F(0) = `at_threshold`; arguments broadcast."""
         ...
 
@@ -37,7 +38,7 @@ class Weibull:
     def __post_init__(self) -> None:
         _positive("Weibull slope", self.slope)
 
-    def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> NDArray[np.float64]:
+    def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> FloatArray:
         """Return F at `level_db` re threshold."""
         return weibull_rise(level_db, self.slope, at_threshold)
 
@@ -51,7 +52,7 @@ class Logistic:
     def __post_init__(self) -> None:
         _positive("logistic slope per dB", self.slope_per_db)
 
-    def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> NDArray[np.float64]:
+    def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> FloatArray:
         """Return F at `level_db` re threshold."""
         start = np.asarray(at_threshold, dtype=np.float64)
         exponent = -np.asarray(level_db, dtype=np.float64) * self.slope_per_db - np.log(start / (1.0 - start))
@@ -74,19 +75,19 @@ class MaxOfM:
         if self.intervals < 2:
             raise BadInput(f"max-of-m with {self.intervals} intervals; allowed: 2 or more")
 
-    def d_prime(self, level_db: ArrayLike, at_threshold: ArrayLike) -> NDArray[np.float64]:
+    def d_prime(self, level_db: ArrayLike, at_threshold: ArrayLike) -> FloatArray:
         """Return d' at `level_db` re threshold."""
         grid, rises = _max_of_m_table(self.intervals)
         base = np.interp(np.asarray(at_threshold, dtype=np.float64), rises, grid)
         return np.asarray(base * 10.0 ** (self.exponent * np.asarray(level_db, dtype=np.float64) / 20.0))
 
-    def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> NDArray[np.float64]:
+    def rise(self, level_db: ArrayLike, at_threshold: ArrayLike) -> FloatArray:
         """Return F at `level_db` re threshold."""
         grid, rises = _max_of_m_table(self.intervals)
         return np.asarray(np.interp(self.d_prime(level_db, at_threshold), grid, rises))
 
 
-def weibull_rise(level_db: ArrayLike, slope: ArrayLike, at_threshold: ArrayLike) -> NDArray[np.float64]:
+def weibull_rise(level_db: ArrayLike, slope: ArrayLike, at_threshold: ArrayLike) -> FloatArray:
     """Return F of a Weibull in amplitude with F(0) = at_threshold; arguments broadcast."""
     rate = -np.log1p(-np.asarray(at_threshold, dtype=np.float64))
     exponent = np.asarray(slope, dtype=np.float64) * np.asarray(level_db, dtype=np.float64) * (np.log(10.0) / 20.0)
@@ -117,17 +118,17 @@ class Psychometric:
         """Return F at the threshold (0 dB)."""
         return (self.target - self.guess) / (1.0 - self.guess - self.lapse)
 
-    def rise(self, level_db: ArrayLike) -> NDArray[np.float64]:
+    def rise(self, level_db: ArrayLike) -> FloatArray:
         """Return F at `level_db` re threshold."""
         return self.shape.rise(level_db, self.at_threshold)
 
-    def probability(self, level_db: ArrayLike) -> NDArray[np.float64]:
+    def probability(self, level_db: ArrayLike) -> FloatArray:
         """Return psi at `level_db` re threshold."""
         return np.asarray(self.guess + (1.0 - self.guess - self.lapse) * self.rise(level_db))
 
 
 @cache
-def _max_of_m_table(intervals: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _max_of_m_table(intervals: int) -> tuple[FloatArray, FloatArray]:
     """Return d' on a grid, and F at each of its points."""
     grid = np.concatenate(([0.0], np.geomspace(1e-3, 12.0, 600)))
     z = np.linspace(-9.0, 21.0, 3001)

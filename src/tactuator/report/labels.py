@@ -10,9 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tactuator.arrays import FloatArray
 
 
 @dataclass
@@ -23,9 +22,9 @@ class LabelPlacer:
     """
 
     axes: Axes
-    lines: Sequence[Array] = ()
+    lines: Sequence[FloatArray] = ()
     _taken: list[Bbox] = field(default_factory=list)
-    _points: Array = field(default_factory=lambda: np.empty((0, 2)))
+    _points: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
 
     def __post_init__(self) -> None:
         figure = self.axes.figure
@@ -88,7 +87,7 @@ class LabelPlacer:
         return not bool(np.any((x > box.x0 - 1) & (x < box.x1 + 1) & (y > box.y0 - 1) & (y < box.y1 + 1)))
 
 
-def _dense(points: Array, step: float = 3.0) -> Array:
+def _dense(points: FloatArray, step: float = 3.0) -> FloatArray:
     """Return the points along a polyline, no further apart than `step` pixels."""
     points = points[np.all(np.isfinite(points), axis=1)]
     if len(points) < 2:

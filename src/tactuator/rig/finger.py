@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 
 Feeler = Callable[[NDArray[np.float64]], None]
-Floats = NDArray[np.float64]
 
 
 class Finger(ABC):
@@ -22,7 +22,7 @@ class Finger(ABC):
 
     def __init__(self) -> None:
         self._feelers: list[Feeler] = []
-        self._pressed_v: Floats = np.zeros(0)
+        self._pressed_v: FloatArray = np.zeros(0)
 
     @abstractmethod
     def touch(self, load: str | None) -> None:
@@ -56,7 +56,7 @@ class Finger(ABC):
         self._feelers.remove(feeler)
 
 
-def take_forces(fingers: Sequence[Finger], count: int) -> Floats | None:
+def take_forces(fingers: Sequence[Finger], count: int) -> FloatArray | None:
     """Take the forces of the coming `count` samples, (count, fingers), so that they are over; None where nothing
     presses.
     """
@@ -74,7 +74,7 @@ def anybody_feels(fingers: Sequence[Finger]) -> bool:
     return any(finger._feelers for finger in fingers)
 
 
-def let_feel(fingers: Sequence[Finger], displacement_mm: Floats) -> None:
+def let_feel(fingers: Sequence[Finger], displacement_mm: FloatArray) -> None:
     """Hand the displacement, (n, fingers), to every feeler; each gets an array of its own."""
     for index, finger in enumerate(fingers):
         for feeler in finger._feelers:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.files.reference import ReferenceFile
 from tactuator.perception.levels import COMFORT_DB_SL
@@ -17,7 +17,7 @@ from tactuator.signals.decibels import from_db
 
 BLOCK_S = 0.05
 RAMP_S = 0.1
-ABOVE_COMFORT = 1.001
+COMFORT_TOLERANCE = 1.001
 """Float32 rounding of a reference at the limit."""
 
 Wish = Literal["run", "pause", "stop"]
@@ -47,7 +47,7 @@ def check_reference(reference: ReferenceFile, rig: Rig) -> tuple[int, ...]:
             f"{reference.path}: channels {', '.join(head.channels)}; allowed on this rig: {', '.join(rig.channels)}"
         )
     peak = max((float(np.abs(block).max()) for block in reference.blocks()), default=0.0)
-    if peak > ABOVE_COMFORT * float(from_db(COMFORT_DB_SL)):
+    if peak > COMFORT_TOLERANCE * float(from_db(COMFORT_DB_SL)):
         level = 20.0 * np.log10(peak)
         raise BadInput(
             f"{reference.path}: peak at {level:.1f} dB SL; allowed: comfort, {COMFORT_DB_SL:g} dB SL at most"
@@ -66,7 +66,8 @@ def play_reference(
 
     wish is asked before every 50 ms that are fed: at "pause" the signal is ramped down over 100 ms and the display held
     until "run" ramps it up again where it was; at "stop" it is ramped down and that is the end. A board is fed ahead of
-    what it plays (rig.board.LEAD_S), and a wish comes later by that. progress and pace are told the seconds gone by.
+    what it plays (STREAM_LEAD_S of rig.board.rig), and a wish comes later by that. progress and pace are told the
+    seconds gone by.
     """
     columns = check_reference(reference, rig)
     player = _Player(rig, reference, columns)
@@ -99,7 +100,7 @@ class _Player:
         times = (self._reference.duration_s, self._played / rate, self._paused / rate)
         return Played(*times, self._stopped, saturated / rate)
 
-    def _wished(self, wish: Callable[[], Wish]) -> Iterator[NDArray[np.float64]]:
+    def _wished(self, wish: Callable[[], Wish]) -> Iterator[FloatArray]:
         """Yield block after block of the reference, or of silence, as it is wished."""
         held = np.zeros((self._length, len(self._rig.channels)))
         while True:
@@ -117,7 +118,7 @@ class _Player:
                 self._played += len(block)
                 yield self._faded(block, 1.0 if wanted == "run" else 0.0)
 
-    def _faded(self, block: NDArray[np.float64], towards: float) -> NDArray[np.float64]:
+    def _faded(self, block: FloatArray, towards: float) -> FloatArray:
         if self._gain == towards == 1.0:
             return block
         sign = 1.0 if towards > self._gain else -1.0
@@ -125,7 +126,7 @@ class _Player:
         self._gain = float(line[-1])
         return np.asarray(block * (0.5 - 0.5 * np.cos(np.pi * line))[:, None])
 
-    def _cut(self, columns: tuple[int, ...]) -> Iterator[NDArray[np.float64]]:
+    def _cut(self, columns: tuple[int, ...]) -> Iterator[FloatArray]:
         for block in self._reference.blocks():
             ordered = block[:, columns]
             for start in range(0, len(ordered), self._length):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.runtime._core import ffi, lib
 
@@ -14,10 +14,8 @@ REFERENCE_MAX = 1000.0
 _ROUNDED_MAX = REFERENCE_MAX * (1.0 + 2.0**-25)  # what single precision takes for the largest
 _SINGLE_MAX = float(np.finfo(np.float32).max)
 
-Samples = NDArray[np.float64]
 
-
-def take_reference(reference: Samples) -> Samples:
+def take_reference(reference: FloatArray) -> FloatArray:
     """Return a checked copy of a reference of any shape, contiguous, threshold units.
 
     Raises BadInput for what is not finite or beyond 60 dB SL.
@@ -31,7 +29,7 @@ def take_reference(reference: Samples) -> Samples:
     return own
 
 
-def take_command(command_v: Samples) -> Samples:
+def take_command(command_v: FloatArray) -> FloatArray:
     """Return a checked copy of a command of any shape, contiguous, volts. Raises BadInput for what is not finite."""
     own = _taken(command_v, _SINGLE_MAX)
     if own is None:
@@ -39,7 +37,7 @@ def take_command(command_v: Samples) -> Samples:
     return own
 
 
-def _taken(samples: Samples, most: float) -> Samples | None:
+def _taken(samples: FloatArray, most: float) -> FloatArray | None:
     own = np.empty(samples.shape)
     theirs, ours = (ffi.from_buffer("double[]", array) for array in (samples, own))
     return own if lib.tact_reference_take(theirs, ours, own.size, most) else None

@@ -7,12 +7,13 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.errors import BadInput
 from tactuator.rig.finger import Finger, let_feel, take_forces
 from tactuator.rig.rig import ClosingRig
-from tactuator.rig.samples import Samples, take_command, take_reference
+from tactuator.rig.samples import take_command, take_reference
 from tactuator.rig.trace import Trace
 from tactuator.runtime.simulation import SimulatedBlock, Simulation, block_samples
 
@@ -108,7 +109,7 @@ class SimulatedRig(ClosingRig):
             raise BadInput(f"channel {channel!r} is not there; allowed: {', '.join(self.channels)}")
         return self._ports[self.channels.index(channel)]
 
-    def _taken(self, take: Callable[[Samples], Samples], samples: ArrayLike, name: str) -> Samples:
+    def _taken(self, take: Callable[[FloatArray], FloatArray], samples: ArrayLike, name: str) -> FloatArray:
         rows = block_samples(samples, len(self._ports), name)
         try:
             return take(rows)
@@ -116,6 +117,6 @@ class SimulatedRig(ClosingRig):
             self.rest()
             raise
 
-    def _trace(self, block: SimulatedBlock, reference: Samples) -> Trace:
+    def _trace(self, block: SimulatedBlock, reference: FloatArray) -> Trace:
         let_feel(self._ports, block.displacement_mm)
         return Trace(self.rate_hz, self.channels, reference, block.command_v, block.position_v, block.saturated)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 
 
@@ -23,9 +24,9 @@ class Trace:
 
     rate_hz: float
     channels: tuple[str, ...]
-    reference: NDArray[np.float64]
-    command_v: NDArray[np.float64]
-    position_v: NDArray[np.float64]
+    reference: FloatArray
+    command_v: FloatArray
+    position_v: FloatArray
     saturated: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
@@ -45,7 +46,7 @@ class Trace:
         return len(self) / self.rate_hz
 
     @property
-    def time_s(self) -> NDArray[np.float64]:
+    def time_s(self) -> FloatArray:
         """Return the time of each sample in seconds from the block's first instant, shape (n,)."""
         return np.arange(len(self)) / self.rate_hz
 

@@ -11,6 +11,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.signals.sections import check_sections
 
@@ -18,7 +19,7 @@ PREFILTER_SECTIONS_MAX = 8
 FEEDBACK_SECTIONS_MAX = 4
 
 
-def delta_coefficients(sos: ArrayLike) -> NDArray[np.float64]:
+def delta_coefficients(sos: ArrayLike) -> FloatArray:
     """Return b0, b1', b2', a1', a2' of each section in double, sums exact before they are rounded: shape (n, 5)."""
     rows = []
     for section in check_sections(sos):

@@ -12,7 +12,7 @@ import numpy as np
 from tactuator.display.controller import ChannelController
 from tactuator.signals.decibels import from_db
 
-LARGEST = 1e6
+CONDITIONING_MAX = 1e6
 """Threshold units for a volt; beyond it F hardly reaches u' at once, and nothing is conditioned."""
 
 
@@ -24,7 +24,7 @@ def conditioning(channel: ChannelController) -> float:
         return 0.0
     sections = np.concatenate([channel.prefilter_sos, channel.feedback_sos])
     direct = float(np.prod(sections[:, 0] / sections[:, 3]))
-    return 1.0 / direct if abs(direct) > 1.0 / LARGEST else 0.0
+    return 1.0 / direct if abs(direct) > 1.0 / CONDITIONING_MAX else 0.0
 
 
 def reference_max(channel: ChannelController) -> float:

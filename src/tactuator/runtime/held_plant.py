@@ -11,15 +11,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.description import Channel
 from tactuator.display.load import DERIVATIVES
 from tactuator.errors import BadInput
 from tactuator.signals.exponential import matrix_exponential
 from tactuator.signals.systems import ContinuousSystem
 
-Vector = NDArray[np.float64]
 ORDER_MAX = 8
 
 
@@ -29,11 +28,11 @@ class HeldPlant:
     finger are rows times x, plus the direct parts times u. Shapes (n, n) and (n,).
     """
 
-    a: NDArray[np.float64]
-    b: Vector
-    late: Vector
-    sensor: Vector
-    displacement: Vector
+    a: FloatArray
+    b: FloatArray
+    late: FloatArray
+    sensor: FloatArray
+    displacement: FloatArray
     sensor_direct: float
     displacement_direct: float
 
@@ -57,10 +56,10 @@ class _Canonical:
     powers of s.
     """
 
-    den: Vector
+    den: FloatArray
     gain: float
-    sensor: Vector
-    displacement: Vector
+    sensor: FloatArray
+    displacement: FloatArray
 
 
 def held_plants(channel: Channel, rate_hz: float) -> HeldPlants:
@@ -134,7 +133,7 @@ def _hold(
     return held if own == order else _raised(held, a, b, order, scale)
 
 
-def _row(num: Vector, form: _Canonical, gain: float, scale: float) -> tuple[Vector, float]:
+def _row(num: FloatArray, form: _Canonical, gain: float, scale: float) -> tuple[FloatArray, float]:
     own = form.den.size - 1
     if num.size <= own:
         return np.append(num, np.zeros(own - num.size)) * scale ** np.arange(own), 0.0
@@ -142,7 +141,7 @@ def _row(num: Vector, form: _Canonical, gain: float, scale: float) -> tuple[Vect
     return (num[:own] - direct * form.den[:own]) * scale ** np.arange(own), float(direct * gain)
 
 
-def _exponential(a: NDArray[np.float64], b: Vector, duration_s: float) -> tuple[NDArray[np.float64], Vector]:
+def _exponential(a: FloatArray, b: FloatArray, duration_s: float) -> tuple[FloatArray, FloatArray]:
     """Return exp(a t) and its integral over [0, t] times b."""
     own = b.size
     block = np.zeros((own + 1, own + 1))
@@ -154,7 +153,7 @@ def _exponential(a: NDArray[np.float64], b: Vector, duration_s: float) -> tuple[
     return exponential[:own, :own], exponential[:own, own] * weight
 
 
-def _raised(held: HeldPlant, a: NDArray[np.float64], b: Vector, order: int, scale: float) -> HeldPlant:
+def _raised(held: HeldPlant, a: FloatArray, b: FloatArray, order: int, scale: float) -> HeldPlant:
     """Return the same plant with the higher derivatives of xi as further states, for a load that needs them.
 
     They follow from the lower ones at the end of each sample, so that nothing jumps when the load is put on.

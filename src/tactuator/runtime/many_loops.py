@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.display.controller import ChannelController
 from tactuator.display.description import Channel
 from tactuator.errors import BadInput
@@ -42,12 +43,12 @@ class LoopMetrics:
     in which something saturated.
     """
 
-    displacement_mean_mm: NDArray[np.float64]
-    displacement_rms_mm: NDArray[np.float64]
-    displacement_peak_mm: NDArray[np.float64]
-    command_rms_v: NDArray[np.float64]
-    command_peak_v: NDArray[np.float64]
-    amplitude_mm: NDArray[np.complex128]
+    displacement_mean_mm: FloatArray
+    displacement_rms_mm: FloatArray
+    displacement_peak_mm: FloatArray
+    command_rms_v: FloatArray
+    command_peak_v: FloatArray
+    amplitude_mm: ComplexArray
     saturated: NDArray[np.int64]
 
 
@@ -101,7 +102,7 @@ class ManyLoops:
         self._run(reference, force_v, ffi.NULL, sums, probe)
         count = max(samples, 1)
 
-        def column(name: str) -> NDArray[np.float64]:
+        def column(name: str) -> FloatArray:
             return np.array([getattr(each, name) for each in sums], dtype=np.float64)
 
         return LoopMetrics(
@@ -138,7 +139,7 @@ class ManyLoops:
         into.display_state.touched = loads.index(loop.load)
         lib.tact_closed_loop_rest(ffi.addressof(self._loops, index))
 
-    def _reference(self, reference: ArrayLike) -> NDArray[np.float64]:
+    def _reference(self, reference: ArrayLike) -> FloatArray:
         array = np.asarray(reference)
         columns = 1 if array.ndim == 1 or array.shape[1:] == (1,) else len(self)
         return block_samples(array, columns, "reference")

@@ -14,9 +14,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import signal
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.runtime.coefficients import delta_coefficients
 from tactuator.signals.sections import check_sections
@@ -96,12 +97,12 @@ def q31_cascade(sos: ArrayLike, rate_hz: float, full_scale_in: float) -> tuple[Q
 
 
 def full_scales(
-    sections: NDArray[np.float64],
+    sections: FloatArray,
     rate_hz: float,
     full_scale_in: float,
-    largest: NDArray[np.float64] | None = None,
+    largest: FloatArray | None = None,
     full_scale_out: float = VOLTS_FULL_SCALE,
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Return the full scales of the input, of what is between the sections (powers of two), and of the output: shape (n
     + 1,).
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.description import Converter
 from tactuator.errors import BadInput
 from tactuator.runtime._core import ffi, lib
@@ -88,7 +88,7 @@ class ChannelSafety:
     disagreement_v: float
     reversal_power: float
     observer: Observer
-    weighting_sos: NDArray[np.float64]
+    weighting_sos: FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.errors import BadInput
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.tables import controller_table, display_table
-
-Samples = NDArray[np.float64]
 
 _TRACE, _DOUBLES, _FLAGS = (ffi.typeof(name) for name in ("tact_trace *", "double[]", "uint8_t[]"))
 
@@ -28,9 +27,9 @@ class SimulatedBlock:
     arithmetic had overflowed, and it gave zero.
     """
 
-    command_v: Samples
-    position_v: Samples
-    displacement_mm: Samples
+    command_v: FloatArray
+    position_v: FloatArray
+    displacement_mm: FloatArray
     saturated: NDArray[np.bool_]
     broken: NDArray[np.bool_]
 
@@ -154,7 +153,7 @@ def check_arithmetic() -> None:
         )
 
 
-def block_samples(samples: ArrayLike, channels: int, name: str) -> Samples:
+def block_samples(samples: ArrayLike, channels: int, name: str) -> FloatArray:
     """Return `samples` as a contiguous array (n, channels); a vector is taken where there is one channel. Raises
     BadInput if not.
     """

@@ -8,14 +8,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.signals.exponential import matrix_exponential
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
-
-Matrix = NDArray[np.float64]
 
 
 def zero_order_hold(system: ContinuousSystem, rate_hz: float) -> SampledSystem:
@@ -49,7 +47,7 @@ def _static(gain: float, rate_hz: float, whole: int, fraction: float) -> Sampled
     return SampledSystem(np.empty(0), np.empty(0), gain, rate_hz, delay)
 
 
-def state_space(system: ContinuousSystem, step: float) -> tuple[Matrix, Matrix, Matrix, float]:
+def state_space(system: ContinuousSystem, step: float) -> tuple[FloatArray, FloatArray, FloatArray, float]:
     """Return the controller canonical form in time units of `step`: states (xi, T xi', T^2 xi'', ...), y = num(xi).
 
     Returns A * step (n, n), B * step (n,), C (n,), D. A load that only changes the denominator leaves the meaning of
@@ -69,7 +67,9 @@ def state_space(system: ContinuousSystem, step: float) -> tuple[Matrix, Matrix, 
     return a, b, c, direct
 
 
-def held_state_space(system: ContinuousSystem, step: float, fraction: float) -> tuple[Matrix, Matrix, Matrix, float]:
+def held_state_space(
+    system: ContinuousSystem, step: float, fraction: float
+) -> tuple[FloatArray, FloatArray, FloatArray, float]:
     """Return the matrices of x(k+1) = Ad x + Bd u, y = C x + D u under a zero-order hold; `fraction` of a sample of
     dead time adds the last input as a state.
 
@@ -89,7 +89,7 @@ def held_state_space(system: ContinuousSystem, step: float, fraction: float) -> 
     return held, np.append(b_now, 1.0), np.append(c, d), 0.0
 
 
-def _integrated(a: Matrix, b: Matrix, duration: float) -> tuple[Matrix, Matrix]:
+def _integrated(a: FloatArray, b: FloatArray, duration: float) -> tuple[FloatArray, FloatArray]:
     """Return exp(a t) and its integral over [0, t] times b."""
     order = a.shape[0]
     block = np.zeros((order + 1, order + 1))
@@ -99,7 +99,7 @@ def _integrated(a: Matrix, b: Matrix, duration: float) -> tuple[Matrix, Matrix]:
     return exponential[:order, :order], exponential[:order, order]
 
 
-def _zeros(ad: Matrix, bd: Matrix, c: Matrix, d: float) -> NDArray[np.complex128]:
+def _zeros(ad: FloatArray, bd: FloatArray, c: FloatArray, d: float) -> ComplexArray:
     """Return the transmission zeros in z: finite generalised eigenvalues of the system matrix, found for z - 1."""
     order = ad.shape[0]
     system = np.zeros((order + 1, order + 1))

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import signal
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.signals.systems import ContinuousSystem
-
-Samples = NDArray[np.float64]
 
 
 def sample_count(duration_s: float, rate_hz: float) -> int:
@@ -20,13 +19,13 @@ def sample_count(duration_s: float, rate_hz: float) -> int:
     return count
 
 
-def to_unit_peak(samples: Samples) -> Samples:
+def to_unit_peak(samples: FloatArray) -> FloatArray:
     """Return the same signal with a peak of 1; silence stays silent."""
     peak = float(np.max(np.abs(samples), initial=0.0))
     return samples / peak if peak > 0.0 else samples
 
 
-def steps(duration_s: float, rate_hz: float, hold_s: float, rng: np.random.Generator) -> Samples:
+def steps(duration_s: float, rate_hz: float, hold_s: float, rng: np.random.Generator) -> FloatArray:
     """Return random levels in -1 .. 1, each held for `hold_s`; neighbours differ by at least 0.3."""
     count, hold = sample_count(duration_s, rate_hz), sample_count(hold_s, rate_hz)
     levels = [0.0]
@@ -37,7 +36,7 @@ def steps(duration_s: float, rate_hz: float, hold_s: float, rng: np.random.Gener
     return np.repeat(np.array(levels), hold)[:count]
 
 
-def prbs(duration_s: float, rate_hz: float, clock_hz: float, rng: np.random.Generator) -> Samples:
+def prbs(duration_s: float, rate_hz: float, clock_hz: float, rng: np.random.Generator) -> FloatArray:
     """Return a pseudo-random binary sequence of maximal length, +/-1, one bit for each 1/clock_hz, from a random start.
 
     Its spectrum is flat up to about 0.4 clock_hz. The register is the shortest whose period covers the duration.
@@ -50,7 +49,7 @@ def prbs(duration_s: float, rate_hz: float, clock_hz: float, rng: np.random.Gene
     return np.repeat(2.0 * sequence - 1.0, bit)[:count]
 
 
-def noise(duration_s: float, rate_hz: float, band_hz: tuple[float, float], rng: np.random.Generator) -> Samples:
+def noise(duration_s: float, rate_hz: float, band_hz: tuple[float, float], rng: np.random.Generator) -> FloatArray:
     """Return Gaussian noise confined to `band_hz`, clipped at four standard deviations, scaled to a peak of 1."""
     count = sample_count(duration_s, rate_hz)
     frequency = np.fft.rfftfreq(count, 1.0 / rate_hz)
@@ -67,7 +66,7 @@ def noise(duration_s: float, rate_hz: float, band_hz: tuple[float, float], rng: 
 
 def sinusoids(
     duration_s: float, rate_hz: float, frequency_hz: ArrayLike, amplitude: ArrayLike, rng: np.random.Generator
-) -> Samples:
+) -> FloatArray:
     """Sum of sinusoids with random phases; `frequency_hz` and `amplitude` have one shape (m,). Not rescaled."""
     time = np.arange(sample_count(duration_s, rate_hz)) / rate_hz
     frequency, amplitude = np.broadcast_arrays(np.atleast_1d(frequency_hz), np.atleast_1d(amplitude))
@@ -77,13 +76,13 @@ def sinusoids(
     return total
 
 
-def log_chirp(duration_s: float, rate_hz: float, low_hz: float, high_hz: float) -> Samples:
+def log_chirp(duration_s: float, rate_hz: float, low_hz: float, high_hz: float) -> FloatArray:
     """Return a sinusoid whose frequency rises from low_hz to high_hz, the same time for each octave."""
     if not 0.0 < low_hz < high_hz <= rate_hz / 2.0:
         raise BadInput(f"chirp from {low_hz:g} to {high_hz:g} Hz at {rate_hz:g} Hz; allowed: 0 < low < high <= rate/2")
     time = np.arange(sample_count(duration_s, rate_hz)) / rate_hz
     growth = np.log(high_hz / low_hz) / duration_s
-    swept: Samples = np.sin(2.0 * np.pi * low_hz * np.expm1(growth * time) / growth)
+    swept: FloatArray = np.sin(2.0 * np.pi * low_hz * np.expm1(growth * time) / growth)
     return swept
 
 
@@ -96,7 +95,7 @@ def paper_mix(
     plant: ContinuousSystem | None = None,
     travel_v: float | None = None,
     band_hz: tuple[float, float] = (0.4, 300.0),
-) -> Samples:
+) -> FloatArray:
     """Return the paper's mix of steps, noise and sinusoids (section 3) as a command in volts, shape (n,).
 
     A slow part (steps every 1.3 s and sinusoids in the lower band) and a fast part (noise over the whole band and
@@ -137,7 +136,7 @@ def plan_amplitude(
     return min(by_range, travel_v / reached) if reached > 0.0 else by_range
 
 
-def periodic_response(command: Samples, rate_hz: float, plant: ContinuousSystem) -> Samples:
+def periodic_response(command: FloatArray, rate_hz: float, plant: ContinuousSystem) -> FloatArray:
     """Return the steady answer of `plant` to a command (n,) repeated for ever, computed by its spectrum; an
     integrator's mean is dropped.
     """

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 
-Complex = NDArray[np.complex128]
 
-
-def lock_in(values: ArrayLike, frequency_hz: ArrayLike, rate_hz: float, *, start: int = 0) -> Complex:
+def lock_in(values: ArrayLike, frequency_hz: ArrayLike, rate_hz: float, *, start: int = 0) -> ComplexArray:
     """Return the complex amplitudes a with values = Re sum a exp(2 pi i f k / rate) + offset + slope k: all fitted
     together.
 
@@ -33,14 +32,14 @@ def lock_in(values: ArrayLike, frequency_hz: ArrayLike, rate_hz: float, *, start
     return np.asarray(solution[: frequency.size] + 1j * solution[frequency.size : 2 * frequency.size])
 
 
-def mains_multiples(mains_hz: float | None, high_hz: float) -> NDArray[np.float64]:
+def mains_multiples(mains_hz: float | None, high_hz: float) -> FloatArray:
     """Return the mains frequency and its multiples up to high_hz; no frequency for None."""
     if not mains_hz:
         return np.zeros(0)
     return mains_hz * np.arange(1.0, int(high_hz / mains_hz) + 1.0)
 
 
-def off_mains(frequency_hz: ArrayLike, mains_hz: float | None = 60.0, keep_off_hz: float = 2.0) -> NDArray[np.float64]:
+def off_mains(frequency_hz: ArrayLike, mains_hz: float | None = 60.0, keep_off_hz: float = 2.0) -> FloatArray:
     """Return the frequencies (m,); those nearer than keep_off_hz to a multiple of mains are moved to that distance from
     it.
     """

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 
 Bins = NDArray[np.int64]
@@ -26,21 +27,21 @@ class Multisine:
     rate_hz: float
     period: int
     bins: Bins
-    amplitude: NDArray[np.float64]
-    phase_rad: NDArray[np.float64]
+    amplitude: FloatArray
+    phase_rad: FloatArray
     odd_detection: Bins
     even_detection: Bins
 
     @property
-    def frequency_hz(self) -> NDArray[np.float64]:
+    def frequency_hz(self) -> FloatArray:
         """Return the frequencies of the excited lines, hertz, shape (m,)."""
         return np.asarray(self.bins * self.rate_hz / self.period)
 
-    def one_period(self) -> NDArray[np.float64]:
+    def one_period(self) -> FloatArray:
         """Return one period of the signal, shape (period,)."""
         return _synthesise(self.period, self.bins, self.amplitude, self.phase_rad)
 
-    def samples(self, periods: int) -> NDArray[np.float64]:
+    def samples(self, periods: int) -> FloatArray:
         """Return `periods` periods in a row, shape (periods * period,)."""
         return np.tile(self.one_period(), periods)
 
@@ -51,9 +52,7 @@ class Multisine:
         return float(np.max(np.abs(wave)) / np.sqrt(np.mean(wave**2)))
 
 
-def _synthesise(
-    period: int, bins: Bins, amplitude: NDArray[np.float64], phase: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _synthesise(period: int, bins: Bins, amplitude: FloatArray, phase: FloatArray) -> FloatArray:
     spectrum = np.zeros(period // 2 + 1, dtype=np.complex128)
     spectrum[bins] = 0.5 * period * amplitude * np.exp(1j * phase)
     return np.asarray(np.fft.irfft(spectrum, period))

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,11 +20,11 @@ class Record:
     """
 
     rate_hz: float
-    command: Array
-    position: Array
+    command: FloatArray
+    position: FloatArray
     command_unit: str = "V"
     position_unit: str = "V"
-    reference: Array | None = None
+    reference: FloatArray | None = None
     about: dict[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 

@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.signals.decibels import db
 
-Array = NDArray[np.float64]
 Method = Literal["stepped-sine", "multisine"]
 
 
@@ -29,15 +29,15 @@ class Response:
     load: str
     level_db_sl: float
     method: Method
-    frequency_hz: Array
-    amplitude_v: NDArray[np.complex128]
-    reference: Array
-    confidence_db: Array
-    noise_v: Array
-    distortion_v: Array
+    frequency_hz: FloatArray
+    amplitude_v: ComplexArray
+    reference: FloatArray
+    confidence_db: FloatArray
+    noise_v: FloatArray
+    distortion_v: FloatArray
     saturated: NDArray[np.bool_]
     reached: NDArray[np.bool_]
-    averaged_s: Array
+    averaged_s: FloatArray
     controller_hash: str = ""
 
     def __post_init__(self) -> None:
@@ -47,26 +47,26 @@ class Response:
                 raise BadInput(f"response: {name} has shape {getattr(self, name).shape}; allowed: {shape}")
 
     @property
-    def magnitude_v(self) -> Array:
+    def magnitude_v(self) -> FloatArray:
         """Return the peak of y in volts, (m,)."""
         return np.abs(self.amplitude_v)
 
     @property
-    def magnitude_db(self) -> Array:
+    def magnitude_db(self) -> FloatArray:
         """Return the magnitude in dB of volts of y per threshold unit, (m,)."""
         return db(self.amplitude_v / self.reference)
 
     @property
-    def phase_rad(self) -> Array:
+    def phase_rad(self) -> FloatArray:
         """Return the phase against the reference, unwrapped from the lowest frequency up, (m,)."""
         return np.unwrap(np.angle(self.amplitude_v))
 
     @property
-    def latency_s(self) -> Array:
+    def latency_s(self) -> FloatArray:
         """Return the phase delay in seconds: how much later than the reference a peak of y comes, (m,)."""
         return np.asarray(-self.phase_rad / (2.0 * np.pi * self.frequency_hz))
 
     @property
-    def phase_confidence_rad(self) -> Array:
+    def phase_confidence_rad(self) -> FloatArray:
         """Return the 95 % half-width of the phase, (m,): the noise is alike in both quadratures."""
         return np.minimum(10.0 ** (self.confidence_db / 20.0) - 1.0, np.pi)

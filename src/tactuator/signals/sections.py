@@ -11,8 +11,9 @@ whose first coefficient is summed without rounding error, nothing cancels, and d
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 
 
@@ -21,14 +22,14 @@ def exact_sum(*terms: float) -> float:
     return float(sum((Fraction(float(term)) for term in terms), Fraction(0)))
 
 
-def backward_difference(frequency_hz: ArrayLike, rate_hz: float) -> NDArray[np.complex128]:
+def backward_difference(frequency_hz: ArrayLike, rate_hz: float) -> ComplexArray:
     """Return 1 - exp(-j w) with w = 2 pi f / rate, to full relative precision; the shape of `frequency_hz`."""
     half = np.pi * np.asarray(frequency_hz, dtype=np.float64) / rate_hz
     sine = np.sin(half)
     return np.asarray(2.0 * sine * (sine + 1j * np.cos(half)))
 
 
-def check_sections(sos: ArrayLike) -> NDArray[np.float64]:
+def check_sections(sos: ArrayLike) -> FloatArray:
     """Return `sos` as a float array of shape (n, 6), rows b0, b1, b2, a0, a1, a2. Raises BadInput if it is not one."""
     sections = np.asarray(sos, dtype=np.float64)
     if sections.ndim != 2 or sections.shape[1] != 6:
@@ -40,7 +41,7 @@ def check_sections(sos: ArrayLike) -> NDArray[np.float64]:
     return sections
 
 
-def sections_response(sos: ArrayLike, frequency_hz: ArrayLike, rate_hz: float) -> NDArray[np.complex128]:
+def sections_response(sos: ArrayLike, frequency_hz: ArrayLike, rate_hz: float) -> ComplexArray:
     """Return the response of a cascade of sections.
 
     Parameters
@@ -62,7 +63,7 @@ def sections_response(sos: ArrayLike, frequency_hz: ArrayLike, rate_hz: float) -
     return response
 
 
-def section_roots(c0: float, c1: float, c2: float) -> NDArray[np.complex128]:
+def section_roots(c0: float, c1: float, c2: float) -> ComplexArray:
     """Return the roots in z of c0 + c1 z^-1 + c2 z^-2 times the power of z that its first non-zero coefficient leaves.
 
     Found for d = z - 1 with an exact discriminant: slow roots keep their digits at any rate, and a root at z = 1 is

@@ -5,20 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import signal
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class PowerSpectrum:
     """One-sided power spectral density, unit^2/Hz, at frequency_hz (m,), from `averages` windows."""
 
-    frequency_hz: Array
-    density: Array
+    frequency_hz: FloatArray
+    density: FloatArray
     averages: float
 
     @property
@@ -40,7 +39,7 @@ class PowerSpectrum:
         kept = float(np.sum(share * left))
         return float(np.sum(self.density * share * left)) * (float(np.sum(share)) / kept) if kept > 0.0 else 0.0
 
-    def through(self, response: NDArray[np.complex128]) -> PowerSpectrum:
+    def through(self, response: ComplexArray) -> PowerSpectrum:
         """Return the spectrum behind a system with that response (m,) at frequency_hz."""
         return PowerSpectrum(self.frequency_hz, self.density * np.abs(response) ** 2, self.averages)
 

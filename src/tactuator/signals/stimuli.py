@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 
 
-def ramps(count: int, rate_hz: float, ramp_s: float) -> NDArray[np.float64]:
+def ramps(count: int, rate_hz: float, ramp_s: float) -> FloatArray:
     """Return a gain of shape (count,) that rises over `ramp_s` as (1 - cos)/2, stays 1, and falls the same way."""
     length = round(ramp_s * rate_hz)
     if ramp_s < 0.0 or 2 * length > count:
@@ -31,7 +31,7 @@ def tone(
     *,
     ramp_s: float = 0.0,
     phase_rad: float = 0.0,
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Return the sinusoid amplitude * sin(2 pi f t + phase), shape (n,), with ramps at both ends.
 
     Raises BadInput for a frequency outside 0 < f < rate/2 or a duration of less than one sample.

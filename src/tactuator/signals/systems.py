@@ -9,16 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.signals.sections import backward_difference, check_sections, section_roots
 
 _CANNOT_COMBINE = "{left} and {right} cannot be combined; allowed: two systems of the same kind of time and rate"
 
 
-Fraction = tuple[NDArray[np.complex128], NDArray[np.complex128]]
+Fraction = tuple[ComplexArray, ComplexArray]
 
 
-def _roots(values: ArrayLike, name: str) -> NDArray[np.complex128]:
+def _roots(values: ArrayLike, name: str) -> ComplexArray:
     roots = np.atleast_1d(np.asarray(values, dtype=np.complex128))
     if roots.ndim != 1 or not np.all(np.isfinite(roots)):
         raise BadInput(f"{name} must be a list of finite numbers; got {values!r}")
@@ -27,7 +28,7 @@ def _roots(values: ArrayLike, name: str) -> NDArray[np.complex128]:
     return roots
 
 
-def _check_conjugate(roots: NDArray[np.complex128], name: str) -> None:
+def _check_conjugate(roots: ComplexArray, name: str) -> None:
     scale = 1e-6 * (1.0 + np.abs(roots))
     upper = np.sort_complex(roots[roots.imag > scale])
     lower = np.sort_complex(np.conj(roots[roots.imag < -scale]))
@@ -35,7 +36,7 @@ def _check_conjugate(roots: NDArray[np.complex128], name: str) -> None:
         raise BadInput(f"complex {name} must come in conjugate pairs; got {list(roots)}")
 
 
-def _polynomial(values: ArrayLike, name: str) -> NDArray[np.float64]:
+def _polynomial(values: ArrayLike, name: str) -> FloatArray:
     coefficients = np.atleast_1d(np.asarray(values, dtype=np.float64))
     if coefficients.ndim != 1 or not np.all(np.isfinite(coefficients)):
         raise BadInput(f"{name} must be a list of finite numbers; got {values!r}")
@@ -45,11 +46,11 @@ def _polynomial(values: ArrayLike, name: str) -> NDArray[np.float64]:
     return coefficients
 
 
-def _expanded(roots: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _expanded(roots: ComplexArray) -> FloatArray:
     return np.atleast_1d(np.real(np.poly(roots))).astype(np.float64)
 
 
-def _delayed(sos: NDArray[np.float64], samples: int) -> NDArray[np.float64]:
+def _delayed(sos: FloatArray, samples: int) -> FloatArray:
     """Return the sections times z^-samples by shifting numerators, since scipy fills missing zeros up with zeros at the
     origin.
     """
@@ -81,7 +82,7 @@ class _System:
         """Return the numerator and the denominator of the response."""
         raise NotImplementedError
 
-    def response(self, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
+    def response(self, frequency_hz: ArrayLike) -> ComplexArray:
         """Return the complex response at `frequency_hz` (any shape, hertz), dead time included; infinite on a pole."""
         numerator, denominator = self.fraction(frequency_hz)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -118,7 +119,7 @@ class ContinuousSystem(_System):
         gain = numerator[0] / denominator[0]
         return cls(np.roots(numerator), np.roots(denominator), float(gain), delay_s)
 
-    def polynomials(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def polynomials(self) -> tuple[FloatArray, FloatArray]:
         """Return (num, den) in descending powers of s, den monic: for printing and files, not for computing with."""
         return self.gain * _expanded(self.zeros), _expanded(self.poles)
 
@@ -183,7 +184,7 @@ class SampledSystem(_System):
         gain = np.prod([lead[0] / row[3] if lead.size else 0.0 for lead, row in zip(leads, sections, strict=True)])
         return cls(zeros, poles, float(gain), rate_hz, delay_samples)
 
-    def sections(self) -> NDArray[np.float64]:
+    def sections(self) -> FloatArray:
         """Return the second-order sections, shape (n, 6), of a proper system without its delay."""
         if not self.is_proper:
             raise BadInput(f"a system of {self.zeros.size} zeros and {self.poles.size} poles has no causal sections")

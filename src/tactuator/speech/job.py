@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactuator import __version__
+from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.files.controller import controller_hash
@@ -136,7 +136,7 @@ class _Counting:
         self._making, self._writer, self._progress = making, writer, progress
         self._peaks = np.zeros(len(making.channels))
 
-    def blocks(self) -> Iterator[NDArray[np.float64]]:
+    def blocks(self) -> Iterator[FloatArray]:
         for block in self._making.blocks():
             self._writer.write(block)
             columns = np.ascontiguousarray(block.T)  # a maximum along short rows takes ten times as long
@@ -149,9 +149,7 @@ class _Counting:
             return dict(zip(self._making.channels, (20.0 * np.log10(self._peaks)).tolist(), strict=True))
 
 
-def _feel(
-    blocks: Iterator[NDArray[np.float64]], job: RenderJob, sink: Callable[[NDArray[np.float64]], None] | None
-) -> FeltReport:
+def _feel(blocks: Iterator[FloatArray], job: RenderJob, sink: Callable[[FloatArray], None] | None) -> FeltReport:
     rig = SimulatedRig(job.controller.display, job.seed)
     rig.load(job.controller)
     comparison = FeltComparison(job.controller, sink)
@@ -161,7 +159,7 @@ def _feel(
     return comparison.finish()
 
 
-def _then(blocks: Iterator[NDArray[np.float64]], last: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+def _then(blocks: Iterator[FloatArray], last: FloatArray) -> Iterator[FloatArray]:
     yield from blocks
     yield last
 

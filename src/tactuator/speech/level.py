@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 
 FRAME_S = 0.025
-WITHIN_DB = 30.0
+FRAMES_WITHIN_DB = 30.0
 
 
 @dataclass
@@ -22,10 +22,10 @@ class LevelMeter:
     """Takes blocks (n, channels) one after the other and keeps only the frames' powers (0.025 s each)."""
 
     rate_hz: float
-    _powers: list[NDArray[np.float64]] = field(default_factory=list)
-    _rest: NDArray[np.float64] | None = None
+    _powers: list[FloatArray] = field(default_factory=list)
+    _rest: FloatArray | None = None
 
-    def push(self, block: NDArray[np.float64]) -> None:
+    def push(self, block: FloatArray) -> None:
         """Add a block to the frames counted."""
         length = round(FRAME_S * self.rate_hz)
         block = block if self._rest is None else np.concatenate((self._rest, block))
@@ -34,7 +34,7 @@ class LevelMeter:
         self._powers.append(np.einsum("ijk,ijk->ik", frames, frames) / length)
         self._rest = block[whole * length :].copy()
 
-    def frame_levels_db(self) -> NDArray[np.float64]:
+    def frame_levels_db(self) -> FloatArray:
         """Return the level of every whole frame, shape (frames, channels); -inf where it is silent."""
         with np.errstate(divide="ignore"):
             return np.asarray(10.0 * np.log10(2.0 * np.concatenate(self._powers)))
@@ -52,6 +52,6 @@ class LevelMeter:
             return float(10.0 * np.log10(2.0 * best))
 
 
-def _active_power(powers: NDArray[np.float64]) -> float:
+def _active_power(powers: FloatArray) -> float:
     loudest = float(powers.max())
-    return float(powers[powers >= loudest * 10.0 ** (-WITHIN_DB / 10.0)].mean())
+    return float(powers[powers >= loudest * 10.0 ** (-FRAMES_WITHIN_DB / 10.0)].mean())

@@ -13,11 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import soundfile
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-
-Samples = NDArray[np.float64]
 
 BLOCK_FRAMES = 1 << 16
 SHORTEST_S = 0.1
@@ -81,7 +79,7 @@ def scan_speech(path: str | Path) -> SpeechFile:
     return SpeechFile(path, rate, frames, channels, encoding, mean, peak, _notes(channels, mean, peak))
 
 
-def speech_blocks(speech: SpeechFile, block_frames: int = BLOCK_FRAMES) -> Iterator[Samples]:
+def speech_blocks(speech: SpeechFile, block_frames: int = BLOCK_FRAMES) -> Iterator[FloatArray]:
     """Yield the file's mono signal (mean of its channels, its mean taken out) in blocks of shape (n,), n <=
     block_frames.
     """
@@ -121,7 +119,7 @@ def _check_header(path: Path, rate: int, frames: int, channels: int) -> None:
         )
 
 
-def _mono(file: soundfile.SoundFile, block_frames: int) -> Iterator[Samples]:
+def _mono(file: soundfile.SoundFile, block_frames: int) -> Iterator[FloatArray]:
     while True:
         block = file.read(block_frames, dtype="float64", always_2d=True)
         if not len(block):

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.perception.levels import COMFORT_DB_SL
@@ -28,7 +28,7 @@ QUIETEST_DB = -90.0
 """Of full scale: a coding that leaves less than this of a file has found nothing in it."""
 RAMP_S = 0.02
 BLOCK_S = 4.0
-PIECE = 1 << 12
+PIECE_FRAMES = 1 << 12
 """Samples that go on together: few enough that what is made of them stays in the cache."""
 
 
@@ -42,7 +42,7 @@ class Rendering:
     gain: float
     frames: int
     _coded: IO[bytes]
-    _placement: NDArray[np.float64]
+    _placement: FloatArray
     _limiter: Limiter
 
     @property
@@ -55,13 +55,13 @@ class Rendering:
         """Return the limiting so far, finger by finger."""
         return self._limiter.report
 
-    def blocks(self) -> Iterator[NDArray[np.float64]]:
+    def blocks(self) -> Iterator[FloatArray]:
         """Yield the reference in blocks (n, channels), threshold units, float32 numbers; once only."""
         for stretch in self._limiter.process(self._levelled()):
-            for start in range(0, len(stretch), PIECE):
-                yield stretch[start : start + PIECE].astype(np.float32).astype(np.float64)
+            for start in range(0, len(stretch), PIECE_FRAMES):
+                yield stretch[start : start + PIECE_FRAMES].astype(np.float32).astype(np.float64)
 
-    def _levelled(self) -> Iterator[NDArray[np.float64]]:
+    def _levelled(self) -> Iterator[FloatArray]:
         ramp = min(round(RAMP_S * self.controller.rate_hz), self.frames // 2)
         rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(ramp) + 0.5) / max(ramp, 1))
         matrix, width = self.gain * self._placement, len(self._placement)
@@ -129,7 +129,7 @@ def _room(workspace: str | Path | None) -> IO[bytes]:
 
 def render_array(
     path: str | Path, controller: Controller, coding: Coding | None = None, level_db_sl: float = LEVEL_DB_SL
-) -> tuple[NDArray[np.float64], SpeechFile, tuple[FingerLimiting, ...]]:
+) -> tuple[FloatArray, SpeechFile, tuple[FingerLimiting, ...]]:
     """Render a short file at once: return the reference (n, channels) in threshold units, the file, and what the
     limiter did.
     """

@@ -12,14 +12,14 @@ from math import gcd
 import numpy as np
 from scipy import signal
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.speech.reading import Samples
 
 ATTENUATION_DB = 90.0
 """Of images and aliases; a 16-bit file's own noise lies at about -98 dB."""
 
 
-def resampling_kernel(rate_in_hz: int, rate_out_hz: int, pass_hz: float) -> tuple[Samples, int, int]:
+def resampling_kernel(rate_in_hz: int, rate_out_hz: int, pass_hz: float) -> tuple[FloatArray, int, int]:
     """Return (kernel, up, down) with a Kaiser low-pass at up * rate_in_hz, flat to `pass_hz`.
 
     Whatever would fold onto 0..pass_hz, going up or down, is at least 90 dB down; between pass_hz and the edge of the
@@ -39,7 +39,7 @@ def resampling_kernel(rate_in_hz: int, rate_out_hz: int, pass_hz: float) -> tupl
     return np.asarray(kernel * up), up, down
 
 
-def resample(blocks: Iterable[Samples], rate_in_hz: int, rate_out_hz: int, pass_hz: float) -> Iterator[Samples]:
+def resample(blocks: Iterable[FloatArray], rate_in_hz: int, rate_out_hz: int, pass_hz: float) -> Iterator[FloatArray]:
     """Resample blocks of shape (n,) at `rate_in_hz`; yield blocks at `rate_out_hz`, in all ceil(frames * rate_out /
     rate_in).
     """
@@ -63,7 +63,9 @@ def resample(blocks: Iterable[Samples], rate_in_hz: int, rate_out_hz: int, pass_
     yield _outputs(kernel, tail, up, down, first * up // down, done + middle, end + middle)
 
 
-def _outputs(kernel: Samples, history: Samples, up: int, down: int, origin: int, start: int, stop: int) -> Samples:
+def _outputs(
+    kernel: FloatArray, history: FloatArray, up: int, down: int, origin: int, start: int, stop: int
+) -> FloatArray:
     """Return the output samples start..stop (counted with the kernel's delay), the history's first lying at output
     `origin`.
     """

@@ -16,10 +16,10 @@ import numpy as np
 import soundfile
 from scipy import signal
 
-from tactuator.speech.reading import Samples
+from tactuator.arrays import FloatArray
 
 RATE_HZ = 16000
-FRAME = 80
+FRAME_SAMPLES = 80
 """Samples for which the resonators stand still (5 ms)."""
 
 
@@ -62,10 +62,10 @@ def sample_path() -> Path:
     return Path(str(files("tactuator.speech").joinpath("data", "sample.wav")))
 
 
-def synthesise(sounds: tuple[Sound, ...] = PHRASE, seed: int = 1988) -> Samples:
+def synthesise(sounds: tuple[Sound, ...] = PHRASE, seed: int = 1988) -> FloatArray:
     """Return mono speech at 16 kHz, shape (n,), peak 0.7 of full scale."""
     ends = np.cumsum([sound.duration_s for sound in sounds])
-    count = round(float(ends[-1]) * RATE_HZ / FRAME) * FRAME
+    count = round(float(ends[-1]) * RATE_HZ / FRAME_SAMPLES) * FRAME_SAMPLES
     middles = ends - 0.5 * np.array([sound.duration_s for sound in sounds])
     time = np.arange(count) / RATE_HZ
     track = {name: np.array([getattr(sound, name) for sound in sounds]) for name in ("pitch_hz", "voice", "breath")}
@@ -78,7 +78,7 @@ def synthesise(sounds: tuple[Sound, ...] = PHRASE, seed: int = 1988) -> Samples:
     return np.asarray(0.7 * spoken / np.max(np.abs(spoken)))
 
 
-def _steps(values: Samples, ends: Samples, count: int) -> Samples:
+def _steps(values: FloatArray, ends: FloatArray, count: int) -> FloatArray:
     """Return a value for each sound, stepped at its ends and smoothed over 15 ms."""
     at = np.minimum(np.searchsorted(ends, np.arange(count) / RATE_HZ, side="right"), len(values) - 1)
     window = signal.windows.hann(2 * round(0.015 * RATE_HZ) + 1)
@@ -86,7 +86,7 @@ def _steps(values: Samples, ends: Samples, count: int) -> Samples:
     return np.asarray(signal.fftconvolve(padded, window / window.sum(), "valid"))
 
 
-def _glottal_flow_slope(pitch_hz: Samples) -> Samples:
+def _glottal_flow_slope(pitch_hz: FloatArray) -> FloatArray:
     """Return the slope of a glottal flow that opens as a raised cosine over 60 % of the period and is closed for the
     rest.
     """
@@ -95,7 +95,7 @@ def _glottal_flow_slope(pitch_hz: Samples) -> Samples:
     return np.diff(flow, prepend=flow[0]) * 10.0 + 0.1 * (flow - 0.3)
 
 
-def _resonate(source: Samples, formants_hz: Samples) -> Samples:
+def _resonate(source: FloatArray, formants_hz: FloatArray) -> FloatArray:
     """Return the source through three resonators in series, each of gain 1 at rest, their states going on from frame to
     frame.
     """
@@ -103,12 +103,12 @@ def _resonate(source: Samples, formants_hz: Samples) -> Samples:
     for track, width in zip(formants_hz, BANDWIDTHS_HZ, strict=True):
         radius = np.exp(-np.pi * width / RATE_HZ)
         state = np.zeros(2)
-        for start in range(0, len(output), FRAME):
-            centre = track[start + FRAME // 2]
+        for start in range(0, len(output), FRAME_SAMPLES):
+            centre = track[start + FRAME_SAMPLES // 2]
             denominator = np.array([1.0, -2.0 * radius * np.cos(2.0 * np.pi * centre / RATE_HZ), radius**2])
             numerator = np.array([denominator.sum(), 0.0, 0.0])
-            block = output[start : start + FRAME]
-            output[start : start + FRAME], state = signal.lfilter(numerator, denominator, block, zi=state)
+            block = output[start : start + FRAME_SAMPLES]
+            output[start : start + FRAME_SAMPLES], state = signal.lfilter(numerator, denominator, block, zi=state)
     return output
 
 

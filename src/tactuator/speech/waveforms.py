@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.files.controller import controller_hash
@@ -76,7 +76,7 @@ class WaveformSet:
                     found[label] = (chosen, fingers)
         return found
 
-    def reference(self, label: str, fingers: tuple[str, ...], rate_hz: float) -> NDArray[np.float64]:
+    def reference(self, label: str, fingers: tuple[str, ...], rate_hz: float) -> FloatArray:
         """Return the waveform of that label, (n, fingers), threshold units. Raises BadInput for a label or finger that
         is not there.
         """

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.errors import BadInput
@@ -20,12 +20,12 @@ from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.systems import SampledSystem
 from tactuator.wordlength.formats import FORMATS, NumberFormat, Written
-from tactuator.wordlength.quantised import Rows, is_stable, rows_response
-from tactuator.wordlength.roundoff import double_step, felt_db_sl, run_loop, trial_reference
+from tactuator.wordlength.quantised import is_stable, rows_response
+from tactuator.wordlength.roundoff import double_step, felt_db_sl, roundoff_reference, run_loop
 
 ERROR_MAX_DB = 0.1
 FELT_MAX_DB_SL = -6.0
-_LEVEL = 30.0
+_TEST_LEVEL = 30.0
 
 
 @dataclass(frozen=True)
@@ -127,8 +127,8 @@ def _loop_plant(display: Display, index: int) -> SampledSystem:
 
 
 def _response(
-    prefilter: Rows, feedback: Rows | None, plant: SampledSystem, grid: NDArray[np.float64]
-) -> NDArray[np.complex128]:
+    prefilter: FloatArray, feedback: FloatArray | None, plant: SampledSystem, grid: FloatArray
+) -> ComplexArray:
     """Return H over the plant, or over T where there is feedback."""
     response = rows_response(prefilter, grid, plant.rate_hz)
     if feedback is None:
@@ -140,7 +140,7 @@ def _response(
 def _levels(controller: Controller, index: int, written: Written) -> tuple[float, float]:
     """Return the felt round-off while something plays, and that of the limit cycles after it has gone."""
     display, channel = controller.display, controller.display.channels[index]
-    reference, during, after = trial_reference(display.rate_hz, _LEVEL)
+    reference, during, after = roundoff_reference(display.rate_hz, _TEST_LEVEL)
     exact = double_step(written.prefilter, written.feedback, controller.channels[index].limits.command_v)
     error = np.subtract(*(run_loop(channel, display, step, reference) for step in (written.start(), exact)))
     roundoff, cycle = (felt_db_sl(error[stretch], channel, display.rate_hz) for stretch in (during, after))

@@ -11,13 +11,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.systems import SampledSystem
-from tactuator.wordlength.quantised import FORMS, Form, Rows, is_stable, quantised_rows, rows_response
+from tactuator.wordlength.quantised import FORMS, Form, is_stable, quantised_rows, rows_response
 from tactuator.wordlength.resampled import at_rate
 
 MOST_BITS = 44
@@ -41,20 +41,20 @@ class BitsNeeded:
     accurate: int
 
 
-def filter_bits(system: SampledSystem, form: Form, frequency_hz: NDArray[np.float64] = _HZ) -> BitsNeeded:
+def filter_bits(system: SampledSystem, form: Form, frequency_hz: FloatArray = _HZ) -> BitsNeeded:
     """Return the bits that a filter by itself (the prefilter) needs: poles inside the unit circle; its own response
     within 0.1 dB.
     """
     exact = system.response(frequency_hz)
 
-    def error_db(rows: Rows) -> float:
+    def error_db(rows: FloatArray) -> float:
         return float(np.max(np.abs(db(rows_response(rows, frequency_hz, system.rate_hz) / exact))))
 
     return _needed(system, form, is_stable, error_db)
 
 
 def loop_bits(
-    controller: SampledSystem, plant: SampledSystem, form: Form, frequency_hz: NDArray[np.float64] = _HZ
+    controller: SampledSystem, plant: SampledSystem, form: Form, frequency_hz: FloatArray = _HZ
 ) -> BitsNeeded:
     """Return the bits that a feedback controller needs: the closed loop stable; T within 0.1 dB. plant: with the
     computing delay.
@@ -63,11 +63,11 @@ def loop_bits(
     loop = controller.response(frequency_hz) * behind
     exact = loop / (1.0 + loop)
 
-    def closes(rows: Rows) -> bool:
+    def closes(rows: FloatArray) -> bool:
         numerators = rows[:, : (rows.shape[1] + 1) // 2]
         return bool(np.all(np.any(numerators, axis=1))) and is_stable(rows, plant)
 
-    def error_db(rows: Rows) -> float:
+    def error_db(rows: FloatArray) -> float:
         rounded_loop = rows_response(rows, frequency_hz, plant.rate_hz) * behind
         return float(np.max(np.abs(db(rounded_loop / (1.0 + rounded_loop) / exact))))
 
@@ -102,7 +102,7 @@ def _raise(needed: Needed, name: str, form: Form, rate_hz: float, bits: BitsNeed
 
 
 def _needed(
-    system: SampledSystem, form: Form, holds: Callable[[Rows], bool], error_db: Callable[[Rows], float]
+    system: SampledSystem, form: Form, holds: Callable[[FloatArray], bool], error_db: Callable[[FloatArray], float]
 ) -> BitsNeeded:
     """Search from the finest rounding downwards until one fails: a coarser one that happens to fit does not count."""
     sections = system.sections()

@@ -15,21 +15,18 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.runtime.coefficients import delta_coefficients
 from tactuator.runtime.q31 import full_scales
 from tactuator.signals.sections import check_sections
-from tactuator.wordlength.quantised import Rows
-
-Sections = NDArray[np.float64]
 
 
 class SingleSections:
     """A cascade of sections in float32."""
 
-    def __init__(self, sos: Sections) -> None:
+    def __init__(self, sos: FloatArray) -> None:
         single = (sos / sos[:, 3:4]).astype(np.float32)
         self._coefficients = [(row[0], row[1], row[2], row[4], row[5]) for row in single]
         self._states = [[np.float32(0.0), np.float32(0.0)] for _ in single]
@@ -53,7 +50,7 @@ class _FixedSection:
     a: tuple[int, int]
     a_bits: int
 
-    def row(self) -> Rows:
+    def row(self) -> FloatArray:
         """Return the coefficients that the integers stand for: b0, b1, b2, 1, a1, a2."""
         b = [math.ldexp(value, -self.b_bits) for value in self.b]
         return np.array([*b, 1.0, *(math.ldexp(value, -self.a_bits) for value in self.a)])
@@ -66,7 +63,7 @@ FULL_SCALE_V = 32.0
 class FixedSections:
     """A cascade in words of `bits` (sign included), full_scale_in at its input, 32 V at its output."""
 
-    def __init__(self, sos: Sections, rate_hz: float, full_scale_in: float, bits: int, fed_back: bool) -> None:
+    def __init__(self, sos: FloatArray, rate_hz: float, full_scale_in: float, bits: int, fed_back: bool) -> None:
         sections = check_sections(sos)
         scales = full_scales(sections, rate_hz, full_scale_in, full_scale_out=FULL_SCALE_V)
         self._sections = [_fixed(row / row[3], scales[i] / scales[i + 1], bits) for i, row in enumerate(sections)]
@@ -74,7 +71,7 @@ class FixedSections:
         self._most, self._fed_back = 2 ** (bits - 1), fed_back
         self._states = [[0, 0, 0, 0, 0] for _ in sections]
 
-    def rows(self) -> Rows:
+    def rows(self) -> FloatArray:
         """Return the rows of what is left of the cascade, in d, from the unit of the input to volts."""
         rows = delta_coefficients(np.stack([section.row() for section in self._sections]))
         rows[0, :3] *= self._gain
@@ -103,7 +100,7 @@ def saturated(value: int, most: int) -> int:
     return max(-most, min(most - 1, value))
 
 
-def _fixed(row: Rows, gain: float, bits: int) -> _FixedSection:
+def _fixed(row: FloatArray, gain: float, bits: int) -> _FixedSection:
     b, a = row[:3] * gain, row[4:]
     if np.max(np.abs(a)) > 2.0:
         raise BadInput(f"a coefficient of {np.max(np.abs(a)):g} in a denominator; allowed in fixed point: up to 2")

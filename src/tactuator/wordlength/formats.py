@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import build_image
 from tactuator.runtime.q31 import REFERENCE_FULL_SCALE, VOLTS_FULL_SCALE, q31_cascade
 from tactuator.wordlength.direct_forms import FULL_SCALE_V, FixedSections, SingleSections, saturated
-from tactuator.wordlength.quantised import Rows, quantised_rows
+from tactuator.wordlength.quantised import quantised_rows
 from tactuator.wordlength.roundoff import Step
 
 _NO_HASH = "0" * 64
@@ -29,8 +30,8 @@ class Written:
     """One channel in a number format: rows in d that stand for its rounded coefficients (reference to volts, volts to
     volts), and a fresh stepper (reference, position -> command)."""
 
-    prefilter: Rows
-    feedback: Rows | None
+    prefilter: FloatArray
+    feedback: FloatArray | None
     start: Callable[[], Step]
 
 

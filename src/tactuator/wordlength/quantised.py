@@ -15,8 +15,9 @@ from math import comb
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.loop.stability import closed_roots
 from tactuator.runtime.coefficients import delta_coefficients
@@ -26,10 +27,8 @@ from tactuator.signals.systems import SampledSystem
 Form = Literal["direct", "sections", "delta"]
 FORMS: tuple[Form, ...] = ("direct", "sections", "delta")
 
-Rows = NDArray[np.float64]
 
-
-def rounded(values: ArrayLike, bits: int | None) -> Rows:
+def rounded(values: ArrayLike, bits: int | None) -> FloatArray:
     """Return the values rounded to the nearest multiple of 2^-bits, or to float32 for None."""
     array = np.asarray(values, dtype=np.float64)
     if bits is None:
@@ -37,7 +36,7 @@ def rounded(values: ArrayLike, bits: int | None) -> Rows:
     return np.asarray(np.ldexp(np.round(np.ldexp(array, bits)), -bits))
 
 
-def quantised_rows(sos: ArrayLike, form: Form, bits: int | None, rate_hz: float) -> Rows:
+def quantised_rows(sos: ArrayLike, form: Form, bits: int | None, rate_hz: float) -> FloatArray:
     """Return the rows in d of what is left of the cascade `sos` once its numbers in `form` are rounded: shape (n, 5),
     or (1, 2 order + 1) for the direct form. Raises BadInput for a form that is not there.
     """
@@ -56,7 +55,7 @@ def quantised_rows(sos: ArrayLike, form: Form, bits: int | None, rate_hz: float)
     raise BadInput(f"form {form!r}; allowed: {', '.join(FORMS)}")
 
 
-def in_difference(coefficients: Rows) -> Rows:
+def in_difference(coefficients: FloatArray) -> FloatArray:
     """Return a polynomial in z, descending powers, as one in d = z - 1: every coefficient summed without rounding
     error.
     """
@@ -69,7 +68,7 @@ def in_difference(coefficients: Rows) -> Rows:
     return np.array([float(one) for one in sums])
 
 
-def _product(factors: Rows) -> Rows:
+def _product(factors: FloatArray) -> FloatArray:
     """Return the product of polynomials, exact before it is rounded to double."""
     exact = [Fraction(1)]
     for factor in factors:
@@ -82,7 +81,7 @@ def _product(factors: Rows) -> Rows:
     return np.array([float(value) for value in exact])
 
 
-def rows_response(rows: Rows, frequency_hz: ArrayLike, rate_hz: float) -> NDArray[np.complex128]:
+def rows_response(rows: FloatArray, frequency_hz: ArrayLike, rate_hz: float) -> ComplexArray:
     """Return the response of a cascade of rows."""
     frequency = np.asarray(frequency_hz, dtype=np.float64)
     difference = np.exp(2j * np.pi * frequency / rate_hz) * backward_difference(frequency, rate_hz)
@@ -92,7 +91,7 @@ def rows_response(rows: Rows, frequency_hz: ArrayLike, rate_hz: float) -> NDArra
     return response
 
 
-def is_stable(rows: Rows, plant: SampledSystem | None = None) -> bool:
+def is_stable(rows: FloatArray, plant: SampledSystem | None = None) -> bool:
     """Return whether the poles lie inside the unit circle; with a plant (its delay included): those of the loop closed
     around both.
     """
@@ -109,17 +108,17 @@ def is_stable(rows: Rows, plant: SampledSystem | None = None) -> bool:
     return is_inside(closed)
 
 
-def is_inside(poles_in_d: NDArray[np.complex128]) -> bool:
+def is_inside(poles_in_d: ComplexArray) -> bool:
     """Return whether |1 + d| < 1 for every pole: 2 Re d + |d|^2 < 0, which keeps its digits for slow poles."""
     return bool(np.all(2.0 * poles_in_d.real + np.abs(poles_in_d) ** 2 < 0.0))
 
 
-def _fraction(row: Rows) -> tuple[Rows, Rows]:
+def _fraction(row: FloatArray) -> tuple[FloatArray, FloatArray]:
     order = (row.size - 1) // 2
     return row[: order + 1], np.append(1.0, row[order + 1 :])
 
 
-def _zeros(rows: Rows) -> tuple[NDArray[np.complex128], float]:
+def _zeros(rows: FloatArray) -> tuple[ComplexArray, float]:
     """Return the zeros in d and the gain before them; without gain there are no zeros."""
     zeros, gain = [np.empty(0, dtype=np.complex128)], 1.0
     for row in rows:

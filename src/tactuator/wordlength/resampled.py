@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.controller import ChannelController, Controller
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
@@ -37,12 +37,12 @@ def _channel_at(channel: ChannelController, old_hz: float, new_hz: float) -> Cha
     )
 
 
-def _sections_at(sos: NDArray[np.float64], old_hz: float, new_hz: float) -> NDArray[np.float64]:
+def _sections_at(sos: FloatArray, old_hz: float, new_hz: float) -> FloatArray:
     """Return the sections at the other rate, each by itself, so that the order (and the integrator's place) stays."""
     return np.stack([_section_at(section, old_hz, new_hz) for section in sos])
 
 
-def _section_at(section: NDArray[np.float64], old_hz: float, new_hz: float) -> NDArray[np.float64]:
+def _section_at(section: FloatArray, old_hz: float, new_hz: float) -> FloatArray:
     sampled = SampledSystem.from_sections(section[None, :], old_hz)
     finite = sampled.zeros[np.abs(sampled.zeros + 1.0) > 1e-9]
     zeros = 2.0 * old_hz * (finite - 1.0) / (finite + 1.0)
@@ -51,7 +51,7 @@ def _section_at(section: NDArray[np.float64], old_hz: float, new_hz: float) -> N
     before, unit = (system.response(np.array([_MATCH_HZ])) for system in (sampled, bilinear(shape, old_hz)))
     gain = float(np.real(before[0] / unit[0]))
     moved = bilinear(ContinuousSystem(zeros, poles, gain), new_hz)
-    row: NDArray[np.float64] = moved.sections()[0]
+    row: FloatArray = moved.sections()[0]
     if np.any(poles == 0.0):
         row[4:] = _with_integrator(float(row[5]))
     return row

@@ -10,20 +10,18 @@ from collections.abc import Callable
 from operator import mul
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.description import Channel, Display
 from tactuator.signals.discretise import held_state_space
-from tactuator.wordlength.quantised import Rows
 
-Samples = NDArray[np.float64]
 Step = Callable[[float, float], float]
 
 _SETTLE_S, _LISTEN_S = (0.5, 1.0), 0.5
 _TONE_HZ = 37.0
 
 
-def double_step(prefilter: Rows, feedback: Rows | None, most_v: float) -> Step:
+def double_step(prefilter: FloatArray, feedback: FloatArray | None, most_v: float) -> Step:
     """Return a function (reference, position) -> command in double precision, of rows in d, within most_v volts."""
     first = _Double(prefilter)
     second = None if feedback is None else _Double(feedback)
@@ -40,7 +38,7 @@ def double_step(prefilter: Rows, feedback: Rows | None, most_v: float) -> Step:
 class _Double:
     """A cascade in delta form, double precision."""
 
-    def __init__(self, rows: Rows) -> None:
+    def __init__(self, rows: FloatArray) -> None:
         self._rows = [tuple(map(float, row)) for row in rows]
         self._states = [[0.0, 0.0] for _ in rows]
 
@@ -53,7 +51,7 @@ class _Double:
         return value
 
 
-def run_loop(channel: Channel, display: Display, step: Step, reference: Samples) -> Samples:
+def run_loop(channel: Channel, display: Display, step: Step, reference: FloatArray) -> FloatArray:
     """Return y (n,), volts, of the sampled plant with `step` around it; the display's delay and the plant's dead time
     between them.
     """
@@ -74,7 +72,7 @@ def run_loop(channel: Channel, display: Display, step: Step, reference: Samples)
     return np.array(position)
 
 
-def trial_reference(rate_hz: float, level: float) -> tuple[Samples, slice, slice]:
+def roundoff_reference(rate_hz: float, level: float) -> tuple[FloatArray, slice, slice]:
     """Return a tone of `level` upon a constant of `level`, then silence; and the stretches to be examined for round-off
     and for limit cycles.
     """
@@ -85,7 +83,7 @@ def trial_reference(rate_hz: float, level: float) -> tuple[Samples, slice, slice
     return reference, slice(first - listen, first), slice(first + silent - listen, first + silent)
 
 
-def felt_db_sl(error_v: Samples, channel: Channel, rate_hz: float) -> float:
+def felt_db_sl(error_v: FloatArray, channel: Channel, rate_hz: float) -> float:
     """Return the level, as it is felt (dB SL), of a stretch of y's error: its spectrum over the band, each line over
     its threshold; the sinusoid of the same rms. -300 where nothing is left.
     """

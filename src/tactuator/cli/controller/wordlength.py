@@ -20,7 +20,7 @@ from tactuator.wordlength.bits import controller_bits
 from tactuator.wordlength.formats import FORMATS
 from tactuator.wordlength.resampled import at_rate
 
-_DOUBLINGS = 4
+_RATE_DOUBLINGS = 4
 
 
 def register(app: typer.Typer) -> None:
@@ -69,7 +69,7 @@ def _draw(controller: Controller, path: Path) -> dict[str, object]:
     from tactuator.report.plates.controller.resolution import require_ending, resolution_plate, save_resolution
 
     require_ending(path)
-    rates = [controller.rate_hz * 2.0**k for k in range(_DOUBLINGS)]
+    rates = [controller.rate_hz * 2.0**k for k in range(_RATE_DOUBLINGS)]
     bits = controller_bits(controller, [rate for rate in rates if rate <= HIGHEST_RATE_HZ])
     bands = [channel.threshold.band_hz for channel in controller.display.channels]
     band = f"{min(low for low, _ in bands):g}-{max(high for _, high in bands):g} Hz"

@@ -33,7 +33,7 @@ from tactuator.rig.touchable import touch_all
 from tactuator.signals.response import Response
 
 METHODS = ("stepped", "multisine")
-POINTS = 30
+POINT_COUNT = 30
 
 Frequencies = np.ndarray[tuple[int], np.dtype[np.float64]]
 
@@ -90,7 +90,7 @@ def register(app: typer.Typer) -> None:
 
 def _over_the_band(made: Controller) -> Frequencies:
     low, high = made.display.channels[0].threshold.band_hz
-    return np.geomspace(low, high, POINTS)
+    return np.geomspace(low, high, POINT_COUNT)
 
 
 def _stepped(rig: Rig, wanted: Frequencies, level_db_sl: float, asked: dict[str, Any]) -> tuple[Response, ...]:

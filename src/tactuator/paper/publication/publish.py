@@ -10,7 +10,7 @@ from tactuator.paper.publication.summary import summary_text
 from tactuator.paper.run import Study
 
 OWN_NAMES = frozenset({"report.html", "figures", "summary.json"})
-"""What the folder holds then."""
+"""Names of everything that the folder holds afterwards."""
 
 
 def publish(study: Study, folder: Path) -> None:

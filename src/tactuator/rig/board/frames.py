@@ -10,7 +10,7 @@ from enum import IntEnum
 VERSION = 1
 PAYLOAD_MAX = 4096
 ANSWER = 0x80
-_BLOCK = 254
+_COBS_BLOCK_BYTES = 254
 
 
 class Request(IntEnum):
@@ -59,9 +59,9 @@ def cobs_encode(content: bytes) -> bytes:
     """Return the content without zero bytes, and a zero behind it."""
     encoded = bytearray()
     for piece in content.split(b"\0"):
-        while len(piece) >= _BLOCK:
-            encoded += b"\xff" + piece[:_BLOCK]
-            piece = piece[_BLOCK:]
+        while len(piece) >= _COBS_BLOCK_BYTES:
+            encoded += b"\xff" + piece[:_COBS_BLOCK_BYTES]
+            piece = piece[_COBS_BLOCK_BYTES:]
         encoded.append(len(piece) + 1)
         encoded += piece
     return bytes(encoded) + b"\0"
@@ -78,7 +78,7 @@ def cobs_decode(encoded: bytes) -> bytes | None:
             return None
         content += block
         at += code
-        if code != _BLOCK + 1 and at < len(encoded):
+        if code != _COBS_BLOCK_BYTES + 1 and at < len(encoded):
             content.append(0)
     return bytes(content)
 

@@ -21,7 +21,7 @@ from tactuator.runtime.safety_table import Fault, SafetyRefusal
 IMAGE, SAFETY, SIMULATED_DISPLAY = 1, 2, 3
 SILENT, STREAM, STIMULUS = 0, 1, 2
 _ANSWER_S, _TRIES = 2.0, 5
-_CHUNK = 1024
+_CHUNK_BYTES = 1024
 
 
 class Mode(IntEnum):
@@ -159,8 +159,8 @@ class LinkClient:
 
     def upload(self, kind: int, content: bytes) -> None:
         """Bring an image, a table or a simulated display onto the board. BadInput, with the reason, if refused."""
-        for at in range(0, len(content), _CHUNK):
-            self.must(Request.UPLOAD, struct.pack("<BI", kind, at) + content[at : at + _CHUNK])
+        for at in range(0, len(content), _CHUNK_BYTES):
+            self.must(Request.UPLOAD, struct.pack("<BI", kind, at) + content[at : at + _CHUNK_BYTES])
         crc = zlib.crc32(content[:-4])
         outcome, answer = self.ask(Request.COMMIT, struct.pack("<BII", kind, len(content), crc))
         if outcome is Outcome.DONE:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.errors import BadInput, DeviceFault
@@ -30,18 +31,18 @@ from tactuator.rig.board.link import (
 from tactuator.rig.board.stream import BoardStream, Rows
 from tactuator.rig.board.tones import LONGEST_S, BoardTone, read_run, stimulus_payloads
 from tactuator.rig.rig import ClosingRig
-from tactuator.rig.samples import Samples, take_command, take_reference
+from tactuator.rig.samples import take_command, take_reference
 from tactuator.rig.trace import Trace, join_traces
 from tactuator.rig.transport.transport import LinkDown
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import safety_bytes
 from tactuator.runtime.simulation import block_samples
 
-LEAD_S = 0.25
-"""How far a stream is fed ahead of what is played: what a pause or a stop comes later by."""
+STREAM_LEAD_S = 0.25
+"""Time by which a stream is fed ahead of what is played; a pause or a stop comes later by as much."""
 _RECOVERY_S = 0.25
 _SETTLE_TRIES, _PROMPT_TRIES = 2000, 100
-_AHEAD_S = 0.5
+_BLOCK_LEAD_S = 0.5
 _WAITING_LEAD_S = 0.6 * SILENCE_S
 """A board that waits for its stream does so before the link's silence is a fault, however slow the host is."""
 
@@ -62,7 +63,7 @@ class BoardRig(ClosingRig):
         number_format: str = "float32",
         sleep: Callable[[float], None] = time.sleep,
         waits: bool = True,
-        lead_s: float = LEAD_S,
+        lead_s: float = STREAM_LEAD_S,
     ) -> None:
         self._client, self._display, self._format, self._sleep = client, display, number_format, sleep
         status = client.status()
@@ -114,10 +115,10 @@ class BoardRig(ClosingRig):
         a board whose time goes on, and RigFault if the guard ends the run.
         """
         self._require_image()
-        return join_traces(self._traces([self._playable(reference)], False, _AHEAD_S), self.rate_hz, self.channels)
+        return join_traces(self._traces([self._playable(reference)], False, _BLOCK_LEAD_S), self.rate_hz, self.channels)
 
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
-        """Stream blocks as `Rig.stream` does; a block is played LEAD_S after it was asked for.
+        """Stream blocks as `Rig.stream` does; a block is played STREAM_LEAD_S after it was asked for.
 
         Raises as `play` does.
         """
@@ -127,7 +128,7 @@ class BoardRig(ClosingRig):
     def drive(self, command_v: ArrayLike) -> Trace:
         """Drive the motors with a command (n, channels), volts, without controller; the guard watches."""
         rows = self._taken(take_command, command_v, "command")
-        return join_traces(self._traces([rows], True, _AHEAD_S), self.rate_hz, self.channels)
+        return join_traces(self._traces([rows], True, _BLOCK_LEAD_S), self.rate_hz, self.channels)
 
     def play_tones(self, tones: Mapping[str, Sequence[BoardTone]], duration_s: float) -> Trace:
         """Play tones that the board makes itself, by channel, and return their trace: nothing is streamed but the
@@ -322,7 +323,7 @@ class BoardRig(ClosingRig):
     def _playable(self, reference: ArrayLike) -> Rows:
         return self._taken(take_reference, reference, "reference")
 
-    def _taken(self, take: Callable[[Samples], Samples], samples: ArrayLike, name: str) -> Rows:
+    def _taken(self, take: Callable[[FloatArray], FloatArray], samples: ArrayLike, name: str) -> Rows:
         rows = block_samples(samples, len(self.channels), name)
         try:
             return take(rows).astype(np.float32)

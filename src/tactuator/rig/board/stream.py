@@ -11,13 +11,13 @@ from tactuator.errors import BadInput, DeviceFault
 from tactuator.rig.board.link import LinkClient, Mode, RigFault, TraceRows
 from tactuator.rig.finger import Finger, anybody_feels, let_feel, take_forces
 
-_ONCE = 128
+_REQUEST_ROWS = 128
 """Rows in a request to a board whose time goes on: the link should never be long without a word."""
 _FIRST_ROWS = 64
 """Few, so that they are there in time; what follows has the lead of them."""
-_STARTS = 6
+_START_ATTEMPTS = 6
 _READ_ROWS = 100
-_LOOK_S = 0.004
+_STATUS_POLL_S = 0.004
 
 Rows = NDArray[np.float32]
 
@@ -50,7 +50,7 @@ class BoardStream:
         sleep: Callable[[float], None] = lambda seconds: None,
     ) -> None:
         self._client, self._run, self._channels = client, run, channels
-        self._lead, self._lag, self._once = lead, lag, lead // 2 if waits else min(_ONCE, lead)
+        self._lead, self._lag, self._once = lead, lag, lead // 2 if waits else min(_REQUEST_ROWS, lead)
         self._waits, self._fingers, self._sleep = waits, fingers, sleep
         self._rows: Rows = np.zeros((0, channels), dtype=np.float32)
         self._forces: Rows | None = None
@@ -106,10 +106,10 @@ class BoardStream:
         """Send the first rows, for a tick that is far enough ahead or that follows on what is there; return how many
         were taken.
         """
-        for attempt in range(_STARTS):
+        for attempt in range(_START_ATTEMPTS):
             there = self._look()
             while self._tick < there < self._tick + start:
-                self._sleep(_LOOK_S)
+                self._sleep(_STATUS_POLL_S)
                 there = self._look()
             self.first = self._got = self.end = max(there, self._tick + (start << attempt))
             taken = self._ask_to_take(self._rows[:_FIRST_ROWS])
@@ -129,7 +129,7 @@ class BoardStream:
         last = not len(self._rows) and self._tick >= self.end
         worth = 0 if self._waits or last else _READ_ROWS
         if self._tick - self._got < worth:
-            self._sleep(_LOOK_S)
+            self._sleep(_STATUS_POLL_S)
             self._look()
             return None
         felt = anybody_feels(self._fingers)

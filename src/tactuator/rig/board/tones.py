@@ -7,15 +7,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.rig.board.link import LinkClient, Mode, RigFault, TraceRows
 from tactuator.rig.finger import Finger, anybody_feels, let_feel
 from tactuator.rig.samples import REFERENCE_MAX
 
 TONES_MAX = 8
-_LOOK_S = 0.002
+_STATUS_POLL_S = 0.002
 
 
 LONGEST_S = 3600.0
@@ -45,7 +45,7 @@ class BoardTone:
                 f"allowed: from 0 s on, ramps of at most half of it, up to {LONGEST_S:g} s"
             )
 
-    def wave(self, count: int, rate_hz: float) -> NDArray[np.float64]:
+    def wave(self, count: int, rate_hz: float) -> FloatArray:
         """Return the first `count` samples of the tone, threshold units."""
         start, length, ramp = self._ticks(rate_hz)
         at = np.arange(count) - start
@@ -107,7 +107,7 @@ def read_run(
         if status.mode is Mode.FAULT:
             raise RigFault(status.fault, status.fault_channel)
         if status.tick <= got:
-            sleep(_LOOK_S)
+            sleep(_STATUS_POLL_S)
             continue
         part = client.trace(run, got, first + count - got, channels, felt)
         if part.felt_mm is not None:

@@ -18,7 +18,7 @@ from tactuator.rig.transport.socket import SocketLink
 from tactuator.rig.transport.transport import LinkDown
 
 EMULATOR = "qemu-system-arm"
-_OPEN_S = 20.0
+_OPEN_TIMEOUT_S = 20.0
 _PIPE_BYTES = 1 << 16
 
 
@@ -110,14 +110,16 @@ class Emulator:
 
     def _open_to(self) -> int:
         """Return the FIFO to the board, once the board has opened its end."""
-        end = time.monotonic() + _OPEN_S
+        end = time.monotonic() + _OPEN_TIMEOUT_S
         while time.monotonic() < end:
             self._require_alive()
             try:
                 return os.open(self._folder / "to-board", os.O_WRONLY | os.O_NONBLOCK)
             except OSError:
                 time.sleep(0.005)
-        raise LinkDown(f"the emulator does not open its link within {_OPEN_S:g} s; allowed: a board that starts")
+        raise LinkDown(
+            f"the emulator does not open its link within {_OPEN_TIMEOUT_S:g} s; allowed: a board that starts"
+        )
 
 
 class EmulatorUart:
@@ -129,7 +131,7 @@ class EmulatorUart:
         self._folder = tempfile.TemporaryDirectory(prefix="tactuator-")  # no FIFOs in it: the board takes its UART
         self._process: subprocess.Popen[bytes] | None = None
         with socket.create_server(("127.0.0.1", 0)) as listener:
-            listener.settimeout(_OPEN_S)
+            listener.settimeout(_OPEN_TIMEOUT_S)
             serial = f"tcp:127.0.0.1:{listener.getsockname()[1]},nodelay=on"
             try:
                 command = [*emulator_command(board, program, counting, serial), *more]
@@ -140,7 +142,7 @@ class EmulatorUart:
             except BaseException as error:
                 self.close()
                 if isinstance(error, TimeoutError):
-                    raise LinkDown(f"the emulator does not open its link within {_OPEN_S:g} s") from None
+                    raise LinkDown(f"the emulator does not open its link within {_OPEN_TIMEOUT_S:g} s") from None
                 raise
         self.sent = self.received = 0
 

@@ -12,7 +12,7 @@ from tactuator.rig.transport.transport import LinkDown
 
 BAUD = 2_000_000
 """Three channels at 4 kHz need 1.5 million with their trace (docs/porting.md). USB does not care."""
-_LOOK_S = 0.02
+_UART_POLL_S = 0.02
 
 
 class SerialPort:
@@ -28,7 +28,7 @@ class SerialPort:
         if baud and not (baud.isdecimal() and int(baud) > 0):
             raise BadInput(f"port {url!r}: baud rate {baud!r}; allowed: a number, 2000000 say")
         try:
-            self._port: Any = serial.serial_for_url(name, int(baud or BAUD), timeout=_LOOK_S, write_timeout=2.0)
+            self._port: Any = serial.serial_for_url(name, int(baud or BAUD), timeout=_UART_POLL_S, write_timeout=2.0)
         except (serial.SerialException, ValueError, OSError) as error:
             raise BadInput(
                 f"port {name!r} cannot be opened ({error}); allowed: a serial port or socket://host:port"

@@ -9,8 +9,8 @@ from tactuator.errors import BadInput
 from tactuator.rig.transport.transport import LinkDown
 
 SCHEME = "socket://"
-_OPEN_S, _SEND_S = 5.0, 5.0
-_MOST = 1 << 16
+_OPEN_TIMEOUT_S, _SEND_TIMEOUT_S = 5.0, 5.0
+_RECEIVE_BYTES = 1 << 16
 
 
 class SocketLink:
@@ -18,7 +18,7 @@ class SocketLink:
 
     def __init__(self, connected: socket.socket) -> None:
         self._socket = connected
-        self._socket.settimeout(_SEND_S)
+        self._socket.settimeout(_SEND_TIMEOUT_S)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def send(self, content: bytes) -> None:
@@ -34,7 +34,7 @@ class SocketLink:
             readable, _, _ = select.select([self._socket], [], [], timeout_s)
             if not readable:
                 return b""
-            content = self._socket.recv(_MOST)
+            content = self._socket.recv(_RECEIVE_BYTES)
         except (OSError, ValueError) as error:
             raise _down(str(error)) from None
         if not content:
@@ -55,7 +55,7 @@ def connect(url: str) -> SocketLink:
     if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
         raise BadInput(f"port {url!r} cannot be opened; allowed: socket://host:port, with a port from 1 to 65535")
     try:
-        return SocketLink(socket.create_connection((host.strip("[]"), int(port)), _OPEN_S))
+        return SocketLink(socket.create_connection((host.strip("[]"), int(port)), _OPEN_TIMEOUT_S))
     except OSError as error:
         raise BadInput(f"port {url!r} cannot be opened ({error}); allowed: one where a board listens") from None
 

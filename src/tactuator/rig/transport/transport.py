@@ -7,10 +7,10 @@ from typing import Any, Protocol
 from tactuator.errors import DeviceFault
 from tactuator.runtime._core import ffi, lib
 
-_BREATH = 32
-_LONG = 1 << 13
-_ROWS = 4096
-_ANSWERS = 1 << 16
+_SHORT_RUN_PERIODS = 32
+_LONG_RUN_PERIODS = 1 << 13
+_BUFFER_ROWS = 4096
+_ANSWER_BYTES = 1 << 16
 
 
 class LinkDown(DeviceFault):
@@ -44,12 +44,12 @@ class InProcess:
         self.board: Any = ffi.new("tact_board *")
         self.simulated: Any = ffi.new("tact_simulated_board *")
         self.link: Any = ffi.new("tact_link *")
-        self._stream = ffi.new("float[]", _ROWS * channels)
-        self._trace = ffi.new("int32_t[]", _ROWS * channels * 2)
-        self._force = ffi.new("float[]", _ROWS * channels)
-        self._felt = ffi.new("float[]", _ROWS * channels)
-        self._answers = ffi.new("uint8_t[]", _ANSWERS)
-        lib.tact_board_reset(self.board, channels, self._stream, _ROWS, self._trace, _ROWS)
+        self._stream = ffi.new("float[]", _BUFFER_ROWS * channels)
+        self._trace = ffi.new("int32_t[]", _BUFFER_ROWS * channels * 2)
+        self._force = ffi.new("float[]", _BUFFER_ROWS * channels)
+        self._felt = ffi.new("float[]", _BUFFER_ROWS * channels)
+        self._answers = ffi.new("uint8_t[]", _ANSWER_BYTES)
+        lib.tact_board_reset(self.board, channels, self._stream, _BUFFER_ROWS, self._trace, _BUFFER_ROWS)
         lib.tact_simulated_board_reset(self.simulated, self._force, self._felt)
         lib.tact_link_reset(self.link, self.board, name.encode())
         lib.tact_simulated_board_join(self.simulated, self.link)
@@ -59,7 +59,7 @@ class InProcess:
     def send(self, content: bytes) -> None:
         """Hand all bytes to the board, which acts on them at once."""
         self._let_run()
-        size = lib.tact_link_serve(self.link, ffi.from_buffer(content), len(content), self._answers, _ANSWERS)
+        size = lib.tact_link_serve(self.link, ffi.from_buffer(content), len(content), self._answers, _ANSWER_BYTES)
         self._waiting += bytes(ffi.buffer(self._answers, size))
 
     def receive(self, timeout_s: float) -> bytes:
@@ -79,4 +79,4 @@ class InProcess:
         running = self.board.mode == lib.TACT_RUNNING or self.board.ending != lib.TACT_STAYS
         if running and self.simulated.channels and not lib.tact_board_waits(self.board):
             ending = self.board.ending != lib.TACT_STAYS
-            self.run(_LONG if self.board.holds and not ending else _BREATH)
+            self.run(_LONG_RUN_PERIODS if self.board.holds and not ending else _SHORT_RUN_PERIODS)

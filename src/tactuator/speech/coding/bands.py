@@ -8,13 +8,12 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.speech.coding.coding import place
 from tactuator.speech.coding.direct import band_limit_kernel
 from tactuator.speech.coding.filterbank import filter_bank
-from tactuator.speech.reading import Samples
 from tactuator.speech.resampling import resample
 
 
@@ -45,7 +44,7 @@ class BandsCoding:
                 f"bands coding: edges {self.edges_hz} Hz; allowed: ascending, {self.transition_hz:g} Hz apart"
             )
 
-    def signals(self, blocks: Iterable[Samples], rate_in_hz: int, rate_hz: int) -> Iterator[NDArray[np.float64]]:
+    def signals(self, blocks: Iterable[FloatArray], rate_in_hz: int, rate_hz: int) -> Iterator[FloatArray]:
         """Yield mono blocks (n,) at `rate_in_hz` as blocks (m, bands) at `rate_hz`, in the file's own units."""
         high = (self.edges_hz[-1], self.transition_hz)
         low = (self.edges_hz[0], self.low_transition_hz)
@@ -54,6 +53,6 @@ class BandsCoding:
         stop_hz = high[0] + 0.5 * high[1]
         return filter_bank(resample(blocks, rate_in_hz, rate_hz, stop_hz), kernels)
 
-    def placement(self, fingers: tuple[str, ...]) -> NDArray[np.float64]:
+    def placement(self, fingers: tuple[str, ...]) -> FloatArray:
         """Return the gains, shape (bands, fingers)."""
         return place(list(self.fingers), fingers) * (10.0 ** (np.array(self.gains_db) / 20.0))[:, None]

@@ -6,10 +6,9 @@ from collections.abc import Iterator
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.speech.reading import Samples
 
 
 class Coding(Protocol):
@@ -20,16 +19,16 @@ class Coding(Protocol):
         """Return the kind of coding: direct, bands or envelope."""
         ...
 
-    def signals(self, blocks: Iterator[Samples], rate_in_hz: int, rate_hz: int) -> Iterator[NDArray[np.float64]]:
+    def signals(self, blocks: Iterator[FloatArray], rate_in_hz: int, rate_hz: int) -> Iterator[FloatArray]:
         """Yield mono blocks (n,) as blocks (m, signals) at the display's rate."""
         ...
 
-    def placement(self, fingers: tuple[str, ...]) -> NDArray[np.float64]:
+    def placement(self, fingers: tuple[str, ...]) -> FloatArray:
         """Return the gain of each signal on each finger, shape (signals, fingers)."""
         ...
 
 
-def place(wanted: list[tuple[str, ...]], fingers: tuple[str, ...]) -> NDArray[np.float64]:
+def place(wanted: list[tuple[str, ...]], fingers: tuple[str, ...]) -> FloatArray:
     """Return ones and zeros, shape (signals, fingers): signal i goes to the fingers wanted[i]. Raises BadInput for a
     finger that is not there.
     """

@@ -6,18 +6,15 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tactuator.arrays import FloatArray
 from tactuator.speech.coding.coding import place
 from tactuator.speech.coding.filterbank import band_kernel, convolve_kernels, filter_bank
-from tactuator.speech.reading import Samples
 from tactuator.speech.resampling import resample
 
 ALL_FINGERS = ("all",)
 
 
-def band_limit_kernel(low: tuple[float, float], high: tuple[float, float], rate_hz: float) -> Samples:
+def band_limit_kernel(low: tuple[float, float], high: tuple[float, float], rate_hz: float) -> FloatArray:
     """Return a linear-phase band-pass; low and high are (edge, transition) in hertz, -6 dB at the edges, 80 dB beyond.
 
     A low edge of 0 leaves DC in.
@@ -45,13 +42,13 @@ class DirectCoding:
     high_transition_hz: float = 20.0
     fingers: tuple[str, ...] = ALL_FINGERS
 
-    def signals(self, blocks: Iterable[Samples], rate_in_hz: int, rate_hz: int) -> Iterator[NDArray[np.float64]]:
+    def signals(self, blocks: Iterable[FloatArray], rate_in_hz: int, rate_hz: int) -> Iterator[FloatArray]:
         """Yield mono blocks (n,) at `rate_in_hz` as blocks (m, 1) at `rate_hz`, in the file's own units."""
         stop_hz = self.high_hz + 0.5 * self.high_transition_hz
         low, high = (self.low_hz, self.low_transition_hz), (self.high_hz, self.high_transition_hz)
         kernel = band_limit_kernel(low, high, rate_hz)
         return filter_bank(resample(blocks, rate_in_hz, rate_hz, stop_hz), [kernel])
 
-    def placement(self, fingers: tuple[str, ...]) -> NDArray[np.float64]:
+    def placement(self, fingers: tuple[str, ...]) -> FloatArray:
         """Return the gain of the one signal on each finger, shape (1, fingers)."""
         return place([self.fingers], fingers)

@@ -12,15 +12,14 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.speech.coding.coding import place
 from tactuator.speech.coding.direct import band_limit_kernel
 from tactuator.speech.coding.envelope_bands import EnvelopeBand, Voicing
 from tactuator.speech.coding.filterbank import filter_columns
 from tactuator.speech.coding.modulation import modulated
-from tactuator.speech.reading import Samples
 from tactuator.speech.resampling import resample
 
 
@@ -38,14 +37,14 @@ class EnvelopeCoding:
         if not self.bands:
             raise BadInput("envelope coding: no bands; allowed: one or more")
 
-    def placement(self, fingers: tuple[str, ...]) -> NDArray[np.float64]:
+    def placement(self, fingers: tuple[str, ...]) -> FloatArray:
         """Return ones and zeros, shape (signals, fingers): bands with the same fingers are one signal."""
         return place(list(self._groups()), fingers)
 
     def _groups(self) -> tuple[tuple[str, ...], ...]:
         return tuple(dict.fromkeys(band.fingers for band in self.bands))
 
-    def signals(self, blocks: Iterable[Samples], rate_in_hz: int, rate_hz: int) -> Iterator[NDArray[np.float64]]:
+    def signals(self, blocks: Iterable[FloatArray], rate_in_hz: int, rate_hz: int) -> Iterator[FloatArray]:
         """Yield mono blocks (n,) at `rate_in_hz` as blocks (m, signals) at `rate_hz`."""
         step = int(np.ceil(self.analysis_hz / rate_hz))
         rate = step * rate_hz

@@ -10,17 +10,16 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft, signal
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
-from tactuator.speech.reading import Samples
 
 ATTENUATION_DB = 84.0
 """Asked of Kaiser's formula, which is an estimate, so that a stop band is 80 dB down; ripple is then 0.001 dB."""
 
 
-def band_kernel(low_hz: float, high_hz: float, transition_hz: float, rate_hz: float) -> Samples:
+def band_kernel(low_hz: float, high_hz: float, transition_hz: float, rate_hz: float) -> FloatArray:
     """Return a linear-phase Kaiser band-pass of odd length, -6 dB at `low_hz` and `high_hz`; a low-pass where low_hz is
     0.
 
@@ -40,31 +39,31 @@ def band_kernel(low_hz: float, high_hz: float, transition_hz: float, rate_hz: fl
     return np.asarray(kernel)
 
 
-def convolve_kernels(first: Samples, second: Samples) -> Samples:
+def convolve_kernels(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return two odd linear-phase kernels in series."""
     return np.asarray(signal.fftconvolve(first, second))
 
 
-def filter_bank(blocks: Iterable[Samples], kernels: Sequence[Samples]) -> Iterator[NDArray[np.float64]]:
+def filter_bank(blocks: Iterable[FloatArray], kernels: Sequence[FloatArray]) -> Iterator[FloatArray]:
     """Filter blocks of shape (n,) through every kernel (odd, symmetric); yield blocks of shape (m, kernels), as long in
     all.
     """
     half, size = _frame_of(kernels)
     spectra = [_spectrum(kernel, half, size) for kernel in kernels]
 
-    def filtered(frame: Samples) -> NDArray[np.float64]:
+    def filtered(frame: FloatArray) -> FloatArray:
         spectrum = fft.rfft(frame)
         return np.stack([fft.irfft(spectrum * kernel, size)[2 * half :] for kernel in spectra], axis=1)
 
     return _overlapped(blocks, half, size, filtered, np.zeros(2 * half))
 
 
-def filter_columns(blocks: Iterable[NDArray[np.float64]], kernel: Samples) -> Iterator[NDArray[np.float64]]:
+def filter_columns(blocks: Iterable[FloatArray], kernel: FloatArray) -> Iterator[FloatArray]:
     """Filter blocks of shape (n, columns), every column through the same kernel; yield blocks as long in all."""
     half, size = _frame_of([kernel])
     spectrum = _spectrum(kernel, half, size)
 
-    def filtered(frame: NDArray[np.float64]) -> NDArray[np.float64]:
+    def filtered(frame: FloatArray) -> FloatArray:
         columns = np.ascontiguousarray(frame.T)
         return np.asarray(fft.irfft(fft.rfft(columns) * spectrum, size)[:, 2 * half :].T)
 
@@ -75,19 +74,19 @@ def filter_columns(blocks: Iterable[NDArray[np.float64]], kernel: Samples) -> It
         yield from _overlapped(chain([first], stream), half, size, filtered, start)
 
 
-def _frame_of(kernels: Sequence[Samples]) -> tuple[int, int]:
+def _frame_of(kernels: Sequence[FloatArray]) -> tuple[int, int]:
     """Return half the longest kernel, and the length of a frame."""
     half = max(len(kernel) for kernel in kernels) // 2
     return half, int(fft.next_fast_len(max(8 * half, 1 << 13), real=True))
 
 
 def _overlapped(
-    blocks: Iterable[NDArray[np.float64]],
+    blocks: Iterable[FloatArray],
     half: int,
     size: int,
-    filtered: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    history: NDArray[np.float64],
-) -> Iterator[NDArray[np.float64]]:
+    filtered: Callable[[FloatArray], FloatArray],
+    history: FloatArray,
+) -> Iterator[FloatArray]:
     hop = size - 2 * half
     waiting = half  # samples of the filters' delay not yet dropped
     for block in blocks:
@@ -103,7 +102,7 @@ def _overlapped(
         history, remaining, waiting = history[hop:], remaining - len(frame), 0
 
 
-def _spectrum(kernel: Samples, half: int, size: int) -> NDArray[np.complex128]:
+def _spectrum(kernel: FloatArray, half: int, size: int) -> ComplexArray:
     offset = half - len(kernel) // 2  # a shorter kernel is centred on the longest
     padded = np.zeros(size)
     padded[offset : offset + len(kernel)] = kernel

@@ -8,21 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from tactuator.arrays import FloatArray
 from tactuator.speech.coding.envelope_bands import EnvelopeBand, Voicing
-from tactuator.speech.reading import Samples
 
 LOWEST_VOICE_HZ = 60.0
-NOTHING = 1e-12
+POWER_FLOOR = 1e-12
 
 
 def modulated(
-    speech: Iterable[Samples],
+    speech: Iterable[FloatArray],
     bands: tuple[EnvelopeBand, ...],
     groups: tuple[tuple[str, ...], ...],
     voicing: Voicing,
     rate_hz: int,
     step: int,
-) -> Iterator[NDArray[np.float64]]:
+) -> Iterator[FloatArray]:
     """Yield speech (n,) at rate_hz as blocks (n / step, groups) at rate_hz / step: each group the sum of its bands."""
     meter = _VoicingMeter(voicing, rate_hz, step) if any(band.gate != "always" for band in bands) else None
     modulators = [(_Modulator(band, rate_hz, step), groups.index(band.fingers)) for band in bands]
@@ -34,7 +34,7 @@ def modulated(
         yield output
 
 
-def _in_steps(blocks: Iterable[Samples], step: int) -> Iterator[Samples]:
+def _in_steps(blocks: Iterable[FloatArray], step: int) -> Iterator[FloatArray]:
     """Yield the signal in blocks whose lengths are multiples of `step`; the last is filled up with zeros."""
     rest = np.zeros(0)
     for block in blocks:
@@ -47,7 +47,7 @@ def _in_steps(blocks: Iterable[Samples], step: int) -> Iterator[Samples]:
         yield np.concatenate((rest, np.zeros(step - rest.size)))
 
 
-def _means(samples: Samples, step: int) -> Samples:
+def _means(samples: FloatArray, step: int) -> FloatArray:
     """Return the mean of every `step` samples: the rectified signal at the display's rate."""
     return np.asarray(samples.reshape(-1, step) @ np.full(step, 1.0 / step))
 
@@ -66,7 +66,7 @@ class _Filter:
             self._sections = signal.butter(order, [low, high_hz], "bandpass", fs=rate_hz, output="sos")
         self._state = np.zeros((len(self._sections), 2))
 
-    def push(self, block: Samples) -> Samples:
+    def push(self, block: FloatArray) -> FloatArray:
         output, self._state = signal.sosfilt(self._sections, block, zi=self._state)
         return np.asarray(output)
 
@@ -81,7 +81,7 @@ class _Modulator:
         self._gain = 10.0 ** (band.gain_db / 20.0)
         self._carrier = _Carrier(band.carrier_hz, self._rate)
 
-    def push(self, block: Samples, degree: Samples) -> Samples:
+    def push(self, block: FloatArray, degree: FloatArray) -> FloatArray:
         signal_in = self._filter.push(block)
         if self._band.rectifier == "full":
             rectified = np.abs(signal_in, out=signal_in)
@@ -102,10 +102,10 @@ class _Carrier:
         self._second = self._sine(np.arange(int(rate_hz))) if whole else None
         self._at = 0
 
-    def _sine(self, index: NDArray[np.int64]) -> Samples:
+    def _sine(self, index: NDArray[np.int64]) -> FloatArray:
         return np.asarray(np.sin(2.0 * np.pi * np.mod(index * self._per_sample, 1.0)))
 
-    def next(self, count: int) -> Samples:
+    def next(self, count: int) -> FloatArray:
         """Return the samples that come next."""
         start, self._at = self._at, self._at + count
         if self._second is None:
@@ -125,9 +125,9 @@ class _VoicingMeter:
         )
         self._smooth = tuple(_Filter(2, 0.0, voicing.smooth_hz, rate_hz / step) for _ in self._bands)
 
-    def degree(self, block: Samples) -> Samples:
+    def degree(self, block: FloatArray) -> FloatArray:
         low, high = (
             smooth.push(_means(np.abs(band.push(block)), self._step)) ** 2
             for band, smooth in zip(self._bands, self._smooth, strict=True)
         )
-        return np.asarray(low / (low + self._ratio**2 * high + NOTHING))
+        return np.asarray(low / (low + self._ratio**2 * high + POWER_FLOOR))

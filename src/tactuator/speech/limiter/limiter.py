@@ -17,11 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, ndimage
 
+from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
-from tactuator.speech.limiter.limits import COARSE, QUIET_ABOVE_HZ, ChannelLimits, between_samples, channel_limits
+from tactuator.speech.limiter.limits import (
+    COARSE_STRIDE,
+    QUIET_ABOVE_HZ,
+    ChannelLimits,
+    between_samples,
+    channel_limits,
+)
 from tactuator.speech.limiter.reduction import reduction_envelope
-
-Samples = NDArray[np.float64]
 
 STRETCH_S, AHEAD_S, MEMORY_S = 12.0, 2.0, 4.0  # together a multiple of 3 samples at any whole rate
 EDGE_S = 0.25
@@ -29,7 +34,7 @@ EDGE_S = 0.25
 FIRST_REACH_S = 0.0025
 OVERSHOOT_DB = 0.02
 MOST_ROUNDS = 60
-CLEARLY = 0.999
+BEYOND_SHARE = 0.999
 """Predictions in float32 stay this far from a limit, so that their rounding does not count."""
 
 
@@ -48,8 +53,8 @@ class FingerLimiting:
 class _Finger:
     limits: ChannelLimits
     report: FingerLimiting
-    history: Samples
-    carried_db: Samples
+    history: FloatArray
+    carried_db: FloatArray
     start_db: float | None = None
     quiet_for: int = 1 << 60  # samples since the last reduction
 
@@ -68,14 +73,14 @@ class Limiter:
         ]
         self._between = between_samples(self._rate)
         self._quiet_bin = int(QUIET_ABOVE_HZ * self._size / self._rate) + 1
-        self._last: tuple[Samples, NDArray[np.complex64], float] | None = None
+        self._last: tuple[FloatArray, NDArray[np.complex64], float] | None = None
 
     @property
     def report(self) -> tuple[FingerLimiting, ...]:
         """Return the limiting so far, finger by finger."""
         return tuple(finger.report for finger in self._fingers)
 
-    def process(self, blocks: Iterable[NDArray[np.float64]]) -> Iterator[NDArray[np.float64]]:
+    def process(self, blocks: Iterable[FloatArray]) -> Iterator[FloatArray]:
         """Yield the blocks (n, channels), limited; as many samples in all."""
         kept = np.zeros((0, len(self._fingers)))
         for block in blocks:
@@ -90,7 +95,7 @@ class Limiter:
             yield self._limit(window, min(self._stretch, len(kept)), last=last)
             kept = kept[self._stretch :]
 
-    def _limit(self, window: NDArray[np.float64], commit: int, last: bool) -> NDArray[np.float64]:
+    def _limit(self, window: FloatArray, commit: int, last: bool) -> FloatArray:
         output = np.empty((commit, window.shape[1]))
         for column, finger in enumerate(self._fingers):
             reference = np.ascontiguousarray(window[:, column])
@@ -102,7 +107,7 @@ class Limiter:
             self._commit(finger, reduction, limited, commit)
         return output
 
-    def _is_harmless(self, finger: _Finger, reference: Samples) -> bool:
+    def _is_harmless(self, finger: _Finger, reference: FloatArray) -> bool:
         if finger.start_db or finger.carried_db.any() or finger.quiet_for < len(finger.history):
             return False
         signal, limits = np.concatenate((finger.history, reference)), finger.limits
@@ -112,17 +117,17 @@ class Limiter:
         if peak > limits.peak:
             return False
         whole, rest = self._spectrum(signal)
-        spectrum = whole[: self._size // COARSE // 2 + 1]
-        coarse = fft.irfft(spectrum * limits.coarse, self._size // COARSE)  # float32 is plenty here
-        greatest = np.maximum(coarse.max(axis=1), -coarse.min(axis=1)) / COARSE
+        spectrum = whole[: self._size // COARSE_STRIDE // 2 + 1]
+        coarse = fft.irfft(spectrum * limits.coarse, self._size // COARSE_STRIDE)  # float32 is plenty here
+        greatest = np.maximum(coarse.max(axis=1), -coarse.min(axis=1)) / COARSE_STRIDE
         doubtful = self._between * greatest + rest * limits.beyond > limits.limit
         for constraint in compress(limits.constraints, doubtful):
             fine = fft.irfft(whole * constraint.response.astype(np.complex64), self._size)[len(finger.history) :]
-            if max(float(fine.max()), -float(fine.min())) > CLEARLY * constraint.limit:
+            if max(float(fine.max()), -float(fine.min())) > BEYOND_SHARE * constraint.limit:
                 return False
         return True
 
-    def _spectrum(self, signal: Samples) -> tuple[NDArray[np.complex64], float]:
+    def _spectrum(self, signal: FloatArray) -> tuple[NDArray[np.complex64], float]:
         """Return the spectrum, and the sum of the amplitudes above 320 Hz; fingers often have one signal."""
         if self._last is None or not np.array_equal(signal, self._last[0]):
             spectrum = fft.rfft(signal.astype(np.float32), self._size)
@@ -130,7 +135,7 @@ class Limiter:
             self._last = signal, spectrum, rest
         return self._last[1:]
 
-    def _reduce(self, finger: _Finger, reference: Samples, last: bool) -> tuple[Samples, Samples]:
+    def _reduce(self, finger: _Finger, reference: FloatArray, last: bool) -> tuple[FloatArray, FloatArray]:
         need = np.zeros(len(reference))
         need[: len(finger.carried_db)] = finger.carried_db
         fade = np.ones(len(reference))
@@ -153,7 +158,7 @@ class Limiter:
             reach *= 1.4
         raise AssertionError(f"limiter: no reduction found for {finger.limits.finger} in {MOST_ROUNDS} rounds")
 
-    def _excess(self, finger: _Finger, limited: Samples, fade: Samples) -> tuple[Samples, dict[str, float]]:
+    def _excess(self, finger: _Finger, limited: FloatArray, fade: FloatArray) -> tuple[FloatArray, dict[str, float]]:
         """Return the greatest share of any limit, sample by sample, and seconds within 0.5 dB of each kind of limit."""
         memory = len(finger.history)
         spectrum = fft.rfft(np.concatenate((finger.history, limited * fade)), self._size)
@@ -173,7 +178,7 @@ class Limiter:
         for kind, seconds in reasons.items():
             finger.report.reasons[kind] += seconds
 
-    def _commit(self, finger: _Finger, reduction: Samples, limited: Samples, commit: int) -> None:
+    def _commit(self, finger: _Finger, reduction: FloatArray, limited: FloatArray, commit: int) -> None:
         report, memory = finger.report, len(finger.history)
         finger.history = np.concatenate((finger.history, limited[:commit]))[-memory:]
         if not reduction.any():

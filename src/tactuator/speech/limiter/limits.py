@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.display.controller import Controller
 from tactuator.measure.prediction import ChannelPrediction
 from tactuator.perception.levels import COMFORT_DB_SL
@@ -26,10 +27,10 @@ SAFETY_DB = 0.25
 QUIET_ABOVE_HZ = 320.0
 """Every coding is silent above; see the codings."""
 
-NEVER = 0.8
+BINDING_SHARE = 0.8
 """A limit that the greatest allowed reference reaches to no more than this share is not looked at again."""
 
-COARSE = 3
+COARSE_STRIDE = 3
 """Predictions of quiet stretches are looked at on every third sample only."""
 
 
@@ -44,7 +45,7 @@ class Constraint:
     """
 
     kind: str
-    response: NDArray[np.complex128]
+    response: ComplexArray
     limit: float
     norm: float
     coarse: NDArray[np.complex64]
@@ -77,12 +78,12 @@ class ChannelLimits:
         return np.stack([constraint.coarse for constraint in self.constraints])
 
     @cached_property
-    def beyond(self) -> NDArray[np.float64]:
+    def beyond(self) -> FloatArray:
         """Return every constraint's greatest response above 320 Hz, shape (constraints,)."""
         return np.array([constraint.beyond for constraint in self.constraints])
 
     @cached_property
-    def limit(self) -> NDArray[np.float64]:
+    def limit(self) -> FloatArray:
         """Return every constraint's limit, shape (constraints,)."""
         return np.array([constraint.limit for constraint in self.constraints])
 
@@ -92,7 +93,7 @@ def between_samples(rate_hz: float) -> float:
 
     Source: Ehlich & Zeller 1964, Math. Z. 86, 41-44.
     """
-    return float(1.0 / np.cos(np.pi * QUIET_ABOVE_HZ * COARSE / rate_hz))
+    return float(1.0 / np.cos(np.pi * QUIET_ABOVE_HZ * COARSE_STRIDE / rate_hz))
 
 
 @lru_cache(maxsize=16)
@@ -115,14 +116,14 @@ def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimit
             ("command", prediction.command(frequency), command_v),
         ):
             norm = _norm(response, frequency, size)
-            coarse = np.where(heard, response, 0.0)[: size // COARSE // 2 + 1].astype(np.complex64)
+            coarse = np.where(heard, response, 0.0)[: size // COARSE_STRIDE // 2 + 1].astype(np.complex64)
             constraints.append(Constraint(kind, response, limit, norm, coarse, float(np.abs(response[~heard]).max())))
     peak = 0.25 * np.pi * comfort / gain
-    binding = [one for one in constraints if NEVER * one.ceiling < peak]
+    binding = [one for one in constraints if BINDING_SHARE * one.ceiling < peak]
     return ChannelLimits(name, peak, tuple(binding))
 
 
-def _norm(response: NDArray[np.complex128], frequency: NDArray[np.float64], size: int) -> float:
+def _norm(response: ComplexArray, frequency: FloatArray, size: int) -> float:
     """Return the sum of absolute values of the impulse response after a low-pass that is 1 up to 320 Hz: a quiet
     reference cannot tell the difference.
     """

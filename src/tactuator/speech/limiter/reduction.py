@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Samples = NDArray[np.float64]
+from tactuator.arrays import FloatArray
 
 ATTACK_DB_PER_MS = 0.25
 RELEASE_DB_PER_MS = 0.05
 """Slopes at which a reduction comes and goes; both are well below the 0.5 dB/ms beyond which a gain is felt to jump."""
 
 
-def reduction_envelope(need_db: Samples, start_db: float | None, rate_hz: float) -> Samples:
+def reduction_envelope(need_db: FloatArray, start_db: float | None, rate_hz: float) -> FloatArray:
     """Return the lower envelope of straight flanks: max over s of need(s) less the slope times the distance to s.
 
     need_db: shape (n,), zero or more. start_db: the reduction one sample earlier, None where

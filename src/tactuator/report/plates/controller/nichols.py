@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MultipleLocator
-from numpy.typing import NDArray
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.loop.feedback import FeedbackLoop
 from tactuator.loop.margins import Margins, margins
 from tactuator.loop.stability import System
@@ -18,8 +18,6 @@ from tactuator.report.labels import LabelPlacer
 from tactuator.report.plate import Plate
 from tactuator.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, figure
 from tactuator.signals.decibels import db
-
-Array = NDArray[np.float64]
 
 _GAIN_LEVELS_DB = (-40.0, -30.0, -20.0, -12.0, -6.0, -3.0, -1.0, 0.0, 1.0, 3.0, 6.0)
 _PHASE_LEVELS_DEG = (-5.0, -15.0, -30.0, -60.0, -90.0, -120.0, -150.0, -210.0, -240.0, -270.0, -300.0, -330.0, -345.0)
@@ -87,20 +85,20 @@ def nichols_plate(shown: NicholsInput, name: str = "nichols", title: str = "Nich
 class _Track:
     """A response as a curve of the chart; its phase is continuous and starts between -270 and 90 degrees."""
 
-    frequency_hz: Array
-    response: NDArray[np.complex128]
+    frequency_hz: FloatArray
+    response: ComplexArray
 
     @property
-    def phase_deg(self) -> Array:
+    def phase_deg(self) -> FloatArray:
         phase = np.degrees(np.unwrap(np.angle(self.response)))
         return np.asarray(phase - 360.0 * np.ceil((phase[0] - 90.0) / 360.0))
 
     @property
-    def level_db(self) -> Array:
+    def level_db(self) -> FloatArray:
         return db(self.response)
 
     @property
-    def line(self) -> Array:
+    def line(self) -> FloatArray:
         return np.vstack([self.phase_deg, self.level_db])
 
     def at(self, frequency_hz: float) -> tuple[float, float]:
@@ -108,7 +106,7 @@ class _Track:
         return tuple(float(np.interp(np.log(frequency_hz), logs, v)) for v in self.line)  # type: ignore[return-value]
 
 
-def _other_tracks(shown: NicholsInput, frequency: Array) -> list[tuple[_Track, dict[str, Any]]]:
+def _other_tracks(shown: NicholsInput, frequency: FloatArray) -> list[tuple[_Track, dict[str, Any]]]:
     found: list[tuple[_Track, dict[str, Any]]] = []
     for loop in shown.family:
         style = {"color": PURPLE, "linewidth": 0.8, "alpha": 0.7, "zorder": 2}
@@ -141,7 +139,7 @@ def _frame(axes: Axes, tracks: Sequence[_Track]) -> None:
     axes.set_ylabel("open-loop gain (dB)", fontsize=9)
 
 
-def _mesh(axes: Axes) -> tuple[Array, Array, NDArray[np.complex128]]:
+def _mesh(axes: Axes) -> tuple[FloatArray, FloatArray, ComplexArray]:
     """Return the phase (deg), gain (dB) and T on a fine mesh over the axes."""
     phase, level = np.meshgrid(np.linspace(*axes.get_xlim(), 700), np.linspace(*axes.get_ylim(), 500))
     loop = 10.0 ** (level / 20.0) * np.exp(1j * np.radians(phase))
@@ -177,7 +175,7 @@ def _touched_contours(axes: Axes, found: Margins) -> None:
     )
 
 
-def _templates(axes: Axes, shown: NicholsInput, run: _Track) -> list[Array]:
+def _templates(axes: Axes, shown: NicholsInput, run: _Track) -> list[FloatArray]:
     """Draw lines at each marked frequency that join the family's points to the nominal one; return their points."""
     lines = []
     for mark in (f for f in _MARKS_HZ if run.frequency_hz[0] <= f <= run.frequency_hz[-1]):

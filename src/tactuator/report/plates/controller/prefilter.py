@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.report.plate import Plate
 from tactuator.report.style import CYCLE, FAINT, INK, figure, frequency_axis, legend
 
-Errors = Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+Errors = Mapping[str, tuple[FloatArray, FloatArray]]
 """By name: frequency_hz (n,) and the error of |H| there, dB (n,)."""
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.report.plate import Plate
 from tactuator.report.style import BLUE, INK, RED, figure, frequency_axis, legend
 from tactuator.signals.decibels import db
@@ -12,8 +12,8 @@ from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
 
 def motor_plate(
-    frequency_hz: NDArray[np.float64],
-    measured: NDArray[np.complex128],
+    frequency_hz: FloatArray,
+    measured: ComplexArray,
     continuous: ContinuousSystem,
     sampled: SampledSystem,
     channel: str,

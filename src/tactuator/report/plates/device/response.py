@@ -10,11 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.report.plate import Plate
 from tactuator.report.style import BLUE, INK, ORANGE, RED, dress, figure, frequency_axis
 from tactuator.signals.decibels import db
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,14 +22,14 @@ class LevelResponse:
 
     channel: str
     level_db_sl: float
-    frequency_hz: Array
-    expected_v: Array
-    measured_v: Array
-    ci_db: Array
+    frequency_hz: FloatArray
+    expected_v: FloatArray
+    measured_v: FloatArray
+    ci_db: FloatArray
     saturated: NDArray[np.bool_]
 
     @property
-    def error_db(self) -> Array:
+    def error_db(self) -> FloatArray:
         """Return the measured less the expected level, dB."""
         return db(self.measured_v) - db(self.expected_v)
 

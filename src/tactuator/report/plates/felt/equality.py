@@ -5,21 +5,19 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator
-from numpy.typing import NDArray
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.display.description import Channel
 from tactuator.display.load import DERIVATIVES
 from tactuator.report.plate import Plate
 from tactuator.report.style import BLUE, GREEN, INK, RED, figure, frequency_axis
 from tactuator.signals.decibels import db
 
-Array = NDArray[np.float64]
-
 
 def equality_plate(
     channel: Channel,
-    frequency_hz: Array,
-    position_response: NDArray[np.complex128],
+    frequency_hz: FloatArray,
+    position_response: ComplexArray,
     level_db_sl: float = 30.0,
     name: str = "equality",
     title: str = "Response + sensitivity = constant",
@@ -49,7 +47,9 @@ def equality_plate(
     return Plate(name, title, caption, made, table)
 
 
-def _three_panels(frequency_hz: Array, displacement: Array, sensitivity: Array, level_db_sl: float) -> Figure:
+def _three_panels(
+    frequency_hz: FloatArray, displacement: FloatArray, sensitivity: FloatArray, level_db_sl: float
+) -> Figure:
     """Draw displacement, sensitivity and their sum side by side, the first two on axes of one span."""
     felt = displacement + sensitivity
     made, axes = figure(1, 3, height_in=2.8)
@@ -81,5 +81,5 @@ def _decades(low: float, high: float) -> FixedLocator:
     return FixedLocator([tick for tick in (0.1, 1.0, 10.0, 100.0, 1000.0) if low <= tick <= high])
 
 
-def _common_span(first: Array, second: Array) -> float:
+def _common_span(first: FloatArray, second: FloatArray) -> float:
     return 0.5 * max(float(np.ptp(first)), float(np.ptp(second))) + 6.0

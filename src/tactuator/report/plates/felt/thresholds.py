@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.report.plate import Plate
 from tactuator.report.style import BLUE, CYCLE, INK, figure, frequency_axis, legend
-
-Array = NDArray[np.float64]
 
 _MARKERS = "os^Dv<>"
 
@@ -22,9 +20,9 @@ class PersonThresholds:
     """One person's thresholds: level (dB re 1 um peak) and standard error at frequency_hz, all of shape (n,)."""
 
     name: str
-    frequency_hz: Array
-    level_db_re_1um: Array
-    standard_error_db: Array
+    frequency_hz: FloatArray
+    level_db_re_1um: FloatArray
+    standard_error_db: FloatArray
 
 
 def thresholds_plate(
