@@ -16,8 +16,8 @@
 
 #define TACT_TINY 1e-30f
 
-/* Whether this thread's arithmetic keeps subnormal numbers. A foreign library may have switched them off; the bits then
- * differ from other processors'. */
+/* Returns 1 if this thread's arithmetic keeps subnormal numbers. A foreign library may have switched them off; the bits
+ * then differ from other processors'. */
 int tact_finite_is_ieee(void);
 
 /* x within +/- limit; NaN and anything closer to zero than TACT_TINY become +0. */

@@ -53,7 +53,7 @@ inline float tact_section_step(const tact_section *section, tact_section_state *
     return y;
 }
 
-/* What one sample would have left otherwise, had its input been greater by x: into the states. Gives the same of y. */
+/* Changes the states as one sample with an input greater by x would have; returns the change of y. */
 inline float tact_section_shift(const tact_section *section, tact_section_state *state, float x)
 {
     const float y = section->b0 * x;

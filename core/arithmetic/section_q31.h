@@ -72,7 +72,7 @@ inline int32_t tact_section_q31_step(const tact_section_q31 *section, tact_secti
     return y;
 }
 
-/* What one sample would have left otherwise, had its input been greater by x, as tact_section_shift(). */
+/* Changes the states as one sample with an input greater by x would have, as tact_section_shift() does. */
 inline int32_t tact_section_q31_shift(const tact_section_q31 *section, tact_section_q31_state *state, int32_t x)
 {
     tact_section_q31_state change = {0, 0};

@@ -56,7 +56,7 @@ typedef struct {
 /* All states zero. */
 void tact_controller_reset(tact_controller_state *state);
 
-/* Whether the counts and limits of a table can be run; 0 if not. */
+/* Returns 1 if the counts and limits of a table can be run, 0 if not. */
 int tact_controller_is_valid(const tact_controller *table);
 
 /* The limits alone; a NaN stays one. */
@@ -66,7 +66,7 @@ inline float tact_controller_clamp(float wanted, float lowest, float highest)
     return cut < lowest ? lowest : cut;
 }
 
-/* Whether the arithmetic that gave `wanted` is whole. */
+/* Returns 1 if `wanted` is finite and below the size at which the controller latches broken, 0 if not. */
 inline int tact_controller_is_sound(float wanted)
 {
     return (wanted < TACT_COMMAND_MAX) & (wanted > -TACT_COMMAND_MAX);
@@ -83,7 +83,7 @@ inline float tact_controller_change(float conditioning, float reference_max, flo
 /* Anti-windup, where the sections' answer to `reference` was cut by `excess` volts (command less answer). */
 void tact_controller_unwind(const tact_controller *table, tact_controller_state *state, float reference, float excess);
 
-/* What the limits and the anti-windup make of the sections' answer to `reference`. */
+/* Applies the limits and the anti-windup to the sections' answer to `reference`. */
 inline float tact_controller_limit(const tact_controller *table, tact_controller_state *state, float reference,
                                    float wanted)
 {

@@ -1,4 +1,4 @@
-/* The simulated display, one channel: what a processor's converters are wired to. Double.
+/* The simulated display, one channel: the device behind a processor's converters. Double.
  *
  *             force_v ---------+            friction F <--- dx
  *                              v            |

@@ -1,6 +1,6 @@
 #include "host/states.h"
 
-/* What decays below this is at rest: subnormal numbers are a hundred times slower. */
+/* States below this are set to rest: subnormal numbers are a hundred times slower. */
 #define TINY 1e-200
 
 /* Small sizes with the size known to the compiler are several times faster. */

@@ -27,7 +27,7 @@ enum {
     TACT_LANES_AVX512 = 4
 };
 
-/* What one loop did, added up sample by sample. */
+/* Sums over the samples of one loop. */
 typedef struct {
     double displacement_sum, displacement_squares, displacement_peak_mm;
     double command_squares, command_peak_v;
@@ -40,7 +40,7 @@ typedef struct {
     const double *sine, *cosine;
 } tact_probe;
 
-/* Whether a kernel runs on this processor. */
+/* Returns 1 if a kernel runs on this processor, 0 if not. */
 int tact_lanes_available(int kernel);
 
 /* samples through count loops. reference: (samples, reference_columns), reference_columns 1 (every loop gets the same)

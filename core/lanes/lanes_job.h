@@ -1,4 +1,4 @@
-/* What lanes.c hands to a kernel: one batch of TACT_LANES loops, and where its arrays lie.
+/* Job of a kernel: one batch of TACT_LANES loops and the places of its arrays, as lanes.c hands it over.
  *
  * Example use:
  *   const tact_lanes_job job = {...};

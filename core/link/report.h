@@ -1,4 +1,4 @@
-/* What a board says of itself over the link: its status, and rows of its trace.
+/* Reports of a board over the link: its status, and rows of its trace.
  *
  *     STATUS: name (16) | channels, mode, fault, fault's channel (255: none), at rest, allows hold, image's format,
  *     delay | rate_hz f32 | checksums of safety table, image, simulated display | capacities of stream and trace | run,
