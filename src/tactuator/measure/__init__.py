@@ -1,1 +1,1 @@
-"""What a display does, measured on any rig: responses, disturbances, noise, and what is felt of a reference."""
+"""Measurements of a display on any rig: responses, disturbances, noise, and the felt level of a reference."""

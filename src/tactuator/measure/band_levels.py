@@ -54,35 +54,37 @@ class BandAnalysis:
 
     @property
     def long_bands(self) -> tuple[Band, ...]:
-        """Those looked at over 500 ms."""
+        """Return the bands that are examined over 500 ms."""
         return tuple(band for band in self.bands if band.centre_hz <= LONG_UP_TO_HZ * 1.02)
 
     @property
     def short_bands(self) -> tuple[Band, ...]:
-        """Those looked at over 100 ms."""
+        """Return the bands that are examined over 100 ms."""
         return self.bands[len(self.long_bands) :]
 
     @property
     def chunk(self) -> int:
-        """Samples of a whole chunk, margins included."""
+        """Return the number of samples of a whole chunk, margins included."""
         return round((CHUNK_S + 2.0 * MARGIN_S) * self.rate_hz)
 
     @property
     def hop(self) -> int:
-        """Samples from one chunk to the next: what a chunk's frames cover."""
+        """Return the number of samples from one chunk to the next: what a chunk's frames cover."""
         return round(CHUNK_S * self.rate_hz)
 
     @property
     def margin(self) -> int:
-        """Samples of a chunk before and after its frames."""
+        """Return the number of samples of a chunk before and after its frames."""
         return round(MARGIN_S * self.rate_hz)
 
     def frequency_hz(self) -> NDArray[np.float64]:
-        """Of the bins of a chunk's spectrum."""
+        """Return the frequencies of the bins of a chunk's spectrum."""
         return np.asarray(fft.rfftfreq(self.chunk, 1.0 / self.rate_hz))
 
     def frames(self, spectrum: Spectrum, seconds: float = CHUNK_S) -> BandFrames:
-        """Levels in the frames that lie wholly within `seconds` after a chunk's margin; `spectrum`: its rfft."""
+        """Return the levels in the frames that lie wholly within `seconds` after a chunk's margin; `spectrum`: its
+        rfft.
+        """
         return BandFrames(
             self._levels(spectrum, self.long_bands, LONG_FRAME_S, seconds),
             self._levels(spectrum, self.short_bands, SHORT_FRAME_S, seconds),
@@ -103,7 +105,7 @@ class BandAnalysis:
             return np.asarray(10.0 * np.log10(levels), dtype=np.float32)
 
     def _weights(self, band: Band) -> tuple[int, NDArray[np.float32]]:
-        """Index of the band's first bin, and the weights from there on."""
+        """Return the index of the band's first bin, and the weights from there on."""
         step = self.rate_hz / self.chunk
         half_edge = 0.5 * EDGE * (band.high_hz - band.low_hz)
         start, stop = int(np.ceil((band.low_hz - half_edge) / step)), int((band.high_hz + half_edge) / step) + 1
@@ -135,7 +137,7 @@ class Chunker:
             self._kept = self._kept[self.analysis.hop :]
 
     def finish(self) -> Iterator[tuple[NDArray[np.float32], float]]:
-        """The chunks that are left, each with the seconds of signal that its frames may cover."""
+        """Yield the chunks that are left, each with the seconds of signal that its frames may cover."""
         while len(self._kept) > self.analysis.margin:
             seconds = min(CHUNK_S, (len(self._kept) - self.analysis.margin) / self.analysis.rate_hz)
             chunk = np.zeros((self.channels, self.analysis.chunk), dtype=np.float32)

@@ -1,4 +1,6 @@
-"""What a finger that presses, lifts or trembles does to the position, and how much of it the loop takes away."""
+"""Disturbance of the position by a finger that presses, lifts or trembles, and the part of it that the loop
+takes away.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.display.description import Channel
 from tactuator.display.load import DERIVATIVES
@@ -20,7 +23,6 @@ from tactuator.signals.lockin import lock_in, mains_multiples, off_mains
 from tactuator.signals.stimuli import ramps
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
-Array = NDArray[np.float64]
 TREMOR_HZ = (4.0, 12.0)
 """Band of a finger's tremor (physiological 8-12 Hz, pathological from 4 Hz)."""
 
@@ -29,19 +31,21 @@ class Presser(Protocol):
     """A finger port: takes a force for the coming samples, in volts of command that would push as hard."""
 
     def press(self, force_v: ArrayLike) -> None:
-        """Force (n,) for the n samples to come."""
+        """Press with a force (n,) for the n samples to come."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Rejection:
-    """|S| measured and expected, dB, at frequency_hz (m,), with 95 % half-widths; force_v: peak of the press, (m,)."""
+    """Rejection of a force: |S| measured and expected, dB, at frequency_hz (m,), with 95 % half-widths; force_v: peak
+    of the press, (m,).
+    """
 
-    frequency_hz: Array
-    measured_db: Array
-    confidence_db: Array
-    expected_db: Array
-    force_v: Array
+    frequency_hz: FloatArray
+    measured_db: FloatArray
+    confidence_db: FloatArray
+    expected_db: FloatArray
+    force_v: FloatArray
     saturated: NDArray[np.bool_]
 
 
@@ -70,7 +74,7 @@ class Tremor:
 
 @dataclass(frozen=True, eq=False)
 class DisturbanceReport:
-    """What was found on one channel. unit: mm for a displacement sensor, mm/s and mm/s^2 for the others."""
+    """Disturbances found on one channel. unit: mm for a displacement sensor, mm/s and mm/s^2 for the others."""
 
     channel: str
     rejection: Rejection
@@ -91,7 +95,7 @@ def disturbance(
     excursion_mm: float = 1.0,
     mains_hz: float | None = 60.0,
 ) -> DisturbanceReport:
-    """Disturb `channel` at its finger port while the controller holds it at rest, and compare with S.
+    """Return the disturb `channel` at its finger port while the controller holds it at rest, and compare with S.
 
     frequency_hz (m,): of the rejection. model: identified plant (default: the display's). excursion_mm: what each force
     would move without the loop, as far as half the command range allows. Raises BadInput for an unknown channel.
@@ -119,8 +123,8 @@ class _Loop:
         self._delay_s = controller.delay_samples / controller.rate_hz
         self._plant = plant
 
-    def sensitivity(self, frequency_hz: Array) -> NDArray[np.complex128]:
-        """S, (m,); 1 where there is no loop."""
+    def sensitivity(self, frequency_hz: FloatArray) -> NDArray[np.complex128]:
+        """Return the sensitivity S, (m,); 1 where there is no loop."""
         if self._feedback is None:
             return np.ones(frequency_hz.shape, dtype=np.complex128)
         late = np.exp(-2j * np.pi * frequency_hz * self._delay_s)
@@ -139,15 +143,15 @@ class _Bench:
         self._largest_v = 0.5 * channel.converter.range_v
         self._play(None, 2.0)
 
-    def _play(self, force: Array | None, duration_s: float = 0.0) -> tuple[Array, bool]:
+    def _play(self, force: FloatArray | None, duration_s: float = 0.0) -> tuple[FloatArray, bool]:
         count = force.size if force is not None else round(duration_s * self._rig.rate_hz)
         if force is not None:
             self._port.press(force)
         trace = self._rig.play(np.zeros((count, len(self._rig.channels))))
         return trace.position_v[:, self._column], bool(np.any(trace.saturated[:, self._column]))
 
-    def rejection(self, frequency_hz: Array, loop: _Loop, mains_hz: float | None) -> Rejection:
-        """One sinusoidal force after the other."""
+    def rejection(self, frequency_hz: FloatArray, loop: _Loop, mains_hz: float | None) -> Rejection:
+        """Press with one sinusoidal force after the other and return the rejection of each."""
         rows = [self._one(float(hertz), mains_hz) for hertz in frequency_hz]
         measured, confidence, force, saturated = (np.array(column) for column in zip(*rows, strict=True))
         expected = db(loop.sensitivity(frequency_hz))
@@ -205,7 +209,7 @@ class _Bench:
         )
 
     def tremor(self, loop: _Loop, rng: np.random.Generator) -> Tremor:
-        """Eight seconds of noise of 4 .. 12 Hz, made of lines so that it can be found again."""
+        """Press with eight seconds of noise of 4 .. 12 Hz, made of lines so that it can be found again."""
         rate, gain = self._rig.rate_hz, self._channel.sensor_gain_v_per_mm
         lines = np.arange(TREMOR_HZ[0], TREMOR_HZ[1] + 0.125, 0.25)
         through = self._plant.response(lines)
@@ -223,8 +227,8 @@ class _Bench:
         rms, rms_free, rms_expected = (float(np.sqrt(0.5 * np.sum(np.abs(x) ** 2))) for x in (found, free, expected))
         return Tremor(rms / gain, rms_free / gain, float(db(rms / rms_free)), float(db(rms_expected / rms_free)))
 
-    def _free(self, force: Array) -> Array:
-        """What the force would do without the loop, volts of y, (n,), by the model."""
+    def _free(self, force: FloatArray) -> FloatArray:
+        """Return the motion that the force would cause without the loop, volts of y, (n,), by the model."""
         count = 4 * force.size
         spectrum = np.fft.rfft(force, count)
         frequency = np.fft.rfftfreq(count, 1.0 / self._rig.rate_hz)

@@ -1,4 +1,4 @@
-"""What is felt of a reference, against what was asked: both in dB SL, in third-octave bands.
+"""Comparison of the felt level of a reference with the level asked, both in dB SL, in third-octave bands.
 
 The displacement at the finger is weighted by the inverse threshold curve with zero phase; the display's own delay and
 phase, those of the designed H without load, are taken out, so that levels of the same moments are compared.
@@ -44,16 +44,18 @@ class FingerFelt:
 
     @property
     def difference_db(self) -> Levels:
-        """Felt less asked over the whole, for every band; NaN where less than 10 dB SL was asked."""
+        """Return the felt less the asked level over the whole, for every band; NaN where less than 10 dB SL
+        was asked.
+        """
         return np.where(self.asked_db_sl >= HEARD_DB_SL, self.felt_db_sl - self.asked_db_sl, np.nan)
 
     @property
     def rms_db(self) -> float:
-        """Root mean square of `difference_db` over the bands that count; NaN if none does."""
+        """Return the root mean square of `difference_db` over the bands that count; NaN if none does."""
         return _rms(self.difference_db)
 
     def frame_rms_db(self) -> Levels:
-        """Rms difference over the counted bands of every frame that has any, long frames first."""
+        """Return the rms difference over the counted bands of every frame that has any, long frames first."""
         parts = ((self.asked_long, self.felt_long), (self.asked_short, self.felt_short))
         return np.concatenate([frame_differences_db(asked, felt) for asked, felt in parts])
 
@@ -67,12 +69,14 @@ class FeltReport:
 
     @property
     def worst_rms_db(self) -> float:
-        """The greatest of the fingers' `rms_db`; NaN if no finger has one."""
+        """Return the greatest of the fingers' `rms_db`; NaN if no finger has one."""
         values = [finger.rms_db for finger in self.fingers if np.isfinite(finger.rms_db)]
         return max(values) if values else float("nan")
 
     def figures(self) -> dict[str, dict[str, float | int]]:
-        """By finger: rms over the whole, and the median and 95th percentile of the frames' rms, of either kind."""
+        """Return, by finger, the rms over the whole and the median and 95th percentile of the frames' rms, of either
+        kind.
+        """
         return {finger.finger: _figures(finger) for finger in self.fingers}
 
 
@@ -130,7 +134,7 @@ class FeltComparison:
             self._felt[index].append(self.analysis.frames(spectra[half + index] * self._weights[index], **limit))
 
     def finish(self) -> FeltReport:
-        """The comparison of all that was pushed."""
+        """Return the comparison of all that was pushed."""
         for chunk, seconds in self._chunker.finish():
             self._count(chunk, seconds)
         fingers = tuple(
@@ -150,7 +154,9 @@ class FeltComparison:
 
 
 def frame_differences_db(asked_db: Levels, felt_db: Levels) -> Levels:
-    """Rms over bands of felt less asked, one value for every frame with a band asked for at 10 dB SL or above."""
+    """Return the rms over bands of the felt less the asked level, one value for every frame with a band asked for at 10
+    dB SL or above.
+    """
     counted = asked_db >= HEARD_DB_SL
     squares = np.where(counted, felt_db - np.where(counted, asked_db, 0.0), 0.0) ** 2
     squares = np.where(counted, squares, 0.0)

@@ -48,13 +48,13 @@ def compare_felt(rig: TouchableRig, controller: Controller, reference: NDArray[n
 
 
 def blocks_of(reference: NDArray[np.float64], rate_hz: float) -> Iterator[NDArray[np.float64]]:
-    """An array (n, channels) in blocks of four seconds."""
+    """Yield an array (n, channels) in blocks of four seconds."""
     length = round(BLOCK_S * rate_hz)
     for start in range(0, len(reference), length):
         yield reference[start : start + length]
 
 
 def with_silence(references: Iterable[NDArray[np.float64]], rig: Rig) -> Iterator[NDArray[np.float64]]:
-    """The blocks, and half a second of zeros in which the display comes to rest."""
+    """Yield the blocks, and then half a second of zeros in which the display comes to rest."""
     yield from references
     yield np.zeros((round(SETTLE_S * rig.rate_hz), len(rig.channels)))

@@ -13,6 +13,7 @@ from itertools import chain, repeat, takewhile
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.measure.stepped_sine import check_asked
 from tactuator.rig.rig import Rig
@@ -21,15 +22,12 @@ from tactuator.signals.decibels import from_db
 from tactuator.signals.multisine import Multisine, multisine, place_lines
 from tactuator.signals.response import Response
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 
 @dataclass(frozen=True, eq=False)
 class _Spectra:
     """Peak amplitudes of every line, (periods, lines), and whether anything was limited."""
 
-    lines: Complex
+    lines: ComplexArray
     saturated: bool
 
 
@@ -47,7 +45,8 @@ def multisine_response(
     mains_hz: float | None = 60.0,
     controller_hash: str = "",
 ) -> tuple[Response, ...]:
-    """Response at `frequency_hz` (m,), each line at `level_db_sl`, one Response for each of `channels` (default all).
+    """Measure the response at `frequency_hz` (m,), each line at `level_db_sl`, one Response for each of `channels`
+    (default all).
 
     The period is that of the lowest frequency; lines stand at its odd multiples nearest to what is asked, 2 Hz off
     mains. After settle_s of the same signal two periods are averaged, and more until every line's 95 % half-width is at
@@ -76,7 +75,7 @@ class _Player:
     def __init__(self, rig: Rig, excited: Multisine, columns: list[int], mains_hz: float | None) -> None:
         self._rig, self._excited, self._columns = rig, excited, columns
         self._wave = excited.one_period()
-        self._kept: list[Complex] = []
+        self._kept: list[ComplexArray] = []
         self._saturated = np.zeros(len(columns), dtype=bool)
         spacing = excited.rate_hz / excited.period
         lines = np.arange(excited.period // 2 + 1)
@@ -87,11 +86,13 @@ class _Player:
 
     @property
     def periods(self) -> int:
-        """Periods averaged."""
+        """Return the number of periods averaged."""
         return len(self._kept)
 
     def play(self, settle_s: float, most: int, confidence_db: float) -> None:
-        """Settle, then period after period, two at least and `most` at most, until every line is known so well."""
+        """Play the multisine: settle, then period after period, two at least and `most` at most, until every line is
+        known so well.
+        """
         settling = self._settling(settle_s)
         enough = False
         periods = takewhile(lambda wave: not enough, repeat(self._wave))
@@ -108,21 +109,23 @@ class _Player:
             )
             enough = known or self.periods >= max(2, most)
 
-    def _settling(self, settle_s: float) -> Array:
-        """The end of the period, faded in, so that the next sample is its beginning."""
+    def _settling(self, settle_s: float) -> FloatArray:
+        """Return the end of the period, faded in, so that the next sample is its beginning."""
         count = max(1, round(settle_s * self._rig.rate_hz))
         wave = np.tile(self._wave, -(-count // self._wave.size))[-count:]
         fade = max(1, count // 4)
         gain = np.minimum(1.0, np.arange(count) / fade)
         return np.asarray(wave * (0.5 - 0.5 * np.cos(np.pi * gain)))
 
-    def _on_columns(self, wave: Array) -> Array:
+    def _on_columns(self, wave: FloatArray) -> FloatArray:
         reference = np.zeros((wave.size, len(self._rig.channels)))
         reference[:, self._columns] = wave[:, None]
         return reference
 
-    def _parts(self, column: int) -> tuple[Complex, Array, Array]:
-        """Mean amplitude (m,), variance of that mean by noise, power of distortion on a line, at the excited lines."""
+    def _parts(self, column: int) -> tuple[ComplexArray, FloatArray, FloatArray]:
+        """Return the mean amplitude (m,), the variance of that mean by noise, and the power of distortion on a line, at
+        the excited lines.
+        """
         spectra = np.stack([one[:, column] for one in self._kept])
         mean = spectra.mean(axis=0)
         scatter = np.sum(np.abs(spectra - mean) ** 2, axis=0) / (self.periods - 1)
@@ -133,8 +136,10 @@ class _Player:
         repeated = self._around(np.abs(mean) ** 2, silent)
         return mean[self._excited.bins], noise, np.maximum(repeated - noise, 0.0)
 
-    def _around(self, power: Array, usable: NDArray[np.bool_]) -> Array:
-        """Mean of the usable lines around each excited one: 12 at least, a tenth of the frequency to each side."""
+    def _around(self, power: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
+        """Return the mean of the usable lines around each excited one: 12 at least, a tenth of the frequency to each
+        side.
+        """
         made = []
         places = np.flatnonzero(usable)
         for line in self._excited.bins:
@@ -142,8 +147,8 @@ class _Player:
             made.append(power[places[np.abs(places - line) <= reach]].mean())
         return np.array(made)
 
-    def confidence_db(self, column: int) -> Array:
-        """95 % half-widths of the excited lines' magnitudes, dB, (m,)."""
+    def confidence_db(self, column: int) -> FloatArray:
+        """Return the 95 % half-widths of the excited lines' magnitudes, dB, (m,)."""
         mean, noise, distortion = self._parts(column)
         # half of each power is along the amplitude, half across it
         half_width = 1.96 * np.sqrt(0.5 * (noise + distortion))
@@ -152,7 +157,7 @@ class _Player:
     def response(
         self, column: int, name: str, load: str, level_db_sl: float, confidence_db: float, controller_hash: str
     ) -> Response:
-        """What was measured on one channel."""
+        """Return the response measured on one channel."""
         mean, noise, distortion = self._parts(column)
         confidence = self.confidence_db(column)
         count = mean.size

@@ -1,4 +1,5 @@
-"""What a finger at rest would feel of hum, noise and loop resonance: from the command through the plant's model.
+"""Noise that a finger at rest would feel of hum, converters and loop resonance: from the command through the plant's
+model.
 
 Hum and noise n of the sensor reach the fingertip as -T n and the sensor's own reading as S n: the reading is not what
 is felt. The command is (design.md, facts): what it does to the fingertip is the plant's response to it.
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.description import Channel, Display
 from tactuator.display.load import DERIVATIVES
 from tactuator.errors import BadInput
@@ -21,8 +23,6 @@ from tactuator.signals.decibels import db
 from tactuator.signals.lockin import lock_in, mains_multiples
 from tactuator.signals.spectra import PowerSpectrum, power_spectrum
 from tactuator.signals.systems import ContinuousSystem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,10 @@ class FeltNoise:
 
     channel: str
     load: str
-    line_hz: Array
-    line_db_sl: Array
-    band_hz: Array
-    band_db_sl: Array
+    line_hz: FloatArray
+    line_db_sl: FloatArray
+    band_hz: FloatArray
+    band_db_sl: FloatArray
     resonance_hz: float | None
     resonance_db_sl: float | None
     resonance_gain_db: float | None
@@ -48,12 +48,14 @@ class FeltNoise:
 
     @property
     def worst_line_db_sl(self) -> float:
-        """Highest level of a mains line: the paper's objective ii asks for less than 0."""
+        """Return the highest level of a mains line: the paper's objective ii asks for less than 0."""
         return float(np.max(self.line_db_sl, initial=-np.inf))
 
     @property
     def worst_noise_db_sl(self) -> float:
-        """Highest level of a third octave or of the resonance: the paper's objective iii asks for less than 0."""
+        """Return the highest level of a third octave or of the resonance: the paper's objective iii asks for less than
+        0.
+        """
         return max(float(np.max(self.band_db_sl, initial=-np.inf)), self.resonance_db_sl or -np.inf)
 
 
@@ -92,14 +94,14 @@ def felt_noise(
 
 
 def display_channels(display: Display, rig: Rig) -> Sequence[str]:
-    """The rig's channels, each of which the display must describe."""
+    """Return the rig's channels, each of which the display must describe."""
     for name in rig.channels:
         display.channel(name)
     return rig.channels
 
 
 def felt_of_command(
-    command_v: Array,
+    command_v: FloatArray,
     rate_hz: float,
     channel: Channel,
     plant: ContinuousSystem,
@@ -107,7 +109,7 @@ def felt_of_command(
     mains_hz: float | None = 60.0,
     saturated: bool = False,
 ) -> FeltNoise:
-    """What `command_v` (n,) makes a finger feel through `plant` (volts of command to volts of y)."""
+    """Return the noise that `command_v` (n,) makes a finger feel through `plant` (volts of command to volts of y)."""
     low, high = channel.threshold.band_hz
     lines = mains_multiples(mains_hz, min(high, 0.45 * rate_hz))
     levels = np.array([_line_level(command_v, rate_hz, float(line), channel, plant) for line in lines])
@@ -131,9 +133,11 @@ def felt_of_command(
 
 
 def _displacement_mm(
-    channel: Channel, plant: ContinuousSystem, frequency_hz: Array, rate_hz: float
+    channel: Channel, plant: ContinuousSystem, frequency_hz: FloatArray, rate_hz: float
 ) -> NDArray[np.complex128]:
-    """mm of fingertip per volt of command, held between samples; nothing at zero frequency, which nobody feels."""
+    """Return the millimetres of fingertip per volt of command, held between samples; nothing at zero frequency, which
+    nobody feels.
+    """
     frequency = np.maximum(frequency_hz, 1e-3)
     omega = 2j * np.pi * frequency
     hold = np.sinc(frequency / rate_hz)
@@ -143,19 +147,19 @@ def _displacement_mm(
     return np.where(frequency_hz > 0.0, response, 0.0)
 
 
-def _line_level(command_v: Array, rate_hz: float, line: float, channel: Channel, plant: ContinuousSystem) -> float:
+def _line_level(command_v: FloatArray, rate_hz: float, line: float, channel: Channel, plant: ContinuousSystem) -> float:
     amplitude = np.abs(lock_in(command_v, line, rate_hz)[0])
     peak_mm = amplitude * np.abs(_displacement_mm(channel, plant, np.array([line]), rate_hz)[0])
     return float(db(peak_mm / channel.threshold.curve.displacement_mm(line)))
 
 
-def _band_level(felt: PowerSpectrum, low: float, high: float, channel: Channel, lines: Array) -> float:
+def _band_level(felt: PowerSpectrum, low: float, high: float, channel: Channel, lines: FloatArray) -> float:
     peak_mm = np.sqrt(2.0 * felt.power(low, high, lines))
     return float(db(peak_mm / channel.threshold.curve.displacement_mm(np.sqrt(low * high))))
 
 
-def _resonance(felt: PowerSpectrum, channel: Channel, lines: Array) -> tuple[float, float, float] | None:
-    """Frequency, level and prominence of the felt density's highest peak, lines bridged; None below 3 dB."""
+def _resonance(felt: PowerSpectrum, channel: Channel, lines: FloatArray) -> tuple[float, float, float] | None:
+    """Return frequency, level and prominence of the felt density's highest peak, lines bridged; None below 3 dB."""
     inside = (felt.frequency_hz >= 2.0) & (felt.frequency_hz <= channel.threshold.band_hz[1])
     clear = np.min(np.abs(felt.frequency_hz[:, None] - lines), axis=1, initial=np.inf) > 2.5
     frequency = felt.frequency_hz[inside]
@@ -174,8 +178,8 @@ def _resonance(felt: PowerSpectrum, channel: Channel, lines: Array) -> tuple[flo
     return float(frequency[peak]), level, prominence
 
 
-def _smoothed(values: Array, frequency: Array) -> Array:
-    """Mean over a twelfth of an octave to either side, two lines at least."""
+def _smoothed(values: FloatArray, frequency: FloatArray) -> FloatArray:
+    """Return the mean over a twelfth of an octave to either side, two lines at least."""
     made = np.empty(values.size)
     for k, hertz in enumerate(frequency):
         reach = max(2.0, hertz * (2.0 ** (1.0 / 12.0) - 1.0))

@@ -1,4 +1,6 @@
-"""What a controller makes of a reference: responses from r to the command, the displacement and the felt amplitude."""
+"""Prediction of a controller's effect on a reference: responses from r to the command, the displacement and the felt
+amplitude.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactuator.arrays import ComplexArray
 from tactuator.display.controller import Controller
 from tactuator.display.description import Channel
 from tactuator.errors import BadInput
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.systems import SampledSystem
-
-Response = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,9 @@ class ChannelPrediction:
 
     @classmethod
     def of(cls, controller: Controller, name: str, load: str | None = None) -> ChannelPrediction:
-        """The prediction for a channel of `controller`; BadInput for a channel or a load that is not there."""
+        """Return the prediction for a channel of `controller`. Raises BadInput for a channel or a load that is not
+        there.
+        """
         channel, designed = controller.display.channel(name), controller.channel(name)
         if channel.quantity != "displacement":
             raise BadInput(f"channel {name!r} senses {channel.quantity}; allowed for speech: displacement")
@@ -36,16 +39,17 @@ class ChannelPrediction:
         plant = SampledSystem(held.zeros, held.poles, held.gain, rate, delay)
         return cls(channel, TwoDegreeLoop(designed.prefilter(rate), designed.feedback(rate), plant))
 
-    def command(self, frequency_hz: ArrayLike) -> Response:
-        """Volts of command per threshold unit (the computing delay not counted)."""
+    def command(self, frequency_hz: ArrayLike) -> ComplexArray:
+        """Return the volts of command per threshold unit (the computing delay not counted)."""
         return self.loop.command_response(_off_rest(frequency_hz))
 
-    def displacement(self, frequency_hz: ArrayLike) -> Response:
-        """Millimetres at the finger per threshold unit."""
+    def displacement(self, frequency_hz: ArrayLike) -> ComplexArray:
+        """Return the millimetres at the finger per threshold unit."""
         return self.loop.position_response(_off_rest(frequency_hz)) / self.channel.sensor_gain_v_per_mm
 
-    def felt(self, frequency_hz: ArrayLike) -> Response:
-        """Felt amplitude (threshold units) per threshold unit asked: 1 in magnitude where the design is exact.
+    def felt(self, frequency_hz: ArrayLike) -> ComplexArray:
+        """Return the felt amplitude (threshold units) per threshold unit asked: 1 in magnitude where the design is
+        exact.
 
         The threshold curve's weight has zero phase: the phase is that of the displacement.
         """
@@ -53,5 +57,7 @@ class ChannelPrediction:
 
 
 def _off_rest(frequency_hz: ArrayLike) -> NDArray[np.float64]:
-    """At rest an integrator's response is infinite over infinite: a microhertz stands for it."""
+    """Return the frequencies with a microhertz in the place of zero, where an integrator's response is infinite over
+    infinite.
+    """
     return np.maximum(np.asarray(frequency_hz, dtype=np.float64), 1e-6)

@@ -10,7 +10,8 @@ from tactuator.errors import BadInput
 
 
 def proportional_controller(display: Display, gain: float) -> Controller:
-    """u = gain (v - y) on every channel of `display`, v the threshold voltage of the lowest frequency times r.
+    """Return the controller u = gain (v - y) on every channel of `display`, v the threshold voltage of the lowest
+    frequency times r.
 
     gain: volts of command per volt of y, positive.
     """

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from tactuator.arrays import ComplexArray
 from tactuator.errors import BadInput
 from tactuator.perception.levels import COMFORT_DB_SL
 from tactuator.rig.rig import Rig
@@ -18,7 +19,6 @@ from tactuator.signals.decibels import from_db
 from tactuator.signals.lockin import lock_in, mains_multiples, off_mains
 from tactuator.signals.response import Response
 
-Complex = NDArray[np.complex128]
 Progress = Callable[[int, int], None]
 _HARMONICS = 3
 _FEWEST_BLOCKS = 8
@@ -28,7 +28,7 @@ _FEWEST_BLOCKS = 8
 class _Point:
     """One frequency on every channel: arrays of shape (channels,)."""
 
-    amplitude: Complex
+    amplitude: ComplexArray
     confidence_db: NDArray[np.float64]
     noise_v: NDArray[np.float64]
     distortion_v: NDArray[np.float64]
@@ -50,7 +50,8 @@ def stepped_sine(
     controller_hash: str = "",
     progress: Progress | None = None,
 ) -> tuple[Response, ...]:
-    """Response of the loaded controller and display at `level_db_sl`, one Response each for `channels` (default: all).
+    """Measure the response of the loaded controller and display at `level_db_sl`, one Response each for `channels`
+    (default: all).
 
     frequency_hz (m,): any order, moved to at least 2 Hz off multiples of mains_hz. Each is played, after settling, in
     blocks of whole periods until every channel's half-width at `coverage` is at most confidence_db, or for longest_s.
@@ -82,7 +83,7 @@ def check_asked(
     longest_s: float,
     channels: Sequence[str] | None,
 ) -> tuple[str, ...]:
-    """The channels to measure; BadInput for what cannot be measured or should not be felt."""
+    """Return the channels to measure. Raises BadInput for what cannot be measured or should not be felt."""
     if not level_db_sl <= COMFORT_DB_SL:
         raise BadInput(
             f"level {level_db_sl:g} dB SL; allowed: {COMFORT_DB_SL:g} dB SL at most, which is still comfortable"
@@ -126,10 +127,12 @@ class _Tone:
         self._block = round(periods * rig.rate_hz / frequency_hz)
 
     def measure(self, confidence_db: float, longest_s: float) -> _Point:
-        """Settle, then block after block, all in one stream; what was fed ahead is played out."""
+        """Measure at one frequency: settle, then block after block, all in one stream; what was fed ahead is played
+        out.
+        """
         most = max(_FEWEST_BLOCKS, int(longest_s * self._rig.rate_hz / self._block))
         settling = round(max(0.5, 1.25 / self._frequency) * self._rig.rate_hz)
-        blocks: list[Complex] = []
+        blocks: list[ComplexArray] = []
         saturated = np.zeros(len(self._columns), dtype=bool)
         wanted = _FEWEST_BLOCKS
         point: _Point | None = None
@@ -170,13 +173,13 @@ class _Tone:
             yield self._on_columns(self._wave(start, self._block))
             start += self._block
 
-    def _amplitudes(self, trace: Trace, start: int) -> Complex:
+    def _amplitudes(self, trace: Trace, start: int) -> ComplexArray:
         # the reference is a sine: its own complex amplitude is -i
         amplitudes = 1j * lock_in(trace.position_v[:, self._columns], self._lines, self._rig.rate_hz, start=start)
         return amplitudes[: self._harmonics.size]
 
-    def _point(self, blocks: Complex, saturated: NDArray[np.bool_]) -> _Point:
-        """blocks: (count, harmonics, channels)."""
+    def _point(self, blocks: ComplexArray, saturated: NDArray[np.bool_]) -> _Point:
+        """Return the point of the mean of blocks, shape (count, harmonics, channels)."""
         count = blocks.shape[0]
         mean = blocks.mean(axis=0)
         variance = np.sum(np.abs(blocks[:, 0] - mean[0]) ** 2, axis=0) / (2.0 * (count - 1))

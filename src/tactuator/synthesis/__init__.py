@@ -1,1 +1,1 @@
-"""From models to controllers: loop, prefilter, anti-windup, headroom and verdict."""
+"""Synthesis of controllers from models: loop, prefilter, anti-windup, headroom and verdict."""

@@ -1,4 +1,4 @@
-"""From a display to its controller: loop, prefilter, anti-windup, limits and the report, channel by channel."""
+"""Design of a display's controller: loop, prefilter, anti-windup, limits and the report, channel by channel."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _FITS_MAX = 12
 
 
 def design_controller(display: Display, poles: int | None = None, error_db: float | None = None) -> Controller:
-    """The controller of a display, every channel designed to its own requirements.
+    """Design the controller of a display, every channel to its own requirements.
 
     poles: of every prefilter, in place of the file's. error_db: choose for each prefilter the fewest poles that keep
     this error instead.
@@ -51,7 +51,7 @@ def design_controller(display: Display, poles: int | None = None, error_db: floa
 def design_channel(
     display: Display, channel: Channel, poles: int | None = None, error_db: float | None = None
 ) -> ChannelController:
-    """The controller of one channel of `display`.
+    """Design the controller of one channel of `display`.
 
     Of the loops that keep every requirement, in the order of their mean |S|, the first is taken whose prefilter is
     good for its number of poles (1.95/poles of the flatness objective, or error_db); if there is none, the one with the
@@ -90,8 +90,9 @@ def design_channel(
 def feedback_candidates(
     channel: Channel, rate_hz: float, family: tuple[Member, ...], resonance_peak: float
 ) -> Iterator[tuple[float, SampledSystem | None]]:
-    """C as the channel's structure asks: synthesised (the best first, with the mean |S| in dB), given (bilinear), or
-    none."""
+    """Yield each C that the channel's structure asks for: synthesised (the best first, with the mean |S| in dB), given
+    (bilinear), or none.
+    """
     requirements = channel.feedback
     if requirements.structure == "none":
         yield 0.0, None
@@ -115,7 +116,7 @@ def assemble(
     fit: PrefilterFit,
     family: tuple[Member, ...] | None = None,
 ) -> ChannelController:
-    """A channel's controller from a feedback controller (or none) and a prefilter, with its report.
+    """Return a channel's controller from a feedback controller (or none) and a prefilter, with its report.
 
     Raises UnstableLoop if the loop is unstable on any plant of the channel's family.
     """
@@ -142,7 +143,7 @@ def assemble(
 
 
 def _at_rest(loop: TwoDegreeLoop, channel: Channel) -> float:
-    """H(0), volts of y per threshold unit: the real limit at a frequency far below the band."""
+    """Return H(0), volts of y per threshold unit: the real limit at a frequency far below the band."""
     return float(np.real(loop.position_response(channel.threshold.band_hz[0] * 1e-6)))
 
 
@@ -152,7 +153,7 @@ def _limits(display: Display, channel: Channel) -> Limits:
 
 
 def headroom_grid_hz(channel: Channel) -> NDArray[np.float64]:
-    """The band's edges and the third octaves between."""
+    """Return the edges of the band and the third octaves between them."""
     low, high = channel.threshold.band_hz
     centres = [round(band.centre_hz, 6) for band in third_octave_bands(low, high)]
     return np.array(sorted({low, high, *(f for f in centres if low <= f <= high)}))

@@ -26,17 +26,17 @@ class Member:
 
     @property
     def name(self) -> str:
-        """As a person reads it: `finger`, or `finger, model 2`."""
+        """Return the member's name as a person reads it: `finger`, or `finger, model 2`."""
         return self.load if self.model == 0 else f"{self.load}, model {self.model}"
 
 
 def sampled_plant(plant: ContinuousSystem, rate_hz: float, delay_samples: int) -> SampledSystem:
-    """`plant` behind a zero-order hold, with the computing delay."""
+    """Return `plant` behind a zero-order hold, with the computing delay."""
     return zero_order_hold(plant, rate_hz) * SampledSystem(np.empty(0), np.empty(0), 1.0, rate_hz, delay_samples)
 
 
 def plant_family(channel: Channel, rate_hz: float, delay_samples: int) -> tuple[Member, ...]:
-    """Every model of the channel, without and under each load; the nominal unloaded plant first."""
+    """Return every model of the channel, without and under each load; the nominal unloaded plant first."""
     loads: tuple[Load | None, ...] = (None, *channel.loads)
     members = []
     for model, plant in enumerate((channel.plant, *channel.family)):

@@ -1,4 +1,4 @@
-"""What friction takes from a sinusoid, to first order: the describing function of Dahl's model.
+"""Loss of a sinusoid to friction, to first order: the describing function of Dahl's model.
 
 Dahl friction of Coulomb level F (volts of command) that builds up over the distance x0 (volts of sensor) describes,
 between -Y and Y, the branches
@@ -14,17 +14,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.description import Channel
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.signals.decibels import db, from_db
 
-Array = NDArray[np.float64]
-
 _ANGLES = (np.arange(256) + 0.5) * (np.pi / 256.0)
 
 
-def dahl_harmonic(amplitude_v: Array, friction_v: float, presliding_v: float) -> NDArray[np.complex128]:
-    """First harmonic of the friction (volts of command, complex, against x = Y cos) for amplitudes (n,) in volts."""
+def dahl_harmonic(amplitude_v: FloatArray, friction_v: float, presliding_v: float) -> NDArray[np.complex128]:
+    """Return the first harmonic of the friction (volts of command, complex, against x = Y cos) for amplitudes (n,) in
+    volts.
+    """
     size = np.maximum(np.asarray(amplitude_v, dtype=np.float64)[:, None], 1e-12 * presliding_v)
     reached = friction_v * np.tanh(size / presliding_v)
     # going down from +Y: x = Y cos(angle), angle 0..pi; the way up is its mirror image
@@ -33,8 +34,9 @@ def dahl_harmonic(amplitude_v: Array, friction_v: float, presliding_v: float) ->
     return np.asarray(2.0 * np.mean(force * np.exp(-1j * _ANGLES), axis=1))
 
 
-def friction_loss_db(channel: Channel, loop: TwoDegreeLoop, frequency_hz: Array, level_db_sl: float) -> Array:
-    """How much less than its reference a sinusoid of `level_db_sl` moves at `frequency_hz`, dB, shape (n,).
+def friction_loss_db(channel: Channel, loop: TwoDegreeLoop, frequency_hz: FloatArray, level_db_sl: float) -> FloatArray:
+    """Return the loss, dB, shape (n,), by which a sinusoid of `level_db_sl` at `frequency_hz` moves less than its
+    reference.
 
     From the friction that the display file states; negative where the spring of presliding adds to the motion.
     """

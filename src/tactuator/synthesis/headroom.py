@@ -1,4 +1,4 @@
-"""How loud a display can be: the greatest reference, in dB SL, before travel, command or comfort stops it."""
+"""Headroom of a display: the greatest reference, in dB SL, before travel, command or comfort stops it."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.description import Channel
 from tactuator.display.load import DERIVATIVES
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.signals.decibels import db
-
-Array = NDArray[np.float64]
 
 BINDING = ("travel", "command", "comfort")
 
@@ -22,12 +20,12 @@ BINDING = ("travel", "command", "comfort")
 class Headroom:
     """At frequency_hz (n,): the greatest sinusoidal reference in dB SL, and which limit stops it."""
 
-    frequency_hz: Array
-    level_db_sl: Array
+    frequency_hz: FloatArray
+    level_db_sl: FloatArray
     binding: tuple[str, ...]
 
     def document(self) -> dict[str, Any]:
-        """As it stands in controller.json."""
+        """Return the headroom as it stands in controller.json."""
         return {
             "frequency_hz": self.frequency_hz.tolist(),
             "level": self.level_db_sl.tolist(),
@@ -35,8 +33,8 @@ class Headroom:
         }
 
 
-def headroom(channel: Channel, loop: TwoDegreeLoop, frequency_hz: Array, comfort_db_sl: float) -> Headroom:
-    """Headroom of the channel's loop at `frequency_hz` (hertz, shape (n,)), for one sinusoid at a time.
+def headroom(channel: Channel, loop: TwoDegreeLoop, frequency_hz: FloatArray, comfort_db_sl: float) -> Headroom:
+    """Return the headroom of the channel's loop at `frequency_hz` (hertz, shape (n,)), for one sinusoid at a time.
 
     travel: displacement at +/- travel_mm. command: the command at the converter's range less the motor's offset.
     comfort: the felt level at comfort_db_sl.

@@ -1,4 +1,4 @@
-"""What a loop makes of white sensor noise.
+"""Gain of a loop for white sensor noise, as rms of the command.
 
 For white noise of unit rms the command's rms is the root of the mean of |C S|^2 over frequency up to half the rate.
 """
@@ -8,18 +8,17 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.loop.feedback import FeedbackLoop
 from tactuator.signals.systems import SampledSystem
 
-Array = NDArray[np.float64]
-
 
 @cache
-def quadrature(rate_hz: float, panels: int = 14, nodes: int = 12) -> tuple[Array, Array]:
-    """Frequencies and weights, shape (panels * nodes,), of a mean over 0..rate/2: Gauss-Legendre on panels of equal
-    width in log frequency over six decades (what lies below is negligible for a bounded response)."""
+def quadrature(rate_hz: float, panels: int = 14, nodes: int = 12) -> tuple[FloatArray, FloatArray]:
+    """Return the frequencies and weights, shape (panels * nodes,), of a mean over 0..rate/2: Gauss-Legendre on panels
+    of equal width in log frequency over six decades (what lies below is negligible for a bounded response).
+    """
     points, weights = np.polynomial.legendre.leggauss(nodes)
     edges = np.geomspace(0.5e-6 * rate_hz, 0.5 * rate_hz, panels + 1)
     logs = np.log(edges)
@@ -30,7 +29,7 @@ def quadrature(rate_hz: float, panels: int = 14, nodes: int = 12) -> tuple[Array
 
 
 def command_noise_gain(loop: FeedbackLoop) -> float:
-    """Rms of the command per rms of white sensor noise, for a stable sampled loop."""
+    """Return the rms of the command per rms of white sensor noise, for a stable sampled loop."""
     assert isinstance(loop.open_loop, SampledSystem)
     frequency, weight = quadrature(loop.open_loop.rate_hz, panels=60, nodes=16)
     return float(np.sqrt(np.sum(weight * np.abs(loop.command_sensitivity(frequency)) ** 2)))

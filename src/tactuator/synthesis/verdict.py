@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.controller import ChannelController, Controller
 from tactuator.display.description import Channel, Display
 from tactuator.display.requirements import Objectives
@@ -20,8 +20,6 @@ from tactuator.loop.margins import margins
 from tactuator.signals.bands import third_octave_bands
 from tactuator.signals.decibels import db
 from tactuator.synthesis.family import UNLOADED, Member, plant_family
-
-Array = NDArray[np.float64]
 
 _NAMES = {
     "i": "|H| follows the threshold curve over the band, without load",
@@ -50,11 +48,11 @@ class Verdict:
 
     @property
     def met(self) -> bool:
-        """Whether every objective is met."""
+        """Return whether every objective is met."""
         return all(objective.met for objective in self.objectives)
 
     def document(self) -> dict[str, Any]:
-        """Plain tables: what `check --json` prints."""
+        """Return plain tables: what `check --json` prints."""
         return {
             "met": self.met,
             "objectives": {
@@ -64,7 +62,7 @@ class Verdict:
 
 
 def judge(controller: Controller, display: Display | None = None) -> Verdict:
-    """The verdict on `controller` for `display` (None: the one it was designed for).
+    """Return the verdict on `controller` for `display` (None: the one it was designed for).
 
     A loop that is unstable under some load fails every objective, and its figures say so. Raises BadInput where the
     display's channels, rate or delay are not the controller's.
@@ -89,7 +87,7 @@ def _all_met(by_load: dict[str, dict[str, Any]]) -> bool:
 
 
 def _judge_channel(own: ChannelController, channel: Channel, display: Display) -> dict[str, dict[str, dict[str, Any]]]:
-    """By objective and load, the figures of one channel."""
+    """Return the figures of one channel, by objective and load."""
     family = plant_family(channel, display.rate_hz, display.delay_samples)
     prefilter, feedback = own.prefilter(display.rate_hz), own.feedback(display.rate_hz)
     loops = {member.name: TwoDegreeLoop(prefilter, feedback, member.sampled) for member in family}
@@ -113,14 +111,16 @@ def _is_stable(loop: TwoDegreeLoop) -> bool:
     return loop.feedback is None or loop.feedback.is_stable
 
 
-def _band(channel: Channel) -> Array:
+def _band(channel: Channel) -> FloatArray:
     low, high = channel.threshold.band_hz
     own = channel.threshold.curve.frequency_hz
     return np.unique(np.append(np.geomspace(low, high, _POINTS), own[(own >= low) & (own <= high)]))
 
 
 def _flatness(channel: Channel, loop: TwoDegreeLoop, member: Member, asked: Objectives) -> dict[str, Any]:
-    """Objective i; under a load, where feedback cannot help above its bandwidth, the figures are told, not judged."""
+    """Judge objective i; under a load, where feedback cannot help above its bandwidth, the figures are told, not
+    judged.
+    """
     frequency = _band(channel)
     error = db(np.abs(loop.position_response(frequency)) / channel.threshold_voltage(frequency))
     worst = int(np.argmax(np.abs(error)))
@@ -134,8 +134,10 @@ def _flatness(channel: Channel, loop: TwoDegreeLoop, member: Member, asked: Obje
     }
 
 
-def felt_db_sl(channel: Channel, peak_volts: Array, frequency_hz: Array) -> Array:
-    """Sensation level of a motion that is `peak_volts` at an ideal sensor, at `frequency_hz`; shapes alike."""
+def felt_db_sl(channel: Channel, peak_volts: FloatArray, frequency_hz: FloatArray) -> FloatArray:
+    """Return the sensation level of a motion that is `peak_volts` at an ideal sensor, at `frequency_hz`;
+    shapes alike.
+    """
     return db(peak_volts / channel.threshold_voltage(frequency_hz))
 
 
@@ -172,9 +174,10 @@ def _noise(channel: Channel, loop: TwoDegreeLoop, display: Display) -> dict[str,
     }
 
 
-def felt_noise_rms_v(channel: Channel, loop: TwoDegreeLoop, rate_hz: float, edges_hz: Array) -> Array:
-    """Rms of the finger's motion (volts at an ideal sensor) in bands of edges (n, 2): sensor noise and the A/D's steps
-    through T, the D/A's steps through P S. Steps make white noise of step^2 / 12."""
+def felt_noise_rms_v(channel: Channel, loop: TwoDegreeLoop, rate_hz: float, edges_hz: FloatArray) -> FloatArray:
+    """Return the rms of the finger's motion (volts at an ideal sensor) in bands of edges (n, 2): sensor noise and the
+    A/D's steps through T, the D/A's steps through P S. Steps make white noise of step^2 / 12.
+    """
     step = channel.converter.step_v**2 / 12.0
     nodes, weights = np.polynomial.legendre.leggauss(12)
     half = 0.5 * np.diff(edges_hz, axis=1)

@@ -10,7 +10,8 @@ _NYQUIST = 1e-7
 
 
 def continuous_form(system: SampledSystem) -> ContinuousSystem:
-    """The inverse of Tustin's transform, root by root: s = 2 rate (z - 1)/(z + 1); a root at z = -1 lies at infinity.
+    """Return the inverse of Tustin's transform, root by root: s = 2 rate (z - 1)/(z + 1); a root at z = -1 lies at
+    infinity.
 
     The computing delay is left out.
     """

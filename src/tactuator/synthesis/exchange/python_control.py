@@ -18,7 +18,7 @@ System = ContinuousSystem | SampledSystem
 
 
 def to_control(system: System) -> Any:
-    """The system as a python-control StateSpace (dt = 0, or the sampling period; delay as poles at z = 0).
+    """Return the system as a python-control StateSpace (dt = 0, or the sampling period; delay as poles at z = 0).
 
     Raises BadInput without python-control, for an improper system, or for continuous dead time, which it cannot hold.
     """
@@ -40,7 +40,7 @@ def to_control(system: System) -> Any:
 
 
 def from_control(system: Any) -> System:
-    """A python-control StateSpace or TransferFunction (one input, one output) as a system of ours.
+    """Return a python-control StateSpace or TransferFunction (one input, one output) as a system of ours.
 
     Raises BadInput without python-control, for more inputs or outputs, or for an unspecified sampling period.
     """
@@ -64,7 +64,9 @@ def _control() -> Any:
 
 
 def _factors(system: System) -> list[tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]]:
-    """Zeros and poles in groups of one real or one conjugate pair of poles, each with as many zeros at most."""
+    """Return the zeros and poles in groups of one real or one conjugate pair of poles, each with as many
+    zeros at most.
+    """
     zeros = sorted(system.zeros, key=abs)
     pairs = [root for root in sorted(system.poles, key=abs) if root.imag >= 0.0]
     groups: list[np.ndarray[Any, Any]] = [np.array([p, np.conj(p)]) if p.imag > 0.0 else np.array([p]) for p in pairs]
@@ -72,7 +74,7 @@ def _factors(system: System) -> list[tuple[np.ndarray[Any, Any], np.ndarray[Any,
 
 
 def _merged(groups: list[np.ndarray[Any, Any]]) -> list[np.ndarray[Any, Any]]:
-    """Single poles put together two by two, so that every pair of zeros finds a place."""
+    """Return the single poles put together two by two, so that every pair of zeros finds a place."""
     doubles = [group for group in groups if group.size == 2]
     singles = [group for group in groups if group.size == 1]
     doubles += [np.concatenate(singles[i : i + 2]) for i in range(0, len(singles), 2)]
@@ -98,7 +100,7 @@ def _with_zeros(
 
 
 def _factor_matrices(zeros: Any, poles: Any) -> tuple[Any, Any, Any, Any]:
-    """Controllable form of prod(x - zeros) / prod(x - poles) of order one or two."""
+    """Return the controllable form of prod(x - zeros) / prod(x - poles) of order one or two."""
     den, num = np.real(np.poly(poles)), np.atleast_1d(np.real(np.poly(zeros)))
     order = poles.size
     num = np.concatenate([np.zeros(order + 1 - num.size), num])
@@ -110,7 +112,7 @@ def _factor_matrices(zeros: Any, poles: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def _gain(control: Any, system: Any, zeros: Any, poles: Any) -> float:
-    """From the value at a point far from every root."""
+    """Return the gain, from the value at a point far from every root."""
     size = 1.0 + float(np.max(np.abs(np.concatenate([zeros, poles])), initial=0.0))
     point = size * (1.3 + 0.7j)
     value = complex(control.evalfr(system, point))

@@ -1,4 +1,4 @@
-"""What a feedback controller does on every plant of a family: margins, rejection, hum, noise."""
+"""Assessment of a feedback controller on every plant of a family: margins, rejection, hum, noise."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.description import Channel
 from tactuator.display.requirements import FeedbackRequirements
 from tactuator.loop.feedback import FeedbackLoop
@@ -18,8 +19,6 @@ from tactuator.signals.decibels import db
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.family import Member
 from tactuator.synthesis.noise_gain import command_noise_gain
-
-Array = NDArray[np.float64]
 
 CUSTOMARY_REJECTION_HZ = (1.0, 5.0, 10.0)
 
@@ -48,8 +47,8 @@ class Shortfall:
         return f"{self.requirement} {self.got:.4g} (asked {self.asked:.4g}, load {self.member})"
 
 
-def rejection_grid_hz(requirements: FeedbackRequirements, points: int = 200) -> Array:
-    """The rejection band, even in log frequency."""
+def rejection_grid_hz(requirements: FeedbackRequirements, points: int = 200) -> FloatArray:
+    """Return the frequencies of the rejection band, even in log frequency."""
     low, high = requirements.rejection_band_hz
     return np.geomspace(low, high, points)
 
@@ -57,7 +56,7 @@ def rejection_grid_hz(requirements: FeedbackRequirements, points: int = 200) -> 
 def assess(
     feedback: SampledSystem, family: Sequence[Member], requirements: FeedbackRequirements
 ) -> tuple[MemberAssessment, ...]:
-    """Every member's figures. Raises UnstableLoop, naming the plant, if a loop is unstable."""
+    """Return the figures of every member. Raises UnstableLoop, naming the plant, if a loop is unstable."""
     band = rejection_grid_hz(requirements)
     found = []
     for member in family:
@@ -104,7 +103,7 @@ def figures(
 
 
 def loop_report(assessments: Sequence[MemberAssessment], channel: Channel) -> dict[str, Any]:
-    """Margins, rejection and hum, each the worst over the family, as they stand in controller.json."""
+    """Return the margins, rejection and hum, each the worst over the family, as they stand in controller.json."""
     requirements = channel.feedback
     worst = min(assessments, key=lambda one: one.margins.phase_margin_deg)
     gain_margins = [one.margins.gain_margin_db for one in assessments]

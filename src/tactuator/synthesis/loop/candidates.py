@@ -15,13 +15,11 @@ from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from tactuator.arrays import FloatArray
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.loop.structure import COUNT
-
-Array = NDArray[np.float64]
 
 LIGHT_DAMPING = 0.5
 """A pole pair of less damping counts as a mode, which a notch may stand on."""
@@ -41,12 +39,12 @@ def modes(plant: ContinuousSystem) -> list[tuple[float, float]]:
     return sorted(pair for pair in found if pair[1] < LIGHT_DAMPING)[:_MODES_MAX]
 
 
-def crossovers_hz(rate_hz: float) -> Array:
+def crossovers_hz(rate_hz: float) -> FloatArray:
     """Return the frequencies at which a candidate's open loop is put to one, hertz, shape (48,)."""
     return np.geomspace(_LOWEST_CROSSOVER_HZ, _HIGHEST_CROSSOVER * rate_hz, _CROSSOVERS)
 
 
-def shapes(plant: ContinuousSystem, rate_hz: float) -> Iterator[Array]:
+def shapes(plant: ContinuousSystem, rate_hz: float) -> Iterator[FloatArray]:
     """Yield blocks of shapes, each (n, COUNT) with a gain of one at index 0, the simplest first."""
     yield _simple(plant, rate_hz)
     yield _even(plant, rate_hz, 0)
@@ -54,15 +52,15 @@ def shapes(plant: ContinuousSystem, rate_hz: float) -> Iterator[Array]:
     yield _even(plant, rate_hz, 1)
 
 
-def _simple(plant: ContinuousSystem, rate_hz: float) -> Array:
-    """Integrator, PI and PID, each with and without a roll-off, and a notch on each mode."""
+def _simple(plant: ContinuousSystem, rate_hz: float) -> FloatArray:
+    """Return integrator, PI and PID, each with and without a roll-off, and a notch on each mode."""
     fronts = [*_integrator_and_pi(rate_hz, 20), *_pid(plant, rate_hz, (1.0, 2.0), (None, 0.1))]
     seconds = [_OFF, *_roll_offs(rate_hz, 4), *_leads(rate_hz, 4, (4.0,))]
     return _combined(fronts, seconds, [_OFF, *_notches(plant, rate_hz, (1.0,), (1.0,))])
 
 
-def _structured(plant: ContinuousSystem, rate_hz: float) -> Array:
-    """The same with finer grids, detuned notches, and a second notch in place of the lead."""
+def _structured(plant: ContinuousSystem, rate_hz: float) -> FloatArray:
+    """Return the same candidates with finer grids, detuned notches, and a second notch in place of the lead."""
     fronts = [*_integrator_and_pi(rate_hz, 24), *_pid(plant, rate_hz, (0.7, 1.0, 1.6), (None, 0.05, 0.2))]
     notches = _notches(plant, rate_hz, (0.92, 1.0, 1.08), (0.6, 1.0, 1.6))
     seconds = [_OFF, *_roll_offs(rate_hz, 6), *_leads(rate_hz, 6, (2.5, 6.0, 15.0))]
@@ -75,19 +73,19 @@ Front = tuple[float, float, float]
 Second = tuple[float, float, float, float]
 
 
-def _combined(fronts: list[Front], seconds: list[Second], notches: list[Second]) -> Array:
+def _combined(fronts: list[Front], seconds: list[Second], notches: list[Second]) -> FloatArray:
     rows = [(1.0, *front, *second, *notch) for front, second, notch in product(fronts, seconds, notches)]
     return np.asarray(np.log(np.array(rows)))
 
 
 def _zeros(first: float, second: float) -> tuple[float, float]:
-    """Natural frequency and damping of two real roots at `first` and `second` rad/sample."""
+    """Return the natural frequency and damping of two real roots at `first` and `second` rad/sample."""
     own = float(np.sqrt(first * second))
     return own, max(1.0, (first + second) / (2.0 * own))
 
 
 def _integrator_and_pi(rate_hz: float, count: int) -> list[Front]:
-    """k/s and PI: the second zero cancels the single pole, or stands next to z = 0."""
+    """Return the fronts k/s and PI: the second zero cancels the single pole, or stands next to z = 0."""
     fast, slow = _FAR * (1.3 + np.sqrt(0.69)), _FAR * (1.3 - np.sqrt(0.69))
     corners = np.geomspace(1.0, 0.1 * rate_hz, count) * 2.0 * np.pi / rate_hz
     return [(*_zeros(fast, slow), slow), *((*_zeros(corner, _FAR), _FAR) for corner in corners.tolist())]
@@ -96,8 +94,9 @@ def _integrator_and_pi(rate_hz: float, count: int) -> list[Front]:
 def _pid(
     plant: ContinuousSystem, rate_hz: float, scales: tuple[float, ...], poles: tuple[float | None, ...]
 ) -> list[Front]:
-    """Two zeros near the plant's two slowest poles, or together; the pole far away or at a share of the rate (rad per
-    sample)."""
+    """Return the PID fronts: two zeros near the plant's two slowest poles, or together; the pole far away or at a share
+    of the rate (rad per sample).
+    """
     own, damping = slow_pair(plant)
     pairs = [(own * scale / rate_hz, min(max(damping, 0.7) * more, 4.0)) for scale in scales for more in (0.7, 1.0)]
     step = 2.0 * np.pi / rate_hz
@@ -123,7 +122,7 @@ def _roll_offs(rate_hz: float, count: int) -> list[Second]:
 
 
 def _leads(rate_hz: float, count: int, ratios: tuple[float, ...]) -> list[Second]:
-    """One zero at a corner, one pole above it; the pair's other roots cancel near z = 0."""
+    """Return the leads: one zero at a corner, one pole above it; the pair's other roots cancel near z = 0."""
     corners = np.geomspace(3.0, 0.1 * rate_hz, count) * 2.0 * np.pi / rate_hz
     return [
         (*_zeros(corner, _FAR), *_zeros(min(ratio * corner, _FAR), _FAR))
@@ -134,7 +133,7 @@ def _leads(rate_hz: float, count: int, ratios: tuple[float, ...]) -> list[Second
 def _notches(
     plant: ContinuousSystem, rate_hz: float, detunings: tuple[float, ...], widths: tuple[float, ...]
 ) -> list[Second]:
-    """A notch on each mode: zeros as soft as the mode or three times that, poles of damping 0.9."""
+    """Return a notch on each mode: zeros as soft as the mode or three times that, poles of damping 0.9."""
     return [
         (own / rate_hz * detuning, soft, own / rate_hz * detuning * width, 0.9)
         for own, damping in modes(plant)
@@ -148,8 +147,8 @@ def _hum_notches(rate_hz: float) -> list[Second]:
     return [(corner, 0.7, corner * width, 0.9) for corner, width in product(corners.tolist(), (0.7, 1.0))]
 
 
-def _even(plant: ContinuousSystem, rate_hz: float, block: int) -> Array:
-    """Sobol points over all eleven parameters of a shape; the block's share of one sequence."""
+def _even(plant: ContinuousSystem, rate_hz: float, block: int) -> FloatArray:
+    """Return Sobol points over all eleven parameters of a shape; the block's share of one sequence."""
     sequence = qmc.Sobol(COUNT - 1, scramble=False)
     skipped = 1 + sum(2**power for power in _SOBOL_LOG2[:block])
     sequence.fast_forward(skipped)

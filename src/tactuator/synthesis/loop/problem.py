@@ -1,4 +1,4 @@
-"""What a synthesised loop must keep, as smooth functions of its parameters with exact derivatives.
+"""Requirements on a synthesised loop as smooth functions of its parameters with exact derivatives.
 
 Every requirement becomes an excess in dB (phase: degrees / 5) that must not be positive. On a fixed grid, for every
 plant of the family at once: d log|S| = -Re(T dlogC), d log|T| = Re(S dlogC), d|CS|^2 = 2 |CS|^2 Re(S dlogC).
@@ -13,14 +13,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.requirements import FeedbackRequirements
 from tactuator.signals.sections import backward_difference
 from tactuator.synthesis.family import Member
 from tactuator.synthesis.loop.candidates import LIGHT_DAMPING
 from tactuator.synthesis.loop.structure import COUNT, LoopStructure
 from tactuator.synthesis.noise_gain import quadrature
-
-Array = NDArray[np.float64]
 
 DB = 20.0 / np.log(10.0)
 _SHARPNESS = 300.0
@@ -32,10 +31,10 @@ class Point:
     """The problem at one parameter vector: mean |S| in dB of every member, shape (m,), with slopes (m, COUNT); every
     excess, shape (c,), with slopes (c, COUNT)."""
 
-    mean_db: Array
-    mean_slope: Array
-    excess: Array
-    excess_slope: Array
+    mean_db: FloatArray
+    mean_slope: FloatArray
+    excess: FloatArray
+    excess_slope: FloatArray
 
 
 class LoopProblem:
@@ -84,7 +83,7 @@ class LoopProblem:
         return [(name, member.name) for member in family for name in names]
 
     def asked(self, name: str) -> float:
-        """The limit of the requirement of that label."""
+        """Return the limit of the requirement of that label."""
         asked = self.requirements
         limits: dict[str, float | None] = {
             "sensitivity_peak": asked.sensitivity_peak,
@@ -98,8 +97,8 @@ class LoopProblem:
         assert value is not None
         return value
 
-    def at(self, parameters: Array) -> Point:
-        """Everything at one parameter vector."""
+    def at(self, parameters: FloatArray) -> Point:
+        """Return the values and derivatives of everything at one parameter vector."""
         log_controller, slope = self.structure.log_response(parameters, self._difference)
         controller = np.exp(log_controller)
         means, mean_slopes, excesses, excess_slopes = [], [], [], []
@@ -121,14 +120,14 @@ class LoopProblem:
         self,
         loop: NDArray[np.complex128],
         command: NDArray[np.complex128],
-        log_s: Array,
-        log_t: Array,
-        by_s: Array,
-        by_t: Array,
+        log_s: FloatArray,
+        log_t: FloatArray,
+        by_s: FloatArray,
+        by_t: FloatArray,
         slope: NDArray[np.complex128],
-    ) -> list[tuple[float, Array]]:
+    ) -> list[tuple[float, FloatArray]]:
         asked = self.requirements
-        rows: list[tuple[float, Array]] = []
+        rows: list[tuple[float, FloatArray]] = []
         for place, logs, slopes, limits in (
             (self._mains, log_t, by_t, asked.mains_max_db),
             (self._rejection, log_s, by_s, asked.rejection_max_db),
@@ -151,8 +150,10 @@ class LoopProblem:
         return rows
 
 
-def _peak_grid_hz(family: Sequence[Member], low_hz: float, rate_hz: float) -> Array:
-    """Even in log frequency up to half the rate, and dense around every member's lightly damped roots."""
+def _peak_grid_hz(family: Sequence[Member], low_hz: float, rate_hz: float) -> FloatArray:
+    """Return frequencies even in log frequency up to half the rate, and dense around every member's lightly damped
+    roots.
+    """
     parts = [np.geomspace(low_hz, 0.49 * rate_hz, 170)]
     for member in family:
         for root in np.append(member.continuous.poles, member.continuous.zeros):
@@ -162,16 +163,16 @@ def _peak_grid_hz(family: Sequence[Member], low_hz: float, rate_hz: float) -> Ar
     return grid[(grid >= low_hz) & (grid <= 0.49 * rate_hz)]
 
 
-def _smooth_maximum(values: Array) -> tuple[float, Array]:
-    """log-sum-exp, slightly above the maximum, and the share that each value has in it."""
+def _smooth_maximum(values: FloatArray) -> tuple[float, FloatArray]:
+    """Return the log-sum-exp, slightly above the maximum, and the share that each value has in it."""
     top = float(np.max(values))
     weights = np.exp(_SHARPNESS * (values - top))
     total = float(np.sum(weights))
     return top + np.log(total) / _SHARPNESS, weights / total
 
 
-def _phase_margin_deg(loop: NDArray[np.complex128], slope: NDArray[np.complex128]) -> tuple[float, Array]:
-    """The least phase margin on the grid, log|L| and phase linear between its points, and its derivatives."""
+def _phase_margin_deg(loop: NDArray[np.complex128], slope: NDArray[np.complex128]) -> tuple[float, FloatArray]:
+    """Return the least phase margin on the grid, log|L| and phase linear between its points, and its derivatives."""
     level = np.log(np.abs(loop))
     phase = np.degrees(np.angle(-loop))  # zero at -180 degrees
     crossings = np.flatnonzero(np.signbit(level[1:]) != np.signbit(level[:-1]))

@@ -1,4 +1,6 @@
-"""Why no loop satisfies a display file: the nearest miss, which requirements bind, and what has been tried instead."""
+"""Reasons for which no loop satisfies a display file: the nearest miss, which requirements bind, and what has been
+tried instead.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.description import Channel
 from tactuator.errors import BadInput
 from tactuator.synthesis.loop.problem import DB, DEGREES_PER_DB, LoopProblem
 from tactuator.synthesis.loop.solution import Solution, is_sound, solve
 from tactuator.synthesis.loop.starts import bounds, classical_starts
 from tactuator.synthesis.loop.synthesis import Task, is_possible, nearest
-
-Array = NDArray[np.float64]
 
 _WAYS_MAX = 2
 _SLACKENED = (0.05, 0.5)
@@ -57,7 +57,7 @@ _HELP = "allowed: looser limits of more than one kind, a faster rate, less delay
 
 
 def _sound(task: Task, problem: LoopProblem, solutions: Sequence[Solution | None]) -> list[Solution]:
-    """Solutions whose loops are stable, the nearest to the requirements first."""
+    """Return the solutions whose loops are stable, the nearest to the requirements first."""
     kept = [
         one
         for one in solutions
@@ -67,15 +67,17 @@ def _sound(task: Task, problem: LoopProblem, solutions: Sequence[Solution | None
     return sorted(kept, key=lambda one: max(_worst_excess(problem, one.parameters).values()))
 
 
-def _worst_excess(problem: LoopProblem, parameters: Array) -> dict[str, float]:
+def _worst_excess(problem: LoopProblem, parameters: FloatArray) -> dict[str, float]:
     worst: dict[str, float] = {}
     for (name, _), value in zip(problem.labels, problem.at(parameters).excess.tolist(), strict=True):
         worst[name] = max(worst.get(name, -np.inf), value)
     return worst
 
 
-def _possible(task: Task, problem: LoopProblem, groups: Sequence[tuple[str, ...]], begin: Sequence[Array]) -> list[str]:
-    """For each group that can give way alone: what it has to come to, and has been tried at."""
+def _possible(
+    task: Task, problem: LoopProblem, groups: Sequence[tuple[str, ...]], begin: Sequence[FloatArray]
+) -> list[str]:
+    """Return, for each group that can give way alone, what it has to come to, and has been tried at."""
     limits = bounds(problem, task.family[0].continuous)
     ways: list[str] = []
     for group in groups:
@@ -90,7 +92,9 @@ def _possible(task: Task, problem: LoopProblem, groups: Sequence[tuple[str, ...]
 
 
 def _tried(task: Task, problem: LoopProblem, excess_db: Mapping[str, float]) -> list[str]:
-    """The limits that give way by `excess_db` and a little, as one phrase, if the design finds a loop with them."""
+    """Return the limits that give way by `excess_db` and a little, as one phrase, if the design finds a
+    loop with them.
+    """
     if not excess_db:
         return []
     for more in _SLACKENED:
@@ -130,7 +134,7 @@ def _is_looser(name: str, value: float, asked: float) -> bool:
 
 
 def _rounded(name: str, value: float) -> float:
-    """Four digits, rounded to the looser side."""
+    """Return the value with four digits, rounded to the looser side."""
     if value == 0.0:
         return 0.0
     step = 10.0 ** (np.floor(np.log10(abs(value))) - 3.0)
@@ -139,7 +143,7 @@ def _rounded(name: str, value: float) -> float:
 
 
 def _value(name: str, asked: float, excess_db: float) -> float:
-    """What is got where `asked` is exceeded by `excess_db` (see `LoopProblem`)."""
+    """Return the value that is got where `asked` is exceeded by `excess_db` (see `LoopProblem`)."""
     if name == "phase_margin_deg":
         return asked - excess_db * DEGREES_PER_DB
     return asked + excess_db if "dB" in name else asked * float(np.exp(excess_db / DB))

@@ -1,4 +1,4 @@
-"""Which candidates keep every limit: many shapes times many gains at once, on fixed grids.
+"""Screening of candidates against every limit: many shapes times many gains at once, on fixed grids.
 
 Every figure of a candidate is computed without regard to what is asked and then compared with it, so that relaxing a
 limit can only let more pass. What passes here is judged once more in full by whoever takes it.
@@ -12,15 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.display.requirements import FeedbackRequirements
 from tactuator.signals.sections import backward_difference
 from tactuator.synthesis.family import Member
 from tactuator.synthesis.loop.candidates import LIGHT_DAMPING, crossovers_hz
 from tactuator.synthesis.loop.structure import LoopStructure
 from tactuator.synthesis.noise_gain import quadrature
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 DB = 20.0 / np.log(10.0)
 DEGREES_PER_DB = 5.0
@@ -33,9 +31,9 @@ WEAKER = (1.0, 0.5, 0.2, 0.05)
 class _Grid:
     """Frequencies (f,), z - 1 there, and every member's plant, (m, f)."""
 
-    frequency_hz: Array
-    difference: Complex
-    plants: Complex
+    frequency_hz: FloatArray
+    difference: ComplexArray
+    plants: ComplexArray
 
 
 class Screen:
@@ -61,13 +59,13 @@ class Screen:
         self._turns = np.array([_expected_turn(member) for member in self._family])
         self.must_bear_less = all(may_be_weakened(member) for member in self._family)
 
-    def _grid(self, frequency_hz: Array) -> _Grid:
+    def _grid(self, frequency_hz: FloatArray) -> _Grid:
         z = np.exp(2j * np.pi * frequency_hz / self._rate_hz)
         difference = backward_difference(frequency_hz, self._rate_hz) * z
         plants = [member.sampled.response(frequency_hz) for member in self._family]
         return _Grid(frequency_hz, difference, np.array(plants).reshape(len(plants), frequency_hz.size))
 
-    def kept(self, shapes: Array, resonance_peak: float) -> Iterator[Array]:
+    def kept(self, shapes: FloatArray, resonance_peak: float) -> Iterator[FloatArray]:
         """Yield the candidates of `shapes` (n, COUNT), over every gain, that keep all limits and a greatest |T| of
         resonance_peak: parameter vectors (COUNT,) in the order of their mean |S|."""
         parts = [self._possible(shapes[i : i + _AT_ONCE], resonance_peak) for i in range(0, len(shapes), _AT_ONCE)]
@@ -77,8 +75,8 @@ class Screen:
             some = parameters[order[start : start + _AT_ONCE]]
             yield from some[self._holds(some)]
 
-    def _possible(self, shapes: Array, resonance_peak: float) -> Array:
-        """Candidates that keep line limits and peaks: (m, COUNT)."""
+    def _possible(self, shapes: FloatArray, resonance_peak: float) -> FloatArray:
+        """Return the candidates that keep line limits and peaks, shape (m, COUNT)."""
         gains, ok = self._gains(shapes)
         with np.errstate(all="ignore"):
             ok &= np.max(self._line_excess_db(shapes, gains), axis=-1, initial=-np.inf) <= 0.0
@@ -89,17 +87,20 @@ class Screen:
         parameters[:, 0] = np.log(gains[which, column])
         return parameters
 
-    def _gains(self, shapes: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Gains that put the nominal plant's crossover on the grid, (n, g), and which of them are numbers."""
+    def _gains(self, shapes: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return the gains that put the nominal plant's crossover on the grid, (n, g), and which of them
+        are numbers.
+        """
         through = np.abs(self._structure.responses(shapes, self._crossovers.difference) * self._crossovers.plants[0])
         with np.errstate(all="ignore"):
             gains = 1.0 / through
         good = np.isfinite(gains) & (gains > 0.0)
         return np.where(good, gains, 1.0), good
 
-    def _line_excess_db(self, shapes: Array, gains: Array) -> Array:
-        """By how much |T| at mains lines and |S| at rejection frequencies pass their limits: (n, g, lines), dB, the
-        worst member."""
+    def _line_excess_db(self, shapes: FloatArray, gains: FloatArray) -> FloatArray:
+        """Return the decibels by which |T| at mains lines and |S| at rejection frequencies pass their limits, shape (n,
+        g, lines), for the worst member.
+        """
         controller = self._structure.responses(shapes, self._lines.difference)
         worst = np.full((*gains.shape, self._line_db.size), -np.inf)
         for plant in self._lines.plants:
@@ -113,8 +114,8 @@ class Screen:
                 worst[:, :, index] = np.maximum(worst[:, :, index], level - limit_db)
         return np.nan_to_num(worst, nan=np.inf)
 
-    def _peaks_hold(self, shapes: Array, gains: Array, resonance_peak: float) -> NDArray[np.bool_]:
-        """Whether max|S| and max|T| hold on the wide grid: (n, g)."""
+    def _peaks_hold(self, shapes: FloatArray, gains: FloatArray, resonance_peak: float) -> NDArray[np.bool_]:
+        """Return whether max|S| and max|T| hold on the wide grid: (n, g)."""
         holds = np.ones(gains.shape, dtype=bool)
         controller = self._structure.responses(shapes, self._wide.difference)
         least = 0.0 if self._asked.sensitivity_peak is None else self._asked.sensitivity_peak**-2
@@ -128,8 +129,8 @@ class Screen:
                 holds &= (away >= least) & (above <= resonance_peak**2 * away)
         return holds
 
-    def _mean_db(self, parameters: Array) -> Array:
-        """Mean |S| over the rejection band, dB, of the worst member, (n,)."""
+    def _mean_db(self, parameters: FloatArray) -> FloatArray:
+        """Return the mean |S| over the rejection band, dB, of the worst member, (n,)."""
         worst = np.full(parameters.shape[0], -np.inf)
         controller = self._structure.responses(parameters, self._band.difference)
         for plant in self._band.plants:
@@ -137,8 +138,8 @@ class Screen:
             worst = np.maximum(worst, mean)
         return worst
 
-    def _holds(self, parameters: Array) -> NDArray[np.bool_]:
-        """Whether the rest of the limits is kept and every loop is stable, (n,)."""
+    def _holds(self, parameters: FloatArray) -> NDArray[np.bool_]:
+        """Return whether the rest of the limits is kept and every loop is stable, (n,)."""
         asked = self._asked
         ok = np.ones(parameters.shape[0], dtype=bool)
         controllers = [self._structure.responses(parameters, grid.difference) for grid in (self._wide, self._noise)]
@@ -154,8 +155,8 @@ class Screen:
                     ok &= power <= asked.command_noise_gain_max**2
         return ok
 
-    def _is_stable(self, loop: Complex, index: int) -> NDArray[np.bool_]:
-        """Whether 1 + L turns as often as a stable loop's, at lower gains too; (n,)."""
+    def _is_stable(self, loop: ComplexArray, index: int) -> NDArray[np.bool_]:
+        """Return whether 1 + L turns as often as a stable loop's, at lower gains too; (n,)."""
         stable = np.ones(loop.shape[0], dtype=bool)
         for factor in WEAKER if self.must_bear_less else WEAKER[:1]:
             angle = np.angle(1.0 + factor * loop)
@@ -163,7 +164,7 @@ class Screen:
             stable &= np.abs(turned - self._turns[index]) < 0.6 * np.pi
         return stable
 
-    def nearest(self, shapes: Array, count: int) -> tuple[Array, Array]:
+    def nearest(self, shapes: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
         """Return the `count` candidates (n, COUNT) of `shapes` that miss the line limits, peaks and noise gain by
         least, and by how many dB at worst, (n,); for starts and for telling what is near."""
         parts = [self._nearest(shapes[i : i + _AT_ONCE], count) for i in range(0, len(shapes), _AT_ONCE)]
@@ -171,7 +172,7 @@ class Screen:
         order = np.argsort(miss, kind="stable")[:count]
         return parameters[order], miss[order]
 
-    def _nearest(self, shapes: Array, count: int) -> tuple[Array, Array]:
+    def _nearest(self, shapes: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
         gains, good = self._gains(shapes)
         with np.errstate(all="ignore"):
             lines = np.max(self._line_excess_db(shapes, gains), axis=-1, initial=0.0)
@@ -184,8 +185,10 @@ class Screen:
         order = np.argsort(miss, kind="stable")[:count]
         return parameters[order], miss[order]
 
-    def _other_excess_db(self, parameters: Array) -> Array:
-        """Peaks, phase margin and noise gain against their limits, dB; infinite where unstable; (n,)."""
+    def _other_excess_db(self, parameters: FloatArray) -> FloatArray:
+        """Return the excess of peaks, phase margin and noise gain over their limits, dB, (n,); infinite
+        where unstable.
+        """
         asked = self._asked
         worst = np.zeros(parameters.shape[0])
         controllers = [self._structure.responses(parameters, grid.difference) for grid in (self._wide, self._noise)]
@@ -205,8 +208,10 @@ class Screen:
         return worst
 
 
-def _wide_grid_hz(family: Sequence[Member], low_hz: float, rate_hz: float) -> Array:
-    """Even in log frequency up to half the rate, and dense around each member's lightly damped roots."""
+def _wide_grid_hz(family: Sequence[Member], low_hz: float, rate_hz: float) -> FloatArray:
+    """Return frequencies even in log frequency up to half the rate, and dense around each member's lightly damped
+    roots.
+    """
     parts = [np.geomspace(0.02 * low_hz, low_hz, 12), np.geomspace(low_hz, 0.4999 * rate_hz, 110)]
     for member in family:
         for root in np.append(member.continuous.poles, member.continuous.zeros):
@@ -217,7 +222,8 @@ def _wide_grid_hz(family: Sequence[Member], low_hz: float, rate_hz: float) -> Ar
 
 
 def _expected_turn(member: Member) -> float:
-    """By how much 1 + L of a stable loop turns from rest to half the rate, radians, for a controller of one integrator.
+    """Return the angle, radians, by which 1 + L of a stable loop turns from rest to half the rate, for a controller of
+    one integrator.
 
     All n closed poles inside turn the closed polynomial by n pi; an open pole inside takes pi of that away, one at
     z = 1 half of it, one outside nothing (the principle of the argument on the upper half of the unit circle).
@@ -235,8 +241,10 @@ def may_be_weakened(member: Member) -> bool:
     return bool(np.all(np.abs(poles) <= 1.0 + 1e-9)) and int(np.sum(np.abs(poles - 1.0) < 1e-9)) < 2
 
 
-def _phase_margins_deg(loop: Complex) -> Array:
-    """Smallest phase margin over all crossings of a grid, by interpolation, degrees, (n,); 180 without a crossing."""
+def _phase_margins_deg(loop: ComplexArray) -> FloatArray:
+    """Return the smallest phase margin over all crossings of a grid, by interpolation, degrees, (n,); 180 without a
+    crossing.
+    """
     level, phase = np.log(np.abs(loop)), np.degrees(np.angle(-loop))
     crosses = np.signbit(level[:, 1:]) != np.signbit(level[:, :-1])
     share = -level[:, :-1] / (level[:, 1:] - level[:, :-1])

@@ -14,19 +14,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.display.controller import AntiWindup
 from tactuator.signals.sections import exact_sum
 from tactuator.signals.systems import SampledSystem
-from tactuator.synthesis.prefilter.cascade import Sections, cascade
-
-Roots = NDArray[np.complex128]
+from tactuator.synthesis.prefilter.cascade import cascade
 
 _AT_ONE = 1e-9
 _GRAIN = 2.0**-45
 
 
-def feedback_sections(feedback: SampledSystem) -> Sections:
-    """Sections of C, shape (n, 6): the integrator, if there is one, in the last, with b and a summing exactly.
+def feedback_sections(feedback: SampledSystem) -> FloatArray:
+    """Return the sections of C, shape (n, 6): the integrator, if there is one, in the last, with b and a summing
+    exactly.
 
     The integrator is put together with the fastest real pole and the two slowest zeros.
     """
@@ -47,8 +47,8 @@ def feedback_sections(feedback: SampledSystem) -> Sections:
     return np.vstack([cascade(SampledSystem(rest, others, feedback.gain, feedback.rate_hz)), last])
 
 
-def _slowest(zeros: Roots, count: int) -> tuple[Roots, Roots]:
-    """Up to `count` (1 or 2) zeros nearest z = 1, never half of a pair, and the others."""
+def _slowest(zeros: ComplexArray, count: int) -> tuple[ComplexArray, ComplexArray]:
+    """Return up to `count` (1 or 2) zeros nearest z = 1, never half of a pair, and the others."""
     order = np.argsort(np.abs(zeros - 1.0), kind="stable")
     zeros = zeros[order]
     real = np.flatnonzero(np.abs(zeros.imag) < 1e-12)
@@ -60,7 +60,7 @@ def _slowest(zeros: Roots, count: int) -> tuple[Roots, Roots]:
     return zeros[taken], np.delete(zeros, taken)
 
 
-def _integrator_section(zeros: Roots, partner: float | None) -> NDArray[np.float64]:
+def _integrator_section(zeros: ComplexArray, partner: float | None) -> NDArray[np.float64]:
     order = 1 if partner is None else 2
     numerator = np.real(np.poly(zeros)) if zeros.size else np.ones(1)
     numerator = np.concatenate([np.zeros(order + 1 - numerator.size), numerator])  # missing zeros are delays
@@ -70,8 +70,8 @@ def _integrator_section(zeros: Roots, partner: float | None) -> NDArray[np.float
     return np.array([*numerator, 1.0, -(1.0 + pole), pole])
 
 
-def anti_windup(sections: Sections, crossover_hz: float, rate_hz: float) -> AntiWindup:
-    """The gains of the rule above; zero where the last section holds no integrator."""
+def anti_windup(sections: FloatArray, crossover_hz: float, rate_hz: float) -> AntiWindup:
+    """Return the gains of the rule above; zero where the last section holds no integrator."""
     _, _, _, a0, a1, a2 = sections[-1]
     own = exact_sum(a0, a0, a1) / float(a0)
     if abs(exact_sum(a0, a1, a2)) > _AT_ONE * abs(own):

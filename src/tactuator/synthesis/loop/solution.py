@@ -10,17 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
+from tactuator.arrays import FloatArray
 from tactuator.loop.feedback import FeedbackLoop
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.family import Member
 from tactuator.synthesis.loop.problem import LoopProblem, Point
 from tactuator.synthesis.loop.screening import WEAKER
 from tactuator.synthesis.loop.structure import COUNT
-
-Array = NDArray[np.float64]
 
 _PUNISHMENT = 30.0
 _GAIN_RANGE = 4.0
@@ -31,34 +29,35 @@ class Solution:
     """A local optimum: its parameters, the worst member's mean |S| in dB (or the excess that was minimised), and the
     common excess, dB: zero where every requirement is kept."""
 
-    parameters: Array
+    parameters: FloatArray
     mean_db: float
     excess_db: float
 
 
 def solve(
-    problem: LoopProblem, start: Array, limits: optimize.Bounds, relaxed: frozenset[str] = frozenset()
+    problem: LoopProblem, start: FloatArray, limits: optimize.Bounds, relaxed: frozenset[str] = frozenset()
 ) -> Solution | None:
-    """One local solution; the excess of the requirements `relaxed`, if any, is minimised instead, all others
-    being kept."""
+    """Find one local solution; the excess of the requirements `relaxed`, if any, is minimised instead, all others being
+    kept.
+    """
     free = np.array([label in relaxed for label, _ in problem.labels])
     cache: dict[bytes, Point] = {}
 
-    def at(unknowns: Array) -> Point:
+    def at(unknowns: FloatArray) -> Point:
         key = unknowns[:COUNT].tobytes()
         if key not in cache:
             cache.clear()
             cache[key] = problem.at(unknowns[:COUNT])
         return cache[key]
 
-    def aims(point: Point) -> tuple[Array, Array]:
+    def aims(point: Point) -> tuple[FloatArray, FloatArray]:
         return (point.excess[free], point.excess_slope[free]) if relaxed else (point.mean_db, point.mean_slope)
 
-    def rooms(unknowns: Array) -> Array:
+    def rooms(unknowns: FloatArray) -> FloatArray:
         point = at(unknowns)
         return np.concatenate([unknowns[COUNT] - aims(point)[0], unknowns[COUNT + 1] - point.excess[~free]])
 
-    def slopes(unknowns: Array) -> Array:
+    def slopes(unknowns: FloatArray) -> FloatArray:
         point = at(unknowns)
         aim = aims(point)[1]
         rows = np.zeros((aim.shape[0] + int(np.sum(~free)), COUNT + 2))

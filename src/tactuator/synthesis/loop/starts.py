@@ -1,18 +1,16 @@
-"""Where the local search begins, and within what bounds."""
+"""Starts of the local search, and the bounds that it stays within."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
+from tactuator.arrays import FloatArray
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.family import Member
 from tactuator.synthesis.loop.candidates import slow_pair
 from tactuator.synthesis.loop.problem import LoopProblem
 from tactuator.synthesis.loop.structure import COUNT, FREQUENCIES, POLE_DAMPINGS, ZERO_DAMPINGS
-
-Array = NDArray[np.float64]
 
 _SLOWEST_ZEROS_HZ = 1.0
 _ZERO_DAMPING = (0.7, 4.0)
@@ -42,7 +40,7 @@ def bounds(problem: LoopProblem, plant: ContinuousSystem) -> optimize.Bounds:
 
 
 def _resonance(plant: ContinuousSystem) -> tuple[float, float]:
-    """Natural frequency (rad/s) and damping of the plant's softest pole pair; (0, 1) if it has none."""
+    """Return the natural frequency (rad/s) and damping of the plant's softest pole pair; (0, 1) if it has none."""
     pairs = plant.poles[plant.poles.imag > 0.0]
     if pairs.size == 0:
         return 0.0, 1.0
@@ -51,7 +49,7 @@ def _resonance(plant: ContinuousSystem) -> tuple[float, float]:
     return float(np.abs(pairs[softest])), float(damping[softest])
 
 
-def classical_starts(problem: LoopProblem, nominal: Member, rate_hz: float) -> list[Array]:
+def classical_starts(problem: LoopProblem, nominal: Member, rate_hz: float) -> list[FloatArray]:
     """Return starts with zeros on the plant's two slowest poles, the notch on its resonance, and several crossovers."""
     own, damping = slow_pair(nominal.continuous)
     resonance, softness = _resonance(nominal.continuous)

@@ -13,12 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.signals.systems import SampledSystem
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # Where each factor's parameters stand: (kind, first index, +1 numerator or -1 denominator)
 _PAIRS = ((1, 1), (4, 1), (6, -1), (8, 1), (10, -1))
@@ -37,8 +34,8 @@ class LoopStructure:
 
     rate_hz: float
 
-    def log_response(self, parameters: Array, difference: Complex) -> tuple[Complex, Complex]:
-        """log C, shape (n,), and its derivatives, shape (COUNT, n), at difference = z - 1, shape (n,)."""
+    def log_response(self, parameters: FloatArray, difference: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """Return log C, shape (n,), and its derivatives, shape (COUNT, n), at difference = z - 1, shape (n,)."""
         value = parameters[0] - np.log(difference)
         slope = np.zeros((COUNT, difference.size), dtype=np.complex128)
         slope[0] = 1.0
@@ -50,17 +47,17 @@ class LoopStructure:
         slope[_POLE] = -by_frequency
         return value - log_factor, slope
 
-    def responses(self, parameters: Array, difference: Complex) -> Complex:
+    def responses(self, parameters: FloatArray, difference: ComplexArray) -> ComplexArray:
         """Return C of many parameter vectors, (n, COUNT), at difference = z - 1, shape (f,): shape (n, f)."""
-        above: Complex = np.exp(parameters[:, :1]) + 0j
-        below: Complex = difference * _singles(parameters[:, _POLE, None], difference)
+        above: ComplexArray = np.exp(parameters[:, :1]) + 0j
+        below: ComplexArray = difference * _singles(parameters[:, _POLE, None], difference)
         for index, sign in _PAIRS:
             factor = _pairs(parameters[:, index, None], parameters[:, index + 1, None], difference)
             above, below = (above * factor, below) if sign > 0 else (above, below * factor)
         return above / below
 
-    def system(self, parameters: Array) -> SampledSystem:
-        """The controller of a parameter vector."""
+    def system(self, parameters: FloatArray) -> SampledSystem:
+        """Return the controller of a parameter vector."""
         zeros: list[complex] = []
         poles: list[complex] = [1.0, complex(np.exp(-np.exp(parameters[_POLE])))]
         gain = float(np.exp(parameters[0])) * -float(np.expm1(-np.exp(parameters[_POLE])))
@@ -72,7 +69,7 @@ class LoopStructure:
 
 
 def _coefficients(log_frequency: float, log_damping: float) -> tuple[float, float]:
-    """(c1, c0) of a pair, without cancellation at high rates."""
+    """Return (c1, c0) of a pair, without cancellation at high rates."""
     frequency, damping = np.exp(log_frequency), np.exp(log_damping)
     decay = damping * frequency
     inner = frequency**2 * (1.0 - damping**2)  # square of the angle; negative when overdamped
@@ -82,8 +79,10 @@ def _coefficients(log_frequency: float, log_damping: float) -> tuple[float, floa
     return float(c0 - np.expm1(-2.0 * decay)), float(c0)
 
 
-def _pair(log_frequency: float, log_damping: float, difference: Complex) -> tuple[Complex, Complex, Complex]:
-    """log of a pair of unit gain at rest, and its derivatives by log frequency and log damping."""
+def _pair(
+    log_frequency: float, log_damping: float, difference: ComplexArray
+) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Return the logarithm of a pair of unit gain at rest, and its derivatives by log frequency and log damping."""
     c1, c0 = _coefficients(log_frequency, log_damping)
     polynomial = difference * (difference + c1) + c0
     slopes = []
@@ -96,8 +95,8 @@ def _pair(log_frequency: float, log_damping: float, difference: Complex) -> tupl
     return np.log(polynomial / c0), slopes[0], slopes[1]
 
 
-def _pairs(log_frequency: Array, log_damping: Array, difference: Complex) -> Complex:
-    """Pairs of unit gain at rest, many at once: parameters (n, 1), difference (f,), result (n, f)."""
+def _pairs(log_frequency: FloatArray, log_damping: FloatArray, difference: ComplexArray) -> ComplexArray:
+    """Return the pairs of unit gain at rest, many at once: parameters (n, 1), difference (f,), result (n, f)."""
     frequency, damping = np.exp(log_frequency), np.exp(log_damping)
     decay = damping * frequency
     inner = frequency**2 * (1.0 - damping**2)
@@ -108,12 +107,12 @@ def _pairs(log_frequency: Array, log_damping: Array, difference: Complex) -> Com
     return np.asarray((difference * (difference + c1) + c0) / c0)
 
 
-def _singles(log_frequency: Array, difference: Complex) -> Complex:
+def _singles(log_frequency: FloatArray, difference: ComplexArray) -> ComplexArray:
     c0 = -np.expm1(-np.exp(log_frequency))
     return np.asarray((difference + c0) / c0)
 
 
-def _single(log_frequency: float, difference: Complex) -> tuple[Complex, Complex]:
+def _single(log_frequency: float, difference: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
     frequency = np.exp(log_frequency)
     c0 = -np.expm1(-frequency)
     slope = frequency * np.exp(-frequency)
@@ -121,7 +120,7 @@ def _single(log_frequency: float, difference: Complex) -> tuple[Complex, Complex
 
 
 def _roots(log_frequency: float, log_damping: float) -> tuple[list[complex], float]:
-    """Both roots in z, and the pair's value at rest, c0."""
+    """Return both roots in z, and the pair's value at rest, c0."""
     frequency, damping = np.exp(log_frequency), np.exp(log_damping)
     spread = frequency * np.sqrt(complex(damping**2 - 1.0))
     roots = [complex(np.exp(-damping * frequency + spread)), complex(np.exp(-damping * frequency - spread))]

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.requirements import FeedbackRequirements
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.family import Member
@@ -28,8 +28,6 @@ from tactuator.synthesis.loop.screening import Screen
 from tactuator.synthesis.loop.solution import Solution, is_sound, solve
 from tactuator.synthesis.loop.starts import bounds, classical_starts
 from tactuator.synthesis.loop.structure import LoopStructure
-
-Array = NDArray[np.float64]
 
 _FEASIBLE_DB = 1e-4
 _RESERVE_DB = 2e-4
@@ -43,7 +41,7 @@ Found = tuple[float, SampledSystem]
 
 @dataclass(frozen=True)
 class Task:
-    """What a loop is looked for: the family of plants, what is asked, the rate, the limit on max|T|."""
+    """Task of the synthesis: the family of plants, the requirements, the rate, the limit on max|T|."""
 
     family: Sequence[Member]
     requirements: FeedbackRequirements
@@ -85,7 +83,7 @@ def is_possible(task: Task) -> bool:
     return bool(_witnesses(task, [first])) or any(_settled(task, 1.0, [], classical=True))
 
 
-def nearest(task: Task, blocks: Sequence[Array] | None = None) -> list[Array]:
+def nearest(task: Task, blocks: Sequence[FloatArray] | None = None) -> list[FloatArray]:
     """Return the candidates that miss the requirements by least, the nearest first: parameter vectors."""
     all_blocks = list(shapes(task.family[0].continuous, task.rate_hz)) if blocks is None else blocks
     parts = [task.screen.nearest(block, _NEAREST) for block in all_blocks[:2]]
@@ -94,8 +92,8 @@ def nearest(task: Task, blocks: Sequence[Array] | None = None) -> list[Array]:
     return [parameters[i] for i in order if np.isfinite(miss[i])][:_NEAREST]
 
 
-def _witnesses(task: Task, blocks: Sequence[Array]) -> list[tuple[Array, Found]]:
-    """The best few candidates of the first block that holds any."""
+def _witnesses(task: Task, blocks: Sequence[FloatArray]) -> list[tuple[FloatArray, Found]]:
+    """Return the best few candidates of the first block that holds any."""
     for block in blocks:
         for share in _RESONANCE_SHARES:
             found = list(islice(_assessed(task, block, task.peak(share)), _WITNESSES))
@@ -104,15 +102,15 @@ def _witnesses(task: Task, blocks: Sequence[Array]) -> list[tuple[Array, Found]]
     return []
 
 
-def _all_candidates(task: Task, blocks: Sequence[Array]) -> Iterator[Found]:
-    """Every candidate that keeps all limits, for the case that no prefilter fits the best ones."""
+def _all_candidates(task: Task, blocks: Sequence[FloatArray]) -> Iterator[Found]:
+    """Yield every candidate that keeps all limits, for the case that no prefilter fits the best ones."""
     for block in blocks:
         for _, found in _assessed(task, block, task.resonance_peak):
             yield found
 
 
-def _assessed(task: Task, block: Array, resonance_peak: float) -> Iterator[tuple[Array, Found]]:
-    """The candidates of a block that a full assessment finds to keep everything."""
+def _assessed(task: Task, block: FloatArray, resonance_peak: float) -> Iterator[tuple[FloatArray, Found]]:
+    """Yield the candidates of a block that a full assessment finds to keep everything."""
     structure = LoopStructure(task.rate_hz)
     for parameters in task.screen.kept(block, resonance_peak):
         found = judged(task, structure.system(parameters), resonance_peak)
@@ -131,9 +129,9 @@ def judged(task: Task, feedback: SampledSystem, resonance_peak: float) -> Found 
 
 
 def _improved(
-    task: Task, starts: Sequence[Array], classical: bool, shares: Sequence[float] = _RESONANCE_SHARES
+    task: Task, starts: Sequence[FloatArray], classical: bool, shares: Sequence[float] = _RESONANCE_SHARES
 ) -> list[Found]:
-    """Local optima that keep every requirement, all different, the best first."""
+    """Return local optima that keep every requirement, all different, the best first."""
     for share in shares:
         found = sorted(_settled(task, share, starts, classical), key=lambda one: one[0])
         if found:
@@ -141,8 +139,8 @@ def _improved(
     return []
 
 
-def _settled(task: Task, share: float, starts: Sequence[Array], classical: bool) -> Iterator[Found]:
-    """Local optima that keep every requirement, start by start."""
+def _settled(task: Task, share: float, starts: Sequence[FloatArray], classical: bool) -> Iterator[Found]:
+    """Yield local optima that keep every requirement, start by start."""
     problem = LoopProblem(task.family, task.requirements, task.rate_hz, task.peak(share))
     limits = bounds(problem, task.family[0].continuous)
     begin = [*starts, *(classical_starts(problem, task.family[0], task.rate_hz) if classical else [])]
@@ -161,7 +159,7 @@ def _settled(task: Task, share: float, starts: Sequence[Array], classical: bool)
 
 
 def _settle(task: Task, problem: LoopProblem, solution: Solution) -> Found | None:
-    """The solution with what its grids overlooked taken into account: a full assessment finds no shortfall."""
+    """Return the solution with what its grids overlooked taken into account: a full assessment finds no shortfall."""
     limits = bounds(problem, task.family[0].continuous)
     for _ in range(4):
         feedback = problem.structure.system(solution.parameters)
@@ -178,7 +176,7 @@ def _settle(task: Task, problem: LoopProblem, solution: Solution) -> Found | Non
     return None
 
 
-def _tighten(problem: LoopProblem, parameters: Array, assessments: Sequence[MemberAssessment]) -> None:
+def _tighten(problem: LoopProblem, parameters: FloatArray, assessments: Sequence[MemberAssessment]) -> None:
     """Set the problem's `tighten` so that every excess is that of the assessment, and a trifle more."""
     seen = problem.at(parameters).excess - problem.tighten
     true = {

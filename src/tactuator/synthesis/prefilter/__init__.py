@@ -1,1 +1,1 @@
-"""Prefilters: magnitude fit, cascade of sections, felt weighting."""
+"""The prefilter: magnitude fit, cascade of sections, felt weighting."""

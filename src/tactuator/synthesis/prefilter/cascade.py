@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.signals.sections import exact_sum
 from tactuator.signals.systems import SampledSystem
 
-Sections = NDArray[np.float64]
 
-
-def cascade(system: SampledSystem) -> Sections:
-    """Second-order sections of `system` (shape (n, 6), a0 = 1), each of unit gain at rest but the first, which holds
-    the gain of all: the signal keeps its size from section to section. Delay is left out."""
+def cascade(system: SampledSystem) -> FloatArray:
+    """Return the second-order sections of `system` (shape (n, 6), a0 = 1), each of unit gain at rest but the first,
+    which holds the gain of all: the signal keeps its size from section to section. Delay is left out.
+    """
     sections = np.array(system.sections())
     for index in range(1, len(sections)):
         at_rest = exact_sum(*sections[index, :3]) / (exact_sum(*sections[index, 3:]) or np.inf)

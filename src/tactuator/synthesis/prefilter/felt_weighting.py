@@ -10,17 +10,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.description import Channel
 from tactuator.signals.decibels import db
-from tactuator.synthesis.prefilter.cascade import Sections, cascade
+from tactuator.synthesis.prefilter.cascade import cascade
 from tactuator.synthesis.prefilter.magnitude_fit import MagnitudeGoal, fit_magnitude
 
 POLES = 4
 _RISE_ABOVE_BAND_DB = 6.0
 
 
-def weighting_sections(channel: Channel, rate_hz: float) -> Sections:
-    """W as second-order sections, shape (2, 6), at rate_hz: volts of y to felt threshold units.
+def weighting_sections(channel: Channel, rate_hz: float) -> FloatArray:
+    """Return W as second-order sections, shape (2, 6), at rate_hz: volts of y to felt threshold units.
 
     Raises BadInput if no stable filter of that order comes near it.
     """

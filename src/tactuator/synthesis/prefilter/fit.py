@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.description import Channel
 from tactuator.errors import BadInput
 from tactuator.loop.feedback import TwoDegreeLoop
@@ -20,10 +21,8 @@ from tactuator.signals.sections import sections_response
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.family import sampled_plant
 from tactuator.synthesis.friction_loss import friction_loss_db
-from tactuator.synthesis.prefilter.cascade import Sections, cascade
+from tactuator.synthesis.prefilter.cascade import cascade
 from tactuator.synthesis.prefilter.magnitude_fit import MagnitudeGoal, fit_magnitude
-
-Array = NDArray[np.float64]
 
 MOST_POLES = 16
 _BELOW_BAND_ALLOWANCE_DB = 1.0
@@ -36,13 +35,13 @@ class PrefilterFit:
     """A fitted prefilter: sections (n, 6); its number of poles; the error of |H| against the curve over the band, dB:
     greatest, where (hertz), root mean square even in log frequency; and the error at frequency_hz, shape (k,)."""
 
-    sections: Sections
+    sections: FloatArray
     poles: int
     max_error_db: float
     worst_hz: float
     rms_error_db: float
-    frequency_hz: Array
-    error_db: Array
+    frequency_hz: FloatArray
+    error_db: FloatArray
 
 
 def fit_prefilter(
@@ -53,7 +52,7 @@ def fit_prefilter(
     poles: int | None = None,
     tolerance_db: float = 0.25,
 ) -> PrefilterFit:
-    """The prefilter of `poles` poles (None: the fewest, even, that keep tolerance_db) for the channel's curve.
+    """Fit the prefilter of `poles` poles (None: the fewest, even, that keep tolerance_db) for the channel's curve.
 
     Raises UnstableLoop for an unstable loop; BadInput if no number of poles up to 16 keeps the tolerance, or if the
     plant gives nothing somewhere in the band.
@@ -82,7 +81,8 @@ def fit_prefilter(
 def prefilter_goal(
     channel: Channel, feedback: SampledSystem | None, plant: SampledSystem, rate_hz: float
 ) -> MagnitudeGoal:
-    """|F| = threshold voltage / |T| over the band; held near it below; no more than its greatest above the band.
+    """Return the goal |F| = threshold voltage / |T| over the band; held near it below; no more than its greatest above
+    the band.
 
     Friction only takes away: where it does, the fit leans against it within its tolerance.
     """
@@ -107,8 +107,8 @@ def prefilter_goal(
     return MagnitudeGoal(frequency, level, allowance, above, float(np.max(level[allowance == 0.0])), floor, falls)
 
 
-def design_grid_hz(channel: Channel, feedback: SampledSystem | None, plant: SampledSystem) -> Array:
-    """Frequencies of the band: even in log frequency, the curve's own, and dense around lightly damped roots."""
+def design_grid_hz(channel: Channel, feedback: SampledSystem | None, plant: SampledSystem) -> FloatArray:
+    """Return frequencies of the band: even in log frequency, the curve's own, and dense around lightly damped roots."""
     low, high = channel.threshold.band_hz
     parts = [np.geomspace(low, high, 200), channel.threshold.curve.frequency_hz]
     systems: list[System] = [plant] if feedback is None else [plant, feedback]
@@ -121,13 +121,15 @@ def design_grid_hz(channel: Channel, feedback: SampledSystem | None, plant: Samp
     return grid[(grid >= low) & (grid <= high)]
 
 
-def response_error_db(channel: Channel, loop: TwoDegreeLoop, frequency_hz: ArrayLike) -> Array:
-    """|H| against the curve's threshold voltage, dB, at `frequency_hz`; what it should be is 0."""
+def response_error_db(channel: Channel, loop: TwoDegreeLoop, frequency_hz: ArrayLike) -> FloatArray:
+    """Return the error of |H| against the curve's threshold voltage, dB, at `frequency_hz`."""
     return db(np.abs(loop.position_response(frequency_hz)) / channel.threshold_voltage(frequency_hz))
 
 
-def _floor_db(channel: Channel, feedback: SampledSystem | None, plant: SampledSystem, frequency_hz: Array) -> Array:
-    """The least error that keeps what friction takes, at the levels of `_FRICTION_FLOORS_DB`, within bounds."""
+def _floor_db(
+    channel: Channel, feedback: SampledSystem | None, plant: SampledSystem, frequency_hz: FloatArray
+) -> FloatArray:
+    """Return the least error that keeps what friction takes, at the levels of `_FRICTION_FLOORS_DB`, within bounds."""
     one = SampledSystem(np.empty(0), np.empty(0), 1.0, plant.rate_hz)
     loop = TwoDegreeLoop(one, feedback, plant)
     floors = [
@@ -136,8 +138,8 @@ def _floor_db(channel: Channel, feedback: SampledSystem | None, plant: SampledSy
     return np.asarray(np.max(floors, axis=0))
 
 
-def _behind(feedback: SampledSystem | None, plant: SampledSystem, frequency_hz: Array) -> NDArray[np.complex128]:
-    """What stands behind the prefilter: T, or the plant itself."""
+def _behind(feedback: SampledSystem | None, plant: SampledSystem, frequency_hz: FloatArray) -> NDArray[np.complex128]:
+    """Return the response behind the prefilter: T, or the plant itself."""
     one = SampledSystem(np.empty(0), np.empty(0), 1.0, plant.rate_hz)
     loop = TwoDegreeLoop(one, feedback, plant)
     if loop.feedback is not None:

@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, optimize
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.signals.decibels import db
 from tactuator.signals.systems import SampledSystem
 
-Array = NDArray[np.float64]
-Coefficients = tuple[Array, Array]
+Coefficients = tuple[FloatArray, FloatArray]
 
 _WIDEST_DB = 30.0
 _PRECISION = 0.01
@@ -39,7 +39,7 @@ _LEAST_DAMPING = 0.005
 
 @dataclass(frozen=True)
 class MagnitudeGoal:
-    """What a filter's magnitude is to be.
+    """Goal of a filter's magnitude.
 
     frequency_hz, level_db: shape (n,), ascending, zero allowed: the level wanted. allowance_db: shape (n,), how far
     beyond the common error each point may be off (0 in the band proper). ceiling_db: the greatest level of the band;
@@ -48,17 +48,17 @@ class MagnitudeGoal:
     nothing of one of 0.5 dB or more); None: no floor. falls_above_hz: from the band to here the ceiling is 6 dB higher.
     """
 
-    frequency_hz: Array
-    level_db: Array
-    allowance_db: Array
-    above_hz: Array
+    frequency_hz: FloatArray
+    level_db: FloatArray
+    allowance_db: FloatArray
+    above_hz: FloatArray
     ceiling_db: float
-    floor_db: Array | None = None
+    floor_db: FloatArray | None = None
     falls_above_hz: float = 0.0
 
 
 def fit_magnitude(goal: MagnitudeGoal, rate_hz: float, order: int) -> SampledSystem:
-    """The stable, minimum-phase filter of `order` poles (and as many zeros) nearest to the goal, in maximum dB.
+    """Return the stable, minimum-phase filter of `order` poles (and as many zeros) nearest to the goal, in maximum dB.
 
     The common error is within 3 % of the least possible: a little is given up for poles and zeros that keep away from
     the unit circle. Raises BadInput if no filter of that order is within 30 dB.
@@ -78,7 +78,9 @@ def fit_magnitude(goal: MagnitudeGoal, rate_hz: float, order: int) -> SampledSys
 
 
 def _refined(best: _Program) -> _Program:
-    """The program solved again in a basis made of its own solution's roots, as long as it is poor and that helps."""
+    """Return the program solved again in a basis made of its own solution's roots, as long as it is poor and that
+    helps.
+    """
     for enough_db in _REFINED_DB:
         if best.excess_db == 0.0 and (best.order < _REFINED_ORDER or best.error_db <= enough_db):
             break
@@ -93,7 +95,7 @@ def _refined(best: _Program) -> _Program:
 
 
 def _off_db(program: _Program) -> float:
-    """How far the program's filter is off its goal: in the band and, above it, beyond the ceiling."""
+    """Return the error of the program's filter from its goal, dB: in the band and, above it, beyond the ceiling."""
     return program.error_db + program.excess_db
 
 
@@ -131,14 +133,14 @@ class _Program:
 
     @cached_property
     def error_db(self) -> float:
-        """The greatest error of the filter itself, over the band."""
+        """Return the greatest error of the filter itself, over the band."""
         inside = self._goal.allowance_db == 0.0
         miss = db(self.filter().response(self._goal.frequency_hz[inside])) - self._goal.level_db[inside]
         return float(np.max(np.abs(miss)))
 
     @cached_property
     def excess_db(self) -> float:
-        """How far the filter itself passes the ceiling above the band; 0 for what does not matter."""
+        """Return the excess of the filter itself over the ceiling above the band, dB; 0 for what does not matter."""
         above = np.geomspace(self._goal.above_hz[0], 0.4999 * self._rate_hz, 1000)
         peaks = np.abs(np.angle(self.filter().poles)) * self._rate_hz / (2.0 * np.pi)
         above = np.append(above, peaks[(peaks > above[0]) & (peaks < above[-1])])
@@ -148,19 +150,23 @@ class _Program:
 
     @property
     def denominator_roots(self) -> NDArray[np.complex128]:
-        """The roots of D in x."""
+        """Return the roots in x of D."""
         return _fraction_roots(self._coefficients[1], self._corners)
 
     def again(self) -> _Program:
-        """The same goal in the basis of this solution's roots, every constraint in proportion to this solution's D."""
+        """Return a program of the same goal in the basis of this solution's roots, every constraint in proportion to
+        this solution's D.
+        """
         return _Program(self._goal, self._rate_hz, self.order, False, self)
 
     def filter(self) -> SampledSystem:
-        """The filter of the solution."""
+        """Return the filter of the solution."""
         return self.filter_of(self._coefficients)
 
-    def root_corners(self) -> tuple[Array, Array]:
-        """Corners at the sizes of the solution's poles and of its zeros, kept apart: a basis that fits it closely."""
+    def root_corners(self) -> tuple[FloatArray, FloatArray]:
+        """Return the corners at the sizes of the solution's poles and of its zeros, kept apart: a basis that fits it
+        closely.
+        """
         sizes = []
         for part, corners in zip(self._coefficients[::-1], (self._corners, self._zero_corners), strict=True):
             logs = np.sort(np.log(np.clip(np.abs(_fraction_roots(part, corners)), 1e-6, 1e6)))
@@ -169,22 +175,23 @@ class _Program:
             sizes.append(np.exp(logs))
         return sizes[0], sizes[1]
 
-    def _squares(self, frequency_hz: Array) -> Array:
-        """x, in units that put the band's middle at one; at the Nyquist frequency it is infinite."""
+    def _squares(self, frequency_hz: FloatArray) -> FloatArray:
+        """Return the squares x, in units that put the band's middle at one; at the Nyquist frequency it is infinite."""
         nyquist = frequency_hz >= 0.5 * self._rate_hz
         return np.where(
             nyquist, 1e15, np.tan(np.pi * np.where(nyquist, 0.0, frequency_hz) / self._rate_hz) ** 2 / self._unit
         )
 
-    def _numerators(self, frequency_hz: Array) -> Array:
-        """N's fractions times the rough shape, shape (n, order + 1)."""
+    def _numerators(self, frequency_hz: FloatArray) -> FloatArray:
+        """Return the fractions of N times the rough shape, shape (n, order + 1)."""
         square = self._squares(frequency_hz)
         logs = np.log(square[:, None] + self._zero_corners) - np.log(square[:, None] + self._corners)
         return np.asarray(_fractions(square, self._zero_corners) * np.exp(np.sum(logs, axis=1))[:, None])
 
-    def _sizes(self, frequency_hz: Array) -> Array:
-        """The size of D that the former solution suggests (1 without one), shape (n, 1): what constraints are told in
-        proportion to, since the solver's tolerance is one for all."""
+    def _sizes(self, frequency_hz: FloatArray) -> FloatArray:
+        """Return the size of D that the former solution suggests (1 without one), shape (n, 1): what constraints are
+        told in proportion to, since the solver's tolerance is one for all.
+        """
         square = self._squares(frequency_hz)[:, None]
         if self._sized_by is None:
             return np.ones_like(square)
@@ -192,7 +199,7 @@ class _Program:
         return np.asarray(np.exp(np.maximum(logs - np.max(logs), -20.0)))
 
     def best(self) -> Coefficients:
-        """Coefficients for an error slightly above the least possible (found by bisection)."""
+        """Return the coefficients for an error slightly above the least possible (found by bisection)."""
         low = self._lower_bound_db
         high = 1.05 * low if low > 0.0 else 4.0
         while self._solve(high) is None:
@@ -213,7 +220,9 @@ class _Program:
         return found
 
     def _solve(self, error_db: float) -> Coefficients | None:
-        """Coefficients (of N, of D) that keep the error, as far inside the constraints as can be; None if none do."""
+        """Return the coefficients (of N, of D) that keep the error, as far inside the constraints as can be; None if
+        none do.
+        """
         floor = -np.inf if self._goal.floor_db is None else self._goal.floor_db
         spare = max(0.0, 1.0 - max(0.0, error_db - _FINE_DB) / (_COARSE_DB - _FINE_DB))
         most = min(0.0, _MOST_NARROWED_DB * spare - error_db)
@@ -245,13 +254,15 @@ class _Program:
             return None
         return result.x[:size] / self._scale, result.x[size : 2 * size]
 
-    def _ceiling(self, frequency_hz: Array, error_db: float) -> Array:
-        """The ceiling as a squared magnitude: what the filter is sure to reach in the band."""
+    def _ceiling(self, frequency_hz: FloatArray, error_db: float) -> FloatArray:
+        """Return the ceiling as a squared magnitude: what the filter is sure to reach in the band."""
         more = np.where(frequency_hz < self._goal.falls_above_hz, _BETWEEN_DB, 0.0)
         return np.asarray(10.0 ** ((self._goal.ceiling_db - error_db + more - self._middle_db) / 10.0))
 
-    def violations(self, coefficients: Coefficients) -> Array:
-        """Frequencies outside the band where N or D is not positive, or the ceiling is passed, between the grid's."""
+    def violations(self, coefficients: Coefficients) -> FloatArray:
+        """Return the frequencies outside the band where N or D is not positive, or the ceiling is passed, between the
+        grid's.
+        """
         low, top = self._goal.frequency_hz[self._goal.allowance_db == 0.0][[0, -1]]
         dense = np.concatenate([np.geomspace(low / 30.0, low, 1000), np.geomspace(top, 0.4999 * self._rate_hz, 4000)])
         numerator = self._numerators(dense) @ coefficients[0]
@@ -263,12 +274,12 @@ class _Program:
         bad = np.flatnonzero((room <= 0.0) | over)
         return np.unique(dense[bad[:: max(1, bad.size // 12)]]) if bad.size else np.empty(0)
 
-    def add(self, frequency_hz: Array) -> None:
+    def add(self, frequency_hz: FloatArray) -> None:
         """Keep the constraints outside the band at these frequencies too."""
         self._above = np.unique(np.append(self._above, frequency_hz))
 
     def filter_of(self, coefficients: Coefficients) -> SampledSystem:
-        """Spectral factorisation: the roots of N and D in the stable half, with the mean error taken out."""
+        """Return the spectral factorisation: the roots of N and D in the stable half, with the mean error taken out."""
         zeros = self._roots(coefficients[0], self._zero_corners)
         poles = self._roots(coefficients[1], self._corners)
         shape = SampledSystem(zeros, poles, 1.0, self._rate_hz)
@@ -278,19 +289,22 @@ class _Program:
         gain = 10.0 ** (-0.5 * float(np.max(miss) + np.min(miss)) / 20.0)
         return SampledSystem(zeros, poles, gain, self._rate_hz)
 
-    def _roots(self, coefficients: Array, corners: Array) -> NDArray[np.complex128]:
-        """z-plane roots, |z| < 1, of c_0 + sum c_k a_k/(x + a_k): eigenvalues of a diagonal plus a rank-one matrix."""
+    def _roots(self, coefficients: FloatArray, corners: FloatArray) -> NDArray[np.complex128]:
+        """Return the z-plane roots, |z| < 1, of c_0 + sum c_k a_k/(x + a_k): eigenvalues of a diagonal plus a rank-one
+        matrix.
+        """
         s = -np.sqrt(-_off_the_axis(_fraction_roots(coefficients, corners)) * self._unit)
         return np.asarray((1.0 + s) / (1.0 - s), dtype=np.complex128)
 
 
-def _fractions(square: Array, corners: Array) -> Array:
-    """1 and a_k/(x + a_k), shape (n, order + 1)."""
+def _fractions(square: FloatArray, corners: FloatArray) -> FloatArray:
+    """Return the fractions 1 and a_k/(x + a_k), shape (n, order + 1)."""
     return np.hstack([np.ones((square.size, 1)), corners / (square[:, None] + corners)])
 
 
-def _fraction_roots(coefficients: Array, corners: Array) -> NDArray[np.complex128]:
-    """Roots in x of c_0 + sum c_k a_k/(x + a_k), shape (order,): generalised eigenvalues of a bordered diagonal.
+def _fraction_roots(coefficients: FloatArray, corners: FloatArray) -> NDArray[np.complex128]:
+    """Return the roots in x of c_0 + sum c_k a_k/(x + a_k), shape (order,): generalised eigenvalues of a bordered
+    diagonal.
 
     The small ones stay right where c_0 is next to nothing and one root is all but infinite; no size is beyond 1e12.
     """
@@ -304,8 +318,9 @@ def _fraction_roots(coefficients: Array, corners: Array) -> NDArray[np.complex12
     return np.asarray(np.where(far, -1e12, top / np.where(far, 1.0, bottom)), dtype=np.complex128)
 
 
-def _shaping_corners(corners: Array, square: Array, ratio: Array) -> Array:
-    """b_k such that prod (x + b_k)/(x + a_k) rises and falls about as `ratio` does from one a_k to the next.
+def _shaping_corners(corners: FloatArray, square: FloatArray, ratio: FloatArray) -> FloatArray:
+    """Return corners b_k such that prod (x + b_k)/(x + a_k) rises and falls about as `ratio` does from one a_k to the
+    next.
 
     A factor changes by a/b as x passes: b_k = a_k / (the change of the ratio around a_k), all different.
     """
@@ -323,8 +338,9 @@ def _shaping_corners(corners: Array, square: Array, ratio: Array) -> Array:
 
 
 def _off_the_axis(roots: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Roots in x with those on or beside the positive axis (where a magnitude touches zero) moved off it, two by two,
-    to the least damping allowed: x = w^2 exp(+/- 2j asin(damping))."""
+    """Return the roots in x with those on or beside the positive axis (where a magnitude touches zero) moved off it,
+    two by two, to the least damping allowed: x = w^2 exp(+/- 2j asin(damping)).
+    """
     angle = 2.0 * np.arcsin(_LEAST_DAMPING)
     upper = roots[roots.imag > 0.0]
     near = (upper.real > 0.0) & (upper.imag < upper.real * np.tan(angle))
