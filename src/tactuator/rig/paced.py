@@ -17,7 +17,7 @@ from tactuator.rig.trace import Trace
 
 
 class PacedRig(ClosingRig):
-    """`rig`, each block of which takes its own duration over `speed` (1: real time)."""
+    """The given `rig`, slowed down: each block takes its own duration over `speed` (1: real time)."""
 
     def __init__(self, rig: Rig, speed: float = 1.0) -> None:
         self._rig = rig

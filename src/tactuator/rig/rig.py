@@ -63,13 +63,13 @@ class Rig(Protocol):
         ...
 
     def __enter__(self) -> Self:
-        """Return the rig itself."""
+        """Return the rig itself, for the block."""
         ...
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the rig."""
+        """Close the rig at the end of the block."""
         ...
 
 

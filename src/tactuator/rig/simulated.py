@@ -32,7 +32,7 @@ class FingerPort(Finger):
 
 
 class SimulatedRig(ClosingRig):
-    """`display` simulated: see design.md, "The simulated display". The same seed gives the same numbers."""
+    """The simulated `display` as a rig. The same seed gives the same numbers."""
 
     def __init__(self, display: Display, seed: int = 0) -> None:
         self._simulation = Simulation(display, seed)

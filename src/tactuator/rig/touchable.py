@@ -21,7 +21,7 @@ class TouchableRig(Rig, Protocol):
         ...
 
     def finger(self, channel: str) -> Finger:
-        """The finger port of a channel; BadInput where the display is real."""
+        """Return the finger port of a channel. Raises BadInput where the display is real."""
         ...
 
 
