@@ -61,6 +61,7 @@ bench: install-test ## ratios against peers, into out/bench.json (ARGS=name for 
 
 docs: install-test ## write docs/cli.md anew from the commands themselves
 	$(BIN)/python tools/cli_reference.py
+	$(BIN)/python tools/floors.py
 
 readme: install ## write README's picture and table anew from a run
 	$(BIN)/python tools/readme_table.py
