@@ -78,9 +78,7 @@ def fit_magnitude(goal: MagnitudeGoal, rate_hz: float, order: int) -> SampledSys
 
 
 def _refined(best: _Program) -> _Program:
-    """Return the program solved again in a basis made of its own solution's roots, as long as it is poor and that
-    helps.
-    """
+    """Solve the program again in a basis of its own solution's roots, as long as it is poor and that helps."""
     for enough_db in _REFINED_DB:
         if best.excess_db == 0.0 and (best.order < _REFINED_ORDER or best.error_db <= enough_db):
             break
@@ -164,9 +162,7 @@ class _Program:
         return self.filter_of(self._coefficients)
 
     def root_corners(self) -> tuple[FloatArray, FloatArray]:
-        """Return the corners at the sizes of the solution's poles and of its zeros, kept apart: a basis that fits it
-        closely.
-        """
+        """Return the corners at the sizes of the solution's poles and zeros, kept apart: a basis that fits closely."""
         sizes = []
         for part, corners in zip(self._coefficients[::-1], (self._corners, self._zero_corners), strict=True):
             logs = np.sort(np.log(np.clip(np.abs(_fraction_roots(part, corners)), 1e-6, 1e6)))
@@ -220,9 +216,7 @@ class _Program:
         return found
 
     def _solve(self, error_db: float) -> Coefficients | None:
-        """Return the coefficients (of N, of D) that keep the error, as far inside the constraints as can be; None if
-        none do.
-        """
+        """Find coefficients (of N, of D) that keep the error, as far inside the constraints as can be, or None."""
         floor = -np.inf if self._goal.floor_db is None else self._goal.floor_db
         spare = max(0.0, 1.0 - max(0.0, error_db - _FINE_DB) / (_COARSE_DB - _FINE_DB))
         most = min(0.0, _MOST_NARROWED_DB * spare - error_db)
@@ -260,9 +254,7 @@ class _Program:
         return np.asarray(10.0 ** ((self._goal.ceiling_db - error_db + more - self._middle_db) / 10.0))
 
     def violations(self, coefficients: Coefficients) -> FloatArray:
-        """Return the frequencies outside the band where N or D is not positive, or the ceiling is passed, between the
-        grid's.
-        """
+        """Return frequencies off the grid, outside the band, where N or D is not positive or the ceiling is passed."""
         low, top = self._goal.frequency_hz[self._goal.allowance_db == 0.0][[0, -1]]
         dense = np.concatenate([np.geomspace(low / 30.0, low, 1000), np.geomspace(top, 0.4999 * self._rate_hz, 4000)])
         numerator = self._numerators(dense) @ coefficients[0]
@@ -290,9 +282,7 @@ class _Program:
         return SampledSystem(zeros, poles, gain, self._rate_hz)
 
     def _roots(self, coefficients: FloatArray, corners: FloatArray) -> NDArray[np.complex128]:
-        """Return the z-plane roots, |z| < 1, of c_0 + sum c_k a_k/(x + a_k): eigenvalues of a diagonal plus a rank-one
-        matrix.
-        """
+        """Return z-plane roots, |z| < 1, of c_0 + sum c_k a_k/(x + a_k), as eigenvalues: diagonal plus rank one."""
         s = -np.sqrt(-_off_the_axis(_fraction_roots(coefficients, corners)) * self._unit)
         return np.asarray((1.0 + s) / (1.0 - s), dtype=np.complex128)
 
