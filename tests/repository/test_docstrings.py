@@ -17,7 +17,7 @@ Decide Design Do Draw Drive Drop End Estimate Evaluate Fade Feed Fill Filter Fin
 Give Go Hand Hold Identify Initialise Join Judge Keep Label Learn Leave Let Load Look Lower Make Map Mark Match
 Measure Merge Move Name Open Parse Place Plan Play Predict Press Print Put Queue Raise Read Rebuild Receive Record
 Refine Refit Refuse Remember Remove Rename Render Replace Report Require Resample Restore Return Run Save Say Score
-Search Send Serve Set Show Simulate Split Start Step Stop Store Stream Sum Take Tell Test Touch Turn Update Verify
+Search Send Serve Set Show Simulate Solve Split Start Step Stop Store Stream Sum Take Tell Test Touch Turn Update Verify
 Wait Walk Write Yield
 """
 
