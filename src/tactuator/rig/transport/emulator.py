@@ -137,7 +137,7 @@ class EmulatorUart:
                 command = [*emulator_command(board, program, counting, serial), *more]
                 self._process = _begun(command, Path(self._folder.name))
                 self._link = SocketLink(listener.accept()[0])
-                if not self._link.receive(_OPEN_S):  # a board says when it is there; before, it hears nothing
+                if not self._link.receive(_OPEN_TIMEOUT_S):  # a board says when it is there; before, it hears nothing
                     raise TimeoutError
             except BaseException as error:
                 self.close()
