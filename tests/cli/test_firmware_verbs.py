@@ -58,6 +58,9 @@ def test_bench__one_finger__every_board_in_both_formats(made: str, capsys: pytes
         assert {"board", "format", "channels", "instructions_per_tick"} <= set(row)
         assert row["channels"] == 1
         assert 50 < row["instructions_per_tick"] < 3000
+        assert row["instructions_per_tick"] == row["cases"]["usual"]
+        assert row["worst"] == max(row["cases"].values())
+        assert set(row["cases"]) == {"usual", "silent", "soft start", "limited", "on-board tones", "faults"}
 
 
 @pytest.mark.parametrize(
