@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from tactuator.display.load import DERIVATIVES
 from tactuator.errors import BadInput
 from tactuator.identification import by_spectrum
+from tactuator.identification.asked import Asked
+from tactuator.identification.by_inverse_dynamics import motor_identification
 from tactuator.identification.by_prediction import Prepared, recursive, refined
 from tactuator.identification.estimate.refined import Samples, judge
 from tactuator.identification.evidence.checks import check_direction, check_record
@@ -26,40 +28,6 @@ Array = NDArray[np.float64]
 LONGEST = 1_000_000
 """Samples identified at once; of a longer record the part with most command power is taken."""
 METHODS = ("refined", "prediction", "rls")
-
-
-@dataclass(frozen=True)
-class Asked:
-    """What is known or wished: order, zeros (None: chosen), integrators, delay_s (None: estimated), hold, quantity,
-    whether friction is looked for."""
-
-    order: int | None = None
-    zeros: int | None = None
-    integrators: int = 0
-    delay_s: float | None = None
-    hold: str = "auto"
-    quantity: str = "displacement"
-    friction: bool = True
-
-    def __post_init__(self) -> None:
-        if self.order is not None and not 1 <= self.order <= 8:
-            raise BadInput(f"order {self.order}; allowed: 1 to 8")
-        if self.quantity not in DERIVATIVES:
-            raise BadInput(f"quantity {self.quantity!r}; allowed: {', '.join(DERIVATIVES)}")
-        if self.hold not in ("auto", *HOLDS):
-            raise BadInput(f"hold {self.hold!r}; allowed: auto, {', '.join(HOLDS)}")
-        most = self.order if self.order is not None else 8
-        if self.zeros is not None and not DERIVATIVES[self.quantity] <= self.zeros <= most:
-            raise BadInput(f"{self.zeros} zeros; allowed: {DERIVATIVES[self.quantity]} to {most}")
-        if not 0 <= self.integrators <= most:
-            raise BadInput(f"{self.integrators} integrators; allowed: 0 to {most}")
-        if self.delay_s is not None and not 0.0 <= self.delay_s < np.inf:
-            raise BadInput(f"a dead time of {self.delay_s:g} s; allowed: zero or more")
-
-    @property
-    def is_free(self) -> bool:
-        """Nothing about the form but its order is given: the time domain's search can serve."""
-        return self.zeros is None and self.integrators == 0 and self.delay_s is None
 
 
 def identify(
@@ -134,6 +102,10 @@ def _by_prediction(common: Prepared, asked: Asked, note: Callable[[str], None]) 
 
 def _by_spectrum(common: Prepared, asked: Asked, note: Callable[[str], None]) -> Identification:
     holds, source = _holds(common.record, asked)
+    if asked.may_be_motor:
+        motor = motor_identification(common, BetweenSamples(holds[0], source, len(holds) == 1))
+        if motor is not None:
+            return motor
     known = by_spectrum.known_of(asked.quantity, asked.order, asked.zeros, asked.integrators, asked.delay_s)
     found = by_spectrum.spectral_estimate(common, holds, known, note)
     between = BetweenSamples(found.chosen.hold, source, source != "data" or found.certain, found.advantage)

@@ -14,12 +14,15 @@ from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
 from tactuator.cli.model import identify_options as o
-from tactuator.cli.model.identify_document import document
+from tactuator.cli.model.identify_document import document, response_document
 from tactuator.cli.options import AsJson
 from tactuator.errors import BadInput
+from tactuator.files.foreign_response import is_response, read_foreign_response
 from tactuator.files.model import write_model
 from tactuator.files.record import read_record
-from tactuator.identification.identify import Asked, identify
+from tactuator.identification.asked import Asked
+from tactuator.identification.by_response import identify_response
+from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification, resonances
 from tactuator.signals.record import Record
 
@@ -52,12 +55,34 @@ def register(app: typer.Typer) -> None:
         as_json: AsJson = False,
     ) -> None:
         """Identify a continuous model of a recorded mechanism, with its confidence band."""
+        asked = Asked(order, zeros, integrators, delay_s, hold, quantity, friction)
+        if is_response(record):
+            deliver_response(record, asked, out, as_json)
+            return
         read = read_record(record, input_name=input_name, output_name=output_name, time_name=time_name, rate_hz=rate_hz)
         read = part_of(read, from_s, to_s)
-        asked = Asked(order, zeros, integrators, delay_s, hold, quantity, friction)
         with steps() as note:
             found = identify(read, method=method, forgetting=forgetting, note=note, **vars(asked))
         deliver(found, read, out, charts, as_json)
+
+
+def deliver_response(path: Path, asked: Asked, out: Path | None, as_json: bool) -> None:
+    """Identify a frequency response; exit status 1 where the model is not to be trusted."""
+    with steps() as note:
+        found = identify_response(read_foreign_response(path), asked, note)
+    for remark in found.remarks:
+        sys.stderr.write(f"tactuator: note: {remark}\n")
+    for reason in found.distrust:
+        sys.stderr.write(f"tactuator: the model is not to be trusted: {reason}\n")
+    if out is not None:
+        write_model(out, found.model, found.model.family(_FAMILY, np.random.default_rng(0)))
+    table = Table("what", "value", title=f"response: {found.order} poles, {found.model.num.size - 1} zeros")
+    for name, value in (("num", found.model.num), ("den", found.model.den), ("dead time (s)", found.model.delay_s)):
+        table.add_row(name, np.array2string(np.atleast_1d(value), precision=6))
+    table.add_row("largest departure (dB)", f"{found.largest_db:.3g}")
+    answer(response_document(found) | {"out": out}, as_json, table)
+    if found.distrust:
+        raise typer.Exit(1)
 
 
 def deliver(found: Identification, read: Record, out: Path | None, charts: Path | None, as_json: bool) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from tactuator.display.plant_model import PlantModel
+from tactuator.identification.by_response import ResponseFit
 from tactuator.identification.result import Identification, resonances
 
 DELAY_SAYS = (
@@ -53,6 +54,21 @@ def document(found: Identification) -> dict[str, Any]:
     }
 
 
+def response_document(found: ResponseFit) -> dict[str, Any]:
+    """Return the answer for a model of a frequency response."""
+    frequency = np.geomspace(*found.model.band_hz, 500)
+    return _of_model(found.model) | {
+        "poles_hz": np.sort(np.abs(np.roots(found.model.den))) / (2.0 * np.pi),
+        "order": found.order,
+        "departure": found.departure,
+        "largest_db": found.largest_db,
+        "trusted": not found.distrust,
+        "distrust": list(found.distrust),
+        "frf": _response(found.model, frequency),
+        "remarks": list(found.remarks),
+    }
+
+
 def _of_model(model: PlantModel) -> dict[str, Any]:
     confidence = model.confidence()
     n, m = model.den.size - 1, model.num.size - 1
@@ -86,11 +102,13 @@ def _response(model: PlantModel, frequency: Any) -> dict[str, Any]:
 def _friction(found: Identification) -> dict[str, Any]:
     friction = found.friction
     if friction is None:
-        return {"coulomb": 0.0, "confidence": None, "presliding": None, "command_for_1_db": None}
+        return {"coulomb": 0.0, "confidence": None, "presliding": None, "offset": None, "command_for_1_db": None}
     return {
         "coulomb": friction.coulomb,
         "confidence": friction.confidence,
         "presliding": friction.presliding,
+        "offset": friction.offset,
+        "offset_confidence": friction.offset_confidence,
         "command_for_1_db": friction.small_command,
     }
 

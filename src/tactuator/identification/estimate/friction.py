@@ -19,13 +19,17 @@ _CERTAIN = 30.0
 
 @dataclass(frozen=True)
 class Friction:
-    """coulomb: level in units of command, with its 95 % half-width; presliding: units of position over which it builds
-    up after a reversal (Dahl). small_command: amplitude of a slow command of which friction takes 1 dB.
+    """Levels in units of command, with their 95 % half-widths.
+
+    coulomb: what friction takes. presliding: units of position over which it builds up after a reversal (Dahl). offset:
+    command that stands against a steady pull. small_command: amplitude of a slow command of which friction takes 1 dB.
     """
 
     coulomb: float
     confidence: float
     presliding: float
+    offset: float = 0.0
+    offset_confidence: float = 0.0
 
     @property
     def small_command(self) -> float:

@@ -1,0 +1,57 @@
+"""What a user knows or wishes of the model that is identified."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactuator.display.load import DERIVATIVES
+from tactuator.errors import BadInput
+from tactuator.identification.spectral.between import HOLDS
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is known or wished: order, zeros (None: chosen), integrators, delay_s (None: estimated), hold, quantity,
+    whether friction is looked for."""
+
+    order: int | None = None
+    zeros: int | None = None
+    integrators: int = 0
+    delay_s: float | None = None
+    hold: str = "auto"
+    quantity: str = "displacement"
+    friction: bool = True
+
+    def __post_init__(self) -> None:
+        if self.order is not None and not 1 <= self.order <= 8:
+            raise BadInput(f"order {self.order}; allowed: 1 to 8")
+        if self.quantity not in DERIVATIVES:
+            raise BadInput(f"quantity {self.quantity!r}; allowed: {', '.join(DERIVATIVES)}")
+        if self.hold not in ("auto", *HOLDS):
+            raise BadInput(f"hold {self.hold!r}; allowed: auto, {', '.join(HOLDS)}")
+        most = self.order if self.order is not None else 8
+        if self.zeros is not None and not DERIVATIVES[self.quantity] <= self.zeros <= most:
+            raise BadInput(f"{self.zeros} zeros; allowed: {DERIVATIVES[self.quantity]} to {most}")
+        if not 0 <= self.integrators <= most:
+            raise BadInput(f"{self.integrators} integrators; allowed: 0 to {most}")
+        if self.delay_s is not None and not 0.0 <= self.delay_s < np.inf:
+            raise BadInput(f"a dead time of {self.delay_s:g} s; allowed: zero or more")
+
+    @property
+    def may_be_motor(self) -> bool:
+        """Nothing that is asked speaks against a free motor with friction."""
+        return (
+            self.friction
+            and self.quantity == "displacement"
+            and self.order in (None, 2)
+            and self.zeros in (None, 0)
+            and self.integrators <= 1
+            and not self.delay_s
+        )
+
+    @property
+    def is_free(self) -> bool:
+        """Nothing about the form but its order is given: the time domain's search can serve."""
+        return self.zeros is None and self.integrators == 0 and self.delay_s is None

@@ -1,0 +1,143 @@
+"""A model from a frequency response by itself: what a data sheet or another instrument gives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.plant_model import Excess, PlantModel
+from tactuator.errors import BadInput
+from tactuator.identification.asked import Asked
+from tactuator.identification.by_spectrum import known_of
+from tactuator.identification.spectral.likelihood import Fit, information
+from tactuator.identification.spectral.lines import LocalResponse
+from tactuator.identification.spectral.search import TIE, propose
+from tactuator.identification.spectral.start import Starter
+from tactuator.identification.spectral.uncertainty import left_over, log_slopes, moved, physical
+from tactuator.signals.frequency_response import FrequencyResponse
+
+Array = NDArray[np.float64]
+_TRIED = 8
+_STEPS = 40
+_WORST = 10.0
+"""Mean squared departure in standard errors from which on a model does not describe its response."""
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseFit:
+    """model; order: poles; departure: mean squared departure in standard errors (1: as the confidence would have it);
+    largest_db: at any point; distrust: why not to trust it, empty if there is no reason; remarks."""
+
+    model: PlantModel
+    order: int
+    departure: float
+    largest_db: float
+    distrust: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+@np.errstate(all="ignore")
+def identify_response(
+    given: FrequencyResponse, asked: Asked, note: Callable[[str], None] = lambda _: None
+) -> ResponseFit:
+    """Return the model of a frequency response. Raises BadInput where no form fits at all."""
+    value = given.value()
+    by_magnitude = given.phase_rad is None
+    variance = ((_unsure(given) if by_magnitude else given.deviation) * given.magnitude) ** 2
+    ones = np.ones(value.size)
+    local = LocalResponse(given.frequency_hz, value, variance, variance, ones, ones)
+    delay_s = 0.0 if given.phase_rad is None and asked.delay_s is None else asked.delay_s
+    known = known_of(asked.quantity, asked.order, asked.zeros, asked.integrators, delay_s)
+    # a response is continuous: the rate only says how long a dead time may be
+    rate_hz = 4.0 * float(given.frequency_hz[-1])
+    scale = 2.0 * np.pi * float(np.exp(np.mean(np.log(given.frequency_hz))))
+    fits = propose(local, rate_hz, scale, ("band-limited",), known, note)["band-limited"]
+    if not fits:
+        raise BadInput("no model of the form asked for fits the response; allowed: another order, or more zeros")
+    problem = Starter(local, rate_hz, "band-limited", scale).problem
+    again = [problem.descend(one.form, one.theta, one.delay, most=40) or one for one in fits[:_TRIED]]
+    allowed = [one for one in again if known.allows(one.form)] or again
+    if by_magnitude:
+        allowed = [fit_magnitude(one, given) for one in allowed]
+    fit = _settled(allowed, value.size if by_magnitude else 2 * value.size)
+    covariance = magnitude_covariance(fit, given) if by_magnitude else information(problem, fit)
+    return _judged(given, fit, covariance, local, asked)
+
+
+def _unsure(given: FrequencyResponse) -> Array:
+    """Relative error of a response whose phase was computed: what lies beyond its ends turns it most at them."""
+    place = np.log(given.frequency_hz)
+    to_end = np.minimum(place - place[0], place[-1] - place)
+    return np.asarray(np.hypot(given.deviation, 0.02 + 0.13 * np.exp(-2.0 * to_end)))
+
+
+def _settled(fits: list[Fit], equations: int) -> Fit:
+    """The form of best criterion (Bayes); of those within a tie the one of fewer poles."""
+    price = float(np.log(equations))
+    scores = [2.0 * one.cost + price * one.form.count for one in fits]
+    rows = [(one.form.poles, score, k) for k, (one, score) in enumerate(zip(fits, scores, strict=True))]
+    return fits[min(row for row in rows if row[1] < min(scores) + TIE)[2]]
+
+
+def fit_magnitude(fit: Fit, given: FrequencyResponse) -> Fit:
+    """Return the fit after Gauss and Newton's descent on the logarithm of the magnitudes alone."""
+    goal = np.log(given.magnitude)
+
+    def left(one: Fit) -> Array:
+        return np.asarray((goal - np.log(np.abs(one.response(given.frequency_hz)))) / given.deviation)
+
+    now = left(fit)
+    for _ in range(_STEPS):
+        slopes = log_slopes(fit, given.frequency_hz).real / given.deviation[:, None]
+        size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
+        if not np.all(np.isfinite(slopes)):
+            break
+        step = np.linalg.lstsq(slopes / size, now, rcond=1e-9)[0] / size
+        trials = [moved(fit, share * step) for share in (1.0, 0.3, 0.1, 0.03)]
+        sums = [float(np.sum(left(one) ** 2)) for one in trials]
+        best = int(np.nanargmin([value if np.isfinite(value) else np.inf for value in sums]))
+        if not sums[best] < float(now @ now) - 1e-6:
+            break
+        fit, now = trials[best], left(trials[best])
+    return replace(fit, cost=0.5 * float(now @ now))
+
+
+def magnitude_covariance(fit: Fit, given: FrequencyResponse) -> Array:
+    """Return the covariance of (numerator, theta, dead time) by the magnitudes alone."""
+    slopes = log_slopes(fit, given.frequency_hz).real / given.deviation[:, None]
+    size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
+    gram = (slopes / size).T @ (slopes / size)
+    return np.asarray(np.linalg.pinv(gram, rcond=1e-13, hermitian=True) / np.outer(size, size))
+
+
+def _judged(given: FrequencyResponse, fit: Fit, covariance: Array, local: LocalResponse, asked: Asked) -> ResponseFit:
+    own = fit.response(given.frequency_hz)
+    off_db = 20.0 * np.log10(np.abs(own) / given.magnitude)
+    departure = float(np.mean((off_db / (8.686 * given.deviation)) ** 2))
+    num, den, spread = physical(fit, covariance * max(1.0, departure), 1.0)
+    missing = left_over(fit, local, own, given.frequency_hz)
+    low, high = float(given.frequency_hz[0]), float(given.frequency_hz[-1])
+    model = PlantModel(
+        num=num,
+        den=den,
+        delay_s=fit.delay_s,
+        covariance=spread,
+        band_hz=(low, high),
+        quantity=asked.quantity,
+        method="response",
+        record=dict(given.about),
+        excess=Excess(given.frequency_hz, missing, missing),
+        valid_hz=(low, high),
+    )
+    reasons = []
+    if np.any(np.roots(den).real > 0.0):
+        reasons.append("the model is not stable")
+    if departure > _WORST:
+        reasons.append(
+            f"the model misses the response by up to {float(np.max(np.abs(off_db))):.3g} dB, {np.sqrt(departure):.3g} "
+            "times its confidence"
+        )
+    return ResponseFit(model, fit.form.poles, departure, float(np.max(np.abs(off_db))), tuple(reasons), given.remarks)

@@ -1,0 +1,150 @@
+"""A motor with Coulomb friction and no spring, by its equation of motion turned round.
+
+The command is a sum of acceleration, velocity, the velocity's sign and a constant.
+
+In a position loop the command is known without error and what the sensor's noise does to it really acts on the motor.
+So the equation is fitted the other way round, on signals low-passed without phase where the motion stands out of the
+noise, and only while the motor moves: a motor that sticks bears any command up to its Coulomb level. Source: Gautier
+and Khalil, Modeling, Identification and Control of Robots, 2002, chapter 12.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_SLOW = 0.2
+"""Share of the velocity's deviation below which a motor may stick."""
+_APART = 0.6
+"""Time kept off a slow passage, over the low-pass filter's 1/corner."""
+_LAGS = 12
+_FEWEST = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Motor:
+    """gain: acceleration for a unit command; damping: viscous over mass, 1/s; coulomb, offset: in units of command.
+
+    covariance: of these four, (4, 4). unexplained: share of the low-passed command's power that is left; spring: share
+    of its deviation that a spring would explain, with its t value. predicted, commanded: low-passed command, (k,).
+    corner_hz: of the low-pass filter.
+    """
+
+    gain: float
+    damping: float
+    coulomb: float
+    offset: float
+    covariance: Array
+    unexplained: float
+    spring: float
+    spring_t: float
+    predicted: Array
+    commanded: Array
+    corner_hz: float
+
+
+def motor_estimate(command: Array, position: Array, rate_hz: float, *, is_held: bool = True) -> Motor | None:
+    """Return the motor of a record (n,), or None where too little of it moves.
+
+    The confidence holds what another corner of the low-pass filter changes.
+    """
+    corner = 0.7 * motion_corner(position, rate_hz)
+    found, other = (_estimate(command, position, rate_hz, one, is_held) for one in (corner, 0.7 * corner))
+    if found is None or other is None:
+        return None
+    change = np.array([getattr(found, name) - getattr(other, name) for name in _NAMES])
+    found.covariance[...] += np.diag(change**2)
+    return found
+
+
+_NAMES = ("gain", "damping", "coulomb", "offset")
+
+
+def motion_corner(position: Array, rate_hz: float) -> float:
+    """Return the frequency up to which the position stands 7 dB above its noise (the floor beyond 0.3 rate), hertz."""
+    power = np.abs(np.fft.rfft(np.hanning(position.size) * (position - position.mean()))) ** 2
+    frequency = np.fft.rfftfreq(position.size, 1.0 / rate_hz)
+    floor = float(np.mean(power[frequency > 0.3 * rate_hz]))
+    edges = np.unique(np.round(np.geomspace(3, power.size - 1, 120)).astype(int))
+    mean = np.add.reduceat(power, edges)[:-1] / np.diff(edges)
+    centre = np.sqrt(edges[:-1] * edges[1:]) * rate_hz / position.size
+    above = centre[mean > 5.0 * floor]
+    lowest = 20.0 * rate_hz / position.size
+    return float(np.clip(above.max() if above.size else lowest, lowest, 0.1 * rate_hz))
+
+
+def _estimate(command: Array, position: Array, rate_hz: float, corner: float, is_held: bool) -> Motor | None:
+    acting = command.copy()
+    if is_held:
+        # a held command acts half a sample later than its own time
+        acting[1:] = 0.5 * (command[1:] + command[:-1])
+    along = [_low_passed(position, rate_hz, corner, order) for order in range(3)]
+    sign = _low_passed(np.sign(along[1]), rate_hz, corner, 0, even=True)
+    goal = _low_passed(acting, rate_hz, corner, 0, even=True)
+    chosen = _moving(along[1], rate_hz, corner)
+    if chosen.size < _FEWEST:
+        return None
+    columns = np.stack([along[2], along[1], sign, np.ones(sign.size)], axis=1)[chosen]
+    theta, left, covariance = _regress(columns, goal[chosen])
+    spring, _, spread = _regress(np.column_stack([columns, along[0][chosen]]), goal[chosen])
+    total = float(np.var(goal[chosen]))
+    if theta[0] == 0.0 or total == 0.0:
+        return None
+    # theta = (1/gain, damping/gain, coulomb, offset)
+    gain = 1.0 / theta[0]
+    slopes = np.diag([-(gain**2), gain, 1.0, 1.0])
+    slopes[1, 0] = -theta[1] * gain**2
+    share = abs(float(spring[4])) * float(np.std(along[0][chosen])) / np.sqrt(total)
+    return Motor(
+        gain=float(gain),
+        damping=float(theta[1] * gain),
+        coulomb=float(theta[2]),
+        offset=float(theta[3]),
+        covariance=slopes @ covariance @ slopes.T,
+        unexplained=float(np.var(left)) / total,
+        spring=share,
+        spring_t=abs(float(spring[4])) / float(np.sqrt(max(spread[4, 4], 1e-300))),
+        predicted=goal[chosen] - left,
+        commanded=goal[chosen],
+        corner_hz=corner,
+    )
+
+
+def _moving(velocity: Array, rate_hz: float, corner: float) -> NDArray[np.int64]:
+    """Samples of a motor that moves, four to a period of the corner, away from the record's ends."""
+    slow = np.abs(velocity) < _SLOW * float(np.std(velocity))
+    width = int(_APART * rate_hz / corner)
+    near = np.convolve(slow.astype(np.float64), np.ones(2 * width + 1), mode="same") > 0.5
+    ends, step = int(2.0 * rate_hz / corner), max(int(rate_hz / (4.0 * corner)), 1)
+    places = np.arange(ends, velocity.size - ends, step)
+    return np.asarray(places[~near[places]])
+
+
+def _low_passed(values: Array, rate_hz: float, corner: float, order: int, *, even: bool = False) -> Array:
+    """Gaussian low-pass without phase, differentiated `order` times; ends mirrored (even) or turned round."""
+    n = values.size
+    mirrored = values[::-1]
+    before, after = (mirrored, mirrored) if even else (2.0 * values[0] - mirrored, 2.0 * values[-1] - mirrored)
+    whole = np.concatenate([before, values, after])
+    frequency = np.fft.rfftfreq(whole.size, 1.0 / rate_hz)
+    passed = np.exp(-0.35 * (frequency / corner) ** 2) * (2j * np.pi * frequency) ** order
+    return np.asarray(np.fft.irfft(np.fft.rfft(whole) * passed, whole.size)[n : 2 * n])
+
+
+def _regress(columns: Array, goal: Array) -> tuple[Array, Array, Array]:
+    """Least squares with a covariance that allows for neighbours' correlation (Newey and West, 1987)."""
+    size = np.linalg.norm(columns, axis=0)
+    size[size == 0.0] = 1.0
+    scaled = columns / size
+    theta = np.linalg.lstsq(scaled, goal, rcond=1e-12)[0]
+    left = goal - scaled @ theta
+    scores = scaled * left[:, None]
+    middle = scores.T @ scores
+    for lag in range(1, _LAGS + 1):
+        cross = scores[lag:].T @ scores[:-lag]
+        middle += (1.0 - lag / (_LAGS + 1.0)) * (cross + cross.T)
+    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True)
+    return theta / size, left, inverse @ middle @ inverse / np.outer(size, size)
