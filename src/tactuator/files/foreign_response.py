@@ -73,7 +73,7 @@ def _first(columns: dict[str, Array], names: tuple[str, ...]) -> Array | None:
 
 
 def _deviation(columns: dict[str, Array], count: int) -> tuple[Array, str]:
-    """Relative standard error, by a confidence in decibels (95 %) or by the coherence of one average."""
+    """Return the relative standard error, by a confidence in decibels (95 %) or by the coherence of one average."""
     if "confidence_db" in columns:
         return np.maximum((10.0 ** (columns["confidence_db"] / 20.0) - 1.0) / 1.96, 1e-5), ""
     if "coherence" in columns:

@@ -14,7 +14,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse:
-    """frequency_hz ascending, magnitude (position's unit over the command's), phase_rad or None, deviation: relative
+    """Values at some frequencies.
+
+    frequency_hz ascending, magnitude (position's unit over the command's), phase_rad or None, deviation: relative
     standard error of the magnitude; all (m,). about: where it comes from. remarks: what had to be assumed.
     """
 
