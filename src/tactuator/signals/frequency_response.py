@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse:
-    """Values at some frequencies.
+    """A response at some frequencies, with the uncertainty of its magnitudes.
 
     frequency_hz ascending, magnitude (position's unit over the command's), phase_rad or None, deviation: relative
     standard error of the magnitude; all (m,). about: where it comes from. remarks: what had to be assumed.
