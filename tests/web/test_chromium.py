@@ -110,7 +110,7 @@ def test_operator__page__shows_the_track_and_pauses(shared, browser) -> None:
     while len(subject.acknowledged) < 8:
         subject.act()
     operator.locator("#track circle").nth(3).wait_for()
-    assert "50 Hz" in operator.locator("#run").inner_text()
+    assert "30 Hz" in operator.locator("#run").inner_text()
     operator.locator("[data-command=pause]").click()
     operator.locator("#state", has_text="paused").wait_for()
     stands = len(subject.acknowledged)

@@ -12,6 +12,7 @@ from tactuator.errors import BadInput
 from tactuator.files.atomic import write_text
 from tactuator.perception.curve import Provenance, ThresholdCurve
 from tactuator.perception.library import curve, curve_names, level_from_acceleration
+from tactuator.perception.relative_curve import RelativeCurve
 
 _LEVEL, _ACCELERATION, _ERROR = "level_db_re_1um", "acceleration_m_s2_rms", "standard_error_db"
 _NUMBERS = ("frequency_hz", _LEVEL, _ACCELERATION, _ERROR)
@@ -36,11 +37,7 @@ def read_curve(path: str | Path) -> ThresholdCurve:
     Raises BadInput for a file that is missing, not a table, or not a curve.
     """
     path = Path(path)
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not text"
-        raise BadInput(f"threshold curve {path}: {reason}; allowed: a CSV file that can be read") from None
+    lines = _lines(path)
     head = _head(lines)
     columns = _columns(path, [line for line in lines if line.strip() and not line.lstrip().startswith("#")])
     frequency = columns["frequency_hz"]
@@ -52,6 +49,35 @@ def read_curve(path: str | Path) -> ThresholdCurve:
     provenance = cast(Provenance, head.get("provenance", "digitised"))
     source = head.get("source", path.name)
     return ThresholdCurve(head.get("name", path.stem), frequency, level, provenance, source, columns.get(_ERROR))
+
+
+def read_relative_curve(path: str | Path) -> RelativeCurve:
+    """Read a curve in dB SL: columns frequency_hz and level_db_sl, others left alone.
+
+    Raises BadInput for a file that is missing, not a table, or not a curve.
+    """
+    path = Path(path)
+    rows = list(csv.reader(line for line in _lines(path) if line.strip() and not line.lstrip().startswith("#")))
+    header = [cell.strip() for cell in rows[0]] if rows else []
+    if not {"frequency_hz", "level_db_sl"} <= set(header) or len(rows) < 2:
+        raise BadInput(
+            f"curve {path}: columns {', '.join(header) or 'nothing'}, {max(len(rows) - 1, 0)} rows; "
+            "allowed: frequency_hz and level_db_sl, one row or more"
+        )
+    places = [header.index(name) for name in ("frequency_hz", "level_db_sl")]
+    try:
+        values = np.array([[float(row[place]) for place in places] for row in rows[1:]])
+    except (ValueError, IndexError):
+        raise BadInput(f"curve {path}: a cell is missing or not a number; allowed: numbers") from None
+    return RelativeCurve(values[:, 0], values[:, 1], path.stem)
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        return path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not text"
+        raise BadInput(f"threshold curve {path}: {reason}; allowed: a CSV file that can be read") from None
 
 
 def _head(lines: list[str]) -> dict[str, str]:

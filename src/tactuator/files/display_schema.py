@@ -35,7 +35,7 @@ class CurveTable(_Table):
     name: str
     frequency_hz: list[Number]
     level_db_re_1um: list[Number]
-    provenance: Literal["measured", "digitised", "inferred", "synthetic"] = "digitised"
+    provenance: Literal["measured", "digitised", "inferred", "synthetic", "simulated"] = "digitised"
     source: str = ""
     standard_error_db: list[Number] | None = None
 

@@ -13,7 +13,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.signals.decibels import from_db
 
-Provenance = Literal["measured", "digitised", "inferred", "synthetic"]
+Provenance = Literal["measured", "digitised", "inferred", "synthetic", "simulated"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -86,7 +86,7 @@ def _pages(app: FastAPI, lab: Lab) -> None:
 
     @app.get("/operator")
     async def operator_page() -> Response:
-        return page("operator", lab.words, ("words", "track", "tables", "enrol", "operator"))
+        return page("operator", lab.words, ("words", "track", "curve", "tables", "enrol", "operator"))
 
     @app.get("/static/{name}")
     async def static(name: str) -> Response:

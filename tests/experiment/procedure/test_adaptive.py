@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
+from tactuator.experiment.procedure.answering import Answering
+from tactuator.experiment.procedure.curve_kind import CurveKind
 from tactuator.experiment.procedure.curve_prior import CurvePrior
 from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule
 from tactuator.experiment.procedure.whole_curve import WholeCurve, WholeCurveRule
-from tactuator.experiment.simulated.curve_quality import simulate_curve
-from tactuator.experiment.simulated.procedure_quality import Setting
 
 
 @pytest.mark.parametrize(
@@ -38,21 +38,6 @@ def test_quest_plus__always_the_same_answer__is_flagged(correct: bool, flag: str
     assert flag in run.flags
 
 
-@pytest.mark.parametrize(("slope", "limit"), [(2.5, 1.3), (1.5, 1.7)])
-def test_whole_curve__hundred_and_fifty_trials__knows_the_curve(slope: float, limit: float) -> None:
-    found = simulate_curve(WholeCurveRule(), Setting(64, (slope, slope), 0.02, seed=3))
-    assert found.rms_error_db <= limit
-    assert 0.88 <= found.coverage95 <= 0.995
-    assert abs(found.bias_db) <= 0.25
-
-
-def test_whole_curve__before_any_trial__is_the_prior() -> None:
-    prior = CurvePrior()
-    mean, sd = WholeCurve(WholeCurveRule()).curve([1.0, 11.0, 200.0])
-    assert mean == pytest.approx(np.zeros(3))
-    assert sd == pytest.approx(np.sqrt(np.diag(prior.covariance([1.0, 11.0, 200.0], [1.0, 11.0, 200.0]))), rel=1e-3)
-
-
 def test_points__keep_away_from_mains() -> None:
     for points in (8, 20, 61):
         frequency = CurvePrior(points=points).frequency_hz
@@ -74,7 +59,11 @@ def test_points__keep_away_from_mains() -> None:
         lambda: WholeCurveRule(floor_db_sl=50.0),
         lambda: CurvePrior(band_hz=(3.0, 1.0)),
         lambda: CurvePrior(points=2),
-        lambda: CurvePrior(wave_db=0.0),
+        lambda: CurvePrior(notch_db=-1.0),
+        lambda: CurvePrior(clearance_hz=40.0),
+        lambda: WholeCurveRule(answering=Answering(lapses=(0.3,), lapse_shares=(1.0,))),
+        lambda: Answering(slopes=()),
+        lambda: CurveKind("odd", wave_decades=0.0),
     ],
 )
 def test_rule__nonsense__is_refused(make) -> None:

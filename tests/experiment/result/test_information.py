@@ -7,7 +7,14 @@ from hypothesis import strategies as st
 from sklearn.metrics import mutual_info_score
 
 from tactuator.errors import BadInput
-from tactuator.experiment.result.information import all_estimates, confusion_counts, information, plug_in_bits
+from tactuator.experiment.result.confusion_posterior import information_of
+from tactuator.experiment.result.information import (
+    POSTERIOR,
+    all_estimates,
+    confusion_counts,
+    information,
+    plug_in_bits,
+)
 from tactuator.experiment.simulated.information_simulation import uniform_error_bits, uniform_error_matrices
 
 # k, error, trials a stimulus: true bits, then means of 100 runs with evenly spread errors (facts.md, section 7).
@@ -53,15 +60,78 @@ def test_information__few_trials__warns():
     assert result.warning == "240 trials for 12 x 12 cells; below 720 (5 a cell) these estimates are biased"
 
 
-def test_information__enough_trials__interval_covers_the_truth_as_often_as_it_says():
-    rng = np.random.default_rng(3)
-    matrices = uniform_error_matrices(6, 0.2, 60, 200, rng)
-    true_bits = uniform_error_bits(6, 0.2)
-    hits = 0
-    for matrix in matrices:
-        estimate = information(matrix, rng, resamples=300).estimates["plug_in"]
-        hits += estimate.low_bits <= true_bits <= estimate.high_bits
-    assert 0.90 <= hits / len(matrices) <= 0.99
+# Ways to err: (name, stimuli, error, trials a stimulus, chances). The table's cells err evenly; the others do not.
+def evenly(stimuli: int, error: float) -> np.ndarray:
+    return np.full((stimuli, stimuli), error / (stimuli - 1))
+
+
+def to_two_others(stimuli: int, error: float) -> np.ndarray:
+    chances = np.zeros((stimuli, stimuli))
+    for row in range(stimuli):
+        chances[row, (row + 1) % stimuli] = 0.6 * error
+        chances[row, (row + 3) % stimuli] += 0.4 * error
+    return chances
+
+
+def to_neighbours(stimuli: int, error: float) -> np.ndarray:
+    apart = np.abs(np.arange(stimuli)[:, None] - np.arange(stimuli))
+    near = np.where(apart > 0, np.exp(-apart / 2.0), 0.0)
+    return np.asarray(error * near / near.sum(axis=1, keepdims=True))
+
+
+def half_evenly_half_to_one(stimuli: int, error: float) -> np.ndarray:
+    one = np.zeros((stimuli, stimuli))
+    one[np.arange(stimuli), (np.arange(stimuli) + 1) % stimuli] = 1.0
+    return 0.5 * evenly(stimuli, error) + 0.5 * error * one
+
+
+def covered(stimuli: int, error: float, trials: int, way, runs: int) -> float:
+    """Share of posterior intervals that hold the truth."""
+    rng, hits = np.random.default_rng(3), 0
+    chances = way(stimuli, error)
+    np.fill_diagonal(chances, 0.0)
+    np.fill_diagonal(chances, 1.0 - chances.sum(axis=1))
+    truth = float(information_of(chances, np.full(stimuli, 1.0 / stimuli)))
+    for _ in range(runs):
+        counts = np.array([rng.multinomial(trials, row) for row in chances])
+        found = information(counts, rng, draws=200).estimates[POSTERIOR]
+        assert found.low_bits is not None
+        assert found.high_bits is not None
+        hits += found.low_bits <= truth <= found.high_bits
+    return hits / runs
+
+
+@pytest.mark.parametrize(("stimuli", "error", "trials"), [(12, 0.05, 20), (6, 0.2, 60)])
+@pytest.mark.parametrize("way", [evenly, to_two_others])
+def test_information__interval__covers_the_truth_whichever_way_people_err(stimuli, error, trials, way) -> None:
+    assert covered(stimuli, error, trials, way, 40) >= 0.85
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(("stimuli", "error", "trials"), [(12, 0.30, 20), (12, 0.05, 20), (39, 0.14, 20), (6, 0.2, 60)])
+def test_information__cells_of_the_table__intervals_deserve_their_name(stimuli, error, trials) -> None:
+    assert 0.90 <= covered(stimuli, error, trials, evenly, 400) <= 0.985
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(("stimuli", "error", "trials"), [(12, 0.30, 20), (12, 0.05, 20), (39, 0.14, 20), (6, 0.2, 60)])
+@pytest.mark.parametrize("way", [to_two_others, to_neighbours, half_evenly_half_to_one])
+def test_information__errors_that_are_not_even__are_covered_too(stimuli, error, trials, way) -> None:
+    assert covered(stimuli, error, trials, way, 200) >= 0.85
+
+
+def test_information__too_few_trials_for_the_stimuli__no_interval_and_says_why() -> None:
+    counts = uniform_error_matrices(120, 0.06, 20, 1, np.random.default_rng(0))[0]
+    found = information(counts, np.random.default_rng(1))
+    assert POSTERIOR not in found.estimates
+    assert found.no_interval == "no interval: 20 trials a stimulus; allowed: 60 or more with 120 stimuli"
+    assert all(one.low_bits is None and one.high_bits is None for one in found.estimates.values())
+
+
+def test_information_of__closed_form__agrees() -> None:
+    chances = evenly(12, 0.3)
+    np.fill_diagonal(chances, 0.7)
+    assert information_of(chances, np.full(12, 1 / 12)) == pytest.approx(uniform_error_bits(12, 0.3), abs=1e-12)
 
 
 def test_information__same_seed__same_interval():
@@ -74,6 +144,7 @@ def test_information__answers_outside_the_set__has_no_error_rule():
     result = information([[5, 1, 2], [0, 6, 2]], np.random.default_rng(0))
     assert np.isnan(result.estimates["error_rule"].bits)
     assert np.isnan(result.share_correct)
+    assert result.no_interval == "no interval: responses are not those of the stimuli"
 
 
 def test_information__stimulus_never_presented__counts_for_nothing():
@@ -99,7 +170,7 @@ def test_confusion_counts__not_a_matrix_of_counts__refused(matrix, words):
         confusion_counts(matrix)
 
 
-@pytest.mark.parametrize("options", [{"confidence": 1.0}, {"resamples": 0}, {"seconds_per_stimulus": 0.0}])
+@pytest.mark.parametrize("options", [{"confidence": 1.0}, {"draws": 0}, {"seconds_per_stimulus": 0.0}])
 def test_information__impossible_options__refused(options):
     with pytest.raises(BadInput, match="allowed"):
         information(np.eye(3), np.random.default_rng(0), **options)

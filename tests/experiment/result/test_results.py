@@ -8,8 +8,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.experiment.export.export import export
-from tactuator.experiment.procedure.diagnosis import diagnose, drift_z
-from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
+from tactuator.experiment.procedure.refit import refit
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.result.group_curve import group_curve, write_group_curve
 from tactuator.experiment.result.thresholds import thresholds
@@ -21,7 +20,6 @@ from tactuator.experiment.trial.delivered_level import delivered_offset_db
 from tactuator.experiment.trial.trial import IntervalRecord
 from tactuator.files.curve import read_curve
 from tactuator.perception.library import curve
-from tactuator.perception.psychometric import Psychometric, Weibull
 from tests.experiment.session.apparatuses import PROTOCOL, station
 
 TEXT = (
@@ -75,7 +73,8 @@ def test_group_curve__written__is_read_back_with_what_it_was_measured_under(stud
     assert group.curve.covers(0.4, 300.0)
     write_group_curve(tmp_path / "curve.csv", group, runs)
     back = read_curve(tmp_path / "curve.csv")
-    assert back.provenance == "measured"
+    assert back.provenance == back.name == "simulated"
+    assert "nobody felt it" in back.source
     assert back.level_db_re_1um == pytest.approx(group.curve.level_db_re_1um, abs=1e-3)
     lines = [line for line in (tmp_path / "curve.csv").read_text().splitlines() if not line.startswith("#")]
     row = next(csv.DictReader(lines))
@@ -141,35 +140,6 @@ def test_delivered__display_a_decibel_low_in_noise__is_found() -> None:
         records.append(IntervalRecord("tone", 0.0, float(20 * np.log10(abs(signal))), False))
     assert delivered_offset_db(records, 0.0) == pytest.approx(-1.0, abs=0.4)
     assert np.isnan(delivered_offset_db(records, 30.0))
-
-
-def test_drift__none_and_some__is_flagged_where_there_is_some() -> None:
-    rng = np.random.default_rng(1)
-    model, prior = Psychometric(Weibull(2.5)), RefitPrior()
-    drawn = {0.0: [], 0.2: []}
-    for _ in range(150):
-        levels = rng.integers(-4, 9, 80).astype(float)
-        for drift in (0.0, 0.2):
-            truth = drift * (np.arange(80) - 40)
-            correct = rng.random(80) < model.probability(levels - truth)
-            drawn[drift].append((levels, correct))
-    found = {drift: refit(*map(np.array, zip(*runs, strict=True)), prior) for drift, runs in drawn.items()}
-    scores = [drift_z(*run, _one(found[0.0], index), prior) for index, run in enumerate(drawn[0.0])]
-    caught = ["drift" in diagnose(*run, _one(found[0.2], index), prior) for index, run in enumerate(drawn[0.2])]
-    assert float(np.std(scores)) == pytest.approx(1.0, abs=0.25)
-    assert float(np.mean(scores)) == pytest.approx(0.0, abs=0.25)
-    assert np.mean(caught) > 0.5
-
-
-def _one(fitted: Refit, index: int) -> Refit:
-    return Refit(*(column[index : index + 1] for column in vars(fitted).values()))
-
-
-def test_lapses__wrong_far_above_threshold__are_flagged() -> None:
-    levels = np.concatenate([np.linspace(-3.0, 5.0, 60), [16.0, 17.0, 18.0]])
-    correct = np.concatenate([np.arange(60) % 4 != 0, [False, False, True]])
-    fitted = refit(levels, correct)
-    assert "lapses" in diagnose(levels, correct, fitted, RefitPrior())
 
 
 def test_refit__few_trials_or_odd_coverage__is_refused() -> None:

@@ -30,7 +30,7 @@ reversals = 6
 averaged = 4
 [conditions]
 fingers = ["index"]
-frequencies_hz = [50, 100, 200]
+frequencies_hz = [30, 90, 210]
 order = "latin-square"
 [circumstances]
 contact_area_mm2 = 78.5

@@ -100,7 +100,7 @@ def test_results__of_a_detection_session__are_its_thresholds(tmp_path) -> None:
             session.end_break()
         answer_one(conduct, clock)
     (table,) = session.task.results(store, session.id)
-    assert sorted(row[2] for row in table.rows) == ["100", "200", "50"]
+    assert sorted(row[2] for row in table.rows) == ["210", "30", "90"]
     store.close()
 
 

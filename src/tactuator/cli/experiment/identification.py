@@ -91,19 +91,17 @@ def information_command(
     seconds: Annotated[
         float | None, typer.Option("--seconds", help="With --matrix: seconds a stimulus, for bits per second.")
     ] = None,
-    resamples: Annotated[int, typer.Option("--resamples", min=1, help="Of the bootstrap.")] = 1000,
+    draws: Annotated[int, typer.Option("--draws", min=100, help="Of the posterior, for the interval.")] = 1000,
     seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Estimate information transfer in four ways, with bootstrap intervals, from a store's studies or from
-    any matrix.
-    """
+    """Estimate information transfer in five ways, one with an interval, from a store's studies or any matrix."""
     if (store is None) == (matrix is None):
         raise BadInput("--store and --matrix; allowed: one of the two")
     rng = np.random.default_rng(seed)
     if matrix is not None:
         named = read_matrix(matrix)
-        found = information(named.counts, rng, seconds_per_stimulus=seconds, resamples=resamples)
+        found = information(named.counts, rng, seconds_per_stimulus=seconds, draws=draws)
         answer({"matrix": str(matrix), **_plain(found)}, as_json, shown(information_table(str(matrix), found)))
         return
     if seconds is not None:
@@ -111,7 +109,7 @@ def information_command(
     assert store is not None
     database = Store(store, must_exist=True)
     try:
-        results, abx = identification_results(database, rng, study, resamples)
+        results, abx = identification_results(database, rng, study, draws)
     finally:
         database.close()
     figures = {"results": [_result(one) for one in results], "abx": [asdict(one) for one in abx]}

@@ -13,16 +13,23 @@ from rich.console import Group
 from tactuator.cli.answer import shown
 from tactuator.errors import BadInput
 from tactuator.experiment.result.group_curve import GroupCurve, group_curve, write_group_curve
+from tactuator.experiment.result.psychometric_trials import psychometric_trials
 from tactuator.experiment.result.tables import threshold_table
-from tactuator.experiment.result.thresholds import Threshold, thresholds
+from tactuator.experiment.result.thresholds import DISQUALIFYING, Threshold, thresholds
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.files.curve import resolve_curve
+from tactuator.report.plates.felt.psychometric import psychometric_plate
 from tactuator.report.plates.felt.thresholds import PersonThresholds, thresholds_plate
 
 
 def results(
-    store_path: Path, group: str | None, reference: str | None, curve_out: Path | None, figure_out: Path | None
+    store_path: Path,
+    group: str | None,
+    reference: str | None,
+    curve_out: Path | None,
+    figure_out: Path | None,
+    keep_flagged: bool = False,
 ) -> tuple[dict[str, Any], Group]:
     """Return thresholds and the curve across subjects, as JSON and as a table; files are written where asked."""
     store = Store(store_path, must_exist=True)
@@ -39,15 +46,36 @@ def results(
             f"runs stand on the curves {', '.join(names)}; allowed: --reference to name the one to extend by"
         )
     original = resolve_curve(reference or names[0])
-    across = _across(found, runs, original)
-    if across is None and (curve_out or figure_out):
-        raise BadInput("fewer than three frequencies were measured; allowed: three or more for a curve or figure")
+    across = _across(found, runs, original, keep_flagged, needed=bool(curve_out or figure_out))
     if across is not None and curve_out is not None:
         write_group_curve(curve_out, across, runs)
     if across is not None and figure_out is not None:
         figure_out.mkdir(parents=True, exist_ok=True)
         thresholds_plate(_people(found), original, across.curve).save(figure_out)
-    return {"thresholds": [_plain(one) for one in found], "curve": _curve(across)}, shown(threshold_table(found))
+        for subject, trials in psychometric_trials(runs, found).items():
+            psychometric_plate(subject, trials).save(figure_out)
+    answer = {"thresholds": [_plain(one) for one in found], "curve": _curve(across), "left_out": _left_out(across)}
+    return answer, Group(shown(threshold_table(found)), *_told(across))
+
+
+def _told(group: GroupCurve | None) -> list[str]:
+    """Return lines on who stands in the curve across subjects."""
+    if group is None:
+        return []
+    points = zip(group.curve.frequency_hz, group.subjects, strict=True)
+    people = ", ".join(f"{count} at {hertz:.4g} Hz" for hertz, count in points if count)
+    lines = [f"curve across subjects ({group.curve.provenance}): people {people}"]
+    lines += [
+        f"left out: {one.subject}, {one.finger}, {one.frequency_hz:.4g} Hz, run {one.run}: {', '.join(one.flags)}"
+        for one in group.left_out
+    ]
+    return lines
+
+
+def _left_out(group: GroupCurve | None) -> list[dict[str, Any]]:
+    keys = ("subject", "finger", "frequency_hz", "run")
+    left_out = () if group is None else group.left_out
+    return [{**{key: getattr(one, key) for key in keys}, "flags": list(one.flags)} for one in left_out]
 
 
 def _people(found: Sequence[Threshold]) -> list[PersonThresholds]:
@@ -55,16 +83,19 @@ def _people(found: Sequence[Threshold]) -> list[PersonThresholds]:
     people = []
     for subject in sorted({one.subject for one in found}):
         mine = sorted((one for one in found if one.subject == subject), key=lambda one: one.frequency_hz)
-        columns = np.array([(one.frequency_hz, one.level_db_re_1um, one.refit_sd_db) for one in mine]).T
+        columns = np.array([(one.frequency_hz, one.level_db_re_1um, one.sd_db) for one in mine]).T
         people.append(PersonThresholds(subject, *columns))
     return people
 
 
-def _across(found: Sequence[Threshold], runs: Sequence[StoredRun], original: Any) -> GroupCurve | None:
-    if len({one.frequency_hz for one in found}) < 3:
+def _across(
+    found: Sequence[Threshold], runs: Sequence[StoredRun], original: Any, keep_flagged: bool, needed: bool
+) -> GroupCurve | None:
+    kept = [one for one in found if keep_flagged or not DISQUALIFYING & set(one.flags)]
+    if len({one.frequency_hz for one in kept}) < 3 and not needed:
         return None
     band = (min(run.run.band_low_hz for run in runs), max(run.run.band_high_hz for run in runs))
-    return group_curve(found, original, band)
+    return group_curve(found, original, band, keep_flagged)
 
 
 def _curve(group: GroupCurve | None) -> list[dict[str, float | int]] | None:

@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
+import numpy as np
 import typer
 from rich.table import Table
 
-from tactuator.cli.answer import answer, plain, progress
-from tactuator.cli.experiment import identification
+from tactuator.cli.answer import answer, progress
+from tactuator.cli.experiment import identification, simulate
 from tactuator.cli.experiment.apparatus import opened_station
+from tactuator.cli.experiment.observers import LapseOption, TruthOption, lapses_of, truths_of
 from tactuator.cli.experiment.results import results
 from tactuator.cli.experiment.serve import serve
 from tactuator.cli.options import AsJson, ControllerOption, DisplayOption, Out, RigOption, Seed
-from tactuator.errors import BadInput
 from tactuator.experiment.export.export import export
-from tactuator.experiment.procedure.quest_plus import QuestPlusRule
-from tactuator.experiment.procedure.whole_curve import WholeCurveRule
 from tactuator.experiment.protocol.file import read_protocol
 from tactuator.experiment.session.clock import SystemClock
-from tactuator.experiment.simulated.curve_quality import simulate_curve
-from tactuator.experiment.simulated.procedure_quality import PROCEDURES, Setting, simulate
-from tactuator.experiment.simulated.sitting import run_study, simulated_observers
+from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
 from tactuator.experiment.store.lock import sessions_of
 from tactuator.experiment.store.store import Store
 from tactuator.rig.touchable import touchable
@@ -38,35 +35,8 @@ experiment = typer.Typer(
 def register(app: typer.Typer) -> None:
     """Add the verb to the application."""
     identification.register(experiment)
+    simulate.register(experiment)
     app.add_typer(experiment)
-
-
-@experiment.command("simulate")
-def simulate_command(
-    procedure: Annotated[str, typer.Option(help="imece2004, quest-plus or curve.")] = "imece2004",
-    runs: Annotated[int, typer.Option(help="Simulated runs.")] = 1000,
-    slope: Annotated[str, typer.Option(help="Weibull slope, or LOW:HIGH to draw each run's from.")] = "2.5",
-    lapse: Annotated[float, typer.Option(help="Lapse rate.")] = 0.0,
-    start_db: Annotated[float, typer.Option(help="Start, dB above the true threshold.")] = 20.0,
-    trials: Annotated[int | None, typer.Option(help="Trials of a run (quest-plus 48, curve 150).")] = None,
-    seed: Seed = 0,
-    as_json: AsJson = False,
-) -> None:
-    """Run a procedure many times against a Weibull observer and say how good its estimates are."""
-    setting = Setting(runs, _slope_range(slope), lapse, start_db, seed)
-    if procedure in PROCEDURES:
-        if trials is not None:
-            raise BadInput(f"--trials {trials} with {procedure}; allowed: with quest-plus and curve")
-        result: Any = simulate(PROCEDURES[procedure], setting)
-    elif procedure == "quest-plus":
-        result = simulate(QuestPlusRule(trials=48 if trials is None else trials), setting)
-    elif procedure == "curve":
-        result = simulate_curve(WholeCurveRule(trials=150 if trials is None else trials), setting)
-    else:
-        raise BadInput(f"procedure {procedure!r}; allowed: {', '.join([*PROCEDURES, 'quest-plus', 'curve'])}")
-    figures = plain(result)
-    assert isinstance(figures, dict)
-    answer(figures, as_json, _table(f"{procedure}, {runs} runs", figures))
 
 
 ProtocolFile = Annotated[Path, typer.Argument(help="Protocol file (TOML).", metavar="PROTOCOL")]
@@ -114,15 +84,19 @@ def observe_command(
     display: DisplayOption = None,
     controller: ControllerOption = None,
     load: Annotated[str | None, typer.Option(help="Load on the display's port while a finger is there.")] = "finger",
+    truth: TruthOption = None,
+    lapse: LapseOption = None,
     seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:
     """Let simulated subjects go through the study at the simulated display; they feel what the loop makes of it."""
     read, text = read_protocol(protocol)
+    truths, lapses = truths_of(truth or []), lapses_of(lapse or [])
     with sessions_of(store), opened_station(rig, display, controller, seed, None) as place, progress() as bars:
         touchable(place.rig, place.name)
         curve = place.controller.display.channels[0].threshold.curve
-        observers = simulated_observers(curve, len(read.subject), seed, place.band_hz)
+        drawn = simulated_observers(curve, len(read.subject), seed, place.band_hz)
+        observers = with_truths(drawn, [subject.code for subject in read.subject], curve, truths, lapses)
         database = Store(store)
         task = bars.add_task("observers", total=1000 * len(observers))
         at = {one.name: index for index, one in enumerate(observers)}
@@ -137,15 +111,15 @@ def observe_command(
             lambda name, share: bars.update(task, completed=round(1000 * (at[name] + share))),
         )
         database.close()
-    truth = [
+    true = [
         {"subject": subject.code, "frequency_hz": hertz, "true_db_re_1um": float(one.curve.level_db_re_1um_at(hertz))}
         for subject, one in zip(read.subject, observers, strict=True)
-        for hertz in read.conditions.frequencies_hz
+        for hertz in read.conditions.frequencies_hz or np.geomspace(*place.band_hz, 12).round(3).tolist()
     ]
     table = Table("subject", "Hz", "truth, dB re 1 µm")
-    for row in truth:
+    for row in true:
         table.add_row(str(row["subject"]), f"{row['frequency_hz']:g}", f"{row['true_db_re_1um']:.2f}")
-    answer({"store": str(store), "truth": truth}, as_json, table)
+    answer({"store": str(store), "truth": true}, as_json, table)
 
 
 @experiment.command("thresholds")
@@ -154,11 +128,16 @@ def thresholds_command(
     group: Annotated[str | None, typer.Option(help="Only subjects of this group.")] = None,
     reference: Annotated[str | None, typer.Option(help="Curve (name or CSV) that 0 dB SL stood for.")] = None,
     curve_out: Annotated[Path | None, typer.Option(help="Write the curve across subjects (CSV) for `design`.")] = None,
-    figure_out: Annotated[Path | None, typer.Option(help="Folder for fig11.svg and fig11.csv.")] = None,
+    figure_out: Annotated[
+        Path | None, typer.Option(help="Folder for fig11 and a plate of psychometric functions for every subject.")
+    ] = None,
+    keep_flagged: Annotated[
+        bool, typer.Option("--keep-flagged", help="Take flagged runs into the curve across subjects as well.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Refit thresholds of every finished run, with flags, and the curve across subjects."""
-    found, table = results(store, group, reference, curve_out, figure_out)
+    found, table = results(store, group, reference, curve_out, figure_out, keep_flagged)
     answer(found, as_json, table)
 
 
@@ -178,22 +157,3 @@ def export_command(
     table = Table("folder", "trials")
     table.add_row(str(out), str(count))
     answer({"folder": str(out), "format": form, "trials": count}, as_json, table)
-
-
-def _slope_range(text: str) -> tuple[float, float]:
-    low, _, high = text.partition(":")
-    try:
-        return float(low), float(high or low)
-    except ValueError:
-        raise BadInput(f"slope {text!r}; allowed: a number, or LOW:HIGH") from None
-
-
-def _table(title: str, figures: dict[str, Any]) -> Table:
-    table = Table("figure", "value", title=title)
-    for key, value in figures.items():
-        if isinstance(value, dict):
-            for inner, number in value.items():
-                table.add_row(f"{key} {inner}", f"{number:.3f}")
-        else:
-            table.add_row(key, f"{value:.3f}" if isinstance(value, float) else str(value))
-    return table

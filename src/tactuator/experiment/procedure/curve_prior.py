@@ -1,37 +1,56 @@
-"""What is believed of a person's threshold curve before a trial: a Gaussian process over log frequency.
+"""What is believed of a person's threshold curve before a trial: several kinds of curve, weighed later by evidence.
 
-Relative to the display's own curve (0 dB SL), a curve is an offset, a tilt in dB per decade about the band's middle,
-and a smooth wave, all normal (Rasmussen & Williams 2006, chapter 2).
+Normal people differ little from the display's curve; a broad loss raises all of it or tilts it; a local one is a notch,
+an edge or several steps. One kind wide enough for all of them needs many more trials for normal people, and a narrow
+one gives people with a loss a curve that is too good inside a narrow band. So all kinds run side by side.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from tactuator.errors import BadInput
+from tactuator.experiment.procedure.curve_kind import CurveKind
 
 Floats = NDArray[np.float64]
+
+_NOTCHES = 9
 
 
 @dataclass(frozen=True)
 class CurvePrior:
-    """Standard deviations: offset_db, tilt_db_per_decade, wave_db; wave_decades: the wave's length scale.
+    """Shares of the kinds, their standard deviations in dB, and the frequencies at which trials may be put.
 
-    points: frequencies at which trials may be put, even in log frequency over band_hz but kept clearance_hz away from
-    multiples of mains_hz, where hum is felt with the stimulus.
+    normal_*: offset, tilt (dB per decade) and smooth wave of normal curves. broad_mean_db, broad_offset_db: of a loss
+    over the whole band. uneven_db: of a curve that varies from one third of a decade to the next; steps_db: of one that
+    steps. notch_db, edge_db: of a single notch or edge in an otherwise normal curve. *_share: prior probabilities, up
+    to a common factor; a share of 0 leaves a kind out. points: frequencies even in log frequency over band_hz, kept
+    clearance_hz away from multiples of mains_hz (0: no mains), where hum is felt with the stimulus.
     """
 
     band_hz: tuple[float, float] = (0.4, 300.0)
-    offset_db: float = 4.0
-    tilt_db_per_decade: float = 2.5
-    wave_db: float = 2.0
-    wave_decades: float = 0.35
     points: int = 20
     mains_hz: float = 60.0
-    clearance_hz: float = 2.0
+    clearance_hz: float = 2.5
+    normal_share: float = 0.42
+    normal_offset_db: float = 4.0
+    normal_tilt_db_per_decade: float = 2.5
+    normal_wave_db: float = 2.0
+    broad_share: float = 0.12
+    broad_mean_db: float = 8.0
+    broad_offset_db: float = 15.0
+    uneven_share: float = 0.20
+    uneven_db: float = 7.0
+    steps_share: float = 0.14
+    steps_db: float = 10.0
+    notch_share: float = 0.10
+    notch_db: float = 12.0
+    edge_share: float = 0.06
+    edge_db: float = 15.0
 
     def __post_init__(self) -> None:
         low, high = self.band_hz
@@ -39,33 +58,68 @@ class CurvePrior:
             raise BadInput(f"whole curve: band_hz is [{low:g}, {high:g}]; allowed: 0 < low < high")
         if self.points < 3:
             raise BadInput(f"whole curve: {self.points} points; allowed: 3 or more")
-        if min(self.offset_db, self.tilt_db_per_decade, self.wave_db, self.wave_decades) <= 0.0:
-            raise BadInput("whole curve: a standard deviation or length is not positive; allowed: positive numbers")
+        if min(self.mains_hz, self.clearance_hz) < 0.0 or 2.0 * self.clearance_hz >= self.mains_hz > 0.0:
+            raise BadInput(
+                f"whole curve: {self.clearance_hz:g} Hz off multiples of {self.mains_hz:g} Hz; "
+                "allowed: less than half of the mains frequency"
+            )
+        if not self.kinds:
+            raise BadInput("whole curve: every share is 0; allowed: at least one kind of curve with a share")
 
     @property
+    def middle_hz(self) -> float:
+        """The frequency about which tilts turn."""
+        return float(np.sqrt(self.band_hz[0] * self.band_hz[1]))
+
+    @cached_property
     def frequency_hz(self) -> Floats:
         """Where trials may be put, shape (points,)."""
-        even = np.geomspace(*self.band_hz, self.points)
-        nearest = np.maximum(np.round(even / self.mains_hz), 1.0) * self.mains_hz
-        gap = even - nearest
-        side = np.where(nearest + self.clearance_hz > self.band_hz[1], -1.0, np.where(gap < 0.0, -1.0, 1.0))
-        return np.where(np.abs(gap) < self.clearance_hz, nearest + side * self.clearance_hz, even)
+        return clear_of_mains(np.geomspace(*self.band_hz, self.points), self.mains_hz, self.clearance_hz, self.band_hz)
 
-    def covariance(self, first_hz: ArrayLike, second_hz: ArrayLike) -> Floats:
-        """Prior covariance, dB^2, shape (first, second)."""
-        middle = 0.5 * np.log10(self.band_hz[0] * self.band_hz[1])
-        a = np.log10(np.asarray(first_hz, dtype=np.float64))[:, None]
-        b = np.log10(np.asarray(second_hz, dtype=np.float64))[None, :]
-        line = self.offset_db**2 + self.tilt_db_per_decade**2 * (a - middle) * (b - middle)
-        return np.asarray(line + self.wave_db**2 * np.exp(-0.5 * ((a - b) / self.wave_decades) ** 2))
+    @cached_property
+    def kinds(self) -> tuple[CurveKind, ...]:
+        """Every kind of curve with a share above 0; shares sum to 1."""
+        quiet, tilt = 0.3 * self.normal_share, self.normal_tilt_db_per_decade
+        kinds = [
+            CurveKind("normal", quiet, 0.0, self.normal_offset_db, 0.6 * tilt, 0.4 * self.normal_wave_db, 0.5),
+            CurveKind("normal", self.normal_share - quiet, 0.0, self.normal_offset_db, tilt, self.normal_wave_db),
+            CurveKind("broad", self.broad_share, self.broad_mean_db, self.broad_offset_db, 6.0, 3.0, 0.5, 2.0),
+            CurveKind("uneven", self.uneven_share, 4.0, 10.0, 4.0, 0.0, rough_db=self.uneven_db),
+            CurveKind("steps", self.steps_share, 6.0, 8.0, 4.0, 0.0, rough_db=1.0, walk_db=self.steps_db),
+            *self._local(),
+        ]
+        total = sum(kind.share for kind in kinds)
+        return tuple(_shared(kind, kind.share / total) for kind in kinds if kind.share > 0.0)
 
-    def draw(self, frequency_hz: ArrayLike, count: int, rng: np.random.Generator) -> Floats:
-        """Curves of people, dB relative to the display's, shape (count, frequencies)."""
-        covariance = self.covariance(frequency_hz, frequency_hz)
-        root = np.linalg.cholesky(covariance + 1e-8 * np.eye(len(covariance)))
-        return np.asarray(rng.standard_normal((count, len(covariance))) @ root.T)
+    def _local(self) -> list[CurveKind]:
+        low, high = self.band_hz
+        edges = np.sqrt(self.frequency_hz[1:] * self.frequency_hz[:-1])[1:-1]
+        edges = edges if edges.size else np.array([self.middle_hz])
+        base = (0.0, self.normal_offset_db, 0.8 * self.normal_tilt_db_per_decade, 0.6 * self.normal_wave_db, 0.35, 0.7)
+        notch, edge = self.notch_share / _NOTCHES, self.edge_share / edges.size
+        places = np.geomspace(1.25 * low, high / 1.15, _NOTCHES).tolist()
+        return [
+            *(
+                CurveKind("notch", notch, *base, feature="notch", feature_db=self.notch_db, feature_hz=f)
+                for f in places
+            ),
+            *(
+                CurveKind("edge", edge, *base, feature="edge", feature_db=self.edge_db, feature_hz=f)
+                for f in edges.tolist()
+            ),
+        ]
 
-    def weights(self, frequency_hz: ArrayLike) -> Floats:
-        """Maps values at `self.frequency_hz` to their conditional mean at others, shape (others, points)."""
-        own = self.covariance(self.frequency_hz, self.frequency_hz) + 1e-6 * np.eye(self.points)
-        return np.asarray(np.linalg.solve(own, self.covariance(self.frequency_hz, frequency_hz)).T)
+
+def clear_of_mains(frequency_hz: Floats, mains_hz: float, clearance_hz: float, band_hz: tuple[float, float]) -> Floats:
+    """The frequencies, those too near a multiple of mains_hz moved to clearance_hz from it (inside the band)."""
+    if mains_hz == 0.0:
+        return frequency_hz
+    nearest = np.maximum(np.round(frequency_hz / mains_hz), 1.0) * mains_hz
+    gap = frequency_hz - nearest
+    down = (nearest + clearance_hz > band_hz[1]) | ((gap < 0.0) & (nearest - clearance_hz >= band_hz[0]))
+    moved = nearest + np.where(down, -clearance_hz, clearance_hz)
+    return np.where(np.abs(gap) < clearance_hz, moved, frequency_hz)
+
+
+def _shared(kind: CurveKind, share: float) -> CurveKind:
+    return CurveKind(**{**vars(kind), "share": share})

@@ -22,6 +22,18 @@ class Estimate:
     standard_error_db: float | None
 
 
+@dataclass(frozen=True)
+class Playable:
+    """What a display can play to a procedure that chooses frequencies: its band, and the mains lines to keep off.
+
+    mains_hz: 0 where there is none; clearance_hz: the distance to keep from its multiples.
+    """
+
+    band_hz: tuple[float, float] = (0.4, 300.0)
+    mains_hz: float = 60.0
+    clearance_hz: float = 2.5
+
+
 class Procedure(Protocol):
     """The same outcomes in the same order always give the same placements: replaying a run is enough to resume it."""
 

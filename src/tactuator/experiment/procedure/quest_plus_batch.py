@@ -33,3 +33,28 @@ def _batch(
         outcomes[:, trial] = rng.random(runs) < probability(levels[:, trial], numbers)
         posterior = table.learn(posterior, place, outcomes[:, trial])
     return levels, outcomes, table.threshold(posterior)[0]
+
+
+def estimates(
+    rule: QuestPlusRule, levels_db_sl: NDArray[np.float64], correct: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and standard deviation of the threshold after these trials, (runs,) each. Arguments (runs, trials).
+
+    The same posterior as trial by trial, in one product of counts with log psi.
+    """
+    table = tables(rule)
+    place = np.clip(np.round((levels_db_sl - rule.low_db_sl) / rule.step_db).astype(np.int64), 0, table.levels.size - 1)
+    found = [np.empty(levels_db_sl.shape[0]), np.empty(levels_db_sl.shape[0])]
+    log_right, log_wrong = np.log(table.psi), np.log1p(-table.psi)
+    for first in range(0, levels_db_sl.shape[0], _BATCH):
+        part, hit = place[first : first + _BATCH], correct[first : first + _BATCH]
+        rows = np.arange(part.shape[0])[:, None]
+        right, wrong = np.zeros((2, part.shape[0], table.levels.size))
+        np.add.at(right, (rows, part), hit)
+        np.add.at(wrong, (rows, part), ~hit)
+        log_posterior = right @ log_right.T + wrong @ log_wrong.T + np.log(table.prior)
+        posterior = np.exp(log_posterior - log_posterior.max(axis=1, keepdims=True))
+        posterior /= posterior.sum(axis=1, keepdims=True)
+        for column, values in zip(found, table.threshold(posterior), strict=True):
+            column[first : first + _BATCH] = values
+    return found[0], found[1]

@@ -1,8 +1,9 @@
 """Bayesian refit of a run's trials: the threshold's posterior with slope and lapse integrated out on a grid.
 
-psi is a Weibull in amplitude (perception.psychometric). Priors: flat in the threshold, log-normal in the slope,
-falling exponentially in the lapse rate. The interval is the posterior's own central interval, so it carries what is not
-known of slope and lapse (separate intervals of each parameter, put together, do not).
+psi is a Weibull in amplitude (perception.psychometric). Priors: flat in the threshold, log-normal in the slope, falling
+exponentially in the lapse rate but for one person in ten, whose lapse rate may be anything. The interval is the
+posterior's own central interval, so it carries what is not known of slope and lapse (separate intervals of each
+parameter, put together, do not).
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
 Floats = NDArray[np.float64]
 
 _MINIMUM_TRIALS = 5
+_ANY = 0.1
+"""Share of people whose lapse rate may be anything up to where psi no longer reaches its target."""
+_OFTEN, _SELDOM = 0.10, 0.025
 _BATCH = 1024
 
 
@@ -42,7 +46,9 @@ class RefitPrior:
 class Refit:
     """Posterior of the threshold of each run: median, standard deviation and central interval, dB; arrays (runs,).
 
-    slope: posterior mean; lapse: posterior mean.
+    slope, lapse: posterior means. log_bayes_factor: log evidence for a threshold within the grid against guessing.
+    lapse_log_odds: log likelihood of a lapse rate of 10 % or more over one of 2.5 % or less, threshold and slope
+    integrated out.
     """
 
     threshold_db: Floats
@@ -51,6 +57,8 @@ class Refit:
     high_db: Floats
     slope: Floats
     lapse: Floats
+    log_bayes_factor: Floats
+    lapse_log_odds: Floats
 
 
 def refit(
@@ -81,8 +89,13 @@ def _refit_batch(levels: Floats, outcomes: NDArray[np.bool_], prior: RefitPrior,
     grid = _grid(prior)
     log_right, log_wrong = grid.log_likelihood(offsets)
     log_posterior = right @ log_right + wrong @ log_wrong + grid.log_prior
-    log_posterior -= log_posterior.max(axis=1, keepdims=True)
-    posterior = np.exp(log_posterior).reshape(levels.shape[0], *grid.shape)
+    highest = log_posterior.max(axis=1, keepdims=True)
+    posterior = np.exp(log_posterior - highest).reshape(levels.shape[0], *grid.shape)
+    chance = right.sum(axis=1) * np.log(prior.guess) + wrong.sum(axis=1) * np.log1p(-prior.guess)
+    against_chance = highest[:, 0] + np.log(posterior.sum(axis=(1, 2, 3))) - chance
+    by_lapse = posterior.sum(axis=(1, 2)) / grid.lapse_prior
+    often, seldom = by_lapse[:, grid.lapses >= _OFTEN], by_lapse[:, grid.lapses <= _SELDOM]
+    odds = np.log(np.maximum(often.mean(axis=1), 1e-300)) - np.log(np.maximum(seldom.mean(axis=1), 1e-300))
     posterior /= posterior.sum(axis=(1, 2, 3), keepdims=True)
     marginal = posterior.sum(axis=(2, 3))
     mean = marginal @ grid.thresholds
@@ -92,7 +105,7 @@ def _refit_batch(levels: Floats, outcomes: NDArray[np.bool_], prior: RefitPrior,
     )
     slope = posterior.sum(axis=(1, 3)) @ grid.slopes
     lapse = posterior.sum(axis=(1, 2)) @ grid.lapses
-    return centre + middle, sd, centre + low, centre + high, slope, lapse
+    return centre + middle, sd, centre + low, centre + high, slope, lapse, against_chance, odds
 
 
 def _middle(levels: Floats) -> Floats:
@@ -135,10 +148,13 @@ class _Grid:
         self.thresholds = np.linspace(-prior.reach_db, prior.reach_db, count)
         z = np.linspace(-2.4, 2.4, 9)
         self.slopes = prior.slope_median * np.exp(prior.slope_sd_log * z)
-        self.lapses = np.array([0.0, 0.01, 0.025, 0.05, 0.1])
+        self.lapses = np.array([0.0, 0.02, 0.05, 0.12, 0.25, 0.5, 0.75, 0.95]) * (1.0 - prior.target)
         self.shape = (count, self.slopes.size, self.lapses.size)
-        lapse_share = np.exp(-self.lapses / prior.lapse_mean) * np.gradient(self.lapses)
-        log_prior = (-0.5 * z**2)[:, None] + np.log(lapse_share)
+        width = np.gradient(self.lapses)
+        falling = np.exp(-self.lapses / prior.lapse_mean) * width
+        self.lapse_prior = (1.0 - _ANY) * falling / falling.sum() + _ANY * width / width.sum()
+        log_prior = (-0.5 * z**2 - np.log(np.exp(-0.5 * z**2).sum()))[:, None] + np.log(self.lapse_prior)
+        log_prior = log_prior - np.log(count)
         self.log_prior = np.broadcast_to(log_prior, self.shape).reshape(-1)
 
     def log_likelihood(self, offsets: Floats) -> tuple[Floats, Floats]:

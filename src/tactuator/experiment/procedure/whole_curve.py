@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.curve_belief import Answering, CurveBelief
+from tactuator.experiment.procedure.answering import Answering
+from tactuator.experiment.procedure.curve_belief import CurveBelief
 from tactuator.experiment.procedure.curve_prior import CurvePrior
 from tactuator.experiment.procedure.procedure import Estimate, Placement
 
@@ -23,7 +24,7 @@ class WholeCurveRule:
     prior: CurvePrior = field(default_factory=CurvePrior)
     answering: Answering = field(default_factory=Answering)
     floor_db_sl: float = -30.0
-    ceiling_db_sl: float = 40.0
+    ceiling_db_sl: float = 50.0
 
     def __post_init__(self) -> None:
         if self.trials < 1:
@@ -35,24 +36,15 @@ class WholeCurveRule:
 
 
 class WholeCurve:
-    """One run."""
+    """One run. belief: what is known so far; played: frequency, level and outcome of every trial."""
 
     def __init__(self, rule: WholeCurveRule) -> None:
         self.rule = rule
-        self._frequency_hz = rule.prior.frequency_hz
-        self._belief = CurveBelief(rule.prior, rule.answering)
+        self.belief = CurveBelief(rule.prior, rule.answering)
+        self.played: list[tuple[float, float, bool]] = []
         self._trials = 0
         self._limits: set[str] = set()
-        self._choose()
-
-    def _choose(self) -> None:
-        rule = self.rule
-        point, level = self._belief.choose(rule.floor_db_sl, rule.ceiling_db_sl)
-        self._point, self._level = int(point[0]), float(level[0])
-        if self._level <= rule.floor_db_sl:
-            self._limits.add("floor")
-        if self._level >= rule.ceiling_db_sl:
-            self._limits.add("ceiling")
+        self._placed: tuple[int, float] | None = None
 
     @property
     def trials(self) -> int:
@@ -73,16 +65,26 @@ class WholeCurve:
         """The most telling frequency and level."""
         if self._trials >= self.rule.trials:
             return None
-        return Placement(self._level, float(self._frequency_hz[self._point]))
+        if self._placed is None:
+            rule = self.rule
+            point, level = self.belief.choose(rule.floor_db_sl, rule.ceiling_db_sl)
+            self._placed = int(point[0]), float(level[0])
+        point_index, level_db_sl = self._placed
+        return Placement(level_db_sl, float(self.rule.prior.frequency_hz[point_index]))
 
     def record(self, correct: bool) -> None:
         """Learn the outcome."""
-        if self.placement() is None:
+        if self.placement() is None or self._placed is None:
             raise BadInput(f"the run was over after {self._trials} trials; allowed: no further response")
-        self._belief.learn(np.array([self._point]), np.array([self._level]), np.array([correct]))
+        point, level = self._placed
+        self.belief.learn(np.array([point]), np.array([level]), np.array([correct]))
+        self.played.append((float(self.rule.prior.frequency_hz[point]), level, bool(correct)))
         self._trials += 1
-        if self._trials < self.rule.trials:
-            self._choose()
+        self._placed = None
+        if level <= self.rule.floor_db_sl:
+            self._limits.add("floor")
+        if level >= self.rule.ceiling_db_sl:
+            self._limits.add("ceiling")
 
     def estimate(self) -> Estimate | None:
         """None: a curve is not one number; see `curve`."""
@@ -90,10 +92,5 @@ class WholeCurve:
 
     def curve(self, frequency_hz: ArrayLike) -> tuple[Floats, Floats]:
         """Threshold in dB SL and its standard deviation at the frequencies, shape (n,) each."""
-        mean, covariance = self._belief.curve()
-        weights = self.rule.prior.weights(frequency_hz)
-        own = self.rule.prior.covariance(self._frequency_hz, self._frequency_hz)
-        prior = np.diag(self.rule.prior.covariance(frequency_hz, frequency_hz))
-        between = prior - np.einsum("fg,gh,fh->f", weights, own, weights)
-        variance = np.einsum("fg,gh,fh->f", weights, covariance[0], weights) + np.maximum(between, 0.0)
-        return weights @ mean[0], np.sqrt(variance)
+        mean, sd = self.belief.curve(frequency_hz)
+        return mean[0], sd[0]

@@ -6,85 +6,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from tactuator.experiment.procedure.curve_prior import CurvePrior
 from tactuator.experiment.procedure.practice import Practice
-from tactuator.experiment.procedure.procedure import Procedure
-from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule
-from tactuator.experiment.procedure.up_down import IMECE2004, UpDown, UpDownRule
-from tactuator.experiment.procedure.whole_curve import WholeCurve, WholeCurveRule
+from tactuator.experiment.procedure.procedure import Playable
+from tactuator.experiment.protocol.procedures import AnyProcedure, Level
 from tactuator.experiment.protocol.study import Part, Positive, Seconds, StudyProtocol
 from tactuator.experiment.trial.marks import Marks
 from tactuator.experiment.trial.stimulus import Masker
 from tactuator.experiment.trial.timing import Timing
 from tactuator.experiment.trial.trial import ForcedChoice
-from tactuator.perception.levels import COMFORT_DB_SL
-
-Level = Annotated[float, Field(ge=-60.0, le=COMFORT_DB_SL, allow_inf_nan=False)]
-
-
-class ImeceProcedure(Part):
-    """The paper's procedure, exactly."""
-
-    kind: Literal["imece2004"]
-    start_db_sl: Level = 20.0
-
-    def build(self, paradigm: ForcedChoice, band_hz: tuple[float, float]) -> Procedure:
-        """A fresh run."""
-        return UpDown(IMECE2004, self.start_db_sl)
-
-
-class UpDownProcedure(Part):
-    """Any transformed up-down track; the keys are those of UpDownRule."""
-
-    kind: Literal["up-down"]
-    start_db_sl: Level = 20.0
-    down: int = 3
-    up: int = 1
-    steps_db: tuple[float, ...] = (4.0, 4.0, 4.0, 1.0)
-    reversals: int = 15
-    averaged: int = 12
-    initial_rule: bool = False
-    average: Literal["reversals", "mid-runs"] = "reversals"
-    floor_db_sl: Level = -60.0
-    ceiling_db_sl: Level = COMFORT_DB_SL
-    trial_limit: int = 1000
-
-    def build(self, paradigm: ForcedChoice, band_hz: tuple[float, float]) -> Procedure:
-        """A fresh run."""
-        return UpDown(UpDownRule(**self.model_dump(exclude={"kind", "start_db_sl"})), self.start_db_sl)
-
-
-class QuestPlusProcedure(Part):
-    """QUEST+; the keys are those of QuestPlusRule."""
-
-    kind: Literal["quest-plus"]
-    trials: int = 48
-    low_db_sl: Level = -30.0
-    high_db_sl: Level = 40.0
-    expected_db_sl: float = 0.0
-    expected_sd_db: Positive = 15.0
-    aim: Literal["threshold", "parameters"] = "threshold"
-
-    def build(self, paradigm: ForcedChoice, band_hz: tuple[float, float]) -> Procedure:
-        """A fresh run."""
-        return QuestPlus(QuestPlusRule(**self.model_dump(exclude={"kind"}), guess=paradigm.guess))
-
-
-class CurveProcedure(Part):
-    """The whole curve in one run; frequencies are the procedure's own."""
-
-    kind: Literal["curve"]
-    trials: int = 150
-    points: int = 20
-
-    def build(self, paradigm: ForcedChoice, band_hz: tuple[float, float]) -> Procedure:
-        """A fresh run over the display's band."""
-        return WholeCurve(WholeCurveRule(self.trials, CurvePrior(band_hz, points=self.points)))
-
-
-AnyProcedure = Annotated[
-    ImeceProcedure | UpDownProcedure | QuestPlusProcedure | CurveProcedure, Field(discriminator="kind")
-]
 
 
 class Conditions(Part):
@@ -168,6 +97,17 @@ class MarksPart(Part):
         return Marks(**self.model_dump())
 
 
+class CatchTrials(Part):
+    """Trials that a run has besides its procedure's: loud ones for attention, blank ones for cues.
+
+    loud_share, blank_share: of all trials; above_db: of a loud one over the procedure's next level.
+    """
+
+    loud_share: Annotated[float, Field(ge=0.0, le=0.5)] = 0.0
+    blank_share: Annotated[float, Field(ge=0.0, le=0.3)] = 0.0
+    above_db: Annotated[float, Field(ge=10.0, le=40.0)] = 20.0
+
+
 class Paradigm(Part):
     """Detection in one of m intervals."""
 
@@ -180,6 +120,7 @@ class Protocol(StudyProtocol):
     procedure: AnyProcedure
     conditions: Conditions
     paradigm: Paradigm = Paradigm()
+    catch: CatchTrials = CatchTrials()
     session: SessionRules = SessionRules()
     timing: TimingPart = TimingPart()
     masker: MaskerPart | None = None
@@ -200,7 +141,7 @@ class Protocol(StudyProtocol):
         self.forced_choice()
         if self.marks is not None:
             self.marks.build()
-        self.procedure.build(self.forced_choice(), (0.4, 300.0))
+        self.procedure.build(self.forced_choice(), Playable())
         return self
 
     def forced_choice(self) -> ForcedChoice:

@@ -43,7 +43,7 @@ class AbxResult:
 
 
 def identification_results(
-    store: Store, rng: np.random.Generator, study: str | None = None, resamples: int = 1000
+    store: Store, rng: np.random.Generator, study: str | None = None, draws: int = 1000
 ) -> tuple[list[SubjectResult], list[AbxResult]]:
     """Results of every identification study in the store (or the one of that name), test blocks only.
 
@@ -60,7 +60,7 @@ def identification_results(
                 if protocol.identification.paradigm == "abx":
                     abx += _abx_results(connection, row.id, row.name)
                 else:
-                    results += _matrix_results(connection, row.id, protocol, rng, resamples)
+                    results += _matrix_results(connection, row.id, protocol, rng, draws)
     if not results and not abx:
         wanted = "identification study" if study is None else f"identification study {study!r}"
         raise BadInput(f"store {store.path}: no answers of any {wanted}; allowed: a store with test blocks answered")
@@ -68,7 +68,7 @@ def identification_results(
 
 
 def session_results(
-    store: Store, protocol: IdentificationProtocol, session: int, rng: np.random.Generator, resamples: int = 300
+    store: Store, protocol: IdentificationProtocol, session: int, rng: np.random.Generator, draws: int = 300
 ) -> tuple[list[SubjectResult], list[AbxResult]]:
     """Results of one session, test blocks only; both empty while fewer than two items were answered there."""
     with store.read() as connection:
@@ -76,7 +76,7 @@ def session_results(
         if protocol.identification.paradigm == "abx":
             every = _abx_results(connection, row.study_id, protocol.study.name)
             return [], [one for one in every if one.subject == row.subject_code]
-        return _matrix_results(connection, row.study_id, protocol, rng, resamples, only=row.subject_code), []
+        return _matrix_results(connection, row.study_id, protocol, rng, draws, only=row.subject_code), []
 
 
 def _trials(connection: Connection, study: int) -> list[tuple[str, str, str]]:
@@ -103,7 +103,7 @@ def _matrix_results(
     study: int,
     protocol: IdentificationProtocol,
     rng: np.random.Generator,
-    resamples: int,
+    draws: int,
     only: str | None = None,
 ) -> list[SubjectResult]:
     trials = _trials(connection, study)
@@ -126,7 +126,7 @@ def _matrix_results(
         if np.count_nonzero(counts.sum(axis=1)) < 2:
             continue
         seconds = float(np.mean([durations[correct] for correct, _ in mine])) + gap_s
-        found = information(counts, rng, seconds_per_stimulus=seconds, resamples=resamples)
+        found = information(counts, rng, seconds_per_stimulus=seconds, draws=draws)
         results.append(SubjectResult(protocol.study.name, asking.paradigm, subject, labels, counts, seconds, found))
     return results
 

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.errors import BadInput
-from tactuator.experiment.result.thresholds import Threshold
+from tactuator.experiment.result.thresholds import DISQUALIFYING, Threshold
 from tactuator.experiment.store.stored_runs import StoredRun
 from tactuator.files.atomic import write_text
-from tactuator.perception.curve import ThresholdCurve
+from tactuator.perception.curve import Provenance, ThresholdCurve
 
 Floats = NDArray[np.float64]
 
@@ -35,23 +35,34 @@ CIRCUMSTANCES = (
 
 @dataclass(frozen=True)
 class GroupCurve:
-    """curve: mean over subjects; subjects: how many at each point (0: extended to the band's edge, not measured)."""
+    """The curve of a group: the mean over subjects, and who stands behind it.
+
+    subjects: how many at each point (0: extended to the band's edge, not measured); left_out: thresholds that were not
+    taken in, because of the flags of their runs.
+    """
 
     curve: ThresholdCurve
     subjects: tuple[int, ...]
+    left_out: tuple[Threshold, ...] = ()
 
 
-def group_curve(found: Sequence[Threshold], reference: ThresholdCurve, band_hz: tuple[float, float]) -> GroupCurve:
-    """Mean refitted threshold at each frequency, a subject's fingers and repeats averaged first.
+def group_curve(
+    found: Sequence[Threshold], reference: ThresholdCurve, band_hz: tuple[float, float], keep_flagged: bool = False
+) -> GroupCurve:
+    """Return the mean refitted threshold at each frequency, a subject's fingers and repeats averaged first.
 
-    The standard error is that of the mean between subjects, and not below what the single thresholds are known to.
-    Beyond the measured frequencies the curve keeps its distance from `reference` up to the band's edges: a design needs
-    the whole band. Raises BadInput for fewer than three frequencies.
+    Thresholds with a disqualifying flag are left out unless keep_flagged. The standard error is that of the mean
+    between subjects, and not below what the single thresholds are known to. Beyond the measured frequencies the curve
+    keeps its distance from `reference` up to the band's edges: a design needs the whole band. The provenance is
+    `simulated` where any threshold is. Raises BadInput where fewer than three frequencies are left.
     """
-    frequency_hz = np.array(sorted({one.frequency_hz for one in found}))
+    kept = [one for one in found if keep_flagged or not DISQUALIFYING & set(one.flags)]
+    left_out = tuple(one for one in found if not any(one is other for other in kept))
+    frequency_hz = np.array(sorted({one.frequency_hz for one in kept}))
     if frequency_hz.size < 3:
-        raise BadInput(f"a curve of {frequency_hz.size} measured frequencies; allowed: three or more")
-    rows = [_mean([one for one in found if one.frequency_hz == frequency]) for frequency in frequency_hz]
+        without = f", {len(left_out)} thresholds left out for their flags" if left_out else ""
+        raise BadInput(f"a curve of {frequency_hz.size} measured frequencies{without}; allowed: three or more")
+    rows = [_mean([one for one in kept if one.frequency_hz == frequency]) for frequency in frequency_hz]
     level, error = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
     count = [row[2] for row in rows]
     for edge, end in ((band_hz[0], 0), (band_hz[1], -1)):
@@ -62,17 +73,30 @@ def group_curve(found: Sequence[Threshold], reference: ThresholdCurve, band_hz: 
             error = np.insert(error, place, error[end])
             frequency_hz = np.insert(frequency_hz, place, edge)
             count.insert(place, 0)
-    subjects = len({one.subject for one in found})
-    source = f"mean of {subjects} subjects on the display; ends beyond the measured frequencies follow {reference.name}"
-    return GroupCurve(ThresholdCurve("measured", frequency_hz, level, "measured", source, error), tuple(count))
+    simulated = any(one.simulated for one in kept)
+    return GroupCurve(_curve(frequency_hz, level, error, kept, reference, simulated), tuple(count), left_out)
+
+
+def _curve(
+    frequency_hz: Floats, level: Floats, error: Floats, kept: Sequence[Threshold], reference: ThresholdCurve,
+    simulated: bool,
+) -> ThresholdCurve:  # fmt: skip
+    subjects = len({one.subject for one in kept})
+    who = "simulated, nobody felt it: " if simulated else ""
+    source = (
+        f"{who}mean of {subjects} subjects on the display, each point at {100.0 * kept[0].point:.1f} % correct; "
+        f"ends beyond the measured frequencies follow {reference.name}"
+    )
+    provenance: Provenance = "simulated" if simulated else "measured"
+    return ThresholdCurve(provenance, frequency_hz, level, provenance, source, error)
 
 
 def _mean(found: Sequence[Threshold]) -> tuple[float, float, int]:
-    """Level, standard error and number of subjects at one frequency."""
+    """Return level, standard error and number of subjects at one frequency."""
     subjects = sorted({one.subject for one in found})
     each = [[one for one in found if one.subject == subject] for subject in subjects]
     levels = np.array([np.mean([one.level_db_re_1um for one in mine]) for mine in each])
-    within = np.array([np.sqrt(np.sum([one.refit_sd_db**2 for one in mine])) / len(mine) for mine in each])
+    within = np.array([np.sqrt(np.sum([one.sd_db**2 for one in mine])) / len(mine) for mine in each])
     known = float(np.sqrt(np.sum(within**2)) / len(subjects))
     between = float(np.std(levels, ddof=1) / np.sqrt(len(subjects))) if len(subjects) > 1 else 0.0
     return float(levels.mean()), max(known, between), len(subjects)

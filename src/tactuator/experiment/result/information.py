@@ -12,26 +12,34 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.errors import BadInput
+from tactuator.experiment.result.confusion_posterior import information_draws
 
 Counts = NDArray[np.int64]
 Bits = NDArray[np.float64]
 
 ESTIMATORS = ("plug_in", "miller_madow", "all_cells", "error_rule")
-"""plug_in: the sum above. miller_madow: less its first-order bias, from the cells, rows and columns that are occupied
-(Miller 1955). all_cells: less (k - 1)^2 / (2 n ln 2), the same bias with every cell counted. error_rule: (1 - 2 e)
-log2 k, e the share of errors (Tan et al. 1999)."""
+"""Estimators that are numbers alone. plug_in: the sum above. miller_madow: less its first-order bias, from the cells,
+rows and columns that are occupied (Miller 1955). all_cells: less (k - 1)^2 / (2 n ln 2), the same bias with every cell
+counted. error_rule: (1 - 2 e) log2 k, e the share of errors (Tan et al. 1999)."""
+
+POSTERIOR = "posterior"
+"""The estimate with an interval: median of the posterior of confusion_posterior."""
 
 ENOUGH = 5
 """Trials for each cell below which estimates are not to be relied on: n >= 5 k^2 (Miller 1955)."""
 
 
+_WIDER = 1.15
+"""The interval over the posterior's own: of seven ways to err, the worst was covered 0.83 of the time without it."""
+
+
 @dataclass(frozen=True)
 class Estimate:
-    """An estimate in bits, and the bootstrap's interval of the stated confidence about it."""
+    """An estimate in bits, and its interval of the stated confidence; None where it has none that deserves its name."""
 
     bits: float
-    low_bits: float
-    high_bits: float
+    low_bits: float | None = None
+    high_bits: float | None = None
 
     @property
     def categories(self) -> float:
@@ -41,9 +49,10 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Information transfer of a confusion matrix. estimates: by name, as in ESTIMATORS; warning: None or one line.
+    """Information transfer of a confusion matrix. estimates: by name, as in ESTIMATORS, and POSTERIOR.
 
-    bits_per_second: by name, where the time a stimulus takes is known.
+    warning: None or one line; no_interval: None, or why the estimates have no interval. bits_per_second: by name, where
+    the time a stimulus takes is known.
     """
 
     stimuli: int
@@ -54,6 +63,7 @@ class Information:
     estimates: dict[str, Estimate]
     bits_per_second: dict[str, float] | None
     warning: str | None
+    no_interval: str | None = None
 
 
 def confusion_counts(matrix: ArrayLike) -> Counts:
@@ -115,25 +125,25 @@ def information(
     rng: np.random.Generator,
     *,
     seconds_per_stimulus: float | None = None,
-    resamples: int = 1000,
+    draws: int = 1000,
     confidence: float = 0.95,
 ) -> Information:
-    """Information transfer of a confusion matrix (stimuli, responses) of counts, with bootstrap intervals.
+    """Return the information transfer of a confusion matrix (stimuli, responses) of counts.
 
-    The bootstrap draws each stimulus's responses anew; its interval is the basic one, 2 x estimate less the opposite
-    quantile (Davison & Hinkley 1997, section 5.2), so that the bias of the drawing is taken off and not added.
+    Of the estimates only the posterior's median has an interval: those of the others missed the truth (a bootstrap's
+    covers the bias of its estimator and not the truth). It is refused where trials are too few for the number of
+    stimuli, and where responses are not those of the stimuli. Raises BadInput for a matrix, confidence or number of
+    draws that is not allowed.
     """
     counts = confusion_counts(matrix)
-    if not 0.0 < confidence < 1.0 or resamples < 1:
-        raise BadInput(f"confidence {confidence:g}, {resamples} resamples; allowed: between 0 and 1, and one or more")
+    if not 0.0 < confidence < 1.0 or draws < 100:
+        raise BadInput(f"confidence {confidence:g}, {draws} draws; allowed: between 0 and 1, and 100 or more")
     if seconds_per_stimulus is not None and not seconds_per_stimulus > 0.0:
         raise BadInput(f"{seconds_per_stimulus:g} seconds a stimulus; allowed: a positive number")
-    drawn = all_estimates(_resampled(counts, resamples, rng))
-    tails = (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)
-    estimates = {}
-    for name, bits in all_estimates(counts).items():
-        low, high = np.quantile(drawn[name], tails)
-        estimates[name] = Estimate(float(bits), float(2.0 * bits - high), float(2.0 * bits - low))
+    estimates = {name: Estimate(float(bits)) for name, bits in all_estimates(counts).items()}
+    why = _no_interval(counts)
+    if why is None:
+        estimates[POSTERIOR] = _posterior(counts, rng, draws, confidence)
     per_second = None
     if seconds_per_stimulus is not None:
         per_second = {name: estimate.bits / seconds_per_stimulus for name, estimate in estimates.items()}
@@ -147,7 +157,29 @@ def information(
         estimates=estimates,
         bits_per_second=per_second,
         warning=_warning(counts),
+        no_interval=why,
     )
+
+
+def _posterior(counts: Counts, rng: np.random.Generator, draws: int, confidence: float) -> Estimate:
+    """Return the posterior's median with its interval, _WIDER than the posterior's own about it."""
+    found = information_draws(counts, draws, rng)
+    tails = (0.5 - 0.5 * confidence, 0.5, 0.5 + 0.5 * confidence)
+    low, middle, high = (float(value) for value in np.quantile(found, tails))
+    most = float(np.log2(counts.shape[0]))
+    return Estimate(middle, max(middle - _WIDER * (middle - low), 0.0), min(middle + _WIDER * (high - middle), most))
+
+
+def _no_interval(counts: Counts) -> str | None:
+    """Return why there is no interval, or None where there is one."""
+    if counts.shape[0] != counts.shape[1]:
+        return "no interval: responses are not those of the stimuli"
+    if np.any(counts.sum(axis=1) == 0):
+        return "no interval: a stimulus was never presented"
+    each, wanted = float(_trials(counts)) / counts.shape[0], 0.5 * counts.shape[0]
+    if each < wanted:
+        return f"no interval: {each:.3g} trials a stimulus; allowed: {wanted:g} or more with {counts.shape[0]} stimuli"
+    return None
 
 
 def _warning(counts: Counts) -> str | None:
@@ -156,15 +188,6 @@ def _warning(counts: Counts) -> str | None:
     if trials >= wanted:
         return None
     return f"{trials} trials for {stimuli} x {responses} cells; below {wanted} (5 a cell) these estimates are biased"
-
-
-def _resampled(counts: Counts, resamples: int, rng: np.random.Generator) -> Counts:
-    drawn = np.zeros((resamples, *counts.shape), dtype=np.int64)
-    for row, responses in enumerate(counts):
-        total = int(responses.sum())
-        if total:
-            drawn[:, row, :] = rng.multinomial(total, responses / total, size=resamples)
-    return drawn
 
 
 def _n_log_n(counts: NDArray[np.int64]) -> Bits:

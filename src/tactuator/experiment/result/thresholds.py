@@ -6,17 +6,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tactuator.experiment.procedure.curve_prior import CurvePrior
-from tactuator.experiment.procedure.diagnosis import diagnose
-from tactuator.experiment.procedure.procedure import Procedure
-from tactuator.experiment.procedure.refit import RefitPrior, refit
+from tactuator.errors import BadInput
+from tactuator.experiment.procedure.procedure import Playable, Procedure
+from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
+from tactuator.experiment.procedure.run_flags import RunFlags, run_flags
+from tactuator.experiment.procedure.up_down import UpDown
 from tactuator.experiment.procedure.whole_curve import WholeCurve
+from tactuator.experiment.result.catch import attention, catch_kinds
+from tactuator.experiment.result.curve_runs import curve_run
+from tactuator.experiment.result.played import Played, hum_is_felt, is_simulated, played
 from tactuator.experiment.store.stored_runs import StoredRun
-from tactuator.experiment.trial.delivered_level import delivered_offset_db
+from tactuator.experiment.trial.delivered_level import Delivered, delivered
+from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP
 
-_CURVE_POINTS = 12
+Floats = NDArray[np.float64]
+
+DISQUALIFYING = frozenset({"attention", "chance", "drift", "lapses", "mains", "out-of-range", "trial-limit"})
+"""Flags of runs whose threshold a group curve leaves out unless it is told to keep them."""
+
 _NEAR_DECADES, _NEAR_DB = 0.2, 12.0
+_NORMAL_95 = 1.959964
 
 
 @dataclass(frozen=True)
@@ -24,9 +35,12 @@ class Threshold:
     """One threshold of one subject.
 
     own_db_sl, own_standard_error_db: as the procedure states it, commanded level (None where it states none).
-    refit_*: posterior median, standard deviation and 95 % interval, commanded level. delivered_db: what the sensor saw
-    above the commanded level near threshold. level_db_re_1um: the refit as displacement, delivered; own_level_db_re_1um
-    likewise. flags: floor, ceiling, trial-limit, drift, lapses, saturated.
+    refit_*: posterior median, standard deviation and 95 % interval, commanded level, clipped to what was played; bound:
+    ">=" or "<=" where the threshold lies beyond that. point: share correct that both stand for. delivered_db, with its
+    standard deviation: what the sensor saw above the commanded level. level_db_re_1um: the refit as displacement,
+    delivered, with an interval that carries both; own_level_db_re_1um likewise. flags: floor, ceiling, trial-limit,
+    chance, attention, lapses, drift, mains, out-of-range, saturated, delivered-unknown. lapse_power, drift_power:
+    probability that the run would have shown a lapse rate of 15 %, a drift of 6 dB. simulated: nobody felt this.
     """
 
     subject: str
@@ -36,108 +50,181 @@ class Threshold:
     procedure: str
     run: int
     trials: int
+    point: float
     own_db_sl: float | None
     own_standard_error_db: float | None
     refit_db_sl: float
     refit_sd_db: float
     refit_low_db_sl: float
     refit_high_db_sl: float
+    bound: str
     delivered_db: float
+    delivered_sd_db: float
     own_level_db_re_1um: float | None
     level_db_re_1um: float
+    level_low_db_re_1um: float
+    level_high_db_re_1um: float
+    sd_db: float
     curve: str
     flags: tuple[str, ...]
+    lapse_power: float | None
+    drift_power: float | None
+    simulated: bool
 
 
 def thresholds(runs: Sequence[StoredRun]) -> list[Threshold]:
     """Thresholds of every run; of a whole-curve run, one at each of twelve frequencies over its band."""
+    procedures = [replayed(run) for run in runs]
+    fitted = _fitted(runs, procedures)
     found: list[Threshold] = []
-    for run in runs:
-        procedure = replayed(run)
-        found += _whole_curve(run, procedure) if isinstance(procedure, WholeCurve) else [_one(run, procedure)]
+    for index, (run, procedure) in enumerate(zip(runs, procedures, strict=True)):
+        if isinstance(procedure, WholeCurve):
+            found += _whole_curve(run, procedure)
+        else:
+            found.append(_one(run, procedure, *fitted[index]))
     return found
 
 
 def replayed(run: StoredRun) -> Procedure:
-    """The run's procedure after its last trial."""
-    procedure = run.protocol.procedure.build(run.protocol.forced_choice(), (run.run.band_low_hz, run.run.band_high_hz))
-    for outcome in run.correct:
-        procedure.record(bool(outcome))
+    """The run's procedure after its last trial; a whole curve is left fresh: what it played is learnt instead."""
+    timing = run.protocol.timing.build()
+    playable = Playable((run.run.band_low_hz, run.run.band_high_hz), clearance_hz=timing.clearance_hz(60.0))
+    procedure = run.protocol.procedure.build(run.protocol.forced_choice(), playable)
+    if not isinstance(procedure, WholeCurve):
+        for outcome in run.correct[catch_kinds(run) == ""]:
+            procedure.record(bool(outcome))
     return procedure
 
 
-def _one(run: StoredRun, procedure: Procedure) -> Threshold:
-    prior = RefitPrior(guess=run.protocol.forced_choice().guess)
-    fitted = refit(run.levels_db_sl, run.correct, prior)
-    level, base = float(fitted.threshold_db[0]), float(run.curve_level_db_re_1um[0])
-    delivered = delivered_offset_db(run.intervals, level)
-    shift = 0.0 if np.isnan(delivered) else delivered
+def point_of(procedure: Procedure) -> float:
+    """Share correct, lapses included, at the level that the procedure's number stands for."""
+    return procedure.rule.target if isinstance(procedure, UpDown) else TARGET_3_DOWN_1_UP
+
+
+def _fitted(runs: Sequence[StoredRun], procedures: Sequence[Procedure]) -> dict[int, tuple[Refit, RunFlags, int]]:
+    """Refit and flags of every run at one frequency, by its index, and its row in them: many runs in one product."""
+    groups: dict[RefitPrior, list[int]] = {}
+    for index, (run, procedure) in enumerate(zip(runs, procedures, strict=True)):
+        if not isinstance(procedure, WholeCurve):
+            prior = RefitPrior(guess=run.protocol.forced_choice().guess, target=round(point_of(procedure), 6))
+            groups.setdefault(prior, []).append(index)
+    found = {}
+    for prior, members in groups.items():
+        kept = [catch_kinds(runs[index]) != "blank" for index in members]
+        width = max(int(mask.sum()) for mask in kept)
+        levels, correct = np.full((len(members), width), np.nan), np.zeros((len(members), width), dtype=np.bool_)
+        for row, (index, mask) in enumerate(zip(members, kept, strict=True)):
+            count = int(mask.sum())
+            levels[row, :count] = runs[index].levels_db_sl[mask]
+            correct[row, :count] = runs[index].correct[mask]
+        fit = refit(levels, correct, prior)
+        flags = run_flags(levels, correct, fit, prior)
+        found.update({index: (fit, flags, row) for row, index in enumerate(members)})
+    return found
+
+
+@dataclass(frozen=True)
+class _Level:
+    """A threshold as commanded, before and after clipping to what was played."""
+
+    level: float
+    sd: float
+    low: float
+    high: float
+    bound: str
+
+    @classmethod
+    def clipped(cls, level: float, sd: float, low: float, high: float, least: float, most: float) -> _Level:
+        bound = ">=" if level > most else "<=" if level < least else ""
+        level, low, high = (float(np.clip(value, least, most)) for value in (level, low, high))
+        return cls(level, sd, low, high, bound)
+
+
+def _one(run: StoredRun, procedure: Procedure, fit: Refit, flags: RunFlags, row: int) -> Threshold:
+    kinds = catch_kinds(run)
+    levels = run.levels_db_sl[kinds != "blank"]
+    fitted = (fit.threshold_db[row], fit.sd_db[row], fit.low_db[row], fit.high_db[row])
+    level, sd, low, high = (float(value) for value in fitted)
+    at = _Level.clipped(level, sd, low, high, float(levels.min()), float(levels.max()))
+    seen, hertz = played(run), float(run.run.frequency_hz)
+    gain = delivered(seen.commanded_db_sl, seen.measured_db_sl, hertz, at.level)
+    names = [*procedure.flags, *flags.names(row), *attention(run)]
+    if hum_is_felt(seen, hertz, run.protocol.timing.build(), at.level):
+        names.append("mains")
     own = procedure.estimate()
-    flags = [*procedure.flags, *diagnose(run.levels_db_sl, run.correct, fitted, prior)]
-    if any(one.saturated for one in run.intervals):
-        flags.append("saturated")
-    if np.isnan(delivered):
-        flags.append("delivered-unknown")
-    return Threshold(
-        run.session.subject_code,
-        run.session.subject_group,
-        run.run.finger,
-        float(run.run.frequency_hz),
-        run.run.procedure,
-        run.run.id,
-        run.correct.size,
-        None if own is None else own.level_db_sl,
-        None if own is None else own.standard_error_db,
-        level,
-        float(fitted.sd_db[0]),
-        float(fitted.low_db[0]),
-        float(fitted.high_db[0]),
-        delivered,
-        None if own is None else base + shift + own.level_db_sl,
-        base + shift + level,
-        run.run.curve,
-        tuple(flags),
-    )
+    return _threshold(
+        run, hertz, at, gain, float(run.curve_level_db_re_1um[0]), [*names, *_of_playing(seen, at, gain)],
+        point_of(procedure), None if own is None else (own.level_db_sl, own.standard_error_db),
+        (float(flags.lapse_power[row]), float(flags.drift.power[row])),
+    )  # fmt: skip
 
 
 def _whole_curve(run: StoredRun, procedure: WholeCurve) -> list[Threshold]:
-    band = procedure.rule.prior.band_hz
-    frequency_hz = CurvePrior(band, points=_CURVE_POINTS).frequency_hz
-    mean, sd = procedure.curve(frequency_hz)
+    kinds, seen = catch_kinds(run), played(run)
+    own = kinds != "blank"
+    if not own.any():
+        raise BadInput(f"run {run.run.id} has no trial of its procedure; allowed: a run with trials")
+    levels, hertz = run.levels_db_sl[own], run.frequency_hz[own]
+    curve = curve_run(procedure.rule, hertz, levels, run.correct[own])
     order = np.argsort(run.frequency_hz, kind="stable")
-    base = np.interp(np.log(frequency_hz), np.log(run.frequency_hz[order]), run.curve_level_db_re_1um[order])
-    shifts = [
-        _delivered_near(run, float(frequency), float(level))
-        for frequency, level in zip(frequency_hz, mean, strict=True)
-    ]
-    return [
-        Threshold(
-            run.session.subject_code,
-            run.session.subject_group,
-            run.run.finger,
-            float(frequency),
-            run.run.procedure,
-            run.run.id,
-            run.correct.size,
-            None,
-            None,
-            float(level),
-            float(error),
-            float(level - 1.96 * error),
-            float(level + 1.96 * error),
-            shift,
-            None,
-            float(zero + level + (0.0 if np.isnan(shift) else shift)),
-            run.run.curve,
-            procedure.flags,
-        )
-        for frequency, level, error, zero, shift in zip(frequency_hz, mean, sd, base, shifts, strict=True)
-    ]
+    base = np.interp(np.log(curve.frequency_hz), np.log(run.frequency_hz[order]), run.curve_level_db_re_1um[order])
+    common = [*curve.flags.names(), *attention(run)]
+    power = float(curve.flags.drift.power[0])
+    found = []
+    for frequency, level, sd, zero in zip(curve.frequency_hz, curve.level_db_sl, curve.sd_db, base, strict=True):
+        low, high = level - _NORMAL_95 * sd, level + _NORMAL_95 * sd
+        at = _Level.clipped(level, float(sd), low, high, float(levels.min()), float(levels.max()))
+        near = np.abs(np.log10(run.frequency_hz / frequency))[seen.trial] <= _NEAR_DECADES
+        gain = delivered(seen.commanded_db_sl[near], seen.measured_db_sl[near], float(frequency), at.level, _NEAR_DB)
+        names = [*common, *_of_playing(seen, at, gain)]
+        point = procedure.rule.answering.target
+        found.append(_threshold(run, float(frequency), at, gain, float(zero), names, point, None, (None, power)))
+    return found
 
 
-def _delivered_near(run: StoredRun, frequency_hz: float, level_db_sl: float) -> float:
-    """What was delivered in trials within a fifth of a decade of the frequency."""
-    each = len(run.intervals) // run.correct.size
-    near = np.flatnonzero(np.abs(np.log10(run.frequency_hz / frequency_hz)) <= _NEAR_DECADES)
-    intervals = [one for trial in near for one in run.intervals[trial * each : (trial + 1) * each]]
-    return delivered_offset_db(intervals, level_db_sl, near_db=_NEAR_DB)
+def _of_playing(seen: Played, at: _Level, gain: Delivered) -> list[str]:
+    found = {
+        "out-of-range": bool(at.bound),
+        "saturated": bool(seen.saturated.any()),
+        "delivered-unknown": bool(np.isnan(gain.offset_db)),
+    }
+    return [name for name, true in found.items() if true]
+
+
+def _threshold(
+    run: StoredRun, frequency_hz: float, at: _Level, gain: Delivered, base: float, flags: Sequence[str], point: float,
+    own: tuple[float, float | None] | None, power: tuple[float | None, float | None],
+) -> Threshold:  # fmt: skip
+    known = not np.isnan(gain.offset_db)
+    shift, shift_sd = (gain.offset_db, gain.sd_db) if known else (0.0, 0.0)
+    level = base + shift + at.level
+    spare = _NORMAL_95 * shift_sd
+    return Threshold(
+        subject=run.session.subject_code,
+        group=run.session.subject_group,
+        finger=run.run.finger,
+        frequency_hz=frequency_hz,
+        procedure=run.run.procedure,
+        run=run.run.id,
+        trials=run.correct.size,
+        point=point,
+        own_db_sl=None if own is None else own[0],
+        own_standard_error_db=None if own is None else own[1],
+        refit_db_sl=at.level,
+        refit_sd_db=at.sd,
+        refit_low_db_sl=at.low,
+        refit_high_db_sl=at.high,
+        bound=at.bound,
+        delivered_db=gain.offset_db,
+        delivered_sd_db=gain.sd_db,
+        own_level_db_re_1um=None if own is None else base + shift + own[0],
+        level_db_re_1um=level,
+        level_low_db_re_1um=level - float(np.hypot(at.level - at.low, spare)),
+        level_high_db_re_1um=level + float(np.hypot(at.high - at.level, spare)),
+        sd_db=float(np.hypot(at.sd, shift_sd)),
+        curve=run.run.curve,
+        flags=tuple(sorted(set(flags))),
+        lapse_power=power[0],
+        drift_power=power[1],
+        simulated=is_simulated(run),
+    )

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from tactuator.display.controller import Controller
 from tactuator.display.description import Channel
 from tactuator.errors import BadInput
+from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.plan import ALL_FINGERS
 from tactuator.experiment.store.records import Apparatus
+from tactuator.experiment.trial.timing import Timing
 from tactuator.files.controller import controller_hash
 from tactuator.rig.paced import PacedRig
 from tactuator.rig.rig import Rig
@@ -47,6 +49,15 @@ class Station:
             self.rig.rate_hz,
             self.rig.speed if isinstance(self.rig, PacedRig) else None,
         )
+
+    def playable(self, timing: Timing) -> Playable:
+        """What a procedure that chooses frequencies may choose from, for stimuli of that timing."""
+        return Playable(self.band_hz, self.mains_hz, timing.clearance_hz(self.mains_hz or 100.0))
+
+    @property
+    def mains_hz(self) -> float:
+        """Fundamental of the hum that the display's first channel is said to have; 0 for none."""
+        return min(self.controller.display.channels[0].environment.hum_hz, default=0.0)
 
     @property
     def simulated(self) -> bool:

@@ -7,13 +7,15 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 
 import numpy as np
-from sqlalchemy import Connection
+from sqlalchemy import Connection, select
 
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import Words, shipped_words
 from tactuator.experiment.procedure.practice import Practice
 from tactuator.experiment.procedure.procedure import Procedure
+from tactuator.experiment.procedure.run_flags import LEAST_LOG_EVIDENCE
 from tactuator.experiment.procedure.up_down import UpDown
+from tactuator.experiment.procedure.whole_curve import WholeCurve
 from tactuator.experiment.protocol.plan import PlannedRun, plan_runs, run_seed
 from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.result.tables import ResultTable, threshold_table
@@ -30,16 +32,34 @@ from tactuator.experiment.session.task import (
     Stagehand,
     key_codes,
 )
+from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Played
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.experiment.trial.detection_run import Detection
 from tactuator.experiment.trial.presenter import Presenter
-from tactuator.experiment.trial.trial import BLANK, Trial
+from tactuator.experiment.trial.timing import Timing
+from tactuator.experiment.trial.trial import BLANK, LOUD, SIGNAL, Trial, trial_rng
+from tactuator.perception.levels import COMFORT_DB_SL
 from tactuator.signals.stimuli import ramps
 
 _TRIALS_A_REVERSAL, _TRIALS = 5.3, 80.0
 """Of the paper's procedure (facts of its simulation: 79 trials for 15 reversals); of one that says nothing."""
+
+_PICTURED, _JUDGED = 60, 40
+
+
+def keep_off_mains(frequency_hz: float, mains_hz: float, timing: Timing) -> None:
+    """Raise BadInput for a frequency at which hum would be felt with the stimulus, within its own bandwidth."""
+    if mains_hz == 0.0:
+        return
+    line = max(round(frequency_hz / mains_hz), 1) * mains_hz
+    clearance = timing.clearance_hz(frequency_hz)
+    if abs(frequency_hz - line) < clearance:
+        raise BadInput(
+            f"{frequency_hz:g} Hz is {abs(frequency_hz - line):.3g} Hz from the mains line at {line:g} Hz; "
+            f"allowed: {clearance:.3g} Hz or more, the bandwidth of {timing.duration_s(frequency_hz):g} s"
+        )
 
 
 @dataclass(frozen=True)
@@ -82,7 +102,12 @@ class DetectionTask:
         )
 
     def enrol(self, connection: Connection, study: int) -> None:
-        """A detection study has nothing besides its subjects and sessions."""
+        """Refuse a new study that would measure at the mains; one that has begun goes on, and its runs are flagged."""
+        begun = select(schema.run.c.id).join(schema.session).where(schema.session.c.study_id == study).limit(1)
+        if connection.execute(begun).first() is None:
+            timing = self.protocol.timing.build()
+            for frequency in self.protocol.conditions.frequencies_hz:
+                keep_off_mains(frequency, self.station.mains_hz, timing)
 
     def runs(self, subject: int, visit: int = 1) -> tuple[PlannedRun, ...]:
         """Practice, then every condition in the subject's order."""
@@ -91,7 +116,7 @@ class DetectionTask:
     def expected(self, planned: PlannedRun) -> tuple[float, float]:
         """How many trials a run has, about, and how many seconds one of them plays."""
         protocol = self.protocol
-        procedure = protocol.procedure.build(protocol.forced_choice(), self.station.band_hz)
+        procedure = protocol.procedure.build(protocol.forced_choice(), self.station.playable(protocol.timing.build()))
         if planned.practice:
             trials = float(protocol.session.practice_trials)
         elif isinstance(procedure, UpDown):
@@ -110,7 +135,8 @@ class DetectionTask:
         if planned.practice:
             procedure: Procedure = protocol.practice(planned.frequency_hz or 100.0)
         else:
-            procedure = protocol.procedure.build(protocol.forced_choice(), self.station.band_hz)
+            playable = self.station.playable(protocol.timing.build())
+            procedure = protocol.procedure.build(protocol.forced_choice(), playable)
         seed = run_seed(protocol, subject, planned.position, attempt, visit)
         return DetectionCourse(self, planned, procedure, seed)
 
@@ -120,6 +146,24 @@ class DetectionTask:
         if not found:
             raise BadInput("the session has no run that is done; allowed: results after the first")
         return (threshold_table(found),)
+
+
+def curve_picture(procedure: WholeCurve, title: str) -> Picture:
+    """Return a whole-curve run as an operator's page draws it: the curve in dB SL and its 95 % band."""
+    low, high = procedure.rule.prior.band_hz
+    frequency_hz = np.geomspace(low, high, _PICTURED)
+    mean, sd = procedure.curve(frequency_hz)
+    floor, ceiling = procedure.rule.floor_db_sl, procedure.rule.ceiling_db_sl
+    return {
+        "kind": "curve",
+        "title": title,
+        "frequency_hz": [round(float(value), 3) for value in frequency_hz],
+        "level_db_sl": [round(float(value), 2) for value in np.clip(mean, floor, ceiling)],
+        "low_db_sl": [round(float(value), 2) for value in np.clip(mean - 1.96 * sd, floor, ceiling)],
+        "high_db_sl": [round(float(value), 2) for value in np.clip(mean + 1.96 * sd, floor, ceiling)],
+        "trials": [[round(hertz, 3), level, right] for hertz, level, right in procedure.played],
+        "chance": bool(procedure.trials >= _JUDGED and procedure.belief.log_bayes_factor[0] < LEAST_LOG_EVIDENCE),
+    }
 
 
 @dataclass
@@ -134,8 +178,8 @@ class DetectionCourse:
 
     @property
     def trials(self) -> int:
-        """Answered so far."""
-        return self.procedure.trials
+        """Return how many are answered so far, catch trials included."""
+        return len(self._outcomes)
 
     @property
     def progress(self) -> float:
@@ -154,7 +198,19 @@ class DetectionCourse:
             return None
         if placement.frequency_hz is None:
             placement = replace(placement, frequency_hz=self.planned.frequency_hz)
-        return self.task.protocol.forced_choice().trial(self.procedure.trials, placement, self.seed)
+        label = self._label()
+        if label == LOUD:
+            louder = placement.level_db_sl + self.task.protocol.catch.above_db
+            placement = replace(placement, level_db_sl=min(louder, COMFORT_DB_SL))
+        return self.task.protocol.forced_choice().trial(self.trials, placement, self.seed, label)
+
+    def _label(self) -> str:
+        """Return what the trial that stands is: one of the procedure's, or a catch trial by the lot of its number."""
+        catch = self.task.protocol.catch
+        if self.planned.practice:
+            return SIGNAL
+        lot = float(trial_rng((*self.seed, 9), self.trials).random())
+        return LOUD if lot < catch.loud_share else BLANK if lot < catch.loud_share + catch.blank_share else SIGNAL
 
     def play(self, trial: Trial, stage: Stagehand, presented: datetime) -> Played:
         """Play the trial's intervals on the channel of the run's finger."""
@@ -188,12 +244,16 @@ class DetectionCourse:
         if trial is None or trial.placement is None:
             raise BadInput("the run is over; allowed: a response to a trial that stands")
         correct = trial.judge(response)
+        own = SIGNAL in trial.stimuli
         self._outcomes.append((trial.placement.level_db_sl, correct))
-        self.procedure.record(correct)
+        if own:
+            self.procedure.record(correct)
 
     def picture(self) -> Picture:
-        """Level and outcome of every trial."""
+        """Return the level and outcome of every trial; of a whole curve, the curve so far with its band."""
         words, about = self.task.words, {"title": self.planned.title, "trials": self.trials}
+        if isinstance(self.procedure, WholeCurve):
+            return curve_picture(self.procedure, words("run.so_far", **about))
         if isinstance(self.procedure, UpDown):
             title = words("run.so_far_reversals", **about, reversals=len(self.procedure.reversal_levels))
         else:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.curve_prior import CurvePrior
+from tactuator.experiment.procedure.curve_kind import CurveKind
 from tactuator.experiment.protocol.file import protocol_hash
 from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.session.apparatus import Station
@@ -24,6 +25,7 @@ from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.trial import Trial
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.perception.psychometric import Psychometric, Weibull
+from tactuator.perception.relative_curve import RelativeCurve
 from tactuator.rig.touchable import TouchableRig, touchable
 
 LOW_RAISED_DB, HIGH_LOWERED_DB = 4.0, -5.0
@@ -41,17 +43,48 @@ def simulated_observers(
     frequency_hz = np.geomspace(*band_hz, 40)
     share = np.log(frequency_hz / band_hz[0]) / np.log(band_hz[1] / band_hz[0])
     common = library.level_db_re_1um_at(frequency_hz) + LOW_RAISED_DB + (HIGH_LOWERED_DB - LOW_RAISED_DB) * share
-    prior = CurvePrior(band_hz, offset_db=1.5, tilt_db_per_decade=1.0, wave_db=1.0)
-    own = prior.draw(frequency_hz, count, rng)
+    people = CurveKind("simulated subjects", offset_db=1.5, tilt_db_per_decade=1.0, wave_db=1.0)
+    own = people.draw(frequency_hz, float(np.sqrt(band_hz[0] * band_hz[1])), count, rng)
     observers = []
     for number in range(count):
         name = f"S{number + 1}"
         curve = ThresholdCurve(
-            f"truth of {name}", frequency_hz, common + own[number], "synthetic", "simulated observer"
+            f"truth of {name}", frequency_hz, common + own[number], "simulated", "simulated observer"
         )
         model = Psychometric(Weibull(float(rng.uniform(2.0, 3.0))), lapse=float(rng.uniform(0.0, 0.02)))
         observers.append(Observer(name, curve, model))
     return tuple(observers)
+
+
+def with_truths(
+    observers: Sequence[Observer],
+    codes: Sequence[str],
+    library: ThresholdCurve,
+    truths: Mapping[str, RelativeCurve],
+    lapses: Mapping[str, float],
+) -> tuple[Observer, ...]:
+    """Return the observers with truths of one's own: curves relative to `library` and lapse rates, by the subject's
+    code.
+
+    Raises BadInput for a code that is not among `codes`, and for a lapse rate that psi cannot have.
+    """
+    strangers = sorted((set(truths) | set(lapses)) - set(codes))
+    if strangers:
+        raise BadInput(f"truth of {', '.join(strangers)}; allowed: of the protocol's subjects {', '.join(codes)}")
+    found = []
+    for code, observer in zip(codes, observers, strict=True):
+        if code in truths:
+            own = truths[code]
+            frequency_hz = np.union1d(np.geomspace(0.1, 1000.0, 241), own.frequency_hz)
+            level = library.level_db_re_1um_at(frequency_hz) + own.level_db_sl_at(frequency_hz)
+            curve = ThresholdCurve(
+                f"truth of {code}", frequency_hz, level, "simulated", f"{own.name} over {library.name}"
+            )
+            observer = replace(observer, curve=curve)
+        if code in lapses:
+            observer = replace(observer, psychometric=replace(observer.psychometric, lapse=lapses[code]))
+        found.append(observer)
+    return tuple(found)
 
 
 def run_study(

@@ -1,15 +1,25 @@
-"""What the display delivered of what was commanded, by its sensor."""
+"""What the display delivered of what was commanded, by its sensor.
+
+Above FRICTION_HZ a display's gain does not depend on the level, and all the stimuli of a run tell it, the loudest most;
+below, friction makes it depend on the level, and only the stimuli near threshold tell.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactuator.experiment.trial.trial import IntervalRecord
 from tactuator.signals.decibels import from_db
 
+Floats = NDArray[np.float64]
+
+FRICTION_HZ = 25.0
 _NEAR_DB = 4.0
+_LARGEST_SD_DB = 3.0
 
 
 def delivered_offset_db(intervals: Sequence[IntervalRecord], level_db_sl: float, near_db: float = _NEAR_DB) -> float:
@@ -34,3 +44,45 @@ def delivered_offset_db(intervals: Sequence[IntervalRecord], level_db_sl: float,
     measured, commanded = np.mean(near, axis=0)
     signal = measured - (np.mean(blank) if blank else 0.0)
     return float(10.0 * np.log10(signal / commanded)) if signal > 0.0 else float("nan")
+
+
+@dataclass(frozen=True)
+class Delivered:
+    """offset_db: what the sensor saw above the commanded level; sd_db: its standard deviation. NaN: noise hides it."""
+
+    offset_db: float
+    sd_db: float
+
+
+def delivered(
+    commanded_db_sl: Floats, measured_db_sl: Floats, frequency_hz: float, level_db_sl: float, near_db: float = _NEAR_DB
+) -> Delivered:
+    """The display's gain at a frequency, from intervals there. commanded_db_sl: NaN in blank ones; both (intervals,).
+
+    Power at the sensor is g^2 c + b (c: commanded, b: hum and noise, from the blank intervals) with the variance
+    b^2 + 2 g^2 c b of a sinusoid in noise; g^2 is its weighted least-squares estimate. Where the powers scatter more
+    than that, the standard deviation grows with them.
+    """
+    known = np.isfinite(measured_db_sl)
+    blank = known & np.isnan(commanded_db_sl)
+    played = known & np.isfinite(commanded_db_sl)
+    if frequency_hz < FRICTION_HZ:
+        with np.errstate(invalid="ignore"):
+            played &= np.abs(commanded_db_sl - level_db_sl) <= near_db
+    nothing = Delivered(float("nan"), float("nan"))
+    if not played.any():
+        return nothing
+    hum = from_db(measured_db_sl[blank]) ** 2
+    base, base_sd = (float(hum.mean()), float(hum.std() / np.sqrt(hum.size))) if hum.size else (0.0, 0.0)
+    signal = from_db(commanded_db_sl[played]) ** 2
+    seen = from_db(measured_db_sl[played]) ** 2 - base
+    gain = max(float(seen.sum() / signal.sum()), 1e-3)
+    for _ in range(3):
+        weight = 1.0 / (base**2 + 2.0 * gain * signal * base + 1e-6 * (gain * signal) ** 2)
+        gain = max(float(np.sum(weight * signal * seen) / np.sum(weight * signal**2)), 1e-9)
+    scatter = 1.0 / np.sum(weight * signal**2) + (base_sd * np.sum(weight * signal) / np.sum(weight * signal**2)) ** 2
+    excess = float(np.sum(weight * (seen - gain * signal) ** 2)) / max(signal.size - 1, 1)
+    sd_db = float(10.0 / np.log(10.0) * np.sqrt(scatter * max(excess, 1.0)) / gain)
+    if not sd_db <= _LARGEST_SD_DB:
+        return nothing
+    return Delivered(float(10.0 * np.log10(gain)), sd_db)

@@ -42,3 +42,10 @@ class Timing:
     def ramp_at_s(self, frequency_hz: float) -> float:
         """Length of each ramp: in proportion to the interval, so that a slow tone begins as gently as a fast one."""
         return self.ramp_s * self.duration_s(frequency_hz) / self.stimulus_s
+
+    def clearance_hz(self, frequency_hz: float) -> float:
+        """How far from a mains line a tone has to stay: by the reciprocal of its own duration.
+
+        That is where the spectrum of a tone without ramps has its first zero; at least 2 Hz.
+        """
+        return max(2.0, 1.0 / self.duration_s(frequency_hz))

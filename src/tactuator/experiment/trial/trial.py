@@ -55,8 +55,8 @@ class IntervalRecord:
     lamp_late_s: float | None = None
 
 
-BLANK, SIGNAL = "blank", "tone"
-"""Labels of the stimuli of a detection trial."""
+BLANK, SIGNAL, LOUD = "blank", "tone", "loud"
+"""Labels of the stimuli of a detection trial; loud: of a catch trial that anyone attentive gets right."""
 
 
 @dataclass(frozen=True)
@@ -79,17 +79,20 @@ class ForcedChoice:
         """One key for each interval."""
         return tuple(str(1 + interval) for interval in range(self.intervals))
 
-    def trial(self, number: int, placement: Placement, seed: Sequence[int]) -> Trial:
-        """The trial of that number: the interval with the tone depends on the seed and the number alone."""
+    def trial(self, number: int, placement: Placement, seed: Sequence[int], label: str = SIGNAL) -> Trial:
+        """The trial of that number: the interval with the tone depends on the seed and the number alone.
+
+        label: of the interval that is asked for; BLANK: nothing is played in any.
+        """
         target = int(trial_rng(seed, number).integers(self.intervals))
-        stimuli = tuple(SIGNAL if interval == target else BLANK for interval in range(self.intervals))
+        stimuli = tuple(label if interval == target else BLANK for interval in range(self.intervals))
         return Trial(number, stimuli, self.responses, self.responses[target], placement)
 
     def tones(self, trial: Trial, frequency_hz: float) -> tuple[ToneInterval, ...]:
         """What each interval plays."""
         assert trial.placement is not None
         level = trial.placement.level_db_sl
-        return tuple(ToneInterval(frequency_hz, level if label == SIGNAL else None) for label in trial.stimuli)
+        return tuple(ToneInterval(frequency_hz, None if label == BLANK else level) for label in trial.stimuli)
 
 
 def trial_rng(seed: Sequence[int], number: int) -> np.random.Generator:

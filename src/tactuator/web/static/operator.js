@@ -55,6 +55,7 @@ const runRow = (run) => row(run.title, named("state", run.state),
 // How each kind of run is drawn.
 const pictures = {
   track(picture) { drawTrack(el("track"), picture.levels_db_sl, picture.correct); },
+  curve(picture) { drawCurve(el("curve"), picture); },
   confusion(picture) { el("confusion").replaceChildren(confusionTable(picture.labels, picture.counts)); },
 };
 

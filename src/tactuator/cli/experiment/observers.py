@@ -1,0 +1,49 @@
+"""Options of `experiment observe` that give simulated subjects truths of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tactuator.errors import BadInput
+from tactuator.files.curve import read_relative_curve
+from tactuator.perception.relative_curve import RelativeCurve
+
+TruthOption = Annotated[
+    list[str] | None,
+    typer.Option("--truth", metavar="SUBJECT=CSV", help="A subject's threshold (frequency_hz,level_db_sl)."),
+]
+LapseOption = Annotated[
+    list[str] | None, typer.Option("--lapse", metavar="SUBJECT=RATE", help="A subject's lapse rate; repeatable.")
+]
+
+
+def truths_of(given: Sequence[str]) -> dict[str, RelativeCurve]:
+    """Read curves of SUBJECT=CSV; raises BadInput for what has another form, and for a curve that cannot be read."""
+    return {code: read_relative_curve(Path(text)) for code, text in _pairs("--truth", "CSV", given)}
+
+
+def lapses_of(given: Sequence[str]) -> dict[str, float]:
+    """Read lapse rates of SUBJECT=RATE; raises BadInput for what has another form."""
+    found = {}
+    for code, text in _pairs("--lapse", "RATE", given):
+        try:
+            found[code] = float(text)
+        except ValueError:
+            raise BadInput(f"--lapse {code}={text}; allowed: SUBJECT=RATE with a number") from None
+    return found
+
+
+def _pairs(option: str, what: str, given: Sequence[str]) -> list[tuple[str, str]]:
+    pairs = []
+    for text in given:
+        code, equals, value = text.partition("=")
+        if not (code and equals and value):
+            raise BadInput(f"{option} {text!r}; allowed: SUBJECT={what}")
+        pairs.append((code, value))
+    if len({code for code, _ in pairs}) != len(pairs):
+        raise BadInput(f"{option} twice for a subject; allowed: each subject once")
+    return pairs

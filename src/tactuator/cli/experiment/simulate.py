@@ -1,0 +1,84 @@
+"""Verb `experiment simulate`: how good a procedure is, against observers whose truth is known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from tactuator.cli.answer import answer, plain, progress
+from tactuator.cli.options import AsJson, Seed
+from tactuator.errors import BadInput
+from tactuator.experiment.procedure.quest_plus import QuestPlusRule
+from tactuator.experiment.procedure.whole_curve import WholeCurveRule
+from tactuator.experiment.simulated.curve_quality import CurvePeople, CurveQuality, simulate_curve
+from tactuator.experiment.simulated.procedure_quality import PROCEDURES, Setting, simulate
+from tactuator.files.curve import read_relative_curve
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb `simulate` to the application."""
+    app.command("simulate")(simulate_command)
+
+
+def simulate_command(
+    procedure: Annotated[str, typer.Option(help="imece2004, quest-plus or curve.")] = "imece2004",
+    runs: Annotated[int, typer.Option(help="Simulated runs.")] = 1000,
+    slope: Annotated[str, typer.Option(help="Weibull slope, or LOW:HIGH to draw each run's from.")] = "2.5",
+    lapse: Annotated[float, typer.Option(help="Lapse rate.")] = 0.0,
+    start_db: Annotated[float, typer.Option(help="Start, dB above the true threshold.")] = 20.0,
+    trials: Annotated[int | None, typer.Option(help="Trials of a run (quest-plus 48, curve 150).")] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(help="curve: everybody's threshold, a CSV with frequency_hz,level_db_sl (default: drawn)."),
+    ] = None,
+    guess: Annotated[float, typer.Option(help="curve: share of trials that are guessed outright; 1: all.")] = 0.0,
+    drift_db: Annotated[float, typer.Option(help="curve: rise of thresholds over the run, dB.")] = 0.0,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Run a procedure many times against a Weibull observer and say how good its estimates are."""
+    setting = Setting(runs, _slope_range(slope), lapse, start_db, seed)
+    if procedure != "curve" and (truth is not None or guess != 0.0 or drift_db != 0.0):
+        raise BadInput(f"--truth, --guess or --drift-db with {procedure}; allowed: with curve")
+    if procedure in PROCEDURES:
+        if trials is not None:
+            raise BadInput(f"--trials {trials} with {procedure}; allowed: with quest-plus and curve")
+        result: Any = simulate(PROCEDURES[procedure], setting)
+    elif procedure == "quest-plus":
+        result = simulate(QuestPlusRule(trials=48 if trials is None else trials), setting)
+    elif procedure == "curve":
+        people = CurvePeople(None if truth is None else read_relative_curve(truth), guess, drift_db)
+        result = _curve(WholeCurveRule(trials=150 if trials is None else trials), setting, people)
+    else:
+        raise BadInput(f"procedure {procedure!r}; allowed: {', '.join([*PROCEDURES, 'quest-plus', 'curve'])}")
+    figures = plain(result)
+    assert isinstance(figures, dict)
+    answer(figures, as_json, _table(f"{procedure}, {runs} runs", figures))
+
+
+def _curve(rule: WholeCurveRule, setting: Setting, people: CurvePeople) -> CurveQuality:
+    with progress() as bars:
+        task = bars.add_task("runs", total=1000)
+        return simulate_curve(rule, setting, people, lambda share: bars.update(task, completed=round(1000 * share)))
+
+
+def _slope_range(text: str) -> tuple[float, float]:
+    low, _, high = text.partition(":")
+    try:
+        return float(low), float(high or low)
+    except ValueError:
+        raise BadInput(f"slope {text!r}; allowed: a number, or LOW:HIGH") from None
+
+
+def _table(title: str, figures: dict[str, Any]) -> Table:
+    table = Table("figure", "value", title=title)
+    for key, value in figures.items():
+        if isinstance(value, dict):
+            for inner, number in value.items():
+                table.add_row(f"{key} {inner}", f"{number:.3f}")
+        else:
+            table.add_row(key, f"{value:.3f}" if isinstance(value, float) else str(value))
+    return table

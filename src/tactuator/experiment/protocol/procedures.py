@@ -1,0 +1,115 @@
+"""The table [procedure] of a protocol file: which procedure places the trials, and its keys."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from tactuator.experiment.procedure.answering import Answering
+from tactuator.experiment.procedure.curve_prior import CurvePrior
+from tactuator.experiment.procedure.procedure import Playable, Procedure
+from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule
+from tactuator.experiment.procedure.up_down import IMECE2004, UpDown, UpDownRule
+from tactuator.experiment.procedure.whole_curve import WholeCurve, WholeCurveRule
+from tactuator.experiment.protocol.study import Part, Positive
+from tactuator.experiment.trial.trial import ForcedChoice
+from tactuator.perception.levels import COMFORT_DB_SL
+
+Level = Annotated[float, Field(ge=-60.0, le=COMFORT_DB_SL, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
+
+
+class ImeceProcedure(Part):
+    """The paper's procedure, exactly."""
+
+    kind: Literal["imece2004"]
+    start_db_sl: Level = 20.0
+
+    def build(self, paradigm: ForcedChoice, playable: Playable) -> Procedure:
+        """A fresh run."""
+        return UpDown(IMECE2004, self.start_db_sl)
+
+
+class UpDownProcedure(Part):
+    """Any transformed up-down track; the keys are those of UpDownRule."""
+
+    kind: Literal["up-down"]
+    start_db_sl: Level = 20.0
+    down: int = 3
+    up: int = 1
+    steps_db: tuple[float, ...] = (4.0, 4.0, 4.0, 1.0)
+    reversals: int = 15
+    averaged: int = 12
+    initial_rule: bool = False
+    average: Literal["reversals", "mid-runs"] = "reversals"
+    floor_db_sl: Level = -60.0
+    ceiling_db_sl: Level = COMFORT_DB_SL
+    trial_limit: int = 1000
+
+    def build(self, paradigm: ForcedChoice, playable: Playable) -> Procedure:
+        """A fresh run."""
+        return UpDown(UpDownRule(**self.model_dump(exclude={"kind", "start_db_sl"})), self.start_db_sl)
+
+
+class QuestPlusProcedure(Part):
+    """QUEST+; the keys are those of QuestPlusRule."""
+
+    kind: Literal["quest-plus"]
+    trials: int = 48
+    low_db_sl: Level = -30.0
+    high_db_sl: Level = 40.0
+    expected_db_sl: float = 0.0
+    expected_sd_db: Positive = 15.0
+    aim: Literal["threshold", "parameters"] = "threshold"
+
+    def build(self, paradigm: ForcedChoice, playable: Playable) -> Procedure:
+        """A fresh run."""
+        return QuestPlus(QuestPlusRule(**self.model_dump(exclude={"kind"}), guess=paradigm.guess))
+
+
+class PriorPart(Part):
+    """What is thought possible of a curve before the first trial; the keys are those of CurvePrior."""
+
+    normal_share: Share = 0.42
+    normal_offset_db: Positive = 4.0
+    normal_tilt_db_per_decade: Positive = 2.5
+    normal_wave_db: Positive = 2.0
+    broad_share: Share = 0.12
+    broad_mean_db: float = 8.0
+    broad_offset_db: Positive = 15.0
+    uneven_share: Share = 0.20
+    uneven_db: Positive = 7.0
+    steps_share: Share = 0.14
+    steps_db: Positive = 10.0
+    notch_share: Share = 0.10
+    notch_db: Positive = 12.0
+    edge_share: Share = 0.06
+    edge_db: Positive = 15.0
+
+
+class CurveProcedure(Part):
+    """The whole curve in one run; frequencies are the procedure's own."""
+
+    kind: Literal["curve"]
+    trials: int = 150
+    points: int = Field(default=20, le=60)
+    floor_db_sl: Level = -30.0
+    ceiling_db_sl: Level = 50.0
+    prior: PriorPart = PriorPart()
+
+    def build(self, paradigm: ForcedChoice, playable: Playable) -> Procedure:
+        """A fresh run over the display's band."""
+        return WholeCurve(self.rule(paradigm, playable))
+
+    def rule(self, paradigm: ForcedChoice, playable: Playable) -> WholeCurveRule:
+        """The rule of such a run."""
+        own = self.prior.model_dump()
+        prior = CurvePrior(playable.band_hz, self.points, playable.mains_hz, playable.clearance_hz, **own)
+        answering = Answering(guess=paradigm.guess)
+        return WholeCurveRule(self.trials, prior, answering, self.floor_db_sl, self.ceiling_db_sl)
+
+
+AnyProcedure = Annotated[
+    ImeceProcedure | UpDownProcedure | QuestPlusProcedure | CurveProcedure, Field(discriminator="kind")
+]

@@ -1,0 +1,40 @@
+"""Catch trials: loud ones that anyone attentive gets right, blank ones that nobody can."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binom
+
+from tactuator.experiment.store.stored_runs import StoredRun
+from tactuator.experiment.trial.trial import LOUD, SIGNAL
+
+_RARE = 0.03
+_ERRORS = 0.02
+"""A flag needs so many errors in loud trials that their probability is below _ERRORS with a lapse rate of _RARE; or so
+many right answers in blank ones that it is below that by chance."""
+
+
+def catch_kinds(run: StoredRun) -> NDArray[np.str_]:
+    """ "loud", "blank" or, for trials that the procedure placed, "", shape (trials,)."""
+    each = max(len(run.intervals) // max(run.correct.size, 1), 1)
+    labels: Sequence[str] = [one.stimulus for one in run.intervals]
+    kinds = []
+    for trial in range(run.correct.size):
+        mine = labels[trial * each : (trial + 1) * each]
+        kinds.append("loud" if LOUD in mine else "" if SIGNAL in mine or not mine else "blank")
+    return np.array(kinds, dtype="<U5")
+
+
+def attention(run: StoredRun) -> tuple[str, ...]:
+    """`attention`: too many errors in loud trials; `cue`: too many right answers where nothing was played."""
+    kinds = catch_kinds(run)
+    loud, blank = run.correct[kinds == "loud"], run.correct[kinds == "blank"]
+    found = []
+    if loud.size and binom.sf(np.sum(~loud) - 1, loud.size, _RARE) < _ERRORS:
+        found.append("attention")
+    if blank.size and binom.sf(np.sum(blank) - 1, blank.size, run.protocol.forced_choice().guess) < _ERRORS:
+        found.append("cue")
+    return tuple(found)

@@ -1,0 +1,66 @@
+"""What a stored run's intervals played and what the sensor saw, as arrays; and what can be wrong with that."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.experiment.store.stored_runs import StoredRun
+from tactuator.experiment.trial.timing import Timing
+from tactuator.signals.decibels import from_db
+
+Floats = NDArray[np.float64]
+
+_MAINS_HZ = (50.0, 60.0)
+_FELT_DB = -10.0
+_STEADY = 0.5
+"""Standard deviation over mean of a hum's power from interval to interval, at most; that of noise is 1."""
+_SIMULATED = ("simulated", "in-process", "emulated")
+
+
+@dataclass(frozen=True)
+class Played:
+    """Arrays (intervals,): trial, index in the run; commanded_db_sl, NaN where blank; measured_db_sl; saturated."""
+
+    trial: NDArray[np.intp]
+    commanded_db_sl: Floats
+    measured_db_sl: Floats
+    saturated: NDArray[np.bool_]
+
+
+def played(run: StoredRun) -> Played:
+    """Return the intervals of all the run's trials."""
+    each = max(len(run.intervals) // max(run.correct.size, 1), 1)
+    commanded = [one.commanded_db_sl for one in run.intervals]
+    measured = [one.measured_db_sl for one in run.intervals]
+    return Played(
+        np.arange(len(run.intervals)) // each,
+        np.array(commanded, dtype=np.float64),
+        np.array(measured, dtype=np.float64),
+        np.array([one.saturated for one in run.intervals], dtype=np.bool_),
+    )
+
+
+def hum_is_felt(seen: Played, frequency_hz: float, timing: Timing, threshold_db_sl: float) -> bool:
+    """Return whether hum stood beside the stimulus: a line of 50 or 60 Hz mains within the bandwidth of the stimulus,
+    and blank intervals with a steady tenth of the power of a stimulus at threshold, or more.
+    """
+    clearance = timing.clearance_hz(frequency_hz)
+    lines = [max(round(frequency_hz / mains), 1) * mains for mains in _MAINS_HZ]
+    if min(abs(frequency_hz - line) for line in lines) >= clearance:
+        return False
+    blank = seen.measured_db_sl[np.isnan(seen.commanded_db_sl) & np.isfinite(seen.measured_db_sl)]
+    if blank.size == 0:
+        return True
+    powers = from_db(blank) ** 2
+    power = float(np.mean(powers))
+    steady = float(np.std(powers)) < _STEADY * power
+    return steady and bool(10.0 * np.log10(max(power, 1e-30)) >= threshold_db_sl + _FELT_DB)
+
+
+def is_simulated(run: StoredRun) -> bool:
+    """Return whether nobody felt it: the rig's display or the subject was simulated."""
+    nobody = run.run.respondent in ("simulated", "script") or run.session.subject_group == "simulated"
+    return nobody or bool(run.run.rig_simulated) or str(run.run.rig).partition(":")[0] in _SIMULATED

@@ -1,0 +1,94 @@
+"""Flags of runs at one frequency: guessers, lapses, drift; how often they are right and how often they cry wolf."""
+
+import numpy as np
+import pytest
+
+from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule
+from tactuator.experiment.procedure.quest_plus_batch import estimates
+from tactuator.experiment.procedure.refit import RefitPrior, refit
+from tactuator.experiment.procedure.run_flags import run_flags
+from tactuator.experiment.procedure.up_down import IMECE2004
+from tactuator.experiment.procedure.up_down_batch import run_tracks
+from tactuator.perception.psychometric import Logistic, Psychometric
+
+
+def flagged(
+    lapse: float, runs: int, catch: float = 0.2, drift_db: float = 0.0, guess: bool = False
+) -> dict[str, float]:
+    """Share of the paper's tracks with each flag. The people are logistic in dB: the refit believes in a Weibull."""
+    rng, trial = np.random.default_rng(8), 0
+    steep = rng.uniform(0.35, 0.75, runs)
+    model = Psychometric(Logistic(0.5), lapse=lapse)
+
+    def chance(level_db, numbers):
+        nonlocal trial
+        moved = level_db - drift_db * (min(trial / 80.0, 1.0) - 0.5)
+        trial += 1
+        edge = -np.log(model.at_threshold / (1.0 - model.at_threshold))
+        rise = 1.0 / (1.0 + np.exp(edge - steep[numbers] * moved))
+        found = model.guess + (1.0 - model.guess - lapse) * rise
+        return np.full_like(found, 1.0 / 3.0) if guess else found
+
+    tracks = run_tracks(IMECE2004, np.full(runs, 20.0), chance, rng)
+    count = np.ceil(catch * tracks.trials).astype(int)
+    extra = np.arange(count.max()) < count[:, None]
+    levels = np.hstack([tracks.levels_db_sl, np.where(extra, 20.0, np.nan)])
+    right = rng.random(extra.shape) < (1.0 / 3.0 if guess else 1.0 - lapse)
+    correct = np.hstack([tracks.correct, right & extra])
+    fit = refit(levels, correct)
+    flags = run_flags(levels, correct, fit, RefitPrior())
+    names = [flags.names(run) for run in range(runs)]
+    return {name: float(np.mean([name in found for found in names])) for name in ("chance", "lapses", "drift")}
+
+
+def test_flags__normal_people__are_seldom_raised() -> None:
+    found = flagged(0.01, 120)
+    assert found["chance"] == 0.0
+    assert found["lapses"] <= 0.06
+    assert found["drift"] <= 0.08
+
+
+def test_flags__lapses_of_fifteen_percent_and_catch_trials__are_raised() -> None:
+    assert flagged(0.15, 80)["lapses"] >= 0.65
+
+
+def test_flags__guessers__are_all_raised() -> None:
+    assert flagged(0.0, 60, guess=True)["chance"] == 1.0
+
+
+def test_flags__drift__is_raised_more_often_than_without() -> None:
+    assert flagged(0.01, 120, drift_db=12.0)["drift"] >= 0.4
+
+
+@pytest.mark.soak
+def test_flags__thousand_runs__figures_of_the_documents() -> None:
+    assert flagged(0.15, 1000)["lapses"] >= 0.80
+    assert flagged(0.02, 1000)["lapses"] <= 0.03
+    assert flagged(0.02, 1000)["drift"] <= 0.04
+
+
+def test_quest_plus__estimates_from_counts__are_those_trial_by_trial() -> None:
+    rule, rng = QuestPlusRule(trials=25), np.random.default_rng(2)
+    levels, outcomes, stated = [], [], []
+    for _ in range(3):
+        run, mine, right = QuestPlus(rule), [], []
+        while (placement := run.placement()) is not None:
+            mine.append(placement.level_db_sl)
+            right.append(bool(rng.random() < 0.7))
+            run.record(right[-1])
+        levels.append(mine)
+        outcomes.append(right)
+        estimate = run.estimate()
+        assert estimate is not None
+        stated.append((estimate.level_db_sl, estimate.standard_error_db))
+    mean, sd = estimates(rule, np.array(levels), np.array(outcomes))
+    assert mean == pytest.approx([one for one, _ in stated])
+    assert sd == pytest.approx([one for _, one in stated], rel=1e-6)
+
+
+@pytest.mark.parametrize("target", [0.5**0.5, 0.5 ** (1.0 / 3.0)])
+def test_refit__target_of_the_procedure__is_where_psi_reaches_it(target: float) -> None:
+    rng, model = np.random.default_rng(4), Psychometric(Logistic(0.5), target=target)
+    levels = rng.integers(-6, 7, (40, 300)).astype(float)
+    found = refit(levels, rng.random(levels.shape) < model.probability(levels), RefitPrior(target=target))
+    assert float(np.mean(found.threshold_db)) == pytest.approx(0.0, abs=0.35)

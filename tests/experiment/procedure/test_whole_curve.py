@@ -1,0 +1,158 @@
+"""The whole curve against people who are not like its prior: losses, notches, steps, guessers, lapses, drift.
+
+Truths are written down here and in the project's table of procedures outside their own prior; none is drawn from it.
+"""
+
+import numpy as np
+import pytest
+from scipy.linalg import cho_factor, cho_solve
+
+from tactuator.experiment.procedure.answering import Answering
+from tactuator.experiment.procedure.curve_belief import CurveBelief
+from tactuator.experiment.procedure.curve_kind import CurveKind
+from tactuator.experiment.procedure.curve_prior import CurvePrior
+from tactuator.experiment.procedure.whole_curve import WholeCurve, WholeCurveRule
+from tactuator.experiment.simulated.curve_quality import CurvePeople, CurveQuality, simulate_curve
+from tactuator.experiment.simulated.procedure_quality import Setting
+from tactuator.perception.relative_curve import RelativeCurve
+
+FINE_HZ = np.geomspace(0.4, 300.0, 400)
+DECADES = np.log10(FINE_HZ)
+
+
+def notch(at_hz: float, depth_db: float, decades: float) -> np.ndarray:
+    return depth_db * np.exp(-0.5 * ((DECADES - np.log10(at_hz)) / decades) ** 2)
+
+
+TRUTHS = {
+    "flat": np.zeros(400),
+    "+15 above 100 Hz": np.where(FINE_HZ > 100.0, 15.0, 0.0),
+    "+15 from 40 to 250 Hz": np.interp(DECADES, np.log10([40.0, 250.0]), [0.0, 15.0]),
+    "+30 flat": np.full(400, 30.0),
+    "notch of 12 at 30 Hz": notch(30.0, 12.0, 0.15),
+    "steps of an audiogram": np.select([FINE_HZ < 8.0, FINE_HZ < 50.0, FINE_HZ < 150.0], [5.0, 12.0, 25.0], 35.0),
+    "two notches": notch(5.0, 10.0, 0.12) + notch(120.0, 15.0, 0.12),
+    "U": 20.0 * ((DECADES - 1.04) / 1.44) ** 2,
+    "sinusoid": 5.0 * np.sin(2.0 * np.pi * DECADES),
+    "0 to +40": np.interp(DECADES, DECADES[[0, -1]], [0.0, 40.0]),
+    "better by 8": np.full(400, -8.0),
+}
+"""dB SL. The first five are the table's; the others are of no kind that the prior has."""
+
+
+def run(truth: str, runs: int, trials: int = 150, lapse: float = 0.02, **people: float) -> CurveQuality:
+    curve = RelativeCurve(FINE_HZ, TRUTHS[truth], truth)
+    return simulate_curve(WholeCurveRule(trials), Setting(runs, lapse=lapse, seed=3), CurvePeople(curve, **people))
+
+
+@pytest.mark.parametrize(("truth", "limit_db"), [("flat", 1.3), ("+30 flat", 3.0), ("sinusoid", 4.0)])
+def test_whole_curve__person_outside_the_prior__stays_inside_the_band(truth: str, limit_db: float) -> None:
+    found = run(truth, 10, 120)
+    assert found.coverage95 >= 0.80  # ten runs; two hundred in the soak
+    assert found.rms_error_db <= limit_db
+    assert found.flags.get("chance", 0.0) == 0.0
+    assert found.people == truth
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("truth", TRUTHS)
+def test_whole_curve__every_truth_two_hundred_runs__band_covers(truth: str) -> None:
+    found = run(truth, 200)
+    assert found.coverage95 >= 0.90
+    assert found.rms_error_db <= {"flat": 1.3, "better by 8": 1.3, "+30 flat": 2.0, "+15 from 40 to 250 Hz": 2.0}.get(
+        truth, 4.0
+    )
+    assert found.flags.get("chance", 0.0) <= 0.01
+
+
+@pytest.mark.soak
+def test_whole_curve__normal_person_hundred_trials__nine_tenths_of_a_decibel() -> None:
+    assert run("flat", 200, 100).rms_error_db <= 0.95
+
+
+@pytest.mark.soak
+def test_whole_curve__three_hundred_guessers__all_are_flagged() -> None:
+    assert run("flat", 300, guessed=1.0).flags["chance"] == 1.0
+
+
+def test_whole_curve__guessers__are_flagged() -> None:
+    found = run("flat", 12, 80, guessed=1.0)
+    assert found.flags["chance"] == 1.0
+    assert found.flagged == 1.0
+
+
+def test_whole_curve__before_any_trial__is_the_prior() -> None:
+    prior = CurvePrior()
+    mean, sd = WholeCurve(WholeCurveRule()).curve([1.0, 11.0, 200.0])
+    shares = np.sqrt([kind.share for kind in prior.kinds])  # tempered, as the band is
+    shares = shares / shares.sum()
+    means = np.array([kind.mean_db for kind in prior.kinds])
+    asked = [1.0, 11.0, 200.0]
+    variances = np.array([np.diag(kind.covariance(asked, asked, prior.middle_hz)) for kind in prior.kinds])
+    expected = shares @ (variances + means[:, None] ** 2) - (shares @ means) ** 2
+    assert sum(kind.share for kind in prior.kinds) == pytest.approx(1.0)
+    assert mean == pytest.approx(np.full(3, shares @ means), abs=0.05)
+    assert sd == pytest.approx(np.sqrt(expected), rel=0.02)
+
+
+def test_belief__one_kind_and_many_trials__is_the_near_the_laplace_approximation_of_a_gaussian_process() -> None:
+    """The witness: a Laplace approximation with known slope and lapse, written from Rasmussen & Williams 2006, 3.4."""
+    prior = CurvePrior(points=8, broad_share=0.0, uneven_share=1.0, uneven_db=3.0, steps_share=0.0, notch_share=0.0,
+    edge_share=0.0,
+                       normal_share=0.0, mains_hz=0.0)  # fmt: skip
+    answering = Answering(slopes=(2.5,), lapses=(0.02,), lapse_shares=(1.0,))
+    belief, rng = CurveBelief(prior, answering), np.random.default_rng(0)
+    truth = np.linspace(-2.0, 6.0, 8)
+    points, levels, correct = [], [], []
+    for _ in range(500):
+        point = int(rng.integers(8))
+        level = truth[point] + float(rng.uniform(-2.0, 6.0))
+        right = bool(rng.random() < answering.psi(np.array(level - truth[point]), np.array(2.5), np.array(0.02)))
+        belief.learn(np.array([point]), np.array([level]), np.array([right]))
+        points.append(point)
+        levels.append(level)
+        correct.append(right)
+    kind = prior.kinds[0]
+    covariance = kind.covariance(prior.frequency_hz, prior.frequency_hz, prior.middle_hz)
+    mode, sd = laplace(covariance, kind.mean_db, np.array(points), np.array(levels), np.array(correct), answering)
+    mean, spread = belief.curve(prior.frequency_hz)
+    assert np.mean(np.abs(mean[0] - mode) / sd) <= 0.5
+    assert np.max(np.abs(mean[0] - mode) / sd) <= 1.2
+    assert spread[0] == pytest.approx(sd, rel=0.3)
+
+
+def laplace(covariance, mean_db, points, levels, correct, answering) -> tuple[np.ndarray, np.ndarray]:
+    size, small = len(covariance), 1e-3
+
+    def log_likelihood(curve: np.ndarray) -> float:
+        psi = answering.psi(levels - curve[points], np.array(2.5), np.array(0.02))
+        return float(np.sum(np.where(correct, np.log(psi), np.log1p(-psi))))
+
+    precision = cho_solve(cho_factor(covariance + 1e-6 * np.eye(size)), np.eye(size))
+    curve = np.full(size, float(np.median(levels)))
+    for _ in range(60):
+        slope, bend = np.zeros(size), np.zeros(size)
+        for point in range(size):
+            step = small * np.eye(size)[point]
+            up, here, down = log_likelihood(curve + step), log_likelihood(curve), log_likelihood(curve - step)
+            slope[point], bend[point] = (up - down) / (2 * small), (up - 2 * here + down) / small**2
+        hessian = precision + np.diag(np.maximum(-bend, 0.0))
+        curve = curve + 0.5 * np.linalg.solve(hessian, slope - precision @ (curve - mean_db))
+    return curve, np.sqrt(np.diag(np.linalg.inv(hessian)))
+
+
+def test_kind__drawn_curves__have_the_covariance_it_says() -> None:
+    kind = CurveKind("odd", 1.0, 3.0, 2.0, 1.0, 1.5, 0.3, 2.0, 0.2, 1.0, 1.0, "notch", 4.0, 20.0)
+    asked = [1.0, 5.0, 20.0, 60.0]
+    drawn = kind.draw(asked, 10.0, 20_000, np.random.default_rng(1))
+    expected = kind.covariance(asked, asked, 10.0)
+    assert np.cov(drawn.T) == pytest.approx(expected, abs=0.06 * expected.max())
+    assert drawn.mean(axis=0) == pytest.approx(np.full(4, 3.0), abs=0.15)
+
+
+def test_kind__values_between_points__follow_by_their_covariance() -> None:
+    kind, points = CurveKind("walk", walk_db=6.0), np.array([1.0, 10.0, 100.0])
+    weights, left = kind.between(points, [10.0, 40.0], 10.0)
+    assert weights[0] == pytest.approx([0.0, 1.0, 0.0], abs=1e-4)
+    assert left[0] == pytest.approx(0.0, abs=1e-3)
+    assert left[1] > 1.0

@@ -1,0 +1,151 @@
+"""What a clinic may trust: who is left out of a group curve, what is clipped, what is called simulated."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.result.group_curve import group_curve
+from tactuator.experiment.result.psychometric_trials import psychometric_trials
+from tactuator.experiment.result.tables import threshold_table
+from tactuator.experiment.result.thresholds import Threshold, thresholds
+from tactuator.experiment.session.clock import SystemClock
+from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
+from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.stored_runs import detection_runs
+from tactuator.experiment.trial.delivered_level import delivered
+from tactuator.perception import library
+from tactuator.perception.relative_curve import RelativeCurve
+from tactuator.report.plates.felt.psychometric import psychometric_plate
+from tests.experiment.session.apparatuses import station
+
+LIBRARY = library.curve("bolanowski-1988")
+DEAF = RelativeCurve(np.array([10.0]), np.array([90.0]), "feels nothing")
+TEXT = """
+[study]
+name = "trust"
+seed = 3
+[procedure]
+kind = "up-down"
+start_db_sl = 20
+steps_db = [4, 4, 4, 2]
+reversals = 9
+averaged = 6
+trial_limit = 60
+[conditions]
+fingers = ["index"]
+frequencies_hz = [8, 30, 200]
+[catch]
+loud_share = 0.2
+blank_share = 0.1
+[timing]
+stimulus_s = 0.25
+ramp_s = 0.05
+gap_s = 0.01
+lead_s = 0.01
+feedback_s = 0.0
+[session]
+practice_trials = 0
+[[subject]]
+code = "S1"
+[[subject]]
+code = "S2"
+"""
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    store = Store(tmp_path_factory.mktemp("trust") / "lab.db")
+    drawn = simulated_observers(LIBRARY, 2, seed=5)
+    observers = with_truths(drawn, ("S1", "S2"), LIBRARY, {"S2": DEAF}, {"S1": 0.0})
+    run_study(store, parse_protocol(TEXT), TEXT, station(), observers, SystemClock(), "finger")
+    yield store, observers
+    store.close()
+
+
+def test_thresholds__somebody_who_feels_nothing__is_flagged_clipped_and_left_out(study) -> None:
+    store, _ = study
+    found = thresholds(detection_runs(store))
+    deaf = [one for one in found if one.subject == "S2"]
+    assert len(deaf) == 3
+    for one in deaf:
+        assert "chance" in one.flags
+        assert one.bound == ">="
+        assert "out-of-range" in one.flags
+    group = group_curve(found, LIBRARY, (0.4, 300.0))
+    alone = group_curve([one for one in found if one.subject == "S1"], LIBRARY, (0.4, 300.0))
+    assert group.curve.level_db_re_1um == pytest.approx(alone.curve.level_db_re_1um)
+    assert {one.subject for one in group.left_out} == {"S2"}
+    assert group.subjects == (0, 1, 1, 1, 0)
+    assert group_curve(found, LIBRARY, (0.4, 300.0), keep_flagged=True).subjects == (0, 2, 2, 2, 0)
+    with pytest.raises(BadInput, match="left out for their flags"):
+        group_curve(deaf, LIBRARY, (0.4, 300.0))
+
+
+def test_thresholds__good_subject__unflagged_and_near_the_truth(study) -> None:
+    store, observers = study
+    for one in thresholds(detection_runs(store)):
+        if one.subject == "S1":
+            truth = float(observers[0].curve.level_db_re_1um_at(one.frequency_hz))
+            assert one.level_db_re_1um == pytest.approx(truth, abs=4.0 * one.sd_db + 0.5)
+            assert not {"chance", "out-of-range", "mains", "attention"} & set(one.flags)
+            assert one.level_low_db_re_1um < one.level_db_re_1um < one.level_high_db_re_1um
+            assert one.point == pytest.approx(0.5 ** (1 / 3), abs=1e-4)
+
+
+def test_thresholds__on_a_simulated_rig__are_called_simulated(study) -> None:
+    store, _ = study
+    found = thresholds(detection_runs(store))
+    assert all(one.simulated for one in found)
+    assert any("simulated" in note for note in threshold_table(found).notes)
+    assert group_curve(found, LIBRARY, (0.4, 300.0)).curve.provenance == "simulated"
+    plates = psychometric_trials(detection_runs(store), found)
+    plate = psychometric_plate("S1", plates["S1"])
+    assert "simulated" in plate.caption
+    assert sum(plate.table["trials"]) == sum(int(one.count.sum()) for one in plates["S1"])
+
+
+def test_group_curve__measured_by_people__is_called_measured(study) -> None:
+    felt = [replace(one, simulated=False) for one in thresholds(detection_runs(study[0])) if one.subject == "S1"]
+    assert group_curve(felt, LIBRARY, (0.4, 300.0)).curve.provenance == "measured"
+
+
+def test_with_truths__stranger_or_impossible_lapse__is_refused() -> None:
+    drawn = simulated_observers(LIBRARY, 1, seed=5)
+    with pytest.raises(BadInput, match="S9"):
+        with_truths(drawn, ("S1",), LIBRARY, {"S9": DEAF}, {})
+    with pytest.raises(BadInput, match="lapse"):
+        with_truths(drawn, ("S1",), LIBRARY, {}, {"S1": 0.5})
+
+
+@pytest.mark.parametrize(("frequency_hz", "limit_db"), [(298.0, 0.2), (10.0, 1.0)])
+def test_delivered__display_a_decibel_low_in_noise__is_found_with_its_error(frequency_hz, limit_db) -> None:
+    """At 298 Hz and -4 dB SL by the loud trials of the run; below 25 Hz by those near threshold alone."""
+    errors, stated = [], []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        level = np.concatenate([[20.0] * 3, [16.0] * 3, [12.0] * 3, rng.integers(-7, 0, 60).astype(float)])
+        hum = 0.3 * (rng.standard_normal((2, 2 * level.size)) @ np.diag(np.ones(2 * level.size)))
+        blank = 20 * np.log10(np.hypot(*hum[:, : level.size]))
+        gain = 10 ** ((level - 1.0) / 20)
+        seen = 20 * np.log10(np.hypot(gain + hum[0, level.size :], hum[1, level.size :]))
+        commanded = np.concatenate([np.full(level.size, np.nan), level])
+        found = delivered(commanded, np.concatenate([blank, seen]), frequency_hz, -4.0)
+        errors.append(found.offset_db + 1.0)
+        stated.append(found.sd_db)
+    assert float(np.std(errors)) <= limit_db
+    assert float(np.mean(stated)) == pytest.approx(float(np.std(errors)), rel=0.5)
+    assert abs(float(np.mean(errors))) <= 0.1
+
+
+def test_delivered__nothing_near_or_only_noise__is_unknown() -> None:
+    assert np.isnan(delivered(np.array([np.nan, 30.0]), np.array([0.0, 30.0]), 10.0, 0.0).offset_db)
+    assert np.isnan(delivered(np.array([np.nan]), np.array([0.0]), 100.0, 0.0).offset_db)
+
+
+def test_threshold__is_a_named_point(study) -> None:
+    one = thresholds(detection_runs(study[0]))[0]
+    assert isinstance(one, Threshold)
+    assert any("79.4 % correct" in note for note in threshold_table([one]).notes)
