@@ -61,12 +61,16 @@ class Threshold:
             )
 
 
+DISTURBANCES = ("hum", "noise", "friction")
+
+
 @dataclass(frozen=True)
 class Environment:
     """Disturbances of a channel: hum (volts peak at the sensor) at hum_hz, white sensor noise, Dahl friction.
 
     friction_v: Coulomb level in volts of command. presliding_v: sensor volts over which it builds up. The figures are
-    what the display is believed to have: the simulated display obeys them, the verdict is judged by them.
+    what the display is believed to have: the simulated display obeys them, the verdict is judged by them. assumed:
+    which of `DISTURBANCES` nobody has stated or measured; a verdict tells what rests on them and does not judge it.
     """
 
     hum_hz: tuple[float, ...] = (60.0, 120.0, 180.0)
@@ -74,8 +78,12 @@ class Environment:
     noise_v_rms: float = 0.2e-3
     friction_v: float = 4.0e-3
     presliding_v: float = 10.0e-3
+    assumed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        unknown = sorted(set(self.assumed) - set(DISTURBANCES))
+        if unknown:
+            raise BadInput(f"environment: assumed has {unknown[0]!r}; allowed: {', '.join(DISTURBANCES)}")
         if len(self.hum_hz) != len(self.hum_v_peak):
             raise BadInput(
                 f"environment: {len(self.hum_hz)} hum_hz and {len(self.hum_v_peak)} hum_v_peak; "

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from tactuator.display.description import Channel, Converter, Display, Environment, Threshold
+from tactuator.display.description import DISTURBANCES, Channel, Converter, Display, Environment, Threshold
 from tactuator.display.load import Load
 from tactuator.display.requirements import FeedbackRequirements, Objectives, PrefilterRequirements
 from tactuator.errors import BadInput
@@ -111,7 +111,7 @@ def _channel(document: Document, entry: Mapping[str, Any], beside: Path) -> Chan
     shared = {key for model in SHARED_TABLES.values() for key in model.model_fields}
     own = _checked(ChannelOwnKeys, {key: value for key, value in entry.items() if key not in shared}, where)
     tables = {name: _merged(model, document, entry, name, where) for name, model in SHARED_TABLES.items()}
-    plant, scale, family = _plant_and_family(own, beside, where)
+    plant, scale, family, friction = _plant_and_family(own, beside, where)
     loads = (Load(one.name, one.mass / scale, one.damping / scale, one.stiffness / scale) for one in own.loads)
     return Channel(
         name=own.name,
@@ -125,7 +125,7 @@ def _channel(document: Document, entry: Mapping[str, Any], beside: Path) -> Chan
         converter=_converter(tables["converter"]),
         feedback=_feedback(tables["feedback"], where),
         prefilter=_prefilter(tables["prefilter"]),
-        environment=_environment(tables["environment"]),
+        environment=_environment(tables["environment"], friction),
         family=family,
     )
 
@@ -149,8 +149,22 @@ def _prefilter(keys: PrefilterKeys) -> PrefilterRequirements:
     return PrefilterRequirements(**keys.model_dump())
 
 
-def _environment(keys: EnvironmentKeys) -> Environment:
-    return Environment(**_tuples(keys))
+def _environment(keys: EnvironmentKeys, friction: Mapping[str, float] | None) -> Environment:
+    """The environment of the file's keys, and the friction of an identified model where the file states none."""
+    values = _tuples(keys)
+    stated = {_STATES[key] for key in keys.model_fields_set if key in _STATES}
+    if friction is not None and "friction" not in stated:
+        stated.add("friction")
+        values["friction_v"] = float(friction.get("coulomb", 0.0))
+        if friction.get("presliding"):
+            values["presliding_v"] = float(friction["presliding"])
+    if keys.assumed is None:
+        values["assumed"] = tuple(what for what in DISTURBANCES if what not in stated)
+    return Environment(**values)
+
+
+_STATES = {"hum_v_peak": "hum", "hum_hz": "hum", "noise_v_rms": "noise", "friction_v": "friction"}
+"""Keys of [environment], and the disturbance that each states."""
 
 
 def _feedback(keys: FeedbackKeys, where: str) -> FeedbackRequirements:
@@ -170,20 +184,21 @@ def _threshold(keys: ThresholdKeys, beside: Path) -> Threshold:
 
 def _plant_and_family(
     own: ChannelOwnKeys, beside: Path, where: str
-) -> tuple[ContinuousSystem, float, tuple[ContinuousSystem, ...]]:
-    """Return the plant, the leading coefficient its file gave the denominator (loads are in its units), and
-    its family.
-    """
+) -> tuple[ContinuousSystem, float, tuple[ContinuousSystem, ...], Mapping[str, float] | None]:
+    """The plant, the leading coefficient its file gave the denominator (loads are in its units), its family, and the
+    friction that `identify` found (empty: none; None: the plant is not an identified one)."""
+    friction: Mapping[str, float] | None = None
     family = tuple(system_of(member, f"{where} family") for member in own.family)
     table = own.plant
     if isinstance(table, str):
         document = _model_document(beside / table, where)
+        friction = document.get("friction") or {}
         table = _checked(PlantTable, {k: document[k] for k in ("num", "den", "delay_s") if k in document}, where)
         family += tuple(
             system_of(_checked(PlantTable, member, where), f"{where} family") for member in document.get("family", [])
         )
     scale = 1.0 if table.den is None else next((value for value in table.den if value != 0.0), 1.0)
-    return system_of(table, f"{where} plant"), scale, family
+    return system_of(table, f"{where} plant"), scale, family, friction
 
 
 def _model_document(path: Path, where: str) -> dict[str, Any]:
