@@ -123,7 +123,7 @@ _ROUNDING = 1.0 + 1e-9
 
 
 def _require_limits(own: ChannelController, described: Channel, comfort_db_sl: float) -> None:
-    """Every figure positive and, where the display has a limit, no greater than it."""
+    """Raise BadInput unless every figure is positive and no greater than the display's own limit."""
     figures = {
         "command_v": (own.limits.command_v, described.converter.range_v, "V, the converter's range"),
         "travel_v": (

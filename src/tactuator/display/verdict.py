@@ -22,7 +22,7 @@ OBJECTIVES = {
 
 
 class Outcome(StrEnum):
-    """What became of an objective, in the words that are printed."""
+    """The fate of an objective, in the words that are printed."""
 
     MET = "met"
     NOT_MET = "not met"
@@ -52,13 +52,13 @@ class Finding:
 
     @property
     def excess(self) -> float:
-        """By how much the value passes what is allowed; -inf where there is nothing to compare."""
+        """Return by how much the value passes what is allowed; -inf where there is nothing to compare."""
         if self.value is None or self.allowed is None:
             return float("-inf")
         return self.value - self.allowed
 
     def document(self) -> dict[str, Any]:
-        """Plain figures: what `--json` prints."""
+        """Return plain figures, as `--json` prints them."""
         return {**vars(self), "outcome": self.outcome.value}
 
 
@@ -92,7 +92,7 @@ class Objective:
 
     @property
     def outcome(self) -> Outcome:
-        """Not met if any finding is not; met if some are and none that counts stayed open; else not judged."""
+        """Return not met if any finding is not; met if some are and none that counts stayed open; else not judged."""
         outcomes = [one.outcome for one in self.findings]
         open_ones = [one for one in self.findings if one.outcome is Outcome.NOT_JUDGED and one.counts]
         if Outcome.NOT_MET in outcomes:
@@ -131,7 +131,7 @@ class Verdict:
 
     @property
     def outcome(self) -> Outcome:
-        """Not met if any objective is not; met if all are; else not judged."""
+        """Return not met if any objective is not; met if all are; else not judged."""
         outcomes = {one.outcome for one in self.objectives}
         if Outcome.NOT_MET in outcomes:
             return Outcome.NOT_MET
@@ -139,18 +139,18 @@ class Verdict:
 
     @property
     def met(self) -> bool:
-        """Whether every objective is met."""
+        """Tell whether every objective is met."""
         return self.outcome is Outcome.MET
 
     @property
     def sentence(self) -> str:
-        """The verdict in one sentence."""
+        """Return the verdict in one sentence."""
         by_outcome = {outcome: [one.number for one in self.objectives if one.outcome is outcome] for outcome in Outcome}
         parts = [f"{', '.join(numbers)}: {outcome}" for outcome, numbers in by_outcome.items() if numbers]
         return f"{self.outcome} ({'; '.join(parts)})"
 
     def document(self) -> dict[str, Any]:
-        """Plain tables: what `--json` prints."""
+        """Return plain tables, as `--json` prints them."""
         return {
             "outcome": self.outcome.value,
             "objectives": {

@@ -150,7 +150,7 @@ def _prefilter(keys: PrefilterKeys) -> PrefilterRequirements:
 
 
 def _environment(keys: EnvironmentKeys, friction: Mapping[str, float] | None) -> Environment:
-    """The environment of the file's keys, and the friction of an identified model where the file states none."""
+    """Return the environment of the file's keys, and the friction of an identified model where the file states none."""
     values = _tuples(keys)
     stated = {_STATES[key] for key in keys.model_fields_set if key in _STATES}
     if friction is not None and "friction" not in stated:
@@ -185,8 +185,8 @@ def _threshold(keys: ThresholdKeys, beside: Path) -> Threshold:
 def _plant_and_family(
     own: ChannelOwnKeys, beside: Path, where: str
 ) -> tuple[ContinuousSystem, float, tuple[ContinuousSystem, ...], Mapping[str, float] | None]:
-    """The plant, the leading coefficient its file gave the denominator (loads are in its units), its family, and the
-    friction that `identify` found (empty: none; None: the plant is not an identified one)."""
+    """Return the plant, the leading coefficient its file gave the denominator (loads are in its units), its family and
+    the friction that `identify` found (empty: none; None: the plant is not an identified one)."""
     friction: Mapping[str, float] | None = None
     family = tuple(system_of(member, f"{where} family") for member in own.family)
     table = own.plant

@@ -1,4 +1,4 @@
-"""Whether a board takes a controller: the rules that `build` holds, as a finding of the verdict."""
+"""A board takes a controller, or refuses it: the rules that `build` holds, as a finding of the verdict."""
 
 from __future__ import annotations
 

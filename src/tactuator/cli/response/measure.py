@@ -100,13 +100,13 @@ def register(app: typer.Typer) -> None:
 
 
 def _common_band(made: Controller, channels: Sequence[str] | None) -> tuple[float, float]:
-    """The band that every measured channel has."""
+    """Return the band that every measured channel has."""
     bands = [one.threshold.band_hz for one in made.display.channels if not channels or one.name in channels]
     return max(low for low, _ in bands or [(0.0, 0.0)]), min(high for _, high in bands or [(0.0, 0.45 * made.rate_hz)])
 
 
 def _over_the_band(band_hz: tuple[float, float], mains_hz: float) -> Frequencies:
-    """30 frequencies over the band of our own choosing, moved off mains to the side that is inside the band."""
+    """Return 30 frequencies over the band of our own choosing, moved off mains to the side inside the band."""
     chosen = np.geomspace(*band_hz, POINTS)
     moved = off_mains(chosen, mains_hz or None)
     return np.where(moved > band_hz[1], 2.0 * chosen - moved, np.maximum(moved, band_hz[0]))

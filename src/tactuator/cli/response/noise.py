@@ -83,7 +83,7 @@ def register(app: typer.Typer) -> None:
 
 
 def _probes(made: Controller, gains: Iterable[float], load: str) -> tuple[list[tuple[str, Controller]], dict[str, str]]:
-    """Proportional controllers to listen to, by name, and those that are not played, with the reason."""
+    """Return the proportional controllers to listen to, by name, and why others are not played."""
     played: list[tuple[str, Controller]] = []
     left_out: dict[str, str] = {}
     for gain in gains:
