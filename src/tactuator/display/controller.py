@@ -144,6 +144,16 @@ def _require_limits(own: ChannelController, described: Channel, comfort_db_sl: f
             f"controller: channel {own.name!r}: threshold_voltage_dc is {own.threshold_voltage_dc:g}; "
             "allowed: a positive number"
         )
+    for name, sections in (("prefilter", own.prefilter_sos), ("feedback", own.feedback_sos)):
+        if sections is None:
+            continue
+        with np.errstate(all="ignore"):
+            size = np.abs(sections / sections[:, 3:4])
+        if not np.all(np.isfinite(size) & ((size == 0.0) | (size >= _LEAST)) & (size <= _GREATEST)):
+            raise BadInput(
+                f"controller: channel {own.name!r}: a coefficient of its {name} is out of range; "
+                f"allowed: 0, or {_LEAST:g} to {_GREATEST:g} of a0"
+            )
     for gain in own.anti_windup.gains:
         if not 0.0 <= gain <= _GAIN_MAX:
             raise BadInput(
@@ -151,5 +161,6 @@ def _require_limits(own: ChannelController, described: Channel, comfort_db_sl: f
             )
 
 
+_LEAST, _GREATEST = 1e-40, 1e12
 _GAIN_MAX = 4.0
 """d^2 + (a1 + g1) d + g2 has its roots inside the unit circle only for g1 and g2 within 4 (sampled, d = z - 1)."""

@@ -100,7 +100,8 @@ class Channel:
 
     plant: command (V) to sensor voltage (V); quantity: what that voltage is proportional to, with
     sensor_gain_v_per_mm in volts per mm, mm/s or mm/s^2 accordingly. travel_mm: mechanical limit, +/-. family: other
-    plants that identification cannot tell from `plant`; a design must hold for them too.
+    plants that identification cannot tell from `plant`; a design must hold for them too. covariance: of the plant's
+    numerator, its monic denominator after the leading one, and its dead time, as `identify` found it; empty: unknown.
     """
 
     name: str
@@ -116,6 +117,7 @@ class Channel:
     prefilter: PrefilterRequirements = field(default_factory=PrefilterRequirements)
     environment: Environment = field(default_factory=Environment)
     family: tuple[ContinuousSystem, ...] = ()
+    covariance: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
         for key in ("sensor_gain_v_per_mm", "travel_mm"):
@@ -124,6 +126,11 @@ class Channel:
                 raise BadInput(f"channel {self.name!r}: {key} is {value:g}; allowed: a positive number")
         if self.quantity not in DERIVATIVES:
             raise BadInput(f"channel {self.name!r}: quantity {self.quantity!r}; allowed: {', '.join(DERIVATIVES)}")
+        size = self.plant.zeros.size + self.plant.poles.size + 2
+        if self.covariance and {len(self.covariance), *(len(row) for row in self.covariance)} != {size}:
+            raise BadInput(
+                f"channel {self.name!r}: covariance of {len(self.covariance)} rows; allowed: {size} rows of {size}"
+            )
         if len({load.name for load in self.loads}) != len(self.loads):
             raise BadInput(f"channel {self.name!r}: two loads have the same name; allowed: each name once")
 

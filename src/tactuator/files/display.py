@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -111,7 +111,7 @@ def _channel(document: Document, entry: Mapping[str, Any], beside: Path) -> Chan
     shared = {key for model in SHARED_TABLES.values() for key in model.model_fields}
     own = _checked(ChannelOwnKeys, {key: value for key, value in entry.items() if key not in shared}, where)
     tables = {name: _merged(model, document, entry, name, where) for name, model in SHARED_TABLES.items()}
-    plant, scale, family, friction = _plant_and_family(own, beside, where)
+    plant, scale, family, found = _plant_and_family(own, beside, where)
     loads = (Load(one.name, one.mass / scale, one.damping / scale, one.stiffness / scale) for one in own.loads)
     return Channel(
         name=own.name,
@@ -125,9 +125,16 @@ def _channel(document: Document, entry: Mapping[str, Any], beside: Path) -> Chan
         converter=_converter(tables["converter"]),
         feedback=_feedback(tables["feedback"], where),
         prefilter=_prefilter(tables["prefilter"]),
-        environment=_environment(tables["environment"], friction),
+        environment=_environment(tables["environment"], None if found is None else found.get("friction") or {}),
         family=family,
+        covariance=_covariance(own.covariance or (found or {}).get("covariance", ()), plant),
     )
+
+
+def _covariance(rows: Sequence[Sequence[float]], plant: ContinuousSystem) -> tuple[tuple[float, ...], ...]:
+    """Return the covariance of the plant's coefficients; none where it is of a model of another order."""
+    fits = len(rows) == plant.zeros.size + plant.poles.size + 2
+    return tuple(tuple(float(value) for value in row) for row in rows) if fits else ()
 
 
 def _merged(model: type[BaseModel], document: Document, entry: Document, name: str, where: str) -> Any:
@@ -184,21 +191,21 @@ def _threshold(keys: ThresholdKeys, beside: Path) -> Threshold:
 
 def _plant_and_family(
     own: ChannelOwnKeys, beside: Path, where: str
-) -> tuple[ContinuousSystem, float, tuple[ContinuousSystem, ...], Mapping[str, float] | None]:
-    """Return the plant, the leading coefficient its file gave the denominator (loads are in its units), its family and
-    the friction that `identify` found (empty: none; None: the plant is not an identified one)."""
-    friction: Mapping[str, float] | None = None
+) -> tuple[ContinuousSystem, float, tuple[ContinuousSystem, ...], Document | None]:
+    """Return the plant, the leading coefficient its file gave the denominator (loads are in its units), its family, and
+    the model's document where the plant is one that `identify` wrote."""
+    found: Document | None = None
     family = tuple(system_of(member, f"{where} family") for member in own.family)
     table = own.plant
     if isinstance(table, str):
         document = _model_document(beside / table, where)
-        friction = document.get("friction") or {}
+        found = document
         table = _checked(PlantTable, {k: document[k] for k in ("num", "den", "delay_s") if k in document}, where)
         family += tuple(
             system_of(_checked(PlantTable, member, where), f"{where} family") for member in document.get("family", [])
         )
     scale = 1.0 if table.den is None else next((value for value in table.den if value != 0.0), 1.0)
-    return system_of(table, f"{where} plant"), scale, family, friction
+    return system_of(table, f"{where} plant"), scale, family, found
 
 
 def _model_document(path: Path, where: str) -> dict[str, Any]:
@@ -263,6 +270,7 @@ def _channel_document(channel: Channel) -> dict[str, Any]:
         "quantity": channel.quantity,
         "loads": [asdict(load) for load in channel.loads],
         "family": [_system_document(member) for member in channel.family],
+        **({"covariance": [list(row) for row in channel.covariance]} if channel.covariance else {}),
         **asdict(channel.converter),
         "curve": _curve_document(channel.threshold.curve),
         "band_hz": list(channel.threshold.band_hz),

@@ -132,6 +132,7 @@ class ChannelOwnKeys(_Table):
     quantity: Literal["displacement", "velocity", "acceleration"] = "displacement"
     loads: list[LoadTable] = []
     family: list[PlantTable] = []
+    covariance: list[list[Number]] = []
 
 
 SHARED_TABLES: dict[str, type[_Table]] = {

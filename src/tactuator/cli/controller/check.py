@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
 from tactuator.cli.answer import answer
-from tactuator.cli.options import AsJson
+from tactuator.cli.options import AsJson, Seed
 from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.display.verdict import Finding, Outcome, Verdict, verdict_of
 from tactuator.files.controller import read_controller
 from tactuator.files.display import read_display
+from tactuator.synthesis.monte_carlo import Trials
+from tactuator.synthesis.monte_carlo import monte_carlo as draw_plants
 from tactuator.synthesis.verdict import judge
 from tactuator.wordlength.buildable import buildable
 
@@ -29,13 +33,37 @@ def register(app: typer.Typer) -> None:
     def check(
         controller: Annotated[Path, typer.Argument(help="Controller file.")],
         display: Annotated[Path | None, typer.Option("--display", help="Display file to judge it for.")] = None,
+        monte_carlo: Annotated[
+            int, typer.Option("--monte-carlo", min=0, help="Plants to draw for each channel and load; 0 for none.")
+        ] = 0,
+        mode_shift: Annotated[
+            float, typer.Option("--mode-shift", help="Relative standard deviation of the frequency of a mode.")
+        ] = 0.02,
+        seed: Seed = 0,
         as_json: AsJson = False,
     ) -> None:
         """Judge a controller by the paper's four objectives and by what a board takes; exit status 1 if one fails."""
-        verdict = whole_verdict(read_controller(controller), None if display is None else read_display(display))
-        answer(verdict.document(), as_json, verdict_table(verdict))
+        made, shown = read_controller(controller), None if display is None else read_display(display)
+        verdict = whole_verdict(made, shown)
+        on = made if shown is None else replace(made, display=shown)
+        trials = draw_plants(on, monte_carlo, np.random.default_rng(seed), mode_shift) if monte_carlo else []
+        found = verdict.document() | ({"monte_carlo": [one.document() for one in trials]} if trials else {})
+        answer(found, as_json, Group(verdict_table(verdict), *([_trials_table(trials)] if trials else [])))
         if verdict.outcome is Outcome.NOT_MET:
             raise typer.Exit(1)
+
+
+def _trials_table(trials: Sequence[Trials]) -> Table:
+    """Return the 95 % and greatest values of what was drawn, one row for each channel and load."""
+    table = Table(
+        "channel", "load", "plants", "from", "unstable", "max|S| 95 %, most", "flatness dB", "felt hum dB SL",
+        title="Monte Carlo",
+    )  # fmt: skip
+    for one in trials:
+        cells = (one.sensitivity_peak, one.flatness_db, one.felt_hum_db_sl)
+        shown = ("—" if np.isnan(values[1]) else f"{values[1]:.2f}, {values[-1]:.2f}" for values in cells)
+        table.add_row(one.channel, one.load, str(one.count), one.source, f"{100.0 * one.unstable:.2g} %", *shown)
+    return table
 
 
 def whole_verdict(controller: Controller, display: Display | None = None) -> Verdict:
