@@ -10,7 +10,7 @@ from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer
-from tactuator.cli.check import verdict_table, whole_verdict
+from tactuator.cli.controller.check import verdict_table, whole_verdict
 from tactuator.cli.options import AsJson
 from tactuator.display.controller import ChannelController, Controller
 from tactuator.display.description import Display

@@ -13,7 +13,7 @@ from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
-from tactuator.cli.check import verdict_table
+from tactuator.cli.controller.check import verdict_table
 from tactuator.cli.options import (
     AsJson,
     ControllerOption,

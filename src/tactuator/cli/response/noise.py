@@ -10,8 +10,7 @@ from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer
-from tactuator.cli.check import verdict_table
-from tactuator.cli.measure import frequencies
+from tactuator.cli.controller.check import verdict_table
 from tactuator.cli.options import (
     AsJson,
     ControllerOption,
@@ -21,6 +20,7 @@ from tactuator.cli.options import (
     ask_for_load,
     chosen_controller,
 )
+from tactuator.cli.response.measure import frequencies
 from tactuator.display.controller import Controller
 from tactuator.display.verdict import Outcome
 from tactuator.errors import BadInput
