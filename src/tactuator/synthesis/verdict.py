@@ -22,8 +22,6 @@ from tactuator.signals.decibels import db
 from tactuator.synthesis.family import UNLOADED, Member, plant_family
 from tactuator.synthesis.felt import felt_db_sl, felt_hum_v, felt_noise_rms_v
 
-Array = NDArray[np.float64]
-
 _POINTS = 600
 _DB, _DB_SL = "dB", "dB SL"
 FELT_HUM, FELT_NOISE = "felt hum", "felt noise"

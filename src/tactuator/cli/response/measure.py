@@ -107,7 +107,7 @@ def _common_band(made: Controller, channels: Sequence[str] | None) -> tuple[floa
 
 def _over_the_band(band_hz: tuple[float, float], mains_hz: float) -> Frequencies:
     """Return 30 frequencies over the band of our own choosing, moved off mains to the side inside the band."""
-    chosen = np.geomspace(*band_hz, POINTS)
+    chosen = np.geomspace(*band_hz, POINT_COUNT)
     moved = off_mains(chosen, mains_hz or None)
     return np.where(moved > band_hz[1], 2.0 * chosen - moved, np.maximum(moved, band_hz[0]))
 

@@ -91,11 +91,11 @@ def nearest(task: Task, blocks: Sequence[FloatArray] | None = None) -> list[Floa
     return [parameters[i] for i in order if np.isfinite(miss[i])][:_NEAREST]
 
 
-def _witnesses(task: Task, blocks: Sequence[Array]) -> list[tuple[Array, Found]]:
+def _witnesses(task: Task, blocks: Sequence[FloatArray]) -> list[tuple[FloatArray, Found]]:
     """Return the best few candidates, of different shapes, of the first block that holds any."""
     for block in blocks:
         for share in _RESONANCE_SHARES:
-            found: list[tuple[Array, Found]] = []
+            found: list[tuple[FloatArray, Found]] = []
             for parameters, one in _assessed(task, block, task.peak(share)):
                 if all(not np.array_equal(parameters[1:], known[1:]) for known, _ in found):
                     found.append((parameters, one))
