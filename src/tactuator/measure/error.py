@@ -1,4 +1,4 @@
-"""What was measured against the level that was asked: the error in dB, and objective i judged by it."""
+"""The measured level against the level that was asked: the error in dB, and objective i judged by it."""
 
 from __future__ import annotations
 

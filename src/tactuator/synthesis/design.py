@@ -143,7 +143,7 @@ def assemble(
 
 
 def _at_rest(loop: TwoDegreeLoop, channel: Channel) -> float:
-    """|H(0)|, volts of y per threshold unit: the limit at a frequency far below the band, never zero."""
+    """Return |H(0)|, volts of y per threshold unit: the limit at a frequency far below the band, never zero."""
     return max(float(np.abs(loop.position_response(channel.threshold.band_hz[0] * 1e-6))), np.finfo(float).tiny)
 
 

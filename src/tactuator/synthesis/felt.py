@@ -1,4 +1,4 @@
-"""What a finger at rest feels of a channel by its model: hum, noise and converter steps through the loop.
+"""The felt levels of a channel at rest, by its model: hum, noise and converter steps through the loop.
 
 Sensor noise and hum n reach the fingertip as -T n, a disturbance of the command as P S d; never the sensor's own
 spectrum. Small motions stay within the distance over which friction builds up, where Dahl's friction is a spring and

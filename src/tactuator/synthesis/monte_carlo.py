@@ -33,7 +33,7 @@ _MOST = 1_000_000
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """What became of the plants drawn for one channel under one load.
+    """The fate of the plants drawn for one channel under one load.
 
     unstable: share of unstable loops. sensitivity_peak, flatness_db, felt_hum_db_sl: max|S|, greatest error of |H| over
     the band, level of the loudest mains line, each at `QUANTILES` of the stable plants (nan where none is, or where
@@ -149,7 +149,7 @@ class _Grids:
         return np.asarray(np.max(np.abs(db(position / self._threshold_v[self._band])), axis=1))
 
     def _is_stable(self, away: Complex) -> NDArray[np.bool_]:
-        """Whether 1 + L turns as often as that of a stable loop around the nominal plant (see `screening`)."""
+        """Tell whether 1 + L turns as often as that of a stable loop around the nominal plant (see `screening`)."""
         poles = self._channel.plant.poles
         at_rest = self._integrators + int(np.sum(np.abs(poles) < 1e-9))
         outside = int(np.sum(poles.real > 1e-9))
@@ -201,7 +201,7 @@ def _from_covariance(channel: Channel, count: int, rng: np.random.Generator, s: 
 
 
 def _loaded(plants: Complex, lead: Array, load: Load | None, channel: Channel, frequency_hz: Array) -> Complex:
-    """P/(1 + P0 Z) with P0 the displacement without dead time (see `Load`)."""
+    """Return P/(1 + P0 Z) with P0 the displacement without dead time (see `Load`)."""
     if load is None:
         return plants
     s = 2j * np.pi * frequency_hz

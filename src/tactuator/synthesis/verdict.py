@@ -84,7 +84,7 @@ class _Judge:
         )
 
     def flatness(self) -> Finding:
-        """Objective i; under a load, where feedback cannot help above its bandwidth, the figure is told only."""
+        """Judge objective i; under a load, where feedback cannot help above its bandwidth, the figure is told only."""
         frequency = _band(self.channel)
         error = db(np.abs(self.loop.position_response(frequency)) / self.channel.threshold_voltage(frequency))
         worst = int(np.argmax(np.abs(error)))
@@ -105,7 +105,7 @@ class _Judge:
         return Finding(**{**vars(found), "outcome": Outcome.NOT_JUDGED, "remark": told, "counts": False})
 
     def mains(self) -> Iterator[Finding]:
-        """Objective ii, line by line."""
+        """Judge objective ii, line by line."""
         environment = self.channel.environment
         if self.loop.feedback is None:
             yield self.open("ii", FELT_HUM, NO_LOOP)
@@ -131,7 +131,7 @@ class _Judge:
             )
 
     def noise(self) -> Iterator[Finding]:
-        """Objective iii: the worst third octave, and the loop's resonance."""
+        """Judge objective iii: the worst third octave, and the loop's resonance."""
         low, high = self.channel.threshold.band_hz
         bands = third_octave_bands(low, high)
         allowed = self.display.objectives
@@ -171,7 +171,7 @@ class _Judge:
             )
 
     def load(self) -> Finding:
-        """Objective iv; the worst change over the band is told beside it."""
+        """Judge objective iv; the worst change over the band is told beside it."""
         asked = self.display.objectives
         frequency = _band(self.channel)
         change = db(np.abs(self.loop.position_response(frequency)) / np.abs(self.nominal.position_response(frequency)))
