@@ -138,8 +138,8 @@ def felt_of_command(
 def _displacement_mm(
     channel: Channel, plant: ContinuousSystem, frequency_hz: FloatArray, rate_hz: float
 ) -> NDArray[np.complex128]:
-    """Return the millimetres of fingertip per volt of command, held between samples, for motions within presliding; nothing at zero
-    frequency, which nobody feels."""
+    """Return the millimetres of fingertip per volt of command, held between samples, for motions within presliding;
+    nothing at zero frequency, which nobody feels."""
     frequency = np.maximum(frequency_hz, 1e-3)
     omega = 2j * np.pi * frequency
     hold = np.sinc(frequency / rate_hz)
