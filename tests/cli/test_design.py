@@ -8,6 +8,12 @@ import pytest
 from tactuator.cli import main
 from tactuator.files.controller import read_controller
 
+STATED = """
+[environment]
+hum_v_peak = [1e-3, 0.3e-3, 0.2e-3]
+noise_v_rms = 0.2e-3
+friction_v = 4e-3
+"""
 PAPER = """
 [display]
 rate_hz = 4000
@@ -39,7 +45,9 @@ def test_design__json__one_object_with_the_report_of_each_channel(
     out = tmp_path / "controller.json"
     assert main(["design", display(tmp_path), "--out", str(out), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
-    assert set(report) == {"index"}
+    assert set(report) == {"index", "verdict"}
+    assert report["verdict"]["objectives"]["i"]["outcome"] == "met"
+    assert report["verdict"]["objectives"]["build"]["outcome"] == "met"
     assert report["index"]["margins"]["crossover_hz"] == pytest.approx(20.48, abs=0.01)
     assert report["index"]["margins"]["phase_margin_deg"] == pytest.approx(55.83, abs=0.01)
     assert report["index"]["mains_db"]["60"] == pytest.approx(-11.95, abs=0.01)
@@ -66,12 +74,34 @@ def test_design__another_curve_and_poles__taken(tmp_path: Path, capsys: pytest.C
     assert read_controller(out).display.channels[0].threshold.curve.name == "mine"
 
 
-def test_check__met__status_0(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "controller.json"
-    assert main(["design", display(tmp_path), "--out", str(out), "--json"]) == 0
+LOADED = 'loads = [{ name = "finger", mass = 0.12, damping = 31.0, stiffness = 360.0 }]\n'
+
+
+def test_check__everything_stated__met_and_status_0(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out, path = tmp_path / "controller.json", Path(display(tmp_path))
+    path.write_text(path.read_text().replace("[[channel]]", STATED + "[[channel]]") + LOADED)
+    assert main(["design", str(path), "--out", str(out), "--json"]) == 0
     capsys.readouterr()
     assert main(["check", str(out), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["met"] is True
+    found = json.loads(capsys.readouterr().out)
+    assert found["outcome"] == "met"
+    assert found["assumptions"] == []
+
+
+def test_check__display_without_loads_or_environment__not_judged_and_says_why(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The persona whose display has no loads: an empty set used to be called met."""
+    out = tmp_path / "controller.json"
+    assert main(["design", display(tmp_path), "--out", str(out)]) == 0
+    assert "verdict: not judged (i, build: met; ii, iii, iv: not judged)" in capsys.readouterr().out
+    assert main(["check", str(out), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["outcome"] == "not judged"
+    outcomes = {number: one["outcome"] for number, one in found["objectives"].items()}
+    assert outcomes == {"i": "met", "ii": "not judged", "iii": "not judged", "iv": "not judged", "build": "met"}
+    assert found["objectives"]["iv"]["findings"][0]["remark"] == "the display file describes no load (loads)"
+    assert len(found["assumptions"]) == 3
 
 
 def test_check__not_met__status_1_and_the_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -80,9 +110,10 @@ def test_check__not_met__status_1_and_the_figures(tmp_path: Path, capsys: pytest
     capsys.readouterr()
     assert main(["check", str(out), "--json"]) == 1
     found = json.loads(capsys.readouterr().out)
-    assert found["met"] is False
-    assert found["objectives"]["i"]["met"] is False
-    assert found["objectives"]["i"]["channels"]["index"]["none"]["max_error_db"] > 0.3
+    assert found["outcome"] == "not met"
+    assert found["objectives"]["i"]["outcome"] == "not met"
+    assert found["objectives"]["i"]["findings"][0]["value"] > 0.3
+    assert "more poles" in found["objectives"]["i"]["findings"][0]["remark"]
     assert main(["check", str(out)]) == 1
     assert "not met" in capsys.readouterr().out
 

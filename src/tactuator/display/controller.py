@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.display.description import Display
+from tactuator.display.description import Channel, Display
 from tactuator.errors import BadInput
 from tactuator.signals.sections import check_sections
 from tactuator.signals.systems import SampledSystem
@@ -103,6 +103,13 @@ class Controller:
                 f"allowed: {display.rate_hz:g} Hz and {display.delay_samples}, as the display has"
             )
 
+    def require_limits_of(self, display: Display) -> None:
+        """Raise BadInput where a channel's figures are not those of a design for `display`: limits beyond what the
+        display has, a threshold voltage or gains that are no positive numbers. A hash says who wrote a file, not
+        that its figures make sense: what holds the command is derived from the display anew."""
+        for own, described in zip(self.channels, display.channels, strict=True):
+            _require_limits(own, described, display.objectives.comfort_db_sl)
+
     def channel(self, name: str) -> ChannelController:
         """Return the channel's controller. Raises BadInput if there is none of that name."""
         for channel in self.channels:
@@ -110,3 +117,50 @@ class Controller:
                 return channel
         allowed = ", ".join(channel.name for channel in self.channels)
         raise BadInput(f"controller: channel {name!r} is not there; allowed: {allowed}")
+
+
+_ROUNDING = 1.0 + 1e-9
+
+
+def _require_limits(own: ChannelController, described: Channel, comfort_db_sl: float) -> None:
+    """Raise BadInput unless every figure is positive and no greater than the display's own limit."""
+    figures = {
+        "command_v": (own.limits.command_v, described.converter.range_v, "V, the converter's range"),
+        "travel_v": (
+            own.limits.travel_v,
+            described.travel_mm * described.sensor_gain_v_per_mm,
+            "V at the sensor, the display's travel",
+        ),
+        "comfort_db_sl": (own.limits.comfort_db_sl, comfort_db_sl, "dB SL, the display's comfort"),
+    }
+    for name, (value, most, words) in figures.items():
+        if not 0.0 < value <= most * _ROUNDING:
+            raise BadInput(
+                f"controller: channel {own.name!r}: limit {name} is {value:g}; "
+                f"allowed: above 0, at most {most:g} {words}"
+            )
+    if not (np.isfinite(own.threshold_voltage_dc) and own.threshold_voltage_dc > 0.0):
+        raise BadInput(
+            f"controller: channel {own.name!r}: threshold_voltage_dc is {own.threshold_voltage_dc:g}; "
+            "allowed: a positive number"
+        )
+    for name, sections in (("prefilter", own.prefilter_sos), ("feedback", own.feedback_sos)):
+        if sections is None:
+            continue
+        with np.errstate(all="ignore"):
+            size = np.abs(sections / sections[:, 3:4])
+        if not np.all(np.isfinite(size) & ((size == 0.0) | (size >= _LEAST)) & (size <= _GREATEST)):
+            raise BadInput(
+                f"controller: channel {own.name!r}: a coefficient of its {name} is out of range; "
+                f"allowed: 0, or {_LEAST:g} to {_GREATEST:g} of a0"
+            )
+    for gain in own.anti_windup.gains:
+        if not 0.0 <= gain <= _GAIN_MAX:
+            raise BadInput(
+                f"controller: channel {own.name!r}: an anti-windup gain is {gain:g}; allowed: 0 to {_GAIN_MAX:g}"
+            )
+
+
+_LEAST, _GREATEST = 1e-40, 1e12
+_GAIN_MAX = 4.0
+"""d^2 + (a1 + g1) d + g2 has its roots inside the unit circle only for g1 and g2 within 4 (sampled, d = z - 1)."""

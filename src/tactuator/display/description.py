@@ -61,12 +61,16 @@ class Threshold:
             )
 
 
+DISTURBANCES = ("hum", "noise", "friction")
+
+
 @dataclass(frozen=True)
 class Environment:
     """Disturbances of a channel: hum (volts peak at the sensor) at hum_hz, white sensor noise, Dahl friction.
 
     friction_v: Coulomb level in volts of command. presliding_v: sensor volts over which it builds up. The figures are
-    what the display is believed to have: the simulated display obeys them, the verdict is judged by them.
+    what the display is believed to have: the simulated display obeys them, the verdict is judged by them. assumed:
+    which of `DISTURBANCES` nobody has stated or measured; a verdict tells what rests on them and does not judge it.
     """
 
     hum_hz: tuple[float, ...] = (60.0, 120.0, 180.0)
@@ -74,8 +78,12 @@ class Environment:
     noise_v_rms: float = 0.2e-3
     friction_v: float = 4.0e-3
     presliding_v: float = 10.0e-3
+    assumed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        unknown = sorted(set(self.assumed) - set(DISTURBANCES))
+        if unknown:
+            raise BadInput(f"environment: assumed has {unknown[0]!r}; allowed: {', '.join(DISTURBANCES)}")
         if len(self.hum_hz) != len(self.hum_v_peak):
             raise BadInput(
                 f"environment: {len(self.hum_hz)} hum_hz and {len(self.hum_v_peak)} hum_v_peak; "
@@ -92,7 +100,8 @@ class Channel:
 
     plant: command (V) to sensor voltage (V); quantity: what that voltage is proportional to, with
     sensor_gain_v_per_mm in volts per mm, mm/s or mm/s^2 accordingly. travel_mm: mechanical limit, +/-. family: other
-    plants that identification cannot tell from `plant`; a design must hold for them too.
+    plants that identification cannot tell from `plant`; a design must hold for them too. covariance: of the plant's
+    numerator, its monic denominator after the leading one, and its dead time, as `identify` found it; empty: unknown.
     """
 
     name: str
@@ -108,6 +117,7 @@ class Channel:
     prefilter: PrefilterRequirements = field(default_factory=PrefilterRequirements)
     environment: Environment = field(default_factory=Environment)
     family: tuple[ContinuousSystem, ...] = ()
+    covariance: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
         for key in ("sensor_gain_v_per_mm", "travel_mm"):
@@ -116,6 +126,11 @@ class Channel:
                 raise BadInput(f"channel {self.name!r}: {key} is {value:g}; allowed: a positive number")
         if self.quantity not in DERIVATIVES:
             raise BadInput(f"channel {self.name!r}: quantity {self.quantity!r}; allowed: {', '.join(DERIVATIVES)}")
+        size = self.plant.zeros.size + self.plant.poles.size + 2
+        if self.covariance and {len(self.covariance), *(len(row) for row in self.covariance)} != {size}:
+            raise BadInput(
+                f"channel {self.name!r}: covariance of {len(self.covariance)} rows; allowed: {size} rows of {size}"
+            )
         if len({load.name for load in self.loads}) != len(self.loads):
             raise BadInput(f"channel {self.name!r}: two loads have the same name; allowed: each name once")
 

@@ -67,7 +67,9 @@ def parse_controller(document: dict[str, Any]) -> Controller:
         raise BadInput("its hash does not fit its contents; allowed: a file as `design` wrote it")
     display = parse_display(document["display"])
     channels = tuple(_channel(entry) for entry in document["channels"])
-    return Controller(display, channels, str(document["tool"]))
+    controller = Controller(display, channels, str(document["tool"]))
+    controller.require_limits_of(display)
+    return controller
 
 
 def _hash(document: dict[str, Any]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from tactuator.display.description import Channel, Converter, Display, Environment, Threshold
+from tactuator.display.description import DISTURBANCES, Channel, Converter, Display, Environment, Threshold
 from tactuator.display.load import Load
 from tactuator.display.requirements import FeedbackRequirements, Objectives, PrefilterRequirements
 from tactuator.errors import BadInput
@@ -111,7 +111,7 @@ def _channel(document: Document, entry: Mapping[str, Any], beside: Path) -> Chan
     shared = {key for model in SHARED_TABLES.values() for key in model.model_fields}
     own = _checked(ChannelOwnKeys, {key: value for key, value in entry.items() if key not in shared}, where)
     tables = {name: _merged(model, document, entry, name, where) for name, model in SHARED_TABLES.items()}
-    plant, scale, family = _plant_and_family(own, beside, where)
+    plant, scale, family, found = _plant_and_family(own, beside, where)
     loads = (Load(one.name, one.mass / scale, one.damping / scale, one.stiffness / scale) for one in own.loads)
     return Channel(
         name=own.name,
@@ -125,9 +125,16 @@ def _channel(document: Document, entry: Mapping[str, Any], beside: Path) -> Chan
         converter=_converter(tables["converter"]),
         feedback=_feedback(tables["feedback"], where),
         prefilter=_prefilter(tables["prefilter"]),
-        environment=_environment(tables["environment"]),
+        environment=_environment(tables["environment"], None if found is None else found.get("friction") or {}),
         family=family,
+        covariance=_covariance(own.covariance or (found or {}).get("covariance", ()), plant),
     )
+
+
+def _covariance(rows: Sequence[Sequence[float]], plant: ContinuousSystem) -> tuple[tuple[float, ...], ...]:
+    """Return the covariance of the plant's coefficients; none where it is of a model of another order."""
+    fits = len(rows) == plant.zeros.size + plant.poles.size + 2
+    return tuple(tuple(float(value) for value in row) for row in rows) if fits else ()
 
 
 def _merged(model: type[BaseModel], document: Document, entry: Document, name: str, where: str) -> Any:
@@ -149,8 +156,22 @@ def _prefilter(keys: PrefilterKeys) -> PrefilterRequirements:
     return PrefilterRequirements(**keys.model_dump())
 
 
-def _environment(keys: EnvironmentKeys) -> Environment:
-    return Environment(**_tuples(keys))
+def _environment(keys: EnvironmentKeys, friction: Mapping[str, float] | None) -> Environment:
+    """Return the environment of the file's keys, and the friction of an identified model where the file states none."""
+    values = _tuples(keys)
+    stated = {_STATES[key] for key in keys.model_fields_set if key in _STATES}
+    if friction is not None and "friction" not in stated:
+        stated.add("friction")
+        values["friction_v"] = float(friction.get("coulomb", 0.0))
+        if friction.get("presliding"):
+            values["presliding_v"] = float(friction["presliding"])
+    if keys.assumed is None:
+        values["assumed"] = tuple(what for what in DISTURBANCES if what not in stated)
+    return Environment(**values)
+
+
+_STATES = {"hum_v_peak": "hum", "hum_hz": "hum", "noise_v_rms": "noise", "friction_v": "friction"}
+"""Keys of [environment], and the disturbance that each states."""
 
 
 def _feedback(keys: FeedbackKeys, where: str) -> FeedbackRequirements:
@@ -170,20 +191,21 @@ def _threshold(keys: ThresholdKeys, beside: Path) -> Threshold:
 
 def _plant_and_family(
     own: ChannelOwnKeys, beside: Path, where: str
-) -> tuple[ContinuousSystem, float, tuple[ContinuousSystem, ...]]:
-    """Return the plant, the leading coefficient its file gave the denominator (loads are in its units), and
-    its family.
-    """
+) -> tuple[ContinuousSystem, float, tuple[ContinuousSystem, ...], Document | None]:
+    """Return the plant, the leading coefficient its file gave the denominator (loads are in its units), its family, and
+    the model's document where the plant is one that `identify` wrote."""
+    found: Document | None = None
     family = tuple(system_of(member, f"{where} family") for member in own.family)
     table = own.plant
     if isinstance(table, str):
         document = _model_document(beside / table, where)
+        found = document
         table = _checked(PlantTable, {k: document[k] for k in ("num", "den", "delay_s") if k in document}, where)
         family += tuple(
             system_of(_checked(PlantTable, member, where), f"{where} family") for member in document.get("family", [])
         )
     scale = 1.0 if table.den is None else next((value for value in table.den if value != 0.0), 1.0)
-    return system_of(table, f"{where} plant"), scale, family
+    return system_of(table, f"{where} plant"), scale, family, found
 
 
 def _model_document(path: Path, where: str) -> dict[str, Any]:
@@ -248,6 +270,7 @@ def _channel_document(channel: Channel) -> dict[str, Any]:
         "quantity": channel.quantity,
         "loads": [asdict(load) for load in channel.loads],
         "family": [_system_document(member) for member in channel.family],
+        **({"covariance": [list(row) for row in channel.covariance]} if channel.covariance else {}),
         **asdict(channel.converter),
         "curve": _curve_document(channel.threshold.curve),
         "band_hz": list(channel.threshold.band_hz),

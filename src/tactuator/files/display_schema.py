@@ -88,13 +88,17 @@ class PrefilterKeys(_Table):
 
 
 class EnvironmentKeys(_Table):
-    """Keys of [environment]: hum and noise at the sensor, friction in volts of command."""
+    """Keys of [environment]: hum and noise at the sensor, friction in volts of command.
+
+    assumed: which of them nobody has stated or measured; by default those whose key is not in the file.
+    """
 
     hum_hz: list[Positive] = [60.0, 120.0, 180.0]
     hum_v_peak: list[Number] = [1.0e-3, 0.3e-3, 0.2e-3]
     noise_v_rms: Number = 0.2e-3
     friction_v: Number = 4.0e-3
     presliding_v: Positive = 10.0e-3
+    assumed: list[Literal["hum", "noise", "friction"]] | None = None
 
 
 class ObjectivesKeys(_Table):
@@ -128,6 +132,7 @@ class ChannelOwnKeys(_Table):
     quantity: Literal["displacement", "velocity", "acceleration"] = "displacement"
     loads: list[LoadTable] = []
     family: list[PlantTable] = []
+    covariance: list[list[Number]] = []
 
 
 SHARED_TABLES: dict[str, type[_Table]] = {

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.display.description import Channel, Display
 from tactuator.display.load import DERIVATIVES
+from tactuator.display.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.errors import BadInput
 from tactuator.rig.rig import Rig
 from tactuator.signals.bands import third_octave_bands
@@ -23,6 +24,8 @@ from tactuator.signals.decibels import db
 from tactuator.signals.lockin import lock_in, mains_multiples
 from tactuator.signals.spectra import PowerSpectrum, power_spectrum
 from tactuator.signals.systems import ContinuousSystem
+from tactuator.synthesis.felt import beside_friction
+from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, NO_LOOP
 
 
 @dataclass(frozen=True)
@@ -135,15 +138,14 @@ def felt_of_command(
 def _displacement_mm(
     channel: Channel, plant: ContinuousSystem, frequency_hz: FloatArray, rate_hz: float
 ) -> NDArray[np.complex128]:
-    """Return the millimetres of fingertip per volt of command, held between samples; nothing at zero frequency, which
-    nobody feels.
-    """
+    """Return the millimetres of fingertip per volt of command, held between samples, for motions within presliding;
+    nothing at zero frequency, which nobody feels."""
     frequency = np.maximum(frequency_hz, 1e-3)
     omega = 2j * np.pi * frequency
     hold = np.sinc(frequency / rate_hz)
-    response = (
-        plant.response(frequency) * hold / (channel.sensor_gain_v_per_mm * omega ** DERIVATIVES[channel.quantity])
-    )
+    still = np.zeros(frequency.shape)  # what stands at rest stays within the distance over which friction builds up
+    moved = beside_friction(channel.environment, plant.response(frequency) * hold, still)
+    response = moved / (channel.sensor_gain_v_per_mm * omega ** DERIVATIVES[channel.quantity])
     return np.where(frequency_hz > 0.0, response, 0.0)
 
 
@@ -185,3 +187,31 @@ def _smoothed(values: FloatArray, frequency: FloatArray) -> FloatArray:
         reach = max(2.0, hertz * (2.0 ** (1.0 / 12.0) - 1.0))
         made[k] = values[np.abs(frequency - hertz) <= reach].mean()
     return made
+
+
+def noise_verdict(felt: Sequence[FeltNoise], display: Display, open_loops: Sequence[str] = ()) -> Verdict:
+    """Return what was heard of the designed loop as a verdict on objectives ii and iii.
+
+    open_loops: channels without a loop, where nothing carries what the sensor hears to the finger: not judged.
+    """
+    allowed = display.objectives
+    findings: list[Finding] = []
+    for one in felt:
+        if one.channel in open_loops:
+            for number, quantity in (("ii", FELT_HUM), ("iii", FELT_NOISE)):
+                findings.append(Finding(number, one.channel, one.load, Outcome.NOT_JUDGED, quantity, remark=NO_LOOP))
+            continue
+        for line, level in zip(one.line_hz.tolist(), one.line_db_sl.tolist(), strict=True):
+            findings.append(
+                compared("ii", one.channel, one.load, FELT_HUM, level, allowed.mains_max_db_sl, "dB SL", line)
+            )
+        if one.line_hz.size == 0:
+            remark = "no mains line was listened for"
+            findings.append(Finding("ii", one.channel, one.load, Outcome.NOT_JUDGED, FELT_HUM, remark=remark))
+        worst = int(np.argmax(one.band_db_sl))
+        at = float(one.band_hz[worst])
+        level = float(one.band_db_sl[worst])
+        if one.resonance_db_sl is not None and one.resonance_db_sl > level and one.resonance_hz is not None:
+            level, at = one.resonance_db_sl, one.resonance_hz
+        findings.append(compared("iii", one.channel, one.load, FELT_NOISE, level, allowed.noise_max_db_sl, "dB SL", at))
+    return verdict_of(findings)

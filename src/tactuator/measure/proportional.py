@@ -7,6 +7,8 @@ import numpy as np
 from tactuator.display.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.display.description import Channel, Display
 from tactuator.errors import BadInput
+from tactuator.loop.feedback import FeedbackLoop
+from tactuator.synthesis.family import UNLOADED, plant_family
 
 
 def proportional_controller(display: Display, gain: float) -> Controller:
@@ -18,6 +20,25 @@ def proportional_controller(display: Display, gain: float) -> Controller:
     if not (np.isfinite(gain) and gain > 0.0):
         raise BadInput(f"proportional gain is {gain:g}; allowed: a positive number")
     return Controller(display, tuple(_channel(channel, gain) for channel in display.channels), "proportional probe")
+
+
+def unstable_channels(controller: Controller, load: str = "none") -> tuple[str, ...]:
+    """Return the channels whose loop the display's own models call unstable, without a load or under `load`: loops
+    that must not be closed."""
+    display = controller.display
+    return tuple(
+        channel.name
+        for own, channel in zip(controller.channels, display.channels, strict=True)
+        if not _is_stable(own, channel, display, load)
+    )
+
+
+def _is_stable(own: ChannelController, channel: Channel, display: Display, load: str) -> bool:
+    feedback = own.feedback(display.rate_hz)
+    if feedback is None:
+        return True
+    members = plant_family(channel, display.rate_hz, display.delay_samples)
+    return all(FeedbackLoop(feedback, one.sampled).is_stable for one in members if one.load in (UNLOADED, load))
 
 
 def _channel(channel: Channel, gain: float) -> ChannelController:

@@ -12,11 +12,12 @@ from scipy import stats
 
 from tactuator.arrays import ComplexArray
 from tactuator.errors import BadInput
+from tactuator.measure.frequencies import tones
 from tactuator.perception.levels import COMFORT_DB_SL
 from tactuator.rig.rig import Rig
 from tactuator.rig.trace import Trace, recut_traces
 from tactuator.signals.decibels import from_db
-from tactuator.signals.lockin import lock_in, mains_multiples, off_mains
+from tactuator.signals.lockin import lock_in, mains_multiples
 from tactuator.signals.response import Response
 
 Progress = Callable[[int, int], None]
@@ -47,20 +48,22 @@ def stepped_sine(
     longest_s: float = 30.0,
     coverage: float = 0.95,
     mains_hz: float | None = 60.0,
+    band_hz: tuple[float, float] | None = None,
     controller_hash: str = "",
     progress: Progress | None = None,
 ) -> tuple[Response, ...]:
     """Measure the response of the loaded controller and display at `level_db_sl`, one Response each for `channels`
     (default: all).
 
-    frequency_hz (m,): any order, moved to at least 2 Hz off multiples of mains_hz. Each is played, after settling, in
+    frequency_hz (m,): any order; each is played as it is, or within 2 % of it where it has to keep 2 Hz off multiples
+    of mains_hz; band_hz: none is played outside (default: below 0.45 of the rate). After settling it is played in
     blocks of whole periods until every channel's half-width at `coverage` is at most confidence_db, or for longest_s.
     A simultaneous statement about m points asks for a coverage of 1 - 0.05/m (Bonferroni). `load`
     only names what touches the display: whoever holds the finger port puts it there. Raises BadInput above the comfort
-    level, for frequencies outside the rig's band, or an unknown channel.
+    level, for frequencies outside the band or too near to mains, or an unknown channel.
     """
     names = check_asked(rig, frequency_hz, level_db_sl, confidence_db, longest_s, channels)
-    frequencies = np.unique(off_mains(frequency_hz, mains_hz))
+    frequencies = tones(frequency_hz, mains_hz, band_hz or (0.0, 0.45 * rig.rate_hz))
     columns = [rig.channels.index(name) for name in names]
     points = []
     for done, frequency in enumerate(frequencies):

@@ -27,6 +27,8 @@ from tactuator.runtime.q31 import (
 
 Format = Literal["float32", "q31"]
 FORMATS: tuple[Format, ...] = ("float32", "q31")
+CHANNELS_MAX: int = lib.TACT_CHANNELS_MAX
+"""Channels that a board runs."""
 _MAGIC, _VERSION = b"TACI", 3
 _FORMAT_CODES: dict[str, int] = {"float32": 1, "q31": 2}
 _Q31_RANGE_MAX_V = 15.0
@@ -92,8 +94,8 @@ def build_image(controller: Controller, number_format: str, controller_hash: str
         raise BadInput(
             f"delay_samples is {controller.delay_samples}; allowed on a board: 1 to {lib.TACT_BOARD_DELAY_MAX}"
         )
-    if len(controller.channels) > lib.TACT_CHANNELS_MAX:
-        raise BadInput(f"{len(controller.channels)} channels; allowed on a board: at most {lib.TACT_CHANNELS_MAX}")
+    if len(controller.channels) > CHANNELS_MAX:
+        raise BadInput(f"{len(controller.channels)} channels; allowed on a board: at most {CHANNELS_MAX}")
     if number_format == "float32":
         parts = [float32_channel(channel) for channel in controller.channels]
     else:

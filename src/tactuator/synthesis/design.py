@@ -143,8 +143,8 @@ def assemble(
 
 
 def _at_rest(loop: TwoDegreeLoop, channel: Channel) -> float:
-    """Return H(0), volts of y per threshold unit: the real limit at a frequency far below the band."""
-    return float(np.real(loop.position_response(channel.threshold.band_hz[0] * 1e-6)))
+    """Return |H(0)|, volts of y per threshold unit: the limit at a frequency far below the band, never zero."""
+    return max(float(np.abs(loop.position_response(channel.threshold.band_hz[0] * 1e-6))), np.finfo(float).tiny)
 
 
 def _limits(display: Display, channel: Channel) -> Limits:

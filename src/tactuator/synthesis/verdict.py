@@ -1,110 +1,230 @@
 """The paper's four objectives (its section 2), judged for a controller from its own sections and a display's figures.
 
-What a finger feels of sensor noise and hum n is -T n, of a disturbance of the command P S d: never the sensor's own
-spectrum. A band's noise is judged by its rms times the root of two, the peak of the sinusoid of the same power.
+What the display file does not say is assumed, and what rests on an assumption is told but not judged. A band's noise is
+judged by its rms times the root of two, the peak of the sinusoid of the same power.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.display.controller import ChannelController, Controller
 from tactuator.display.description import Channel, Display
-from tactuator.display.requirements import Objectives
+from tactuator.display.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.loop.margins import margins
 from tactuator.signals.bands import third_octave_bands
 from tactuator.signals.decibels import db
 from tactuator.synthesis.family import UNLOADED, Member, plant_family
+from tactuator.synthesis.felt import felt_db_sl, felt_hum_v, felt_noise_rms_v
 
-_NAMES = {
-    "i": "|H| follows the threshold curve over the band, without load",
-    "ii": "every mains line is felt below threshold",
-    "iii": "noise is felt below threshold in every third octave, and no resonance stands out",
-    "iv": "a finger's load does not change |H| at low frequencies",
-}
 _POINTS = 600
-
-
-@dataclass(frozen=True)
-class Objective:
-    """One objective: its number, words, whether it is met, and its figures by channel and load."""
-
-    number: str
-    words: str
-    met: bool
-    figures: dict[str, dict[str, dict[str, Any]]]
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """All four objectives; `met` if each is."""
-
-    objectives: tuple[Objective, ...]
-
-    @property
-    def met(self) -> bool:
-        """Return whether every objective is met."""
-        return all(objective.met for objective in self.objectives)
-
-    def document(self) -> dict[str, Any]:
-        """Return plain tables: what `check --json` prints."""
-        return {
-            "met": self.met,
-            "objectives": {
-                one.number: {"met": one.met, "asks": one.words, "channels": one.figures} for one in self.objectives
-            },
-        }
+_DB, _DB_SL = "dB", "dB SL"
+FELT_HUM, FELT_NOISE = "felt hum", "felt noise"
+NO_LOOP = "no loop carries what the sensor hears to the finger; the amplifier's own was not measured"
 
 
 def judge(controller: Controller, display: Display | None = None) -> Verdict:
     """Return the verdict on `controller` for `display` (None: the one it was designed for).
 
-    A loop that is unstable under some load fails every objective, and its figures say so. Raises BadInput where the
-    display's channels, rate or delay are not the controller's.
+    A loop that is unstable under some load fails every objective, and its findings say so. Raises BadInput where the
+    display's channels, rate or delay are not the controller's, or its limits lie beyond the display's.
     """
     shown = controller.display if display is None else display
     controller.require_runs(shown)
-    figures: dict[str, dict[str, dict[str, dict[str, Any]]]] = {number: {} for number in _NAMES}
+    controller.require_limits_of(shown)
+    findings: list[Finding] = []
     for channel in shown.channels:
-        judged = _judge_channel(controller.channel(channel.name), channel, shown)
-        for number in _NAMES:
-            figures[number][channel.name] = judged[number]
-    return Verdict(
-        tuple(
-            Objective(number, words, all(_all_met(by_load) for by_load in figures[number].values()), figures[number])
-            for number, words in _NAMES.items()
+        findings += judge_channel(controller.channel(channel.name), channel, shown)
+    return verdict_of(findings, assumptions(shown))
+
+
+def assumptions(display: Display) -> tuple[str, ...]:
+    """Return what the display file leaves to be assumed, one sentence each."""
+    told: list[str] = []
+    for channel in display.channels:
+        environment = channel.environment
+        figures = {
+            "hum": ", ".join(f"{1e3 * v:g} mV at {f:g} Hz" for f, v in _hum(channel)) or "none",
+            "noise": f"{1e3 * environment.noise_v_rms:g} mV rms",
+            "friction": f"{1e3 * environment.friction_v:g} mV of command",
+        }
+        told += [f"{what}: {figures[what]}, for want of a figure in the display file" for what in environment.assumed]
+    return tuple(told)
+
+
+def _hum(channel: Channel) -> Iterator[tuple[float, float]]:
+    return zip(channel.environment.hum_hz, channel.environment.hum_v_peak, strict=True)
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """One channel under one member of its family."""
+
+    channel: Channel
+    display: Display
+    member: Member
+    loop: TwoDegreeLoop
+    nominal: TwoDegreeLoop
+
+    def open(self, objective: str, quantity: str, remark: str, *, counts: bool = True) -> Finding:
+        """Return a finding that was not judged, and why."""
+        return Finding(
+            objective,
+            self.channel.name,
+            self.member.name,
+            Outcome.NOT_JUDGED,
+            quantity,
+            remark=remark,
+            counts=counts,
         )
-    )
+
+    def flatness(self) -> Finding:
+        """Judge objective i; under a load, where feedback cannot help above its bandwidth, the figure is told only."""
+        frequency = _band(self.channel)
+        error = db(np.abs(self.loop.position_response(frequency)) / self.channel.threshold_voltage(frequency))
+        worst = int(np.argmax(np.abs(error)))
+        found = compared(
+            "i",
+            self.channel.name,
+            self.member.name,
+            "error of |H|",
+            float(abs(error[worst])),
+            self.display.objectives.flatness_db,
+            _DB,
+            float(frequency[worst]),
+            remedy="more poles in [prefilter], or a wider flatness_db",
+        )
+        if self.member.load == UNLOADED:
+            return found
+        told = "told only: what a load changes is objective iv's"
+        return Finding(**{**vars(found), "outcome": Outcome.NOT_JUDGED, "remark": told, "counts": False})
+
+    def mains(self) -> Iterator[Finding]:
+        """Judge objective ii, line by line."""
+        environment = self.channel.environment
+        if self.loop.feedback is None:
+            yield self.open("ii", FELT_HUM, NO_LOOP)
+            return
+        if not environment.hum_hz:
+            yield self.open("ii", FELT_HUM, "the display file names no mains line (hum_hz)")
+            return
+        lines = np.array(environment.hum_hz)
+        levels = felt_db_sl(self.channel, felt_hum_v(self.channel, self.loop), lines)
+        unknown = [what for what in ("hum", "friction") if what in environment.assumed]
+        for line, level in zip(lines.tolist(), levels.tolist(), strict=True):
+            yield compared(
+                "ii",
+                self.channel.name,
+                self.member.name,
+                FELT_HUM,
+                level,
+                self.display.objectives.mains_max_db_sl,
+                _DB_SL,
+                line,
+                assumed=" and ".join(unknown),
+                remedy=f"a lower |T| at {line:g} Hz (mains_max_db), or less hum at the sensor",
+            )
+
+    def noise(self) -> Iterator[Finding]:
+        """Judge objective iii: the worst third octave, and the loop's resonance."""
+        low, high = self.channel.threshold.band_hz
+        bands = third_octave_bands(low, high)
+        allowed = self.display.objectives
+        if bands:
+            edges = np.array([[band.low_hz, band.high_hz] for band in bands])
+            centres = np.array([band.centre_hz for band in bands])
+            peak = np.sqrt(2.0) * felt_noise_rms_v(self.channel, self.loop, self.display.rate_hz, edges)
+            level = felt_db_sl(self.channel, peak, np.clip(centres, low, high))
+            worst = int(np.argmax(level))
+            looped = self.loop.feedback is not None
+            yield compared(
+                "iii",
+                self.channel.name,
+                self.member.name,
+                FELT_NOISE if looped else "felt steps of the D/A",
+                float(level[worst]),
+                allowed.noise_max_db_sl,
+                _DB_SL,
+                float(centres[worst]),
+                assumed="noise" if looped and "noise" in self.channel.environment.assumed else "",
+                remedy="less noise at the sensor, or a lower command_noise_gain_max",
+            )
+        else:
+            yield self.open("iii", FELT_NOISE, f"no third octave lies within {low:g} to {high:g} Hz")
+        if self.loop.feedback is not None:
+            peak_t = margins(self.loop.feedback).complementary
+            yield compared(
+                "iii",
+                self.channel.name,
+                self.member.name,
+                "max|T|",
+                peak_t.value,
+                allowed.resonance_peak,
+                "",
+                peak_t.frequency_hz,
+                remedy="a lower sensitivity_peak or a greater phase_margin_deg",
+            )
+
+    def load(self) -> Finding:
+        """Judge objective iv; the worst change over the band is told beside it."""
+        asked = self.display.objectives
+        frequency = _band(self.channel)
+        change = db(np.abs(self.loop.position_response(frequency)) / np.abs(self.nominal.position_response(frequency)))
+        low = frequency <= asked.load_band_hz
+        worst = int(np.argmax(np.abs(change)))
+        told = f"over the band {change[worst]:+.2f} dB at {frequency[worst]:.3g} Hz"
+        if not np.any(low):
+            return self.open(
+                "iv", "change of |H|", f"the band begins above load_band_hz {asked.load_band_hz:g}; {told}"
+            )
+        place = int(np.argmax(np.abs(change[low])))
+        found = compared(
+            "iv",
+            self.channel.name,
+            self.member.name,
+            "change of |H|",
+            float(np.abs(change[low])[place]),
+            asked.load_max_db,
+            _DB,
+            float(frequency[low][place]),
+            remedy="more rejection at low frequencies (rejection_max_db)"
+            if self.loop.feedback is not None
+            else "a loop: nothing else holds the position against a load",
+        )
+        return Finding(**{**vars(found), "remark": f"{found.remark}; {told}" if found.remark else told})
 
 
-def _all_met(by_load: dict[str, dict[str, Any]]) -> bool:
-    return all(figures["met"] for figures in by_load.values())
-
-
-def _judge_channel(own: ChannelController, channel: Channel, display: Display) -> dict[str, dict[str, dict[str, Any]]]:
-    """Return the figures of one channel, by objective and load."""
+def judge_channel(own: ChannelController, channel: Channel, display: Display) -> Iterator[Finding]:
+    """Yield the findings on one channel, member by member of its family."""
     family = plant_family(channel, display.rate_hz, display.delay_samples)
     prefilter, feedback = own.prefilter(display.rate_hz), own.feedback(display.rate_hz)
-    loops = {member.name: TwoDegreeLoop(prefilter, feedback, member.sampled) for member in family}
-    result: dict[str, dict[str, dict[str, Any]]] = {number: {} for number in _NAMES}
-    nominal = loops[UNLOADED]
-    for member in family:
-        loop = loops[member.name]
-        if loop.feedback is not None and not loop.feedback.is_stable:
-            for number in _NAMES:
-                result[number][member.name] = {"met": False, "stable": False}
+    loops = [TwoDegreeLoop(prefilter, feedback, member.sampled) for member in family]
+    for member, loop in zip(family, loops, strict=True):
+        judge = _Judge(channel, display, member, loop, loops[0])
+        if not _is_stable(loop):
+            yield from _unstable(judge)
             continue
-        result["i"][member.name] = _flatness(channel, loop, member, display.objectives)
-        result["ii"][member.name] = _mains(channel, loop, display.objectives)
-        result["iii"][member.name] = _noise(channel, loop, display)
-        if member.load != UNLOADED and _is_stable(nominal):
-            result["iv"][member.name] = _load(channel, loop, nominal, display.objectives)
-    return result
+        yield judge.flatness()
+        yield from judge.mains()
+        yield from judge.noise()
+        if member.load != UNLOADED and _is_stable(loops[0]):
+            yield judge.load()
+    if not channel.loads:
+        nominal = _Judge(channel, display, family[0], loops[0], loops[0])
+        yield nominal.open("iv", "change of |H|", "the display file describes no load (loads)")
+
+
+def _unstable(judge: _Judge) -> Iterator[Finding]:
+    remedy = "a design for this display: the loop of this controller is unstable on it"
+    for number in ("i", "ii", "iii", "iv"):
+        yield Finding(
+            number, judge.channel.name, judge.member.name, Outcome.NOT_MET, "the closed loop is unstable", remark=remedy
+        )
 
 
 def _is_stable(loop: TwoDegreeLoop) -> bool:
@@ -115,97 +235,3 @@ def _band(channel: Channel) -> FloatArray:
     low, high = channel.threshold.band_hz
     own = channel.threshold.curve.frequency_hz
     return np.unique(np.append(np.geomspace(low, high, _POINTS), own[(own >= low) & (own <= high)]))
-
-
-def _flatness(channel: Channel, loop: TwoDegreeLoop, member: Member, asked: Objectives) -> dict[str, Any]:
-    """Judge objective i; under a load, where feedback cannot help above its bandwidth, the figures are told, not
-    judged.
-    """
-    frequency = _band(channel)
-    error = db(np.abs(loop.position_response(frequency)) / channel.threshold_voltage(frequency))
-    worst = int(np.argmax(np.abs(error)))
-    judged = member.load == UNLOADED
-    return {
-        "met": bool(not judged or abs(error[worst]) <= asked.flatness_db),
-        "judged": judged,
-        "max_error_db": float(abs(error[worst])),
-        "worst_hz": float(frequency[worst]),
-        "allowed_db": asked.flatness_db,
-    }
-
-
-def felt_db_sl(channel: Channel, peak_volts: FloatArray, frequency_hz: FloatArray) -> FloatArray:
-    """Return the sensation level of a motion that is `peak_volts` at an ideal sensor, at `frequency_hz`;
-    shapes alike.
-    """
-    return db(peak_volts / channel.threshold_voltage(frequency_hz))
-
-
-def _mains(channel: Channel, loop: TwoDegreeLoop, asked: Objectives) -> dict[str, Any]:
-    lines = np.array(channel.environment.hum_hz)
-    hum = np.array(channel.environment.hum_v_peak)
-    through = np.zeros(lines.size) if loop.feedback is None else np.abs(loop.feedback.complementary(lines))
-    level = felt_db_sl(channel, through * hum, lines)
-    return {
-        "met": bool(np.all(level <= asked.mains_max_db_sl)),
-        "felt_db_sl": {f"{f:g}": _finite(v) for f, v in zip(lines, level, strict=True)},
-        "allowed_db_sl": asked.mains_max_db_sl,
-    }
-
-
-def _noise(channel: Channel, loop: TwoDegreeLoop, display: Display) -> dict[str, Any]:
-    low, high = channel.threshold.band_hz
-    bands = third_octave_bands(low, high)
-    centres = np.array([band.centre_hz for band in bands])
-    edges = np.array([[band.low_hz, band.high_hz] for band in bands])
-    peak = np.sqrt(2.0) * felt_noise_rms_v(channel, loop, display.rate_hz, edges)
-    level = felt_db_sl(channel, peak, np.clip(centres, low, high))
-    worst = int(np.argmax(level))
-    resonance = None if loop.feedback is None else margins(loop.feedback).complementary_peak
-    allowed = display.objectives
-    return {
-        "met": bool(level[worst] <= allowed.noise_max_db_sl)
-        and (resonance is None or resonance <= allowed.resonance_peak),
-        "worst_band_db_sl": float(level[worst]),
-        "worst_band_hz": float(centres[worst]),
-        "resonance_peak": resonance,
-        "allowed_db_sl": allowed.noise_max_db_sl,
-        "allowed_peak": allowed.resonance_peak,
-    }
-
-
-def felt_noise_rms_v(channel: Channel, loop: TwoDegreeLoop, rate_hz: float, edges_hz: FloatArray) -> FloatArray:
-    """Return the rms of the finger's motion (volts at an ideal sensor) in bands of edges (n, 2): sensor noise and the
-    A/D's steps through T, the D/A's steps through P S. Steps make white noise of step^2 / 12.
-    """
-    step = channel.converter.step_v**2 / 12.0
-    nodes, weights = np.polynomial.legendre.leggauss(12)
-    half = 0.5 * np.diff(edges_hz, axis=1)
-    frequency = edges_hz[:, :1] + half * (1.0 + nodes)
-    if loop.feedback is None:
-        power = np.abs(loop.plant.response(frequency)) ** 2 * step
-    else:
-        sensed = channel.environment.noise_v_rms**2 + step
-        power = np.abs(loop.feedback.complementary(frequency)) ** 2 * sensed
-        power = power + np.abs(loop.feedback.load_sensitivity(frequency)) ** 2 * step
-    return np.asarray(np.sqrt(np.sum(power * half * weights, axis=1) / (0.5 * rate_hz)))
-
-
-def _load(channel: Channel, loop: TwoDegreeLoop, nominal: TwoDegreeLoop, asked: Objectives) -> dict[str, Any]:
-    frequency = _band(channel)
-    change = db(np.abs(loop.position_response(frequency)) / np.abs(nominal.position_response(frequency)))
-    low = np.abs(change[frequency <= asked.load_band_hz])
-    worst = int(np.argmax(np.abs(change)))
-    greatest = float(np.max(low, initial=0.0))
-    return {
-        "met": greatest <= asked.load_max_db,
-        "max_change_db": greatest,
-        "up_to_hz": asked.load_band_hz,
-        "worst_change_db": float(change[worst]),
-        "worst_hz": float(frequency[worst]),
-        "allowed_db": asked.load_max_db,
-    }
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

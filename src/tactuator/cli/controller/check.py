@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
+import numpy as np
 import typer
+from rich.console import Group
 from rich.table import Table
+from rich.text import Text
 
 from tactuator.cli.answer import answer
-from tactuator.cli.options import AsJson
+from tactuator.cli.options import AsJson, Seed
+from tactuator.display.controller import Controller
+from tactuator.display.description import Display
+from tactuator.display.verdict import Finding, Outcome, Verdict, verdict_of
 from tactuator.files.controller import read_controller
 from tactuator.files.display import read_display
-from tactuator.synthesis.verdict import Verdict, judge
-
-_SHOWN = ("max_error_db", "worst_band_db_sl", "resonance_peak", "max_change_db", "worst_change_db", "worst_hz")
+from tactuator.synthesis.monte_carlo import Trials
+from tactuator.synthesis.monte_carlo import monte_carlo as draw_plants
+from tactuator.synthesis.verdict import judge
+from tactuator.wordlength.buildable import buildable
 
 
 def register(app: typer.Typer) -> None:
@@ -24,39 +33,60 @@ def register(app: typer.Typer) -> None:
     def check(
         controller: Annotated[Path, typer.Argument(help="Controller file.")],
         display: Annotated[Path | None, typer.Option("--display", help="Display file to judge it for.")] = None,
+        monte_carlo: Annotated[
+            int, typer.Option("--monte-carlo", min=0, help="Plants to draw for each channel and load; 0 for none.")
+        ] = 0,
+        mode_shift: Annotated[
+            float, typer.Option("--mode-shift", help="Relative standard deviation of the frequency of a mode.")
+        ] = 0.02,
+        seed: Seed = 0,
         as_json: AsJson = False,
     ) -> None:
-        """Judge a controller by the paper's four objectives, every channel and load; exit status 1 if one fails."""
-        verdict = judge(read_controller(controller), None if display is None else read_display(display))
-        answer(verdict.document(), as_json, _table(verdict))
-        if not verdict.met:
+        """Judge a controller by the paper's four objectives and by what a board takes; exit status 1 if one fails."""
+        made, shown = read_controller(controller), None if display is None else read_display(display)
+        verdict = whole_verdict(made, shown)
+        on = made if shown is None else replace(made, display=shown)
+        trials = draw_plants(on, monte_carlo, np.random.default_rng(seed), mode_shift) if monte_carlo else []
+        found = verdict.document() | ({"monte_carlo": [one.document() for one in trials]} if trials else {})
+        answer(found, as_json, Group(verdict_table(verdict), *([_trials_table(trials)] if trials else [])))
+        if verdict.outcome is Outcome.NOT_MET:
             raise typer.Exit(1)
 
 
-def _table(verdict: Verdict) -> Table:
-    table = Table("objective", "channel", "load", "figures", "met", title="Verdict: " + _word(verdict.met))
-    for objective in verdict.objectives:
-        for channel, by_load in objective.figures.items():
-            for load, figures in by_load.items():
-                table.add_row(objective.number, channel, load, _figures(figures), _outcome(figures))
+def _trials_table(trials: Sequence[Trials]) -> Table:
+    """Return the 95 % and greatest values of what was drawn, one row for each channel and load."""
+    table = Table(
+        "channel", "load", "plants", "from", "unstable", "max|S| 95 %, most", "flatness dB", "felt hum dB SL",
+        title="Monte Carlo",
+    )  # fmt: skip
+    for one in trials:
+        cells = (one.sensitivity_peak, one.flatness_db, one.felt_hum_db_sl)
+        shown = ("—" if np.isnan(values[1]) else f"{values[1]:.2f}, {values[-1]:.2f}" for values in cells)
+        table.add_row(one.channel, one.load, str(one.count), one.source, f"{100.0 * one.unstable:.2g} %", *shown)
     return table
 
 
-def _outcome(figures: dict[str, Any]) -> str:
-    """Return the outcome in words; an objective may report a load without judging it, since what a finger changes is
-    objective iv's to judge.
-    """
-    return _word(figures["met"]) if figures.get("judged", True) else "reported"
+def whole_verdict(controller: Controller, display: Display | None = None) -> Verdict:
+    """Return the verdict on the objectives and on building an image, for `display` (None: the controller's own)."""
+    judged = judge(controller, display)
+    shown = controller if display is None else replace(controller, display=display)
+    findings = [finding for objective in judged.objectives for finding in objective.findings]
+    return verdict_of([*findings, buildable(shown)], judged.assumptions)
 
 
-def _figures(figures: dict[str, Any]) -> str:
-    if figures.get("stable") is False:
-        return "the closed loop is unstable"
-    parts = [f"{key} {figures[key]:.2f}" for key in _SHOWN if figures.get(key) is not None]
-    felt = figures.get("felt_db_sl", {})
-    parts += [f"{line} Hz {level:.1f} dB SL" for line, level in felt.items() if level is not None]
-    return ", ".join(parts) or "nothing is felt"
+def verdict_table(verdict: Verdict) -> Group:
+    """Return a table of one row for each objective, channel and quantity, the worst of its loads, models and lines."""
+    table = Table("objective", "channel", "outcome", "found", "allowed", "at", "load", "remark")
+    for objective in verdict.objectives:
+        for one in objective.worst():
+            table.add_row(*(Text(cell) for cell in _row(one)))
+    told = [f"assumed: {sentence}" for sentence in verdict.assumptions]
+    return Group(table, *told, f"verdict: {verdict.sentence}")
 
 
-def _word(met: bool) -> str:
-    return "met" if met else "not met"
+def _row(one: Finding) -> tuple[str, ...]:
+    unit = f" {one.unit}" if one.unit else ""
+    found = one.quantity if one.value is None else f"{one.quantity} {one.value:.2f}{unit}"
+    allowed = "" if one.allowed is None else f"{one.allowed:g}{unit}"
+    at = "" if one.frequency_hz is None else f"{one.frequency_hz:.4g} Hz"
+    return one.objective, one.channel, one.outcome.value, found, allowed, at, one.load, one.remark

@@ -10,9 +10,11 @@ from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer
+from tactuator.cli.controller.check import verdict_table, whole_verdict
 from tactuator.cli.options import AsJson
 from tactuator.display.controller import ChannelController, Controller
 from tactuator.display.description import Display
+from tactuator.display.verdict import Verdict
 from tactuator.files.controller import write_controller
 from tactuator.files.curve import resolve_curve
 from tactuator.files.display import read_display, with_curve
@@ -43,15 +45,16 @@ def register(app: typer.Typer) -> None:
 
             save_design_plates(controller, charts)
         write_controller(out, controller)
+        verdict = whole_verdict(controller)
         reports = {channel.name: dict(channel.report) for channel in controller.channels}
-        answer(reports, as_json, _shown(controller, out))
+        answer(reports | {"verdict": verdict.document()}, as_json, _shown(controller, out, verdict))
 
 
 def _with_curve(display: Display, curve: str | None) -> Display:
     return display if curve is None else with_curve(display, resolve_curve(curve))
 
 
-def _shown(controller: Controller, out: Path) -> Group:
+def _shown(controller: Controller, out: Path, verdict: Verdict) -> Group:
     table = Table("figure (worst over the loads)", *(one.name for one in controller.channels), title="Design")
     for words, keys in _ROWS.items():
         table.add_row(words, *(_cell(_found(one.report, keys)) for one in controller.channels))
@@ -61,7 +64,7 @@ def _shown(controller: Controller, out: Path) -> Group:
             f"|T| at {key} Hz (dB)", *(_cell(_found(o.report, ("mains_db", key))) for o in controller.channels)
         )
     lines = [line for one in controller.channels for line in _printed(one, controller.rate_hz)]
-    return Group(table, *lines, f"written: {out}")
+    return Group(table, *lines, verdict_table(verdict), f"written: {out}")
 
 
 _ROWS: dict[str, tuple[str, ...]] = {

@@ -9,9 +9,11 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
+from tactuator.cli.controller.check import verdict_table
 from tactuator.cli.options import (
     AsJson,
     ControllerOption,
@@ -22,14 +24,17 @@ from tactuator.cli.options import (
     chosen_controller,
 )
 from tactuator.display.controller import Controller
+from tactuator.display.description import Display
 from tactuator.errors import BadInput
 from tactuator.files.controller import controller_hash
 from tactuator.files.response import write_responses
+from tactuator.measure.error import error_db, response_verdict
 from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.rig.open import open_rig
 from tactuator.rig.rig import Rig
 from tactuator.rig.touchable import touch_all
+from tactuator.signals.lockin import off_mains
 from tactuator.signals.response import Response
 
 METHODS = ("stepped", "multisine")
@@ -64,13 +69,15 @@ def register(app: typer.Typer) -> None:
         if method not in METHODS:
             raise BadInput(f"method {method!r}; allowed: {', '.join(METHODS)}")
         made = chosen_controller(display, controller)
-        wanted = _over_the_band(made) if frequency is None else frequencies(frequency)
+        band_hz = _common_band(made, channel)
+        wanted = _over_the_band(band_hz, mains_hz) if frequency is None else frequencies(frequency)
         asked: dict[str, Any] = {
             "channels": channel,
             "load": load,
             "confidence_db": confidence_db,
             "longest_s": longest_s,
             "mains_hz": mains_hz or None,
+            "band_hz": band_hz,
             "controller_hash": controller_hash(made),
         }
         with open_rig(rig, made.display, seed) as opened:
@@ -79,18 +86,30 @@ def register(app: typer.Typer) -> None:
             if method == "stepped":
                 responses = _stepped(opened, wanted, level_db_sl, asked)
             else:
-                responses = multisine_response(opened, wanted, level_db_sl, np.random.default_rng(seed), **asked)
+                rng = np.random.default_rng(seed)
+                exactly = frequency is not None
+                responses = multisine_response(opened, wanted, level_db_sl, rng, exactly=exactly, **asked)
         if out is not None:
             write_responses(out, responses)
-        answer(document(responses), as_json, _table(responses))
+        verdict = response_verdict(responses, made.display)
+        shown = Group(_table(responses, made.display), verdict_table(verdict))
+        answer(document(responses, made.display) | verdict.document(), as_json, shown)
         if not all(bool(np.all(one.reached)) for one in responses):
             sys.stderr.write("tactuator: the confidence was not reached everywhere in the time allowed\n")
             raise typer.Exit(1)
 
 
-def _over_the_band(made: Controller) -> Frequencies:
-    low, high = made.display.channels[0].threshold.band_hz
-    return np.geomspace(low, high, POINT_COUNT)
+def _common_band(made: Controller, channels: Sequence[str] | None) -> tuple[float, float]:
+    """Return the band that every measured channel has."""
+    bands = [one.threshold.band_hz for one in made.display.channels if not channels or one.name in channels]
+    return max(low for low, _ in bands or [(0.0, 0.0)]), min(high for _, high in bands or [(0.0, 0.45 * made.rate_hz)])
+
+
+def _over_the_band(band_hz: tuple[float, float], mains_hz: float) -> Frequencies:
+    """Return 30 frequencies over the band of our own choosing, moved off mains to the side inside the band."""
+    chosen = np.geomspace(*band_hz, POINT_COUNT)
+    moved = off_mains(chosen, mains_hz or None)
+    return np.where(moved > band_hz[1], 2.0 * chosen - moved, np.maximum(moved, band_hz[0]))
 
 
 def _stepped(rig: Rig, wanted: Frequencies, level_db_sl: float, asked: dict[str, Any]) -> tuple[Response, ...]:
@@ -112,7 +131,7 @@ def frequencies(text: str) -> Frequencies:
         raise BadInput(f"frequencies {text!r}; allowed: numbers of hertz with commas between") from None
 
 
-def document(responses: Sequence[Response]) -> dict[str, Any]:
+def document(responses: Sequence[Response], display: Display) -> dict[str, Any]:
     """Return the answer that `--json` prints."""
     return {
         "responses": [
@@ -123,6 +142,8 @@ def document(responses: Sequence[Response]) -> dict[str, Any]:
                 "method": one.method,
                 "controller_hash": one.controller_hash,
                 "frequency_hz": one.frequency_hz,
+                "sensation_level_db": one.level_db_sl + error_db(one, display),
+                "error_db": error_db(one, display),
                 "magnitude_v": one.magnitude_v,
                 "magnitude_db": one.magnitude_db,
                 "phase_rad": one.phase_rad,
@@ -139,15 +160,20 @@ def document(responses: Sequence[Response]) -> dict[str, Any]:
     }
 
 
-def _table(responses: Sequence[Response]) -> Table:
-    table = Table("channel", "Hz", "mV", "±dB", "phase °", "latency ms", "distortion dB", "limited")
+def _table(responses: Sequence[Response], display: Display) -> Table:
+    table = Table(
+        "channel", "Hz", "dB SL", "error dB", "±dB", "phase °", "latency ms", "distortion dB", "limited",
+        caption="against the level asked, the worst first",
+    )  # fmt: skip
     for one in responses:
-        for k in range(one.frequency_hz.size):
+        error = error_db(one, display)
+        for k in np.argsort(-np.abs(error), kind="stable"):
             ratio = one.distortion_v[k] / one.magnitude_v[k] if one.magnitude_v[k] > 0.0 else np.inf
             table.add_row(
                 one.channel,
                 f"{one.frequency_hz[k]:.4g}",
-                f"{1e3 * one.magnitude_v[k]:.4g}",
+                f"{one.level_db_sl + error[k]:.2f}",
+                f"{error[k]:+.2f}",
                 f"{one.confidence_db[k]:.2f}",
                 f"{np.degrees(one.phase_rad[k]):.1f}",
                 f"{1e3 * one.latency_s[k]:.2f}",

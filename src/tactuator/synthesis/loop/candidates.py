@@ -55,7 +55,7 @@ def shapes(plant: ContinuousSystem, rate_hz: float) -> Iterator[FloatArray]:
 def _simple(plant: ContinuousSystem, rate_hz: float) -> FloatArray:
     """Return integrator, PI and PID, each with and without a roll-off, and a notch on each mode."""
     fronts = [*_integrator_and_pi(rate_hz, 20), *_pid(plant, rate_hz, (1.0, 2.0), (None, 0.1))]
-    seconds = [_OFF, *_roll_offs(rate_hz, 4), *_leads(rate_hz, 4, (4.0,))]
+    seconds = [_OFF, *_roll_offs(rate_hz, 4), *_leads(rate_hz, 7, (5.0,))]
     return _combined(fronts, seconds, [_OFF, *_notches(plant, rate_hz, (1.0,), (1.0,))])
 
 

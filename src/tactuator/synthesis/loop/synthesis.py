@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
 
 import numpy as np
 
@@ -33,7 +32,7 @@ _FEASIBLE_DB = 1e-4
 _RESERVE_DB = 2e-4
 _SAME_DB = 0.02
 _RESONANCE_SHARES = (0.5, 1.0)
-_WITNESSES = 2
+_WITNESSES = 3
 _NEAREST = 3
 Found = tuple[float, SampledSystem]
 """Mean |S| in dB of the worst plant, and the controller."""
@@ -93,10 +92,15 @@ def nearest(task: Task, blocks: Sequence[FloatArray] | None = None) -> list[Floa
 
 
 def _witnesses(task: Task, blocks: Sequence[FloatArray]) -> list[tuple[FloatArray, Found]]:
-    """Return the best few candidates of the first block that holds any."""
+    """Return the best few candidates, of different shapes, of the first block that holds any."""
     for block in blocks:
         for share in _RESONANCE_SHARES:
-            found = list(islice(_assessed(task, block, task.peak(share)), _WITNESSES))
+            found: list[tuple[FloatArray, Found]] = []
+            for parameters, one in _assessed(task, block, task.peak(share)):
+                if all(not np.array_equal(parameters[1:], known[1:]) for known, _ in found):
+                    found.append((parameters, one))
+                if len(found) == _WITNESSES:
+                    break
             if found:
                 return found
     return []

@@ -1,0 +1,65 @@
+"""The felt levels of a channel at rest, by its model: hum, noise and converter steps through the loop.
+
+Sensor noise and hum n reach the fingertip as -T n, a disturbance of the command as P S d; never the sensor's own
+spectrum. Small motions stay within the distance over which friction builds up, where Dahl's friction is a spring and
+a damper beside the plant (`friction_loss.dahl_harmonic`): P/(1 + P k) in place of P.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.description import Channel, Environment
+from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.signals.decibels import db
+from tactuator.synthesis.friction_loss import dahl_harmonic
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_ROUNDS = 8
+
+
+def felt_db_sl(channel: Channel, peak_volts: Array, frequency_hz: Array) -> Array:
+    """Return the level, dB SL, of a motion that is `peak_volts` at an ideal sensor, at `frequency_hz`; shapes alike."""
+    return db(peak_volts / channel.threshold_voltage(frequency_hz))
+
+
+def beside_friction(environment: Environment, plant: Complex, amplitude_v: Array) -> Complex:
+    """Return the response P/(1 + P k) of a plant whose motion has the amplitude `amplitude_v` (volts of y, (n,)), with
+    friction beside it; `plant`: its response without friction, (n,)."""
+    if environment.friction_v == 0.0:
+        return plant
+    harmonic = dahl_harmonic(amplitude_v, environment.friction_v, environment.presliding_v)
+    size = np.maximum(amplitude_v, 1e-12 * environment.presliding_v)
+    return np.asarray(plant / (1.0 + plant * harmonic / size))
+
+
+def felt_hum_v(channel: Channel, loop: TwoDegreeLoop) -> Array:
+    """Return the fingertip's motion at every line of the channel's hum, peak volts at an ideal sensor, (lines,)."""
+    lines, hum = np.array(channel.environment.hum_hz), np.array(channel.environment.hum_v_peak)
+    if loop.feedback is None or lines.size == 0:
+        return np.zeros(lines.size)
+    controller, plant = loop.feedback.controller.response(lines), loop.feedback.plant.response(lines)
+    moved = np.abs(loop.feedback.complementary(lines)) * hum
+    for _ in range(_ROUNDS):
+        through = controller * beside_friction(channel.environment, plant, moved)
+        moved = np.abs(through / (1.0 + through)) * hum
+    return np.asarray(moved)
+
+
+def felt_noise_rms_v(channel: Channel, loop: TwoDegreeLoop, rate_hz: float, edges_hz: Array) -> Array:
+    """Return the rms of the finger's motion (volts at an ideal sensor) in bands of edges (n, 2): sensor noise and the
+    A/D's steps through T, the D/A's steps through P S. Steps make white noise of step^2 / 12."""
+    step = channel.converter.step_v**2 / 12.0
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    half = 0.5 * np.diff(edges_hz, axis=1)
+    frequency = edges_hz[:, :1] + half * (1.0 + nodes)
+    if loop.feedback is None:
+        power = np.abs(loop.plant.response(frequency)) ** 2 * step
+    else:
+        sensed = channel.environment.noise_v_rms**2 + step
+        power = np.abs(loop.feedback.complementary(frequency)) ** 2 * sensed
+        power = power + np.abs(loop.feedback.load_sensitivity(frequency)) ** 2 * step
+    return np.asarray(np.sqrt(np.sum(power * half * weights, axis=1) / (0.5 * rate_hz)))

@@ -1,0 +1,211 @@
+"""Certainty by trial: a controller on thousands of plants that the display may be.
+
+Plants are drawn from the covariance of an identified model (or, without one, from the channel's family), with every
+lightly damped root shifted in frequency, under each load in turn. Everything is done on frequency responses: loads
+act as P/(1 + P Z), the hold between samples as its own response; what aliases through the hold is left out, which is
+(f/(rate - f))^2 of a second-order motor, 0.6 % at 300 Hz and 4 kHz.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.display.controller import ChannelController, Controller
+from tactuator.display.description import Channel, Display
+from tactuator.display.load import DERIVATIVES, Load
+from tactuator.errors import BadInput
+from tactuator.signals.decibels import db
+from tactuator.synthesis.family import UNLOADED
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+QUANTILES = (0.5, 0.95, 0.99, 1.0)
+_AT_ONCE = 2000
+_LIGHT = 0.5
+_MOST = 1_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """The fate of the plants drawn for one channel under one load.
+
+    unstable: share of unstable loops. sensitivity_peak, flatness_db, felt_hum_db_sl: max|S|, greatest error of |H| over
+    the band, level of the loudest mains line, each at `QUANTILES` of the stable plants (nan where none is, or where
+    there is nothing to judge). source: "covariance", "family" or "nominal", what the plants were drawn from.
+    """
+
+    channel: str
+    load: str
+    count: int
+    source: str
+    unstable: float
+    sensitivity_peak: Array
+    flatness_db: Array
+    felt_hum_db_sl: Array
+
+    def document(self) -> dict[str, Any]:
+        """Return plain tables, as `--json` prints them."""
+        return {**vars(self), "quantiles": list(QUANTILES)}
+
+
+def monte_carlo(controller: Controller, count: int, rng: np.random.Generator, mode_shift: float = 0.02) -> list[Trials]:
+    """Return what becomes of `count` plants of every channel and load; mode_shift: relative standard deviation of the
+    frequency of each lightly damped pole and zero pair. Raises BadInput for a count or a shift that cannot be."""
+    if not 1 <= count <= _MOST:
+        raise BadInput(f"--monte-carlo is {count}; allowed: 1 to {_MOST}")
+    if not 0.0 <= mode_shift < 0.3:
+        raise BadInput(f"a shift of modes of {mode_shift:g}; allowed: 0 to 0.3")
+    display = controller.display
+    return [
+        _trials(controller.channel(channel.name), channel, display, load, count, rng, mode_shift)
+        for channel in display.channels
+        for load in (None, *channel.loads)
+    ]
+
+
+def _trials(
+    own: ChannelController,
+    channel: Channel,
+    display: Display,
+    load: Load | None,
+    count: int,
+    rng: np.random.Generator,
+    mode_shift: float,
+) -> Trials:
+    grid = _Grids(own, channel, display)
+    rows: list[tuple[NDArray[np.bool_], Array, Array, Array]] = []
+    for some in _counts(count):
+        plants, lead = _drawn(channel, some, rng, mode_shift, grid.frequency_hz)
+        rows.append(grid.figures(_loaded(plants, lead, load, channel, grid.frequency_hz)))
+    stable, peak, flat, hum = (np.concatenate(column) for column in zip(*rows, strict=True))
+    return Trials(
+        channel.name,
+        UNLOADED if load is None else load.name,
+        count,
+        "covariance" if channel.covariance else "family" if channel.family else "nominal",
+        float(1.0 - np.mean(stable)),
+        *(_quantiles(values[stable]) for values in (peak, flat, hum)),
+    )
+
+
+def _counts(count: int) -> Iterator[int]:
+    for start in range(0, count, _AT_ONCE):
+        yield min(_AT_ONCE, count - start)
+
+
+def _quantiles(values: Array) -> Array:
+    finite = values[np.isfinite(values)]
+    return np.quantile(finite, QUANTILES) if finite.size else np.full(len(QUANTILES), np.nan)
+
+
+class _Grids:
+    """One channel's controller on the frequencies of the band, the mains lines and the whole loop."""
+
+    def __init__(self, own: ChannelController, channel: Channel, display: Display) -> None:
+        rate_hz = display.rate_hz
+        low, high = channel.threshold.band_hz
+        parts = [np.geomspace(0.02 * low, low, 8), np.geomspace(low, 0.499 * rate_hz, 130)]
+        for root in np.append(channel.plant.poles, channel.plant.zeros):
+            if root.imag > 0.0 and abs(root.real) < _LIGHT * abs(root):
+                parts.append((abs(root) + 4.0 * abs(root.real) * np.linspace(-1.0, 1.0, 25)) / (2.0 * np.pi))
+        lines = np.array(channel.environment.hum_hz)
+        grid = np.unique(np.concatenate([*parts, lines]))
+        self.frequency_hz = grid[(grid > 0.0) & (grid < 0.5 * rate_hz)]
+        self._channel = channel
+        self._lines = np.searchsorted(self.frequency_hz, lines[lines < 0.5 * rate_hz])
+        self._hum = np.array(channel.environment.hum_v_peak)[lines < 0.5 * rate_hz]
+        self._band = (self.frequency_hz >= low) & (self.frequency_hz <= high)
+        feedback = own.feedback(rate_hz)
+        delay = np.exp(-2j * np.pi * self.frequency_hz * (display.delay_samples + 0.5) / rate_hz)
+        self._held = np.sinc(self.frequency_hz / rate_hz) * delay
+        self._prefilter = own.prefilter(rate_hz).response(self.frequency_hz)
+        self._feedback = None if feedback is None else feedback.response(self.frequency_hz)
+        self._integrators = 0 if feedback is None else int(np.sum(np.abs(feedback.poles - 1.0) < 1e-9))
+        self._threshold_v = channel.threshold_voltage(self.frequency_hz)
+
+    def figures(self, plants: Complex) -> tuple[NDArray[np.bool_], Array, Array, Array]:
+        """Return (stable, max|S|, flatness in dB, felt hum in dB SL) of plants (n, f), each (n,)."""
+        through = plants * self._held
+        nothing = np.full(plants.shape[0], np.nan)
+        if self._feedback is None:
+            return np.ones(plants.shape[0], dtype=bool), nothing, self._flatness(through), nothing
+        loop = through * self._feedback
+        away = 1.0 + loop
+        follow = loop / away
+        hum = nothing
+        if self._lines.size:
+            moved = np.abs(follow[:, self._lines]) * self._hum
+            hum = np.max(db(moved / self._threshold_v[self._lines]), axis=1)
+        return self._is_stable(away), np.max(1.0 / np.abs(away), axis=1), self._flatness(follow), hum
+
+    def _flatness(self, behind: Complex) -> Array:
+        position = np.abs(self._prefilter * behind)[:, self._band]
+        return np.asarray(np.max(np.abs(db(position / self._threshold_v[self._band])), axis=1))
+
+    def _is_stable(self, away: Complex) -> NDArray[np.bool_]:
+        """Tell whether 1 + L turns as often as that of a stable loop around the nominal plant (see `screening`)."""
+        poles = self._channel.plant.poles
+        at_rest = self._integrators + int(np.sum(np.abs(poles) < 1e-9))
+        outside = int(np.sum(poles.real > 1e-9))
+        turned = np.sum((np.diff(np.angle(away), axis=1) + np.pi) % (2.0 * np.pi) - np.pi, axis=1)
+        return np.asarray(np.abs(turned - np.pi * (0.5 * at_rest + outside)) < 0.6 * np.pi)
+
+
+def _drawn(
+    channel: Channel, count: int, rng: np.random.Generator, mode_shift: float, frequency_hz: Array
+) -> tuple[Complex, Array]:
+    """Return responses (count, f) of plants drawn from what is known of the channel, with shifted modes, and their
+    leading coefficients (count, 1), in which loads are told."""
+    s: Complex = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
+    if channel.covariance:
+        made, lead = _from_covariance(channel, count, rng, s)
+    else:
+        plants = (channel.plant, *channel.family)
+        which = rng.integers(len(plants), size=count)
+        made = np.array([plant.response(frequency_hz) for plant in plants])[which]
+        lead = np.array([plant.gain for plant in plants])[which, None]
+    for roots, sign in ((channel.plant.poles, -1), (channel.plant.zeros, 1)):
+        for root in roots[(roots.imag > 0.0) & (np.abs(roots.real) < _LIGHT * np.abs(roots))]:
+            own, damping = abs(root), -root.real / abs(root)
+            moved = own * np.exp(mode_shift * rng.standard_normal((count, 1)))
+            # of unit gain far below the mode, so that a shift does not change the plant at rest
+            factor = (s**2 / moved**2 + 2.0 * damping * s / moved + 1.0) / (
+                s**2 / own**2 + 2.0 * damping * s / own + 1.0
+            )
+            made = made * factor**sign
+    return np.asarray(made, dtype=np.complex128), lead
+
+
+def _from_covariance(channel: Channel, count: int, rng: np.random.Generator, s: Complex) -> tuple[Complex, Array]:
+    num, den = channel.plant.polynomials()
+    theta = np.concatenate([num, den[1:], [channel.plant.delay_s]])
+    covariance = np.array(channel.covariance)
+    size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    unit = np.where(size > 0.0, size, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    spread = vectors * np.sqrt(np.maximum(values, 0.0))
+    drawn = theta + (rng.standard_normal((count, theta.size)) @ spread.T) * unit
+    above, below = np.zeros((count, s.size), dtype=np.complex128), np.ones((count, s.size), dtype=np.complex128)
+    for column in range(num.size):
+        above = above * s + drawn[:, column, None]
+    for column in range(num.size, theta.size - 1):
+        below = below * s + drawn[:, column, None]
+    late = np.exp(-s * np.maximum(drawn[:, -1:], 0.0))
+    return np.asarray(above / below * late, dtype=np.complex128), drawn[:, :1]
+
+
+def _loaded(plants: Complex, lead: Array, load: Load | None, channel: Channel, frequency_hz: Array) -> Complex:
+    """Return P/(1 + P0 Z) with P0 the displacement without dead time (see `Load`)."""
+    if load is None:
+        return plants
+    s = 2j * np.pi * frequency_hz
+    late = np.exp(-s * channel.plant.delay_s)
+    impedance = load.mass * s**2 + load.damping * s + load.stiffness
+    moved = plants / late / s ** DERIVATIVES[channel.quantity]
+    return np.asarray(plants / (1.0 + moved * impedance / lead))

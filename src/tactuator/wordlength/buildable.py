@@ -1,0 +1,35 @@
+"""A board takes a controller, or refuses it: the rules that `build` holds, as a finding of the verdict."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactuator.display.controller import Controller
+from tactuator.display.verdict import Finding, Outcome
+from tactuator.errors import BadInput
+from tactuator.runtime.image import CHANNELS_MAX, FORMATS, build_image
+from tactuator.wordlength.assessment import ERROR_MAX_DB, FormatReport, require_safe
+
+_ALL = "all"
+NO_HASH = "0" * 64
+
+
+def built(controller: Controller, number_format: str, controller_hash: str) -> tuple[bytes, FormatReport]:
+    """Return the image of a controller in a number format that is safe for it, and what the format does to it.
+
+    Raises BadInput, with the reason, where a board would refuse it or the format is not safe.
+    """
+    report = require_safe(controller, number_format)
+    return build_image(controller, number_format, controller_hash), report
+
+
+def buildable(controller: Controller) -> Finding:
+    """Return the finding that a board takes the controller in float32, the format that `build` writes unless told."""
+    try:
+        with np.errstate(all="ignore"):  # a figure that float32 does not hold ends as a refusal, not as a warning
+            _, report = built(controller, FORMATS[0], NO_HASH)
+    except BadInput as error:
+        return Finding("build", _ALL, "", Outcome.NOT_MET, "no image", remark=str(error))
+    error_db = report.response_error_db
+    remark = f"in {FORMATS[0]}; a board takes up to {CHANNELS_MAX} channels"
+    return Finding("build", _ALL, "", Outcome.MET, "error of |H|", error_db, ERROR_MAX_DB, "dB", remark=remark)

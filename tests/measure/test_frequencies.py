@@ -1,0 +1,67 @@
+"""A frequency is played within 2 % of what was asked and inside the band, or refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.measure.frequencies import TOLERANCE, multisine_lines, tones
+
+RATE_HZ = 4000.0
+
+
+def asked(rng: np.random.Generator) -> tuple[np.ndarray, tuple[float, float], float | None]:
+    """A random list, band and mains; most lists lie inside the band."""
+    low, high = float(rng.uniform(0.3, 40.0)), float(rng.uniform(60.0, 500.0))
+    count = int(rng.integers(1, 12))
+    slack = 1.2 if rng.random() < 0.2 else 1.0
+    frequency = np.exp(rng.uniform(np.log(low / slack), np.log(high * slack), count))
+    rounded = np.round(frequency, int(rng.integers(0, 3)))
+    mains = [60.0, 50.0, None][int(rng.integers(3))]
+    return np.where(rounded > 0.0, rounded, frequency), (low, high), mains
+
+
+def as_asked(played: np.ndarray, frequency: np.ndarray, band: tuple[float, float], mains: float | None) -> bool:
+    near = np.min(np.abs(played[:, None] / frequency - 1.0), axis=0)
+    inside = (played >= band[0] * (1.0 - 1e-9)) & (played <= band[1] * (1.0 + 1e-9))
+    off = True
+    if mains is not None:
+        line = mains * np.maximum(np.round(played / mains), 1.0)
+        off = bool(np.all(np.abs(played - line) >= 2.0 - 1e-6))
+    return bool(np.all(near <= TOLERANCE + 1e-12) and np.all(inside) and off)
+
+
+@pytest.mark.parametrize("method", ["stepped", "multisine"])
+def test_frequencies__1000_random_lists_and_bands__as_asked_or_refused(method: str) -> None:
+    rng = np.random.default_rng(8)
+    played = refused = 0
+    for _ in range(1000):
+        frequency, band, mains = asked(rng)
+        try:
+            if method == "stepped":
+                found = tones(frequency, mains, band)
+            else:
+                period, bins = multisine_lines(frequency, RATE_HZ, 20.0, mains, band)
+                found = bins * RATE_HZ / period
+                assert found.size == frequency.size
+        except BadInput:
+            refused += 1
+            continue
+        assert as_asked(found, frequency, band, mains), (frequency, band, mains, found)
+        played += 1
+    assert played > 300
+    assert refused > 100
+
+
+def test_multisine__20_25_30_hz__played_as_asked() -> None:
+    """They used to be played as 20, 100 and 140 Hz, without a word."""
+    period, bins = multisine_lines([20.0, 25.0, 30.0], RATE_HZ, 20.0, 60.0, (0.4, 300.0))
+    assert bins * RATE_HZ / period == pytest.approx([20.0, 25.0, 30.0], rel=TOLERANCE)
+
+
+def test_tones__beside_mains__refused_with_what_is_allowed() -> None:
+    with pytest.raises(BadInput, match=r"60 Hz lies beside 60 Hz of mains.*allowed: 58 Hz or 62 Hz"):
+        tones([60.0], 60.0, (0.4, 300.0))
+    assert tones([120.0, 300.0], 60.0, (0.4, 300.0)).tolist() == [122.0, 298.0]
+    assert tones([60.0], None, (0.4, 300.0)).tolist() == [60.0]
