@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.files.columns import Columns, read_columns
 from tactuator.signals.frequency_response import FrequencyResponse
 
-Array = NDArray[np.float64]
 FREQUENCY_NAMES = ("frequency_hz", "frequency", "freq_hz", "freq", "f_hz", "hz", "f")
 MAGNITUDE_NAMES = ("magnitude", "gain", "amplitude", "abs", "mag", "magnitude_v")
 LEVEL_NAMES = ("magnitude_db", "gain_db", "level_db", "mag_db", "db", "amplitude_db")
@@ -68,11 +67,11 @@ def _assembled(path: Path, columns: Columns) -> FrequencyResponse:
     return FrequencyResponse(picked[0], picked[1], turned, picked[2], about, tuple(remarks))
 
 
-def _first(columns: dict[str, Array], names: tuple[str, ...]) -> Array | None:
+def _first(columns: dict[str, FloatArray], names: tuple[str, ...]) -> FloatArray | None:
     return next((columns[name] for name in names if name in columns), None)
 
 
-def _deviation(columns: dict[str, Array], count: int) -> tuple[Array, str]:
+def _deviation(columns: dict[str, FloatArray], count: int) -> tuple[FloatArray, str]:
     """Return the relative standard error, by a confidence in decibels (95 %) or by the coherence of one average."""
     if "confidence_db" in columns:
         return np.maximum((10.0 ** (columns["confidence_db"] / 20.0) - 1.0) / 1.96, 1e-5), ""

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,10 +19,10 @@ class FrequencyResponse:
     standard error of the magnitude; all (m,). about: where it comes from. remarks: what had to be assumed.
     """
 
-    frequency_hz: Array
-    magnitude: Array
-    phase_rad: Array | None
-    deviation: Array
+    frequency_hz: FloatArray
+    magnitude: FloatArray
+    phase_rad: FloatArray | None
+    deviation: FloatArray
     about: dict[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
@@ -41,7 +40,7 @@ class FrequencyResponse:
         return np.asarray(self.magnitude * np.exp(1j * phase))
 
 
-def minimum_phase(frequency_hz: Array, magnitude: Array) -> Array:
+def minimum_phase(frequency_hz: FloatArray, magnitude: FloatArray) -> FloatArray:
     """Return the phase, radians, of the stable response with that magnitude and the least phase, (m,).
 
     Bode's relation: 1/pi times the integral of the slope d log|G| / d log f, weighted by log coth |u/2|, u the distance
