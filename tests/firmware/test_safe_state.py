@@ -102,11 +102,10 @@ def running(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     more += ("-d", "unimp", "-D", str(folder / "log"))
     uart = EmulatorUart(request.param, COUNTING, more)
     client = LinkClient(uart, 20.0)
-    try:
-        debugger = Debugger(folder / "gdb", request.param)
-        yield Board(request.param, uart, client, debugger, folder / "log")
-    finally:
-        client.close()
+    debugger = Debugger(folder / "gdb", request.param)
+    yield Board(request.param, uart, client, debugger, folder / "log")
+    debugger.close()
+    client.close()
 
 
 def start(client: LinkClient, rig: BoardRig) -> None:
