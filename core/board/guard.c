@@ -9,7 +9,6 @@ extern inline float tact_section_awake(float b0, float b1, float b2, float a1, f
 extern inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *state, int32_t code,
                                      float motor_v, uint32_t tick, int *violated);
 extern inline float tact_guard_weigh(const tact_guard_table *table, tact_section_state *state, float y);
-extern inline int tact_guard_stray(const tact_guard_table *table, tact_guard_state *state, int32_t code);
 extern inline uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick);
 
 static tact_float_pair pair(float first, float second)
@@ -30,12 +29,6 @@ void tact_guard_make(tact_guard_table *table, const tact_safety_channel *safety,
     table->resting = pair(safety->stop_lead, safety->stop_max_v);
     table->differing = pair(safety->disagreement_v, safety->comfort_max);
     table->reversing = pair(share * power, power);
-    table->jumping = pair(ticks / step_v, safety->jump_v / step_v);
-    table->pushing = pair(ticks * 2.0f * safety->drive, ticks * safety->damp);
-    table->holding = pair(ticks * safety->spring, ticks);
-    table->balancing = pair(ticks * (safety->correct_w + safety->damp * safety->correct_x), ticks * safety->spring);
-    table->still_codes = safety->still_codes;
-    table->stray_max_v = safety->stray_max_v;
     table->reversed_share = share;
     for (int i = 0; i < TACT_WEIGHTING_COUNT; i++) {
         const tact_section *from = &safety->weighting[i];
@@ -48,20 +41,12 @@ void tact_guard_make(tact_guard_table *table, const tact_safety_channel *safety,
 
 void tact_guard_reset(tact_guard_state *state, uint32_t tick)
 {
-    state->model = state->means = state->strayed = pair(0.0f, 0.0f);
-    state->balance = state->beyond = state->kink = 0.0f;
-    tact_guard_begin(state);
+    state->model = state->means = pair(0.0f, 0.0f);
     state->motor_before_v = state->place = state->apart = 0.0f;
     state->last_code = state->compared_code = state->violated = 0;
     state->changed_tick = tick;
     for (int i = 0; i < TACT_WEIGHTING_COUNT; i++)
         state->weighting[i].s1 = state->weighting[i].s2 = 0.0f;
-}
-
-void tact_guard_begin(tact_guard_state *state)
-{
-    state->lowest = INT32_MIN / 2; /* the next reading is beyond what stands still */
-    state->highest = INT32_MAX / 2;
 }
 
 static uint32_t stuck(const tact_guard_state *state)
@@ -99,8 +84,8 @@ static void settle(tact_section_state *state)
         state[i].s1 = state[i].s2 = 0.0f;
 }
 
-uint32_t tact_guard_confirm(const tact_guard_table *table, tact_guard_state *state, float felt, uint32_t same_ticks,
-                            int strays)
+uint32_t tact_guard_confirm(const tact_guard_table *table, tact_guard_state *state, float felt,
+                                uint32_t same_ticks)
 {
     uint32_t faults = 0;
     if (state->last_code == 0)
@@ -110,10 +95,6 @@ uint32_t tact_guard_confirm(const tact_guard_table *table, tact_guard_state *sta
     if (state->means.second > table->reversing.second &&
         state->means.first < table->reversed_share * state->means.second)
         faults |= 1u << TACT_FAULT_SENSOR_REVERSED;
-    if (strays)
-        faults |= 1u << TACT_FAULT_SENSOR_STUCK;
-    if (!(__builtin_fabsf(state->kink) <= table->jumping.second))
-        faults |= 1u << TACT_FAULT_SENSOR_JUMPS;
     if (same_ticks >= table->frozen_ticks)
         faults |= stuck(state);
     return faults;

@@ -14,11 +14,8 @@
  *
  * What needs no answer within the tick is looked at by tact_guard_compare(), for some of the channels each tick, in
  * turn: the felt reference, at a rate of at least four times the band's end (faster, no motor reaches comfort); a
- * reading that stays the same for frozen_ticks (frozen; at zero: shorted); a reversed sensor on a loop that does not run
- * away, from the sign of the motion: mean of w dy against the mean of w^2, over some 30 ms; a reading that jumps, more
- * than any force makes it; and one that stands still, but for noise, while the command asks for motion (stuck). Under a
- * steady finger a reading stands still as well, and the loop's integrator holds the finger's force: so it is motion by
- * the command's change since then that counts.
+ * reading that stays the same for frozen_ticks (frozen; at zero: shorted); and a reversed sensor on a loop that does
+ * not run away, from the sign of the motion: mean of w dy against the mean of w^2, over some 30 ms.
  *
  * The compiler's own __builtin_fabsf is one instruction, and no call.
  *
@@ -46,8 +43,6 @@ typedef enum {
     TACT_FAULT_SENSOR_FROZEN,
     TACT_FAULT_SENSOR_REVERSED,
     TACT_FAULT_SENSOR_DISAGREES,
-    TACT_FAULT_SENSOR_STUCK,
-    TACT_FAULT_SENSOR_JUMPS,
     TACT_FAULT_NOT_A_NUMBER,
     TACT_FAULT_LATE,
     TACT_FAULT_SILENCE,
@@ -63,29 +58,19 @@ typedef struct {
     tact_float_pair differing;  /* disagreement_v | comfort_max */
     tact_float_pair reversing;  /* agreement below which the power is looked at | least power */
     float weighting[5 * TACT_WEIGHTING_COUNT];
-    tact_float_pair jumping;  /* codes between two turns for a unit of w | most that their excess changes by */
-    tact_float_pair pushing;  /* of the motion that is asked for, in a turn: per volt of the motor | per its velocity */
-    tact_float_pair holding;  /* per its place | ticks of a turn */
-    tact_float_pair balancing; /* at its beginning: per volt of nu | per volt of x */
-    float reversed_share;     /* agreement in the power of a reversed sensor */
+    float reversed_share; /* agreement in the power of a reversed sensor */
     uint32_t frozen_ticks;
-    int32_t still_codes;      /* a reading within so many codes stands still */
-    float stray_max_v;        /* most that it may come to, volts of y */
 } tact_guard_table;
 
 typedef struct {
     tact_float_pair model; /* x | w: position and velocity */
     tact_float_pair means; /* agreement | power: w dy in volts and codes, w^2; sums, each term fading over some 40 turns */
-    tact_float_pair strayed; /* what was asked for while the reading stood still: place | velocity */
     tact_section_state weighting[TACT_WEIGHTING_COUNT];
     float motor_before_v;             /* in the period before this one */
     float place, apart;               /* of the last violation: predicted place of rest, and |nu|, by size */
     int32_t violated;                 /* a limit is, and nobody has seen to it */
     int32_t last_code, compared_code; /* of the last tick, and of the last comparison */
     uint32_t changed_tick;            /* since when the reading is last_code */
-    int32_t lowest, highest;          /* of the reading since it stands still */
-    float balance;                    /* of the forces when that began */
-    float beyond, kink;               /* codes between two turns that the model does not explain; their change */
 } tact_guard_state;
 
 /* The table of a channel that is compared every `turns` ticks. */
@@ -94,15 +79,12 @@ void tact_guard_make(tact_guard_table *table, const tact_safety_channel *safety,
 /* At rest at zero. tick: any count of ticks, here and below the same. */
 void tact_guard_reset(tact_guard_state *state, uint32_t tick);
 
-/* A run begins: what moved before says nothing of a sensor that stands still. */
-void tact_guard_begin(tact_guard_state *state);
-
 /* 1 << fault for each fault that the last reading shows; when tact_guard_sense() found a limit violated. */
 uint32_t tact_guard_name(const tact_safety_channel *safety, const tact_guard_state *state, uint32_t tick);
 
 /* What tact_guard_compare() suspects, told: 1 << fault for each fault found. Weighting at rest where all is quiet. */
-uint32_t tact_guard_confirm(const tact_guard_table *table, tact_guard_state *state, float felt, uint32_t same_ticks,
-                            int strays);
+uint32_t tact_guard_confirm(const tact_guard_table *table, tact_guard_state *state, float felt,
+                                uint32_t same_ticks);
 
 /* tact_section_step() of a section whose input is not silent: nothing comes to rest. */
 inline float tact_section_awake(float b0, float b1, float b2, float a1, float a2, tact_section_state *state, float x)
@@ -155,32 +137,6 @@ inline float tact_guard_weigh(const tact_guard_table *table, tact_section_state 
     return tact_section_awake(a2b0.second, b1b2.first, b1b2.second, a1a2.first, a1a2.second, &state[1], value);
 }
 
-/* How far the motor would have come if the reading, which stands still, were a lie: by the plant alone, from the
- * balance of forces in which the reading came to stand still. Gives 1 where that is too far. */
-inline int tact_guard_stray(const tact_guard_table *table, tact_guard_state *state, int32_t code)
-{
-    const int32_t lowest = code < state->lowest ? code : state->lowest;
-    const int32_t highest = code > state->highest ? code : state->highest;
-    if (highest - lowest > table->still_codes) {
-        const tact_float_pair balancing = tact_float_pair_get(&table->balancing);
-        const float x = state->model.first, nu = (float)code * table->reading.first - x;
-        state->lowest = state->highest = code;
-        state->balance = balancing.first * nu - balancing.second * x;
-        state->strayed.first = state->strayed.second = 0.0f;
-        return 0;
-    }
-    const tact_float_pair pushing = tact_float_pair_get(&table->pushing), holding = tact_float_pair_get(&table->holding);
-    const tact_float_pair strayed = tact_float_pair_get(&state->strayed);
-    const float velocity = strayed.second + ((pushing.first * state->motor_before_v + state->balance) -
-                                             (pushing.second * strayed.second + holding.first * strayed.first));
-    const float place = strayed.first + holding.second * velocity;
-    state->lowest = lowest;
-    state->highest = highest;
-    state->strayed.first = place;
-    state->strayed.second = velocity;
-    return !(__builtin_fabsf(place) <= table->stray_max_v);
-}
-
 /* The slow part, for a channel whose turn it is, every so many ticks: 1 << fault for each fault found. */
 inline uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick)
 {
@@ -193,17 +149,12 @@ inline uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_sta
     state->means.first = agreement;
     state->means.second = TACT_GUARD_KEPT * means.second + w * w;
     state->compared_code = code;
-    const tact_float_pair jumping = tact_float_pair_get(&table->jumping);
-    const float beyond = moved - jumping.first * w, kink = beyond - state->beyond;
-    state->beyond = beyond;
-    state->kink = kink;
-    const int strays = tact_guard_stray(table, state, code);
     const int is_quiet = code == 0 && __builtin_fabsf(state->weighting[0].s1) < TACT_TINY;
     /* A reversed sensor agrees less than the least power would ask for, and more power asks for less still. */
-    if (!is_quiet && !strays && __builtin_fabsf(kink) <= jumping.second && __builtin_fabsf(felt) <= table->differing.second && !(agreement < table->reversing.first) &&
+    if (!is_quiet && __builtin_fabsf(felt) <= table->differing.second && !(agreement < table->reversing.first) &&
         same_ticks < table->frozen_ticks)
         return 0;
-    return tact_guard_confirm(table, state, felt, same_ticks, strays);
+    return tact_guard_confirm(table, state, felt, same_ticks);
 }
 
 #endif

@@ -32,11 +32,9 @@ class Fault(IntEnum):
     SENSOR_FROZEN = 5
     SENSOR_REVERSED = 6
     SENSOR_DISAGREES = 7
-    SENSOR_STUCK = 8
-    SENSOR_JUMPS = 9
-    NOT_A_NUMBER = 10
-    LATE = 11
-    SILENCE = 12
+    NOT_A_NUMBER = 8
+    LATE = 9
+    SILENCE = 10
 
     @property
     def words(self) -> str:
@@ -75,15 +73,6 @@ class Observer:
     correct_w: float
 
 
-@dataclass(frozen=True)
-class Standstill:
-    """When a reading that stands still, within so many codes, is taken for stuck: once the command since then should
-    have moved the motor by stray_max_v (volts of y)."""
-
-    codes: int
-    stray_max_v: float
-
-
 @dataclass(frozen=True, eq=False)
 class ChannelSafety:
     """Limits, weighting and plant of one channel; units as in core/board/safety.h. weighting_sos: (2, 6)."""
@@ -99,17 +88,13 @@ class ChannelSafety:
     disagreement_v: float
     reversal_power: float
     observer: Observer
-    standstill: Standstill
-    jump_v: float
-    travel_max: float
     weighting_sos: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class SafetyTable:
     """Of a whole board. lateness_max: share of a period, up to 1; the ramps in ticks; each channel is compared
-    (and weighed) every `turns` ticks; travel_share: of the reference into its slow part, a tick; lock_ticks: how long a
-    sensor or travel fault keeps from a clear; lock_faults: how many of them keep from another run."""
+    (and weighed) every `turns` ticks."""
 
     rate_hz: float
     delay_samples: int
@@ -120,9 +105,6 @@ class SafetyTable:
     ramp_ticks: int
     quick_ticks: int
     turns: int
-    travel_share: float
-    lock_ticks: int
-    lock_faults: int
     channels: tuple[ChannelSafety, ...]
 
 
@@ -133,7 +115,7 @@ def safety_bytes(table: SafetyTable) -> bytes:
     if not 1 <= table.delay_samples <= lib.TACT_BOARD_DELAY_MAX:
         raise BadInput(f"delay_samples is {table.delay_samples}; allowed on a board: 1 to {lib.TACT_BOARD_DELAY_MAX}")
     body = struct.pack(
-        "<fiiiiiiifii",
+        "<fiiiiiii",
         table.rate_hz,
         max(1, min(255, round(256.0 * table.lateness_max))),
         table.silence_ticks,
@@ -142,11 +124,8 @@ def safety_bytes(table: SafetyTable) -> bytes:
         table.ramp_ticks,
         table.quick_ticks,
         table.turns,
-        table.travel_share,
-        table.lock_ticks,
-        table.lock_faults,
     ) + b"".join(_channel_bytes(channel) for channel in table.channels)
-    head = struct.pack("<4sHBBI", b"TACS", 2, len(table.channels), table.delay_samples, 12 + len(body) + 4)
+    head = struct.pack("<4sHBBI", b"TACS", 1, len(table.channels), table.delay_samples, 12 + len(body) + 4)
     content = sealed(head + body)
     refusal = check_safety(content, len(table.channels))
     if refusal is not SafetyRefusal.GOOD:
@@ -161,7 +140,7 @@ def check_safety(content: bytes, channels_max: int) -> SafetyRefusal:
 
 
 def _channel_bytes(channel: ChannelSafety) -> bytes:
-    converter, observer, still = channel.converter, channel.observer, channel.standstill
+    converter, observer = channel.converter, channel.observer
     if np.shape(channel.weighting_sos)[0] != lib.TACT_WEIGHTING_COUNT:
         raise BadInput(f"weighting has {len(channel.weighting_sos)} sections; allowed: {lib.TACT_WEIGHTING_COUNT}")
     sections = delta_coefficients_single(channel.weighting_sos, lib.TACT_WEIGHTING_COUNT, "weighting")
@@ -182,13 +161,6 @@ def _channel_bytes(channel: ChannelSafety) -> bytes:
             observer.spring,
             observer.correct_x,
             observer.correct_w,
-        )
-        + struct.pack(
-            "<ifff",
-            still.codes,
-            still.stray_max_v,
-            channel.jump_v,
-            channel.travel_max,
         )
         + sections.astype("<f4").tobytes()
     )

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from tactuator.display.description import Channel, Display
-from tactuator.runtime.safety_table import NEVER, NEVER_TICKS, ChannelSafety, Observer, SafetyTable, Standstill
+from tactuator.runtime.safety_table import NEVER, NEVER_TICKS, ChannelSafety, Observer, SafetyTable
 from tactuator.signals.decibels import from_db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.synthesis.prefilter.felt_weighting import weighting_sections
@@ -27,16 +27,6 @@ STOP_SHARE, OPEN_SHARE, DISAGREEMENT_SHARE = 0.85, 1.15, 0.14
 REVERSAL_NOISES = 200.0
 """A finger that presses moves the sensor against the motor, too: at 8 a tenth of a volt's worth of it was taken for a
 reversed sensor."""
-STILL_CODES, STRAY_SHARE = 8, 0.12
-"""A sensor that is stuck within four codes of noise is told once the command should have moved the motor by 12 % of its
-travel: three times what presses of a finger bring about (docs/safety.md)."""
-JUMP_SHARE = 0.012
-"""Of the travel, 30 mV here: no force that a finger has changes the motion between two turns by as much."""
-TRAVEL_HZ, TRAVEL_SHARE = 8.0, 0.6
-"""A sinusoid within the reference's limit takes no more of the travel; above some 9 Hz comfort is the lower limit."""
-TRAVEL_NEVER = 1e5
-"""Threshold units: no slow part is limited."""
-LOCK_S, LOCK_FAULTS = 1.0, 3
 _NOWHERE = Observer(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -51,9 +41,8 @@ def safety_table(display: Display) -> SafetyTable:
     ticks = (round(duration * rate) for duration in (SILENCE_S, SOFT_START_S, FADE_S, RAMP_S, QUICK_S))
     silence, soft_start, fade, ramp, quick = ticks
     return SafetyTable(
-        rate, display.delay_samples, LATENESS_MAX, silence, soft_start, fade, ramp, quick, turns(display),
-        travel_share(rate), round(LOCK_S * rate), LOCK_FAULTS, channels,
-    )  # fmt: skip
+        rate, display.delay_samples, LATENESS_MAX, silence, soft_start, fade, ramp, quick, turns(display), channels
+    )
 
 
 def soft_ticks(rate_hz: float) -> int:
@@ -69,27 +58,6 @@ def turns(display: Display) -> int:
     """
     highest_hz = max(channel.threshold.band_hz[1] for channel in display.channels)
     return max(1, min(len(display.channels), int(display.rate_hz / (4.0 * highest_hz))))
-
-
-def travel_share(rate_hz: float) -> float:
-    """Of the reference, into its slow part, a tick: a first-order low pass at TRAVEL_HZ."""
-    return -math.expm1(-2.0 * math.pi * TRAVEL_HZ / rate_hz)
-
-
-def travel_max(channel: Channel, reference_max: float) -> float:
-    """Most that the reference's slow part may come to, in threshold units, so that no sinusoid within the limits takes
-    more than TRAVEL_SHARE of the channel's travel; TRAVEL_NEVER where comfort sees to that."""
-    frequency_hz = np.geomspace(*channel.threshold.band_hz, 400)
-    displacement_mm = channel.threshold_voltage(frequency_hz) / channel.sensor_gain_v_per_mm
-    allowed = TRAVEL_SHARE * channel.travel_mm / displacement_mm
-    limited = allowed < reference_max
-    slow = allowed / np.hypot(1.0, frequency_hz / TRAVEL_HZ)
-    return float(np.min(slow[limited], initial=TRAVEL_NEVER))
-
-
-def standstill(channel: Channel) -> Standstill:
-    """The limits for a sensor that is stuck; they are not reached without a model of the plant."""
-    return Standstill(STILL_CODES, STRAY_SHARE * channel.travel_mm * channel.sensor_gain_v_per_mm)
 
 
 def is_watched(channel: Channel) -> bool:
@@ -147,7 +115,6 @@ def _channel(display: Display, channel: Channel) -> ChannelSafety:
     code_max = 2 ** (converter.bits - 1) - 1
     comfort = float(from_db(display.objectives.comfort_db_sl))
     watched = is_watched(channel)
-    reference_max = comfort / float(from_db(LIFTED_DB))
     model, lost = observer(channel, rate) if watched else (_NOWHERE, 1.0)
     return ChannelSafety(
         converter=converter,
@@ -158,13 +125,10 @@ def _channel(display: Display, channel: Channel) -> ChannelSafety:
         stop_max_v=STOP_SHARE * travel_v if watched else code_max * converter.step_v,
         stop_lead=1.0 / lost if watched else 0.0,
         command_max_v=converter.range_v,
-        reference_max=reference_max,
+        reference_max=comfort / float(from_db(LIFTED_DB)),
         comfort_max=comfort * float(from_db(COMFORT_TOLERANCE_DB)),
         disagreement_v=DISAGREEMENT_SHARE * travel_v if watched else NEVER,
         reversal_power=reversal_power(channel, rate / turns(display)) if watched else NEVER,
         observer=model,
-        standstill=standstill(channel),
-        jump_v=JUMP_SHARE * travel_v if watched else NEVER,
-        travel_max=travel_max(channel, reference_max),
         weighting_sos=weighting_sections(channel, rate / turns(display)),
     )

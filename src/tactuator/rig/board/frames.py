@@ -24,7 +24,6 @@ class Request(IntEnum):
     STOP = 0x12
     OFF = 0x13
     CLEAR = 0x14
-    ACKNOWLEDGE = 0x15
     STREAM = 0x20
     STIMULUS = 0x21
     TRACE = 0x22
@@ -45,7 +44,6 @@ class Outcome(IntEnum):
     REFUSED = 5
     OTHER_RUN = 6
     NOT_HERE = 7
-    LOCKED = 8
 
 
 @dataclass(frozen=True)

@@ -208,7 +208,6 @@ def _play_broken(rig: BoardRig) -> Played:
     finally:
         finger.break_sensor("sound")
         rig.off()
-        rig.acknowledge()
     return traces, "", 0
 
 
