@@ -1,12 +1,14 @@
 """`tactuator wordlength`, as a user runs it; and controller files that are none, for every verb of the processor."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from tactuator.cli import main
 from tactuator.display.controller import Limits
+from tactuator.files.controller import read_controller, write_controller
 from tactuator.wordlength.formats import FORMATS
 from tests.cli.controller_files import paper_file, spoilt, unstable
 from tests.cli.refusals import refused
@@ -68,6 +70,9 @@ def test_wordlength__nothing_that_loads_is_safe__status_1(made: str, capsys: pyt
 def test_wordlength__what_q31_cannot_hold__is_told_beside_the_others(
     made: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    narrow = read_controller(made)
+    channels = tuple(replace(one, converter=replace(one.converter, range_v=20.0)) for one in narrow.display.channels)
+    write_controller(made, replace(narrow, display=replace(narrow.display, channels=channels)))
     assert main(["wordlength", spoilt(made, limits=Limits(20.0, 2.0))]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "recommended: float32" in shown

@@ -6,17 +6,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.description import Display
 from tactuator.display.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.signals.decibels import db
 from tactuator.signals.response import Response
 
-Array = NDArray[np.float64]
 
-
-def error_db(response: Response, display: Display) -> Array:
+def error_db(response: Response, display: Display) -> FloatArray:
     """Return the sensation level measured less the level asked, dB, (m,)."""
     threshold_v = display.channel(response.channel).threshold_voltage(response.frequency_hz)
     return db(response.magnitude_v / (response.reference * threshold_v))

@@ -6,12 +6,12 @@ What the sensor shows at a multiple of mains is not what the finger feels, so th
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.signals.multisine import Bins, place_lines
 
-Array = NDArray[np.float64]
 Band = tuple[float, float]
 
 TOLERANCE = 0.02
@@ -20,7 +20,7 @@ _KEEP_OFF_HZ = 2.0
 _DENSEST = 201
 
 
-def tones(frequency_hz: ArrayLike, mains_hz: float | None, band_hz: Band) -> Array:
+def tones(frequency_hz: ArrayLike, mains_hz: float | None, band_hz: Band) -> FloatArray:
     """Return the frequencies to play, ascending, each once, hertz: those asked, or the nearest 2 Hz off mains.
 
     Raises BadInput, naming the first, for a frequency outside band_hz, or one for which nothing within 2 % is inside

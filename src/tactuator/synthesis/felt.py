@@ -10,23 +10,23 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.description import Channel, Environment
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.signals.decibels import db
 from tactuator.synthesis.friction_loss import dahl_harmonic
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 _ROUNDS = 8
 
 
-def felt_db_sl(channel: Channel, peak_volts: Array, frequency_hz: Array) -> Array:
+def felt_db_sl(channel: Channel, peak_volts: FloatArray, frequency_hz: FloatArray) -> FloatArray:
     """Return the level, dB SL, of a motion that is `peak_volts` at an ideal sensor, at `frequency_hz`; shapes alike."""
     return db(peak_volts / channel.threshold_voltage(frequency_hz))
 
 
-def beside_friction(environment: Environment, plant: Complex, amplitude_v: Array) -> Complex:
+def beside_friction(environment: Environment, plant: Complex, amplitude_v: FloatArray) -> Complex:
     """Return the response P/(1 + P k) of a plant whose motion has the amplitude `amplitude_v` (volts of y, (n,)), with
     friction beside it; `plant`: its response without friction, (n,)."""
     if environment.friction_v == 0.0:
@@ -36,7 +36,7 @@ def beside_friction(environment: Environment, plant: Complex, amplitude_v: Array
     return np.asarray(plant / (1.0 + plant * harmonic / size))
 
 
-def felt_hum_v(channel: Channel, loop: TwoDegreeLoop) -> Array:
+def felt_hum_v(channel: Channel, loop: TwoDegreeLoop) -> FloatArray:
     """Return the fingertip's motion at every line of the channel's hum, peak volts at an ideal sensor, (lines,)."""
     lines, hum = np.array(channel.environment.hum_hz), np.array(channel.environment.hum_v_peak)
     if loop.feedback is None or lines.size == 0:
@@ -49,7 +49,7 @@ def felt_hum_v(channel: Channel, loop: TwoDegreeLoop) -> Array:
     return np.asarray(moved)
 
 
-def felt_noise_rms_v(channel: Channel, loop: TwoDegreeLoop, rate_hz: float, edges_hz: Array) -> Array:
+def felt_noise_rms_v(channel: Channel, loop: TwoDegreeLoop, rate_hz: float, edges_hz: FloatArray) -> FloatArray:
     """Return the rms of the finger's motion (volts at an ideal sensor) in bands of edges (n, 2): sensor noise and the
     A/D's steps through T, the D/A's steps through P S. Steps make white noise of step^2 / 12."""
     step = channel.converter.step_v**2 / 12.0

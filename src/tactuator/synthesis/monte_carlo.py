@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.controller import ChannelController, Controller
 from tactuator.display.description import Channel, Display
 from tactuator.display.load import DERIVATIVES, Load
@@ -22,7 +23,6 @@ from tactuator.errors import BadInput
 from tactuator.signals.decibels import db
 from tactuator.synthesis.family import UNLOADED
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 QUANTILES = (0.5, 0.95, 0.99, 1.0)
@@ -45,9 +45,9 @@ class Trials:
     count: int
     source: str
     unstable: float
-    sensitivity_peak: Array
-    flatness_db: Array
-    felt_hum_db_sl: Array
+    sensitivity_peak: FloatArray
+    flatness_db: FloatArray
+    felt_hum_db_sl: FloatArray
 
     def document(self) -> dict[str, Any]:
         """Return plain tables, as `--json` prints them."""
@@ -79,7 +79,7 @@ def _trials(
     mode_shift: float,
 ) -> Trials:
     grid = _Grids(own, channel, display)
-    rows: list[tuple[NDArray[np.bool_], Array, Array, Array]] = []
+    rows: list[tuple[NDArray[np.bool_], FloatArray, FloatArray, FloatArray]] = []
     for some in _counts(count):
         plants, lead = _drawn(channel, some, rng, mode_shift, grid.frequency_hz)
         rows.append(grid.figures(_loaded(plants, lead, load, channel, grid.frequency_hz)))
@@ -99,7 +99,7 @@ def _counts(count: int) -> Iterator[int]:
         yield min(_AT_ONCE, count - start)
 
 
-def _quantiles(values: Array) -> Array:
+def _quantiles(values: FloatArray) -> FloatArray:
     finite = values[np.isfinite(values)]
     return np.quantile(finite, QUANTILES) if finite.size else np.full(len(QUANTILES), np.nan)
 
@@ -129,7 +129,7 @@ class _Grids:
         self._integrators = 0 if feedback is None else int(np.sum(np.abs(feedback.poles - 1.0) < 1e-9))
         self._threshold_v = channel.threshold_voltage(self.frequency_hz)
 
-    def figures(self, plants: Complex) -> tuple[NDArray[np.bool_], Array, Array, Array]:
+    def figures(self, plants: Complex) -> tuple[NDArray[np.bool_], FloatArray, FloatArray, FloatArray]:
         """Return (stable, max|S|, flatness in dB, felt hum in dB SL) of plants (n, f), each (n,)."""
         through = plants * self._held
         nothing = np.full(plants.shape[0], np.nan)
@@ -144,7 +144,7 @@ class _Grids:
             hum = np.max(db(moved / self._threshold_v[self._lines]), axis=1)
         return self._is_stable(away), np.max(1.0 / np.abs(away), axis=1), self._flatness(follow), hum
 
-    def _flatness(self, behind: Complex) -> Array:
+    def _flatness(self, behind: Complex) -> FloatArray:
         position = np.abs(self._prefilter * behind)[:, self._band]
         return np.asarray(np.max(np.abs(db(position / self._threshold_v[self._band])), axis=1))
 
@@ -158,8 +158,8 @@ class _Grids:
 
 
 def _drawn(
-    channel: Channel, count: int, rng: np.random.Generator, mode_shift: float, frequency_hz: Array
-) -> tuple[Complex, Array]:
+    channel: Channel, count: int, rng: np.random.Generator, mode_shift: float, frequency_hz: FloatArray
+) -> tuple[Complex, FloatArray]:
     """Return responses (count, f) of plants drawn from what is known of the channel, with shifted modes, and their
     leading coefficients (count, 1), in which loads are told."""
     s: Complex = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
@@ -182,7 +182,7 @@ def _drawn(
     return np.asarray(made, dtype=np.complex128), lead
 
 
-def _from_covariance(channel: Channel, count: int, rng: np.random.Generator, s: Complex) -> tuple[Complex, Array]:
+def _from_covariance(channel: Channel, count: int, rng: np.random.Generator, s: Complex) -> tuple[Complex, FloatArray]:
     num, den = channel.plant.polynomials()
     theta = np.concatenate([num, den[1:], [channel.plant.delay_s]])
     covariance = np.array(channel.covariance)
@@ -200,7 +200,9 @@ def _from_covariance(channel: Channel, count: int, rng: np.random.Generator, s: 
     return np.asarray(above / below * late, dtype=np.complex128), drawn[:, :1]
 
 
-def _loaded(plants: Complex, lead: Array, load: Load | None, channel: Channel, frequency_hz: Array) -> Complex:
+def _loaded(
+    plants: Complex, lead: FloatArray, load: Load | None, channel: Channel, frequency_hz: FloatArray
+) -> Complex:
     """Return P/(1 + P0 Z) with P0 the displacement without dead time (see `Load`)."""
     if load is None:
         return plants

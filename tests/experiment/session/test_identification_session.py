@@ -175,11 +175,15 @@ def test_store_of_0_1_0__identification_begun__goes_on_at_the_same_trial(tmp_pat
     store.close()
 
 
+BEFORE = PROTOCOL.replace("[30, 90, 210]", "[50, 100, 200]")
+"""The detection protocol that the store of 0.1.0 was made with."""
+
+
 def test_store_of_0_1_0__detection_begun__goes_on_at_the_same_trial(tmp_path) -> None:
     store = restored(tmp_path / "lab.db", "detection-0.1.0.sql")
     clock = ObedientClock()
-    task = DetectionTask(parse_protocol(PROTOCOL), station())
-    session = open_session(open_study(store, task, PROTOCOL, clock, token), "S1")
+    task = DetectionTask(parse_protocol(BEFORE), station())
+    session = open_session(open_study(store, task, BEFORE, clock, token), "S1")
     following = session.next_trial()
     assert (following.planned.position, following.trial.number) == (1, 7)
     whole = Store(tmp_path / "whole.db")

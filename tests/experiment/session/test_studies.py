@@ -12,7 +12,7 @@ from tactuator.experiment.store.store import Store
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, opened_study
 
 THIRD = PROTOCOL + '[[subject]]\ncode = "S3"\ngroup = "hearing"\n'
-OTHER = PROTOCOL.replace("[50, 100, 200]", "[60.5, 100, 200, 250]")
+OTHER = PROTOCOL.replace("[30, 90, 210]", "[33, 90, 150, 210]")
 ASKS = PROTOCOL + (
     '[[demographic]]\nname = "age"\nlabel = "Age"\nkind = "number"\nunit = "year"\nlow = 18\nhigh = 99\n'
     '[[demographic]]\nname = "hand"\nlabel = "Hand"\nkind = "choice"\nchoices = ["left", "right"]\nrequired = true\n'
@@ -96,8 +96,8 @@ def test_study__amended__sessions_that_began_stay_with_their_version_and_others_
     study = opened_study(store, clock, OTHER, amend="60 Hz is mains")
     assert all_of(store, "S1") == before
     frequencies = {key: {hertz for _, hertz in runs} for key, runs in orders(study).items()}
-    assert frequencies["S1", 1] == {50.0, 100.0, 200.0}
-    assert frequencies["S2", 1] == {60.5, 100.0, 200.0, 250.0}
+    assert frequencies["S1", 1] == {30.0, 90.0, 210.0}
+    assert frequencies["S2", 1] == {33.0, 90.0, 150.0, 210.0}
     again = open_session(study, "S1")
     assert again.next_trial().trial == conduct.session.next_trial().trial
     other = begin(store, clock, OTHER, subject=1)
