@@ -8,15 +8,12 @@ a damper beside the plant (`friction_loss.dahl_harmonic`): P/(1 + P k) in place 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.display.description import Channel, Environment
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.signals.decibels import db
 from tactuator.synthesis.friction_loss import dahl_harmonic
-
-Complex = NDArray[np.complex128]
 
 _ROUNDS = 8
 
@@ -26,7 +23,7 @@ def felt_db_sl(channel: Channel, peak_volts: FloatArray, frequency_hz: FloatArra
     return db(peak_volts / channel.threshold_voltage(frequency_hz))
 
 
-def beside_friction(environment: Environment, plant: Complex, amplitude_v: FloatArray) -> Complex:
+def beside_friction(environment: Environment, plant: ComplexArray, amplitude_v: FloatArray) -> ComplexArray:
     """Return the response P/(1 + P k) of a plant whose motion has the amplitude `amplitude_v` (volts of y, (n,)), with
     friction beside it; `plant`: its response without friction, (n,)."""
     if environment.friction_v == 0.0:

@@ -15,15 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.display.controller import ChannelController, Controller
 from tactuator.display.description import Channel, Display
 from tactuator.display.load import DERIVATIVES, Load
 from tactuator.errors import BadInput
 from tactuator.signals.decibels import db
 from tactuator.synthesis.family import UNLOADED
-
-Complex = NDArray[np.complex128]
 
 QUANTILES = (0.5, 0.95, 0.99, 1.0)
 _AT_ONCE = 2000
@@ -129,7 +127,7 @@ class _Grids:
         self._integrators = 0 if feedback is None else int(np.sum(np.abs(feedback.poles - 1.0) < 1e-9))
         self._threshold_v = channel.threshold_voltage(self.frequency_hz)
 
-    def figures(self, plants: Complex) -> tuple[NDArray[np.bool_], FloatArray, FloatArray, FloatArray]:
+    def figures(self, plants: ComplexArray) -> tuple[NDArray[np.bool_], FloatArray, FloatArray, FloatArray]:
         """Return (stable, max|S|, flatness in dB, felt hum in dB SL) of plants (n, f), each (n,)."""
         through = plants * self._held
         nothing = np.full(plants.shape[0], np.nan)
@@ -144,11 +142,11 @@ class _Grids:
             hum = np.max(db(moved / self._threshold_v[self._lines]), axis=1)
         return self._is_stable(away), np.max(1.0 / np.abs(away), axis=1), self._flatness(follow), hum
 
-    def _flatness(self, behind: Complex) -> FloatArray:
+    def _flatness(self, behind: ComplexArray) -> FloatArray:
         position = np.abs(self._prefilter * behind)[:, self._band]
         return np.asarray(np.max(np.abs(db(position / self._threshold_v[self._band])), axis=1))
 
-    def _is_stable(self, away: Complex) -> NDArray[np.bool_]:
+    def _is_stable(self, away: ComplexArray) -> NDArray[np.bool_]:
         """Tell whether 1 + L turns as often as that of a stable loop around the nominal plant (see `screening`)."""
         poles = self._channel.plant.poles
         at_rest = self._integrators + int(np.sum(np.abs(poles) < 1e-9))
@@ -159,10 +157,10 @@ class _Grids:
 
 def _drawn(
     channel: Channel, count: int, rng: np.random.Generator, mode_shift: float, frequency_hz: FloatArray
-) -> tuple[Complex, FloatArray]:
+) -> tuple[ComplexArray, FloatArray]:
     """Return responses (count, f) of plants drawn from what is known of the channel, with shifted modes, and their
     leading coefficients (count, 1), in which loads are told."""
-    s: Complex = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
+    s: ComplexArray = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
     if channel.covariance:
         made, lead = _from_covariance(channel, count, rng, s)
     else:
@@ -182,7 +180,9 @@ def _drawn(
     return np.asarray(made, dtype=np.complex128), lead
 
 
-def _from_covariance(channel: Channel, count: int, rng: np.random.Generator, s: Complex) -> tuple[Complex, FloatArray]:
+def _from_covariance(
+    channel: Channel, count: int, rng: np.random.Generator, s: ComplexArray
+) -> tuple[ComplexArray, FloatArray]:
     num, den = channel.plant.polynomials()
     theta = np.concatenate([num, den[1:], [channel.plant.delay_s]])
     covariance = np.array(channel.covariance)
@@ -201,8 +201,8 @@ def _from_covariance(channel: Channel, count: int, rng: np.random.Generator, s: 
 
 
 def _loaded(
-    plants: Complex, lead: FloatArray, load: Load | None, channel: Channel, frequency_hz: FloatArray
-) -> Complex:
+    plants: ComplexArray, lead: FloatArray, load: Load | None, channel: Channel, frequency_hz: FloatArray
+) -> ComplexArray:
     """Return P/(1 + P0 Z) with P0 the displacement without dead time (see `Load`)."""
     if load is None:
         return plants
