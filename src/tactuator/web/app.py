@@ -42,7 +42,7 @@ def build_app(lab: Lab, operator_token: str) -> FastAPI:
         await tabs.enter(tab)
         lab.notify()
         try:
-            await tab.attend()
+            await tab.serve()
         finally:
             tabs.exit(tab)
             lab.notify()
@@ -56,7 +56,7 @@ def build_app(lab: Lab, operator_token: str) -> FastAPI:
         page = OperatorPage(socket, lab, tabs, operators)
         operators.enter(page)
         try:
-            await page.attend()
+            await page.serve()
         finally:
             operators.exit(page)
             lab.notify()
@@ -74,8 +74,8 @@ def _pages(app: FastAPI, lab: Lab) -> None:
         row = lab.by_token(token)
         if row is None:
             return plain_text(lab.words("page.no_session"), 404)
-        conduct = await lab.conduct(row)
-        words = conduct.session.task.words
+        presented = await lab.presented(row)
+        words = presented.session.task.words
         if participant is not None:
             try:
                 await lab.work(lambda: lab.study.claim(row, participant))

@@ -15,7 +15,7 @@ from tactuator.errors import BadInput, StoreFault, TactuatorError
 from tactuator.experiment.language.words import Words
 from tactuator.experiment.result.tables import ResultTable
 from tactuator.experiment.session.clock import JumpWatch
-from tactuator.experiment.session.presented_session import Conduct
+from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.standing import NextTrial
 from tactuator.experiment.session.studies import Study
 from tactuator.experiment.store import records
@@ -26,11 +26,11 @@ _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
 
 
-class Fault(Exception):
+class LabFault(Exception):
     """Rig or store failed; the message is one line for the operator."""
 
 
-class RigAtRest(Fault):
+class RigAtRest(LabFault):
     """It was not the store: the rig is at rest, and plays nothing until somebody says so."""
 
 
@@ -44,7 +44,7 @@ class Lab:
 
     def __init__(self, study: Study, auto_start: bool = False, shown: str = "") -> None:
         self.study, self.store, self.clock = study, study.store, study.clock
-        self.station = study.task.station
+        self.apparatus = study.task.apparatus
         self.auto_start, self.shown = auto_start, shown
         self.active: int | None = None
         self.paused = False
@@ -54,7 +54,7 @@ class Lab:
         self.changed = asyncio.Event()
         self._halted = threading.Event()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="rig")
-        self._conducts: dict[int, Conduct] = {}
+        self._presented: dict[int, PresentedSession] = {}
         self._opening = asyncio.Lock()
         self._rows = study.sessions()
 
@@ -92,27 +92,27 @@ class Lab:
             raise
         except StoreFault as error:
             self.tell(str(error))
-            raise Fault(str(error)) from None
+            raise LabFault(str(error)) from None
         except Exception as error:
             _LOG.error("a defect", exc_info=error)
-            fault = Fault(f"{type(error).__name__}: {error}")
+            fault = LabFault(f"{type(error).__name__}: {error}")
             self.tell(str(fault))
             raise fault from None
 
-    async def present(self, conduct: Conduct, watch: Watch) -> NextTrial:
+    async def present(self, presented: PresentedSession, watch: Watch) -> NextTrial:
         """Play the trial that stands. Raises Halted where it was stopped; nothing else that keeps a rig from it is the
 
         subject's input: all of it is a Fault, and leaves the rig at rest unless it was the store alone.
         """
         self._halted.clear()
-        job = self._worker.submit(conduct.present, watch, self._halted.is_set)
+        job = self._worker.submit(presented.present, watch, self._halted.is_set)
         try:
             return await asyncio.wrap_future(job)
         except Halted:
             raise
         except StoreFault as error:
             self.tell(str(error))
-            raise Fault(str(error)) from None
+            raise LabFault(str(error)) from None
         except Exception as error:
             raise await self._at_rest(error) from None
 
@@ -125,23 +125,23 @@ class Lab:
         """Put the rig to rest and hold it there, unless subjects begin by themselves; the fault."""
         _LOG.error("a fault at the rig", exc_info=error)
         with suppress(Exception):
-            await asyncio.get_running_loop().run_in_executor(self._worker, self.station.rig.rest)
+            await asyncio.get_running_loop().run_in_executor(self._worker, self.apparatus.rig.rest)
         self.paused = not self.auto_start
         fault = RigAtRest(str(error) if isinstance(error, TactuatorError) else f"{type(error).__name__}: {error}")
         self.tell(str(fault))
         return fault
 
-    async def conduct(self, row: Found) -> Conduct:
+    async def presented(self, row: Found) -> PresentedSession:
         """The session's one conduct, resumed from the store the first time, however many ask for it at once."""
         async with self._opening:
-            if row.id not in self._conducts:
+            if row.id not in self._presented:
                 sitting = records.Sitting("person", self.shown)
-                self._conducts[row.id] = await self.work(lambda: Conduct(self.study.session(row, sitting)))
-            return self._conducts[row.id]
+                self._presented[row.id] = await self.work(lambda: PresentedSession(self.study.session(row, sitting)))
+            return self._presented[row.id]
 
-    def opened(self, session: int) -> Conduct | None:
+    def opened(self, session: int) -> PresentedSession | None:
         """The session's conduct if it has been opened."""
-        return self._conducts.get(session)
+        return self._presented.get(session)
 
     async def results(self, session: int) -> tuple[ResultTable, ...]:
         """What the session's answers say so far, computed beside the rig's work. BadInput while they say nothing."""
@@ -171,7 +171,7 @@ class Lab:
         self._halted.set()
         self.active = None
         self.notify()
-        await self.work(self.station.rig.rest)
+        await self.work(self.apparatus.rig.rest)
 
     def release(self, session: int) -> None:
         """The session leaves the rig, if it is there."""
@@ -182,21 +182,21 @@ class Lab:
     def pause(self, paused: bool) -> None:
         """Hold after the trial that plays, or go on; going on answers the call of the session at the rig."""
         self.paused = paused
-        conduct = None if self.active is None else self.opened(self.active)
-        if not paused and conduct is not None:
-            conduct.session.release()
-            self.calls.pop(conduct.session.id, None)
+        presented = None if self.active is None else self.opened(self.active)
+        if not paused and presented is not None:
+            presented.session.release()
+            self.calls.pop(presented.session.id, None)
         self.notify()
 
-    def hold(self, conduct: Conduct) -> None:
+    def hold(self, presented: PresentedSession) -> None:
         """A session that is held waits for the operator, where there is one, and begins again by itself elsewhere."""
-        held = conduct.session.held
+        held = presented.session.held
         if held is None:
             return
-        row = next(row for row in self._rows if row.id == conduct.session.id)
+        row = next(row for row in self._rows if row.id == presented.session.id)
         self.calls[row.id] = self.words("operator.practice_failed", subject=row.subject_code, run=held.title)
         if self.auto_start:
-            conduct.session.release()
+            presented.session.release()
         elif self.active == row.id:
             self.paused = True
         self.notify()
@@ -232,5 +232,5 @@ class Lab:
         """Finish what is being done and let go, the rig at rest."""
         self._halted.set()
         with suppress(Exception):
-            self._worker.submit(self.station.rig.rest).result()
+            self._worker.submit(self.apparatus.rig.rest).result()
         self._worker.shutdown(wait=True)

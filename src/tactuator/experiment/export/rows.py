@@ -31,7 +31,7 @@ TableRow = Mapping[str, Value]
 
 
 @dataclass(frozen=True)
-class Table:
+class ExportTable:
     """columns: what each means; rows: values by their names."""
 
     columns: tuple[Meaning, ...]
@@ -42,15 +42,15 @@ class Table:
 class Exported:
     """All of a store. settings: each version of each study's protocol and what is known of it, by a file's name."""
 
-    trials: Table
-    intervals: Table
-    events: Table
-    subjects: Table
-    thresholds: Table
+    trials: ExportTable
+    intervals: ExportTable
+    events: ExportTable
+    subjects: ExportTable
+    thresholds: ExportTable
     settings: Mapping[str, Mapping[str, object]]
 
     @property
-    def tables(self) -> dict[str, Table]:
+    def tables(self) -> dict[str, ExportTable]:
         """Return the tables by their names."""
         return {
             "trials": self.trials,
@@ -83,7 +83,7 @@ _KEPT = schema.session.c.ended.is_distinct_from("withdrawn-discard")
 _ORDER = (schema.study.c.id, schema.subject.c.number, schema.session.c.visit, schema.run.c.id, schema.trial.c.number)
 
 
-def _trials(connection: Connection) -> Table:
+def _trials(connection: Connection) -> ExportTable:
     names = {one.name for one in TRIAL_COLUMNS}
     taken = {"run", "trial", "ended_utc"}
     run, trial, response, session = schema.run, schema.trial, schema.response, schema.session
@@ -119,7 +119,7 @@ def _trials(connection: Connection) -> Table:
         values["subject_group"] = _group(values["subject_group"], values["respondent"])
         values["response_time"] = None if shown is None or pressed is None else (pressed - shown) / 1000.0
         rows.append(_plain(values, TRIAL_COLUMNS))
-    return Table(TRIAL_COLUMNS, tuple(rows))
+    return ExportTable(TRIAL_COLUMNS, tuple(rows))
 
 
 _WHO_NAMES = {"study", "subject", "visit"}
@@ -140,7 +140,7 @@ def _played(connection: Connection) -> dict[int, tuple[str, float | None]]:
     return found
 
 
-def _intervals(connection: Connection) -> Table:
+def _intervals(connection: Connection) -> ExportTable:
     interval = schema.interval
     query = (
         select(
@@ -157,7 +157,7 @@ def _intervals(connection: Connection) -> Table:
     return _table(connection.execute(query), INTERVAL_COLUMNS)
 
 
-def _events(connection: Connection) -> Table:
+def _events(connection: Connection) -> ExportTable:
     event, session, subject, study = schema.event, schema.session, schema.subject, schema.study
     query = (
         select(*_who(), event.c.at_utc, event.c.kind, event.c.trials, event.c.detail)
@@ -171,7 +171,7 @@ def _events(connection: Connection) -> Table:
     return _table(connection.execute(query), EVENT_COLUMNS)
 
 
-def _subjects(connection: Connection) -> Table:
+def _subjects(connection: Connection) -> ExportTable:
     facts: dict[int, dict[str, Value]] = {}
     meanings: dict[str, Meaning] = {}
     for row in connection.execute(select(schema.demographic).order_by(schema.demographic.c.id)):
@@ -200,7 +200,7 @@ def _subjects(connection: Connection) -> Table:
         values = {**dict.fromkeys(meanings), **row._mapping, **facts.get(row.id, {})}
         values["subject_group"] = "simulated" if row.programs else row.subject_group
         rows.append(_plain(values, columns))
-    return Table(columns, tuple(rows))
+    return ExportTable(columns, tuple(rows))
 
 
 def _programs() -> ScalarSelect[Any]:
@@ -214,11 +214,11 @@ def _programs() -> ScalarSelect[Any]:
     )
 
 
-def _thresholds(store: Store) -> Table:
+def _thresholds(store: Store) -> ExportTable:
     try:
         runs = detection_runs(store)
     except BadInput:
-        return Table(THRESHOLD_COLUMNS, ())
+        return ExportTable(THRESHOLD_COLUMNS, ())
     with store.read() as connection:
         names = {row.id: row.name for row in connection.execute(select(schema.study))}
     about = {
@@ -236,7 +236,7 @@ def _thresholds(store: Store) -> Table:
         values = {**asdict(one), **about[one.run], "flags": "|".join(one.flags)}
         values["group"] = _group(one.group, str(values["respondent"]))
         rows.append(_plain(values, THRESHOLD_COLUMNS))
-    return Table(THRESHOLD_COLUMNS, tuple(rows))
+    return ExportTable(THRESHOLD_COLUMNS, tuple(rows))
 
 
 def _group(group: str, respondent: str) -> str:
@@ -265,8 +265,8 @@ def _settings(connection: Connection) -> dict[str, dict[str, object]]:
     }
 
 
-def _table(rows: Iterable[Row[Any]], columns: tuple[Meaning, ...]) -> Table:
-    return Table(columns, tuple(_plain(dict(row._mapping), columns) for row in rows))
+def _table(rows: Iterable[Row[Any]], columns: tuple[Meaning, ...]) -> ExportTable:
+    return ExportTable(columns, tuple(_plain(dict(row._mapping), columns) for row in rows))
 
 
 def _plain(values: Mapping[str, object], columns: tuple[Meaning, ...]) -> TableRow:

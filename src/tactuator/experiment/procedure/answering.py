@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
-
-Floats = NDArray[np.float64]
 
 _SURE = 1e-6
 
@@ -39,12 +38,12 @@ class Answering:
                 "allowed: 0 <= guess < target < 1 - lapse"
             )
 
-    def psi(self, level_db: Floats, slope: Floats, lapse: Floats) -> Floats:
+    def psi(self, level_db: FloatArray, slope: FloatArray, lapse: FloatArray) -> FloatArray:
         """Probability of a correct response at level_db re threshold; arguments broadcast."""
         at_threshold = (self.target - self.guess) / (1.0 - self.guess - lapse)
         found = self.guess + (1.0 - self.guess - lapse) * weibull_rise(level_db, slope, at_threshold)
         return np.asarray(np.clip(found, _SURE, 1.0 - _SURE))
 
-    def log_chance(self, correct: NDArray[np.bool_]) -> Floats:
+    def log_chance(self, correct: NDArray[np.bool_]) -> FloatArray:
         """Log probability of each answer if it was guessed."""
         return np.asarray(np.where(correct, np.log(self.guess), np.log1p(-self.guess)))

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.answering import Answering
-
-Floats = NDArray[np.float64]
 
 DRIFT_DB = 6.0
 """The drift over a run that the stated power is for."""
@@ -32,7 +31,7 @@ class Trials:
     """Trials of runs: point (index), level_db_sl, correct, all (runs, trials); level NaN where a run was over."""
 
     point: NDArray[np.intp]
-    level_db_sl: Floats
+    level_db_sl: FloatArray
     correct: NDArray[np.bool_]
 
 
@@ -40,12 +39,17 @@ class Trials:
 class Drift:
     """z: positive where thresholds rose; power: probability that a drift of DRIFT_DB is flagged; both (runs,)."""
 
-    z: Floats
-    power: Floats
+    z: FloatArray
+    power: FloatArray
 
 
 def drift_test(
-    trials: Trials, covariance: Floats, start_db: Floats, slope: Floats, lapse: Floats, answering: Answering
+    trials: Trials,
+    covariance: FloatArray,
+    start_db: FloatArray,
+    slope: FloatArray,
+    lapse: FloatArray,
+    answering: Answering,
 ) -> Drift:
     """The test on every run. covariance: K, (points, points); start_db: a guess at g and the prior's mean, (runs,
     points);
@@ -73,8 +77,8 @@ def drift_test(
 
 
 def _linearised(
-    trials: Trials, curve: Floats, slope: Floats, lapse: Floats, answering: Answering
-) -> tuple[Floats, Floats]:
+    trials: Trials, curve: FloatArray, slope: FloatArray, lapse: FloatArray, answering: Answering
+) -> tuple[FloatArray, FloatArray]:
     """Score with respect to level, and information, of every trial; zero where a run was over."""
     there = np.isfinite(trials.level_db_sl)
     at = np.take_along_axis(curve, trials.point, axis=1)
@@ -87,12 +91,12 @@ def _linearised(
     return steep * (trials.correct - psi) / spread, steep**2 / spread
 
 
-def _by_point(trials: Trials, values: Floats, points: int) -> Floats:
+def _by_point(trials: Trials, values: FloatArray, points: int) -> FloatArray:
     """Sums over the trials at each point, (runs, points)."""
     found = np.zeros((values.shape[0], points))
     np.add.at(found, (np.arange(values.shape[0])[:, None], trials.point), values)
     return found
 
 
-def _diagonal(values: Floats) -> Floats:
+def _diagonal(values: FloatArray) -> FloatArray:
     return np.asarray(values[..., None] * np.eye(values.shape[-1]))

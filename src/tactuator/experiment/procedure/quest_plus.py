@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import entr
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Estimate, Placement
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -86,27 +85,27 @@ class Tables:
         self.prior = weights / weights.sum()
         self.aim = rule.aim
 
-    def most_telling(self, posterior: Floats) -> NDArray[np.intp]:
+    def most_telling(self, posterior: FloatArray) -> NDArray[np.intp]:
         """Index of the level to try next; posterior: (runs, parameters)."""
         chance = posterior @ self.psi
         if self.aim == "parameters":
             return np.asarray(np.argmax(entr(chance) + entr(1.0 - chance) - posterior @ self.entropy, axis=1))
         return np.asarray(np.argmin(self._expected_variance(posterior, chance), axis=1))
 
-    def _expected_variance(self, posterior: Floats, chance: Floats) -> Floats:
+    def _expected_variance(self, posterior: FloatArray, chance: FloatArray) -> FloatArray:
         """Variance of the threshold after a trial at each level, mean over its outcome, less what all levels share."""
         weighted = posterior * self.parameter_threshold
         total = weighted.sum(axis=1, keepdims=True)
         right = weighted @ self.psi
         return np.asarray(-(right**2) / chance - (total - right) ** 2 / (1.0 - chance))
 
-    def learn(self, posterior: Floats, level: NDArray[np.intp], correct: NDArray[np.bool_]) -> Floats:
+    def learn(self, posterior: FloatArray, level: NDArray[np.intp], correct: NDArray[np.bool_]) -> FloatArray:
         """The posterior after a trial of every run."""
         psi = self.psi[:, level].T
         after = posterior * np.where(correct[:, None], psi, 1.0 - psi)
         return np.asarray(after / after.sum(axis=1, keepdims=True))
 
-    def threshold(self, posterior: Floats) -> tuple[Floats, Floats]:
+    def threshold(self, posterior: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of the threshold of every run, dB SL."""
         marginal = posterior.reshape(-1, *self.shape).sum(axis=(2, 3))
         mean = marginal @ self.thresholds

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule, tables
 from tactuator.experiment.procedure.up_down_batch import Probability, Tracks
 
@@ -21,7 +22,7 @@ def run_quests(rule: QuestPlusRule, runs: int, probability: Probability, rng: np
 
 def _batch(
     rule: QuestPlusRule, numbers: NDArray[np.intp], probability: Probability, rng: np.random.Generator
-) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
+) -> tuple[FloatArray, NDArray[np.bool_], FloatArray]:
     table = tables(rule)
     runs = numbers.size
     posterior = np.broadcast_to(table.prior, (runs, table.prior.size))
@@ -36,8 +37,8 @@ def _batch(
 
 
 def estimates(
-    rule: QuestPlusRule, levels_db_sl: NDArray[np.float64], correct: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    rule: QuestPlusRule, levels_db_sl: FloatArray, correct: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray]:
     """Mean and standard deviation of the threshold after these trials, (runs,) each. Arguments (runs, trials).
 
     The same posterior as trial by trial, in one product of counts with log psi.

@@ -14,10 +14,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
-
-Floats = NDArray[np.float64]
 
 _MINIMUM_TRIALS = 5
 _ANY = 0.1
@@ -51,18 +50,18 @@ class Refit:
     integrated out.
     """
 
-    threshold_db: Floats
-    sd_db: Floats
-    low_db: Floats
-    high_db: Floats
-    slope: Floats
-    lapse: Floats
-    log_bayes_factor: Floats
-    lapse_log_odds: Floats
+    threshold_db: FloatArray
+    sd_db: FloatArray
+    low_db: FloatArray
+    high_db: FloatArray
+    slope: FloatArray
+    lapse: FloatArray
+    log_bayes_factor: FloatArray
+    lapse_log_odds: FloatArray
 
 
 def refit(
-    levels_db: Floats, correct: NDArray[np.bool_], prior: RefitPrior | None = None, coverage: float = 0.95
+    levels_db: FloatArray, correct: NDArray[np.bool_], prior: RefitPrior | None = None, coverage: float = 0.95
 ) -> Refit:
     """Refit runs. levels_db, correct: (runs, trials), NaN where a run was over; or (trials,) for one run.
 
@@ -83,7 +82,9 @@ def refit(
     return Refit(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def _refit_batch(levels: Floats, outcomes: NDArray[np.bool_], prior: RefitPrior, coverage: float) -> tuple[Floats, ...]:
+def _refit_batch(
+    levels: FloatArray, outcomes: NDArray[np.bool_], prior: RefitPrior, coverage: float
+) -> tuple[FloatArray, ...]:
     centre = _middle(levels)
     offsets, right, wrong = _counts(levels - centre[:, None], outcomes)
     grid = _grid(prior)
@@ -108,14 +109,14 @@ def _refit_batch(levels: Floats, outcomes: NDArray[np.bool_], prior: RefitPrior,
     return centre + middle, sd, centre + low, centre + high, slope, lapse, against_chance, odds
 
 
-def _middle(levels: Floats) -> Floats:
+def _middle(levels: FloatArray) -> FloatArray:
     """Median level of the second half of each run's trials."""
     trials = np.sum(np.isfinite(levels), axis=1)
     late = np.where(np.arange(levels.shape[1]) >= trials[:, None] // 2, levels, np.nan)
     return np.asarray(np.nanmedian(late, axis=1))
 
 
-def _counts(offsets: Floats, outcomes: NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
+def _counts(offsets: FloatArray, outcomes: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Distinct levels (bins,), and how often each run was right and wrong at each (runs, bins)."""
     present = np.isfinite(offsets)
     distinct, position = np.unique(np.round(offsets[present], 6), return_inverse=True)
@@ -128,7 +129,7 @@ def _counts(offsets: Floats, outcomes: NDArray[np.bool_]) -> tuple[Floats, Float
     return distinct, right, wrong
 
 
-def _quantile(marginal: Floats, thresholds: Floats, share: float) -> Floats:
+def _quantile(marginal: FloatArray, thresholds: FloatArray, share: float) -> FloatArray:
     """Quantile of each row, linear within a grid cell."""
     step = thresholds[1] - thresholds[0]
     cumulative = np.cumsum(marginal, axis=1)
@@ -157,7 +158,7 @@ class _Grid:
         log_prior = log_prior - np.log(count)
         self.log_prior = np.broadcast_to(log_prior, self.shape).reshape(-1)
 
-    def log_likelihood(self, offsets: Floats) -> tuple[Floats, Floats]:
+    def log_likelihood(self, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
         """log psi and log(1 - psi) at each level (bins, grid points)."""
         guess, target = self.prior.guess, self.prior.target
         at_threshold = (target - guess) / (1.0 - guess - self.lapses)

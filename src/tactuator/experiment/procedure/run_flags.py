@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.answering import Answering
 from tactuator.experiment.procedure.drift import CRITICAL_Z, Drift, Trials, drift_test
 from tactuator.experiment.procedure.refit import Refit, RefitPrior
-
-Floats = NDArray[np.float64]
 
 LEAST_LOG_EVIDENCE = 3.0
 """Log Bayes factor against guessing below which a run is flagged `chance`: odds of twenty to one."""
@@ -27,9 +26,9 @@ _SURE_DB = 8.0
 class RunFlags:
     """Tests of runs. log_bayes_factor, lapse_log_odds: as in Refit; lapse_power: chance that LAPSES is flagged."""
 
-    log_bayes_factor: Floats
-    lapse_log_odds: Floats
-    lapse_power: Floats
+    log_bayes_factor: FloatArray
+    lapse_log_odds: FloatArray
+    lapse_power: FloatArray
     drift: Drift
 
     def names(self, run: int) -> tuple[str, ...]:
@@ -42,7 +41,7 @@ class RunFlags:
         return tuple(sorted(name for name, true in found.items() if true))
 
 
-def run_flags(levels_db: Floats, correct: NDArray[np.bool_], fitted: Refit, prior: RefitPrior) -> RunFlags:
+def run_flags(levels_db: FloatArray, correct: NDArray[np.bool_], fitted: Refit, prior: RefitPrior) -> RunFlags:
     """The flags of runs. levels_db, correct: (runs, trials), NaN where a run was over; fitted: of the same runs."""
     answering = Answering(slopes=(1.0,), lapses=(0.0,), lapse_shares=(1.0,), guess=prior.guess, target=prior.target)
     trials = Trials(np.zeros(levels_db.shape, dtype=np.intp), levels_db, correct)
@@ -51,7 +50,7 @@ def run_flags(levels_db: Floats, correct: NDArray[np.bool_], fitted: Refit, prio
     return RunFlags(fitted.log_bayes_factor, fitted.lapse_log_odds, _lapse_power(levels_db, fitted), drift)
 
 
-def _lapse_power(levels_db: Floats, fitted: Refit) -> Floats:
+def _lapse_power(levels_db: FloatArray, fitted: Refit) -> FloatArray:
     """Probability of two or more lapses among the trials so far above threshold that nothing else explains an error."""
     with np.errstate(invalid="ignore"):
         loud = np.sum(levels_db >= fitted.threshold_db[:, None] + _SURE_DB, axis=1)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.up_down import UpDownRule
 
-Floats = NDArray[np.float64]
-Probability = Callable[[Floats, NDArray[np.intp]], Floats]
+Probability = Callable[[FloatArray, NDArray[np.intp]], FloatArray]
 """(levels in dB SL, numbers of the runs they are for) -> probability of a correct response, element by element."""
 
 
@@ -20,13 +20,13 @@ Probability = Callable[[Floats, NDArray[np.intp]], Floats]
 class Tracks:
     """levels_db_sl, correct: (runs, trials), NaN (False) after a run's end; trials, estimates_db_sl: (runs,)."""
 
-    levels_db_sl: Floats
+    levels_db_sl: FloatArray
     correct: NDArray[np.bool_]
     trials: NDArray[np.int64]
-    estimates_db_sl: Floats
+    estimates_db_sl: FloatArray
 
 
-def run_tracks(rule: UpDownRule, start_db_sl: Floats, probability: Probability, rng: np.random.Generator) -> Tracks:
+def run_tracks(rule: UpDownRule, start_db_sl: FloatArray, probability: Probability, rng: np.random.Generator) -> Tracks:
     """Run one track for each element of start_db_sl until all are over."""
     if rule.average != "reversals":
         raise BadInput(f"batch of up-down tracks: average {rule.average!r}; allowed: reversals")
@@ -45,7 +45,7 @@ def run_tracks(rule: UpDownRule, start_db_sl: Floats, probability: Probability, 
 class _State:
     """All tracks between two trials."""
 
-    def __init__(self, rule: UpDownRule, start_db_sl: Floats) -> None:
+    def __init__(self, rule: UpDownRule, start_db_sl: FloatArray) -> None:
         runs = start_db_sl.size
         self.rule = rule
         self.level = np.array(start_db_sl, dtype=np.float64)

@@ -7,11 +7,11 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from tactuator.experiment.procedure.answering import Answering
-from tactuator.experiment.procedure.curve_prior import CurvePrior
 from tactuator.experiment.procedure.procedure import Playable, Procedure
 from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule
 from tactuator.experiment.procedure.up_down import IMECE2004, UpDown, UpDownRule
-from tactuator.experiment.procedure.whole_curve import WholeCurve, WholeCurveRule
+from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
+from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurve, WholeCurveRule
 from tactuator.experiment.protocol.study import Part, Positive
 from tactuator.experiment.trial.trial import ForcedChoice
 from tactuator.perception.levels import COMFORT_DB_SL

@@ -23,7 +23,7 @@ class Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Study(Part):
+class StudyPart(Part):
     """Who asks, and what subjects are told. visits: how often each subject comes; language: of every page, one that is
 
     shipped, or language_file: one beside the protocol.
@@ -105,7 +105,7 @@ class SubjectPart(Part):
 class StudyProtocol(Part):
     """What every protocol file has, whatever is asked."""
 
-    study: Study
+    study: StudyPart
     subject: tuple[SubjectPart, ...] = ()
     circumstances: Circumstances = Circumstances()
     demographic: tuple[Demographic, ...] = ()

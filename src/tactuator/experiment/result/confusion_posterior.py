@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaln, gammaln
 
-Floats = NDArray[np.float64]
+from tactuator.arrays import FloatArray
 
 _TINY = 1e-300
 _CHUNK = 64
 
 
-def information_draws(counts: NDArray[np.int64], draws: int, rng: np.random.Generator) -> Floats:
+def information_draws(counts: NDArray[np.int64], draws: int, rng: np.random.Generator) -> FloatArray:
     """Draws of the information transfer in bits, shape (draws,). counts: square, every row presented."""
     stimuli = counts.shape[0]
     presented = counts.sum(axis=1)
@@ -42,7 +42,7 @@ def information_draws(counts: NDArray[np.int64], draws: int, rng: np.random.Gene
     return found
 
 
-def information_of(chances: Floats, weights: Floats) -> Floats:
+def information_of(chances: FloatArray, weights: FloatArray) -> FloatArray:
     """Information transfer of known response probabilities (..., stimuli, responses), stimuli weighted; bits."""
     joint = chances * weights[:, None]
     responses = joint.sum(axis=-2, keepdims=True)
@@ -50,7 +50,7 @@ def information_of(chances: Floats, weights: Floats) -> Floats:
     return np.asarray(np.sum(joint * np.log2(np.maximum(ratio, _TINY)), axis=(-2, -1)))
 
 
-def _error_draws(right: Floats, wrong: Floats, draws: int, rng: np.random.Generator) -> Floats:
+def _error_draws(right: FloatArray, wrong: FloatArray, draws: int, rng: np.random.Generator) -> FloatArray:
     """Error rates of every stimulus, (draws, stimuli): beta with its mean and weight on a grid, even a priori."""
     mean = np.linspace(0.002, 0.998, 100)[:, None]
     weight = np.geomspace(1.0, 2000.0, 20)
@@ -69,12 +69,12 @@ class _Spreads:
     ordinary_*, habitual_*: shape and mean of the gammas, such that the rates of a row sum to 1 on average.
     """
 
-    ordinary_shape: Floats
-    ordinary_mean: Floats
-    habitual: Floats
-    habitual_shape: Floats
-    habitual_mean: Floats
-    prior: Floats
+    ordinary_shape: FloatArray
+    ordinary_mean: FloatArray
+    habitual: FloatArray
+    habitual_shape: FloatArray
+    habitual_mean: FloatArray
+    prior: FloatArray
 
 
 @lru_cache(maxsize=16)
@@ -94,7 +94,7 @@ def _spreads(cells: int) -> _Spreads:
     return _Spreads(ordinary_shape, ordinary_mean, habitual, shape, mean, _flat_in_entropy(grid, cells))
 
 
-def _flat_in_entropy(grid: Floats, cells: int) -> Floats:
+def _flat_in_entropy(grid: FloatArray, cells: int) -> FloatArray:
     """Prior of each point of the grid, (grid,): even over eighths of the largest entropy that a spread can have."""
     if cells == 1:
         return np.full(grid.shape[1], 1.0 / grid.shape[1])
@@ -113,7 +113,7 @@ def _flat_in_entropy(grid: Floats, cells: int) -> Floats:
 class _SpreadPosterior:
     """confused: (stimuli, stimuli - 1) counts of the wrong responses; wrong: (stimuli,) their sums."""
 
-    def __init__(self, confused: Floats, wrong: Floats) -> None:
+    def __init__(self, confused: FloatArray, wrong: FloatArray) -> None:
         self._grid, self._counts = _spreads(confused.shape[1]), confused.ravel()
         self._exposure = np.repeat(wrong, confused.shape[1])
         self._shape = confused.shape
@@ -134,7 +134,7 @@ class _SpreadPosterior:
         self._posterior = posterior / posterior.sum()
         self._habitual = np.exp(habitual - either)
 
-    def draw(self, draws: int, rng: np.random.Generator) -> Floats:
+    def draw(self, draws: int, rng: np.random.Generator) -> FloatArray:
         """Shares of the wrong responses among the errors, (draws, stimuli, stimuli - 1); rows sum to 1."""
         grid = self._grid
         picked = rng.choice(self._posterior.size, draws, p=self._posterior)
@@ -146,7 +146,7 @@ class _SpreadPosterior:
         return np.asarray(rates / rates.sum(axis=2, keepdims=True))
 
 
-def _log_negative_binomial(count: Floats, shape: Floats, mean: Floats, exposure: Floats) -> Floats:
+def _log_negative_binomial(count: FloatArray, shape: FloatArray, mean: FloatArray, exposure: FloatArray) -> FloatArray:
     """Log probability of counts (n,) whose rate is gamma of that shape and mean (grid,), over exposure; (grid, n)."""
     expected = mean[:, None] * exposure
     share = expected / (expected + shape[:, None])

@@ -11,11 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.result.confusion_posterior import information_draws
-
-Counts = NDArray[np.int64]
-Bits = NDArray[np.float64]
 
 ESTIMATORS = ("plug_in", "miller_madow", "all_cells", "error_rule")
 """Estimators that are numbers alone. plug_in: the sum above. miller_madow: less its first-order bias, from the cells,
@@ -34,7 +32,7 @@ _WIDER = 1.15
 
 
 @dataclass(frozen=True)
-class Estimate:
+class InformationEstimate:
     """An estimate in bits, and its interval of the stated confidence; None where it has none that deserves its name."""
 
     bits: float
@@ -60,13 +58,13 @@ class Information:
     trials: int
     share_correct: float
     confidence: float
-    estimates: dict[str, Estimate]
+    estimates: dict[str, InformationEstimate]
     bits_per_second: dict[str, float] | None
     warning: str | None
     no_interval: str | None = None
 
 
-def confusion_counts(matrix: ArrayLike) -> Counts:
+def confusion_counts(matrix: ArrayLike) -> NDArray[np.int64]:
     """A confusion matrix (stimuli, responses) as whole counts, stimuli that were never presented left out.
 
     Raises BadInput for a matrix that is not of two dimensions, or holds anything but whole numbers of zero or more, or
@@ -83,7 +81,7 @@ def confusion_counts(matrix: ArrayLike) -> Counts:
     return values.astype(np.int64)
 
 
-def plug_in_bits(counts: Counts) -> Bits:
+def plug_in_bits(counts: NDArray[np.int64]) -> FloatArray:
     """The plug-in estimate of matrices (..., stimuli, responses), shape (...)."""
     n = counts.sum(axis=(-2, -1))
     cells = _n_log_n(counts).sum(axis=(-2, -1))
@@ -92,7 +90,7 @@ def plug_in_bits(counts: Counts) -> Bits:
     return np.asarray((cells - rows - columns + _n_log_n(n)) / n)
 
 
-def miller_madow_bits(counts: Counts) -> Bits:
+def miller_madow_bits(counts: NDArray[np.int64]) -> FloatArray:
     """Plug-in less (cells - rows - columns + 1) / (2 n ln 2), counting those that are occupied; shape (...)."""
     cells = (counts > 0).sum(axis=(-2, -1))
     rows = (counts.sum(axis=-1) > 0).sum(axis=-1)
@@ -100,13 +98,13 @@ def miller_madow_bits(counts: Counts) -> Bits:
     return np.asarray(plug_in_bits(counts) - (cells - rows - columns + 1) / (2.0 * _trials(counts) * np.log(2.0)))
 
 
-def all_cells_bits(counts: Counts) -> Bits:
+def all_cells_bits(counts: NDArray[np.int64]) -> FloatArray:
     """Plug-in less (stimuli - 1)(responses - 1) / (2 n ln 2); shape (...)."""
     stimuli, responses = _stimuli(counts), counts.shape[-1]
     return np.asarray(plug_in_bits(counts) - (stimuli - 1) * (responses - 1) / (2.0 * _trials(counts) * np.log(2.0)))
 
 
-def error_rule_bits(counts: Counts) -> Bits:
+def error_rule_bits(counts: NDArray[np.int64]) -> FloatArray:
     """(1 - 2 e) log2 k, at least zero; NaN where responses are not those of the stimuli (no diagonal). Shape (...)."""
     if counts.shape[-1] != counts.shape[-2]:
         return np.full(counts.shape[:-2], np.nan)
@@ -114,7 +112,7 @@ def error_rule_bits(counts: Counts) -> Bits:
     return np.asarray(np.maximum(0.0, (1.0 - 2.0 * errors) * np.log2(_stimuli(counts))))
 
 
-def all_estimates(counts: Counts) -> dict[str, Bits]:
+def all_estimates(counts: NDArray[np.int64]) -> dict[str, FloatArray]:
     """Every estimator of ESTIMATORS on matrices (..., stimuli, responses), each of shape (...)."""
     functions = (plug_in_bits, miller_madow_bits, all_cells_bits, error_rule_bits)
     return {name: function(counts) for name, function in zip(ESTIMATORS, functions, strict=True)}
@@ -140,7 +138,7 @@ def information(
         raise BadInput(f"confidence {confidence:g}, {draws} draws; allowed: between 0 and 1, and 100 or more")
     if seconds_per_stimulus is not None and not seconds_per_stimulus > 0.0:
         raise BadInput(f"{seconds_per_stimulus:g} seconds a stimulus; allowed: a positive number")
-    estimates = {name: Estimate(float(bits)) for name, bits in all_estimates(counts).items()}
+    estimates = {name: InformationEstimate(float(bits)) for name, bits in all_estimates(counts).items()}
     why = _no_interval(counts)
     if why is None:
         estimates[POSTERIOR] = _posterior(counts, rng, draws, confidence)
@@ -161,16 +159,20 @@ def information(
     )
 
 
-def _posterior(counts: Counts, rng: np.random.Generator, draws: int, confidence: float) -> Estimate:
+def _posterior(
+    counts: NDArray[np.int64], rng: np.random.Generator, draws: int, confidence: float
+) -> InformationEstimate:
     """Return the posterior's median with its interval, _WIDER than the posterior's own about it."""
     found = information_draws(counts, draws, rng)
     tails = (0.5 - 0.5 * confidence, 0.5, 0.5 + 0.5 * confidence)
     low, middle, high = (float(value) for value in np.quantile(found, tails))
     most = float(np.log2(counts.shape[0]))
-    return Estimate(middle, max(middle - _WIDER * (middle - low), 0.0), min(middle + _WIDER * (high - middle), most))
+    return InformationEstimate(
+        middle, max(middle - _WIDER * (middle - low), 0.0), min(middle + _WIDER * (high - middle), most)
+    )
 
 
-def _no_interval(counts: Counts) -> str | None:
+def _no_interval(counts: NDArray[np.int64]) -> str | None:
     """Return why there is no interval, or None where there is one."""
     if counts.shape[0] != counts.shape[1]:
         return "no interval: responses are not those of the stimuli"
@@ -182,7 +184,7 @@ def _no_interval(counts: Counts) -> str | None:
     return None
 
 
-def _warning(counts: Counts) -> str | None:
+def _warning(counts: NDArray[np.int64]) -> str | None:
     stimuli, responses, trials = int(_stimuli(counts)), counts.shape[1], int(counts.sum())
     wanted = ENOUGH * stimuli * responses
     if trials >= wanted:
@@ -190,14 +192,14 @@ def _warning(counts: Counts) -> str | None:
     return f"{trials} trials for {stimuli} x {responses} cells; below {wanted} (5 a cell) these estimates are biased"
 
 
-def _n_log_n(counts: NDArray[np.int64]) -> Bits:
+def _n_log_n(counts: NDArray[np.int64]) -> FloatArray:
     values = np.asarray(counts, dtype=np.float64)
     return np.asarray(values * np.log2(np.where(values > 0.0, values, 1.0)))
 
 
-def _trials(counts: Counts) -> NDArray[np.int64]:
+def _trials(counts: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(counts.sum(axis=(-2, -1)))
 
 
-def _stimuli(counts: Counts) -> NDArray[np.int64]:
+def _stimuli(counts: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray((counts.sum(axis=-1) > 0).sum(axis=-1))

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.experiment.store.stored_runs import StoredRun
 from tactuator.experiment.trial.timing import Timing
 from tactuator.signals.decibels import from_db
-
-Floats = NDArray[np.float64]
 
 _MAINS_HZ = (50.0, 60.0)
 _FELT_DB = -10.0
@@ -21,21 +20,21 @@ _SIMULATED = ("simulated", "in-process", "emulated")
 
 
 @dataclass(frozen=True)
-class Played:
+class PlayedIntervals:
     """Arrays (intervals,): trial, index in the run; commanded_db_sl, NaN where blank; measured_db_sl; saturated."""
 
     trial: NDArray[np.intp]
-    commanded_db_sl: Floats
-    measured_db_sl: Floats
+    commanded_db_sl: FloatArray
+    measured_db_sl: FloatArray
     saturated: NDArray[np.bool_]
 
 
-def played(run: StoredRun) -> Played:
+def played(run: StoredRun) -> PlayedIntervals:
     """Return the intervals of all the run's trials."""
     each = max(len(run.intervals) // max(run.correct.size, 1), 1)
     commanded = [one.commanded_db_sl for one in run.intervals]
     measured = [one.measured_db_sl for one in run.intervals]
-    return Played(
+    return PlayedIntervals(
         np.arange(len(run.intervals)) // each,
         np.array(commanded, dtype=np.float64),
         np.array(measured, dtype=np.float64),
@@ -43,7 +42,7 @@ def played(run: StoredRun) -> Played:
     )
 
 
-def hum_is_felt(seen: Played, frequency_hz: float, timing: Timing, threshold_db_sl: float) -> bool:
+def hum_is_felt(seen: PlayedIntervals, frequency_hz: float, timing: Timing, threshold_db_sl: float) -> bool:
     """Return whether hum stood beside the stimulus: a line of 50 or 60 Hz mains within the bandwidth of the stimulus,
     and blank intervals with a steady tenth of the power of a stimulus at threshold, or more.
     """

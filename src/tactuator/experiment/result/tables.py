@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from tactuator.experiment.result.confusion import AbxResult, SubjectResult
 from tactuator.experiment.result.information import Information
-from tactuator.experiment.result.thresholds import Threshold
+from tactuator.experiment.result.thresholds import MeasuredThreshold
 
 _BOUNDS = {"": "", ">=": "≥ ", "<=": "≤ "}
 _ENOUGH_POWER = 0.5
@@ -23,7 +23,7 @@ class ResultTable:
     notes: tuple[str, ...] = ()
 
 
-def threshold_table(found: Sequence[Threshold]) -> ResultTable:
+def threshold_table(found: Sequence[MeasuredThreshold]) -> ResultTable:
     """A row a threshold."""
     columns = ("subject", "finger", "Hz", "trials", "procedure", "refit", "95 %", "dB re 1 µm", "flags")
     rows = tuple(

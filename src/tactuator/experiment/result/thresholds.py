@@ -6,22 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Playable, Procedure
 from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
 from tactuator.experiment.procedure.run_flags import RunFlags, run_flags
 from tactuator.experiment.procedure.up_down import UpDown
-from tactuator.experiment.procedure.whole_curve import WholeCurve
+from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurve
 from tactuator.experiment.result.catch import attention, catch_kinds
 from tactuator.experiment.result.curve_runs import curve_run
-from tactuator.experiment.result.played import Played, hum_is_felt, is_simulated, played
+from tactuator.experiment.result.played import PlayedIntervals, hum_is_felt, is_simulated, played
 from tactuator.experiment.store.stored_runs import StoredRun
 from tactuator.experiment.trial.delivered_level import Delivered, delivered
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP
-
-Floats = NDArray[np.float64]
 
 DISQUALIFYING = frozenset({"attention", "chance", "drift", "lapses", "mains", "out-of-range", "trial-limit"})
 """Flags of runs whose threshold a group curve leaves out unless it is told to keep them."""
@@ -31,7 +28,7 @@ _NORMAL_95 = 1.959964
 
 
 @dataclass(frozen=True)
-class Threshold:
+class MeasuredThreshold:
     """One threshold of one subject.
 
     own_db_sl, own_standard_error_db: as the procedure states it, commanded level (None where it states none).
@@ -72,11 +69,11 @@ class Threshold:
     simulated: bool
 
 
-def thresholds(runs: Sequence[StoredRun]) -> list[Threshold]:
+def thresholds(runs: Sequence[StoredRun]) -> list[MeasuredThreshold]:
     """Thresholds of every run; of a whole-curve run, one at each of twelve frequencies over its band."""
     procedures = [replayed(run) for run in runs]
     fitted = _fitted(runs, procedures)
-    found: list[Threshold] = []
+    found: list[MeasuredThreshold] = []
     for index, (run, procedure) in enumerate(zip(runs, procedures, strict=True)):
         if isinstance(procedure, WholeCurve):
             found += _whole_curve(run, procedure)
@@ -140,7 +137,7 @@ class _Level:
         return cls(level, sd, low, high, bound)
 
 
-def _one(run: StoredRun, procedure: Procedure, fit: Refit, flags: RunFlags, row: int) -> Threshold:
+def _one(run: StoredRun, procedure: Procedure, fit: Refit, flags: RunFlags, row: int) -> MeasuredThreshold:
     kinds = catch_kinds(run)
     levels = run.levels_db_sl[kinds != "blank"]
     fitted = (fit.threshold_db[row], fit.sd_db[row], fit.low_db[row], fit.high_db[row])
@@ -159,7 +156,7 @@ def _one(run: StoredRun, procedure: Procedure, fit: Refit, flags: RunFlags, row:
     )  # fmt: skip
 
 
-def _whole_curve(run: StoredRun, procedure: WholeCurve) -> list[Threshold]:
+def _whole_curve(run: StoredRun, procedure: WholeCurve) -> list[MeasuredThreshold]:
     kinds, seen = catch_kinds(run), played(run)
     own = kinds != "blank"
     if not own.any():
@@ -182,7 +179,7 @@ def _whole_curve(run: StoredRun, procedure: WholeCurve) -> list[Threshold]:
     return found
 
 
-def _of_playing(seen: Played, at: _Level, gain: Delivered) -> list[str]:
+def _of_playing(seen: PlayedIntervals, at: _Level, gain: Delivered) -> list[str]:
     found = {
         "out-of-range": bool(at.bound),
         "saturated": bool(seen.saturated.any()),
@@ -194,12 +191,12 @@ def _of_playing(seen: Played, at: _Level, gain: Delivered) -> list[str]:
 def _threshold(
     run: StoredRun, frequency_hz: float, at: _Level, gain: Delivered, base: float, flags: Sequence[str], point: float,
     own: tuple[float, float | None] | None, power: tuple[float | None, float | None],
-) -> Threshold:  # fmt: skip
+) -> MeasuredThreshold:  # fmt: skip
     known = not np.isnan(gain.offset_db)
     shift, shift_sd = (gain.offset_db, gain.sd_db) if known else (0.0, 0.0)
     level = base + shift + at.level
     spare = _NORMAL_95 * shift_sd
-    return Threshold(
+    return MeasuredThreshold(
         subject=run.session.subject_code,
         group=run.session.subject_group,
         finger=run.run.finger,

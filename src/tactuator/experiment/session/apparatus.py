@@ -9,7 +9,7 @@ from tactuator.display.description import Channel
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.plan import ALL_FINGERS
-from tactuator.experiment.store.records import Apparatus
+from tactuator.experiment.store.records import ApparatusRecord
 from tactuator.experiment.trial.timing import Timing
 from tactuator.files.controller import controller_hash
 from tactuator.rig.paced import PacedRig
@@ -18,7 +18,7 @@ from tactuator.rig.touchable import TouchableRig
 
 
 @dataclass(frozen=True)
-class Station:
+class Apparatus:
     """A rig with a controller loaded, and its name."""
 
     rig: Rig
@@ -33,11 +33,11 @@ class Station:
         fingers = ", ".join(channel.finger for channel in self.controller.display.channels)
         raise BadInput(f"finger {finger!r} is not on the display; allowed: {fingers}")
 
-    def apparatus(self, finger: str) -> Apparatus:
+    def record(self, finger: str) -> ApparatusRecord:
         """What is stored with a run on that finger."""
         channel = self.channel(finger)
         curve = channel.threshold.curve
-        return Apparatus(
+        return ApparatusRecord(
             self.name,
             self.controller.display.name,
             controller_hash(self.controller),

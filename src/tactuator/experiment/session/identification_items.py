@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from sqlalchemy import Connection, insert, select
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.identification import IdentificationProtocol
 from tactuator.experiment.store import schema
@@ -26,7 +26,7 @@ class LoadedItem:
 
     label: str
     source: str
-    reference: NDArray[np.float64]
+    reference: FloatArray
     duration_s: float
     sha256: str
 

@@ -8,30 +8,30 @@ from datetime import datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from sqlalchemy import Connection
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import Words, shipped_words
 from tactuator.experiment.protocol.identification import IdentificationProtocol
 from tactuator.experiment.protocol.plan import PlannedRun
 from tactuator.experiment.result.confusion import session_results
 from tactuator.experiment.result.tables import ResultTable, abx_table, information_table, matrix_table
-from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.identification_items import LoadedItem, keep_items, load_items
 from tactuator.experiment.session.identification_plan import ABX_RESPONSES, block_seed, block_trials, plan_blocks
 from tactuator.experiment.session.task import (
     NOTHING_DB_SL,
     SHAPE_STEP_S,
-    Choice,
+    IntervalEnvelope,
+    OfferedResponse,
     Picture,
     Question,
     Rules,
-    Shape,
     Stagehand,
     key_codes,
 )
-from tactuator.experiment.store.records import Played
+from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.presenter import Presentation, Presenter
 from tactuator.experiment.trial.trial import IntervalRecord, Trial
@@ -43,15 +43,15 @@ class IdentificationTask:
 
     protocol: IdentificationProtocol
     items: Mapping[str, LoadedItem]
-    station: Station
+    apparatus: Apparatus
     words: Words = field(default_factory=lambda: shipped_words("en"))
 
     @classmethod
     def load(
-        cls, protocol: IdentificationProtocol, beside: Path, station: Station, words: Words | None = None
+        cls, protocol: IdentificationProtocol, beside: Path, apparatus: Apparatus, words: Words | None = None
     ) -> IdentificationTask:
         """The task with its items read, whose files lie in `beside`. Raises BadInput as `load_items` does."""
-        return cls(protocol, load_items(protocol, beside, station.rig), station, words or shipped_words("en"))
+        return cls(protocol, load_items(protocol, beside, apparatus.rig), apparatus, words or shipped_words("en"))
 
     @property
     def question(self) -> Question:
@@ -59,9 +59,11 @@ class IdentificationTask:
         paradigm = self.protocol.identification.paradigm
         if paradigm == "abx":
             pairs = zip(ABX_RESPONSES, "12", strict=True)
-            choices = tuple(Choice(name, (name.lower(), name, digit), key_codes(digit)) for name, digit in pairs)
+            choices = tuple(
+                OfferedResponse(name, (name.lower(), name, digit), key_codes(digit)) for name, digit in pairs
+            )
             return Question(self.words(f"prompt.{paradigm}"), choices, (*ABX_RESPONSES, "X"))
-        choices = tuple(Choice(item.label, (item.key,), key_codes([item.key])) for item in self.protocol.item)
+        choices = tuple(OfferedResponse(item.label, (item.key,), key_codes([item.key])) for item in self.protocol.item)
         return Question(self.words(f"prompt.{paradigm}"), choices)
 
     @property
@@ -85,7 +87,7 @@ class IdentificationTask:
 
     def expected(self, planned: PlannedRun) -> tuple[float, float]:
         """How many trials a block has, and how many seconds one of them plays."""
-        asking, rate_hz = self.protocol.identification, self.station.rig.rate_hz
+        asking, rate_hz = self.protocol.identification, self.apparatus.rig.rate_hz
         intervals = 1 if asking.paradigm == "identification" else 3
         longest_s = max(len(item.reference) for item in self.items.values()) / rate_hz
         played_s = asking.lead_s + intervals * longest_s + (intervals - 1) * asking.gap_s
@@ -111,7 +113,7 @@ class IdentificationTask:
         A trial always takes as long as the longest items would, and in ABX so does each of its intervals: how long
         something takes on the subject's page says nothing of what it was.
         """
-        asking, rig = self.protocol.identification, self.station.rig
+        asking, rig = self.protocol.identification, self.apparatus.rig
         longest = max(len(item.reference) for item in self.items.values())
         references = [self.items[label].reference for label in trial.stimuli]
         if asking.paradigm == "abx":
@@ -128,7 +130,7 @@ class IdentificationTask:
         return records, shown
 
 
-def _filled(reference: NDArray[np.float64], length: int) -> NDArray[np.float64]:
+def _filled(reference: FloatArray, length: int) -> FloatArray:
     return np.concatenate([reference, np.zeros((length - len(reference), reference.shape[1]))])
 
 
@@ -164,18 +166,18 @@ class BlockCourse:
         right = sum(trial.judge(response) for trial, response in answered)
         return wanted is None or not self._responses or right >= wanted * len(self._responses)
 
-    def play(self, trial: Trial, stage: Stagehand, presented: datetime) -> Played:
+    def play(self, trial: Trial, stage: Stagehand, presented: datetime) -> PlayedTrial:
         """Play the trial's items."""
         intervals, shown = self.task.play(trial, stage)
-        return Played(trial, intervals, presented, rig_tick=shown.rig_tick, lasted_s=shown.lasted_s)
+        return PlayedTrial(trial, intervals, presented, rig_tick=shown.rig_tick, lasted_s=shown.lasted_s)
 
-    def shape(self, trial: Trial, interval: int) -> Shape:
+    def shape(self, trial: Trial, interval: int) -> IntervalEnvelope:
         """The largest of all channels in each step."""
         reference = self.task.items[trial.stimuli[interval]].reference
-        step = max(1, round(SHAPE_STEP_S * self.task.station.rig.rate_hz))
+        step = max(1, round(SHAPE_STEP_S * self.task.apparatus.rig.rate_hz))
         peaks = np.maximum.reduceat(np.abs(reference).max(axis=1), np.arange(0, len(reference), step))
         levels = 20.0 * np.log10(np.maximum(peaks, 10.0 ** (NOTHING_DB_SL / 20.0)))
-        return Shape(tuple(np.round(levels, 1).tolist()), SHAPE_STEP_S)
+        return IntervalEnvelope(tuple(np.round(levels, 1).tolist()), SHAPE_STEP_S)
 
     def record(self, response: str) -> None:
         """Keep the response to the trial that stands."""

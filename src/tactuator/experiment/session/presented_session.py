@@ -9,7 +9,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.standing import Acknowledged, NextTrial
 from tactuator.experiment.session.task import Stagehand
-from tactuator.experiment.store.records import Answer, Played
+from tactuator.experiment.store.records import Answer, PlayedTrial
 from tactuator.experiment.trial.presenter import Watch
 from tactuator.rig.board.stream import StreamDry
 
@@ -22,11 +22,11 @@ def _never() -> bool:
 
 
 @dataclass
-class Conduct:
+class PresentedSession:
     """Presents and answers trials of one session. pending: what was played and waits for its answer."""
 
     session: Session
-    pending: tuple[NextTrial, Played] | None = field(init=False, default=None)
+    pending: tuple[NextTrial, PlayedTrial] | None = field(init=False, default=None)
     _played: tuple[int, int, int] = field(init=False, default=(0, 0, 0))
 
     def present(self, watch: Watch, halted: Callable[[], bool] = _never) -> NextTrial:

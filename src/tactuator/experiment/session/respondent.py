@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from tactuator.experiment.session.presented_session import Conduct
+from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.standing import Acknowledged, NextTrial
-from tactuator.experiment.store.records import Answer, Played
+from tactuator.experiment.store.records import Answer, PlayedTrial
 from tactuator.experiment.trial.trial import Trial
 
 
@@ -28,7 +28,7 @@ class Respondent:
     def watch(self, interval: int, begins: bool) -> None:
         """An interval begins, or ends."""
 
-    def presented(self, played: Played) -> None:
+    def presented(self, played: PlayedTrial) -> None:
         """The trial was played like that."""
 
     def respond(self, trial: Trial) -> str:
@@ -39,8 +39,8 @@ class Respondent:
         """Told after the answer, in runs with feedback."""
 
 
-def attend(
-    conduct: Conduct,
+def run_session(
+    presented: PresentedSession,
     respondent: Respondent,
     told: Callable[[Session], None] = lambda session: None,
     rest: Callable[[float], None] = time.sleep,
@@ -50,7 +50,7 @@ def attend(
     It ends at once where the subject does not consent. told: called after every answer; rest: waits so many seconds
     where a break is not over yet.
     """
-    session, run, answered = conduct.session, -1, 0
+    session, run, answered = presented.session, -1, 0
     try:
         while (stage := session.stage) != "done":
             if stage == "ended":
@@ -67,24 +67,24 @@ def attend(
             elif stage == "introduction":
                 session.introduce()  # `begin` tells it
             else:
-                run = _trial(conduct, respondent, run)
+                run = _trial(presented, respondent, run)
                 answered += 1
                 told(session)
     finally:
-        session.task.station.rig.rest()
+        session.task.apparatus.rig.rest()
     return answered
 
 
-def _trial(conduct: Conduct, respondent: Respondent, run: int) -> int:
+def _trial(presented: PresentedSession, respondent: Respondent, run: int) -> int:
     """One trial; the run that it is of. run: that of the trial before."""
-    following = conduct.session.next_trial()
+    following = presented.session.next_trial()
     if following.run != run:
         respondent.begin(following)
-    conduct.present(respondent.watch)
-    assert conduct.pending is not None
-    respondent.presented(conduct.pending[1])
+    presented.present(respondent.watch)
+    assert presented.pending is not None
+    respondent.presented(presented.pending[1])
     response = respondent.respond(following.trial)
-    acknowledged = conduct.answer(Answer(response, conduct.session.clock.utc()))
+    acknowledged = presented.answer(Answer(response, presented.session.clock.utc()))
     if acknowledged.right is not None:
         respondent.learn(following.trial, acknowledged)
     return following.run

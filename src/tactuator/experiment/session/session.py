@@ -16,7 +16,7 @@ from tactuator.experiment.protocol.plan import PlannedRun
 from tactuator.experiment.session.clock import Clock
 from tactuator.experiment.session.pace import Pace
 from tactuator.experiment.session.standing import Acknowledged, NextTrial, Running, RunTally, replay
-from tactuator.experiment.session.task import Course, Task
+from tactuator.experiment.session.task import Course, SessionTask
 from tactuator.experiment.store import records, study_records
 from tactuator.experiment.store.cells import Found, stamp
 from tactuator.experiment.store.store import Store
@@ -32,7 +32,13 @@ class Session:
     """
 
     def __init__(
-        self, store: Store, row: Found, task: Task, version: int, clock: Clock, sitting: records.Sitting | None = None
+        self,
+        store: Store,
+        row: Found,
+        task: SessionTask,
+        version: int,
+        clock: Clock,
+        sitting: records.Sitting | None = None,
     ) -> None:
         self.store, self.id, self.task, self.version, self.clock = store, int(row.id), task, version, clock
         self.sitting = sitting or records.Sitting()
@@ -199,7 +205,7 @@ class Session:
                 records.end_run(connection, replaced.row, "restarted", now)
                 limit = self.task.rules.resume_within_s
                 records.note(connection, self.id, "restart", f"run {replaced.row} lay longer than {limit:g} s", now)
-            apparatus = self.task.station.apparatus(planned.finger)
+            apparatus = self.task.apparatus.record(planned.finger)
             row = records.begin_run(connection, self.id, planned, attempt, apparatus, self.sitting, self.version, now)
             study_records.change_session(connection, self.id, protocol_version_id=self.version)
         self._states[planned.position], self._tally[planned.position] = "running", (0, 0)
@@ -208,7 +214,7 @@ class Session:
 
     # -- what comes in
 
-    def answer(self, played: records.Played, answer: records.Answer) -> Acknowledged:
+    def answer(self, played: records.PlayedTrial, answer: records.Answer) -> Acknowledged:
         """Save the answer to the trial that stands; it returns only after the commit.
 
         BadInput for an answer that is not allowed or to another trial; StoreFault, with nothing changed, where it could

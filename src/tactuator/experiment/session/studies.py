@@ -14,12 +14,12 @@ from tactuator.experiment.protocol.file import parse_any_protocol
 from tactuator.experiment.protocol.identification import IdentificationProtocol
 from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
-from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.clock import Clock
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.identification_task import IdentificationTask
 from tactuator.experiment.session.session import Session
-from tactuator.experiment.session.task import Task
+from tactuator.experiment.session.task import SessionTask
 from tactuator.experiment.store import study_records
 from tactuator.experiment.store.cells import Found, stamp
 from tactuator.experiment.store.records import Sitting, note
@@ -27,16 +27,16 @@ from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.study_records import NewSubject, Tokens
 
 
-def task_of(protocol: StudyProtocol, beside: Path, station: Station) -> Task:
+def task_of(protocol: StudyProtocol, beside: Path, apparatus: Apparatus) -> SessionTask:
     """The protocol at the station; files that it names lie in `beside`.
 
     Raises BadInput where the station cannot play it, or its language is not there.
     """
     words = words_of(protocol, beside)
     if isinstance(protocol, IdentificationProtocol):
-        return IdentificationTask.load(protocol, beside, station, words)
+        return IdentificationTask.load(protocol, beside, apparatus, words)
     assert isinstance(protocol, Protocol)
-    return DetectionTask(protocol, station, words)
+    return DetectionTask(protocol, apparatus, words)
 
 
 def words_of(protocol: StudyProtocol, beside: Path) -> Words:
@@ -53,12 +53,12 @@ class Study:
 
     store: Store
     id: int
-    task: Task
+    task: SessionTask
     version: int
     beside: Path
     clock: Clock
     tokens: Tokens
-    _tasks: dict[int, Task] = field(init=False, default_factory=dict)
+    _tasks: dict[int, SessionTask] = field(init=False, default_factory=dict)
 
     def sessions(self) -> list[Found]:
         """Rows of the study's sessions, by subject and visit."""
@@ -73,14 +73,14 @@ class Study:
         version = row.protocol_version_id or self.version
         return Session(self.store, row, self._task(version), version, self.clock, sitting)
 
-    def _task(self, version: int) -> Task:
+    def _task(self, version: int) -> SessionTask:
         if version == self.version:
             return self.task
         if version not in self._tasks:
             with self.store.read() as connection:
                 rows = study_records.versions(connection, self.id)
             text = next(row.toml for row in rows if row.id == version)
-            self._tasks[version] = task_of(parse_any_protocol(text), self.beside, self.task.station)
+            self._tasks[version] = task_of(parse_any_protocol(text), self.beside, self.task.apparatus)
         return self._tasks[version]
 
     def enrol(self, part: SubjectPart) -> None:
@@ -145,7 +145,7 @@ class Study:
 
 def open_study(
     store: Store,
-    task: Task,
+    task: SessionTask,
     text: str,
     clock: Clock,
     tokens: Tokens,
@@ -170,7 +170,7 @@ def open_study(
     return opened
 
 
-def _version(connection: Connection, task: Task, text: str, clock: Clock, amend: str | None) -> tuple[int, int]:
+def _version(connection: Connection, task: SessionTask, text: str, clock: Clock, amend: str | None) -> tuple[int, int]:
     """Rows of the study and of the version of its protocol that the text is."""
     name, now = task.protocol.study.name, clock.utc()
     study = study_records.study_by_version(connection, text) or study_records.study_by_name(connection, name)

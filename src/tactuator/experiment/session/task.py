@@ -14,8 +14,8 @@ from tactuator.experiment.language.words import Words
 from tactuator.experiment.protocol.plan import PlannedRun
 from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.result.tables import ResultTable
-from tactuator.experiment.session.apparatus import Station
-from tactuator.experiment.store.records import Played
+from tactuator.experiment.session.apparatus import Apparatus
+from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.presenter import Watch
 from tactuator.experiment.trial.trial import Trial
@@ -25,7 +25,7 @@ Picture = Mapping[str, object]
 
 
 @dataclass(frozen=True)
-class Choice:
+class OfferedResponse:
     """A response as it is offered; keys: characters any of which gives it; codes: keys by where they are on the board
 
     (KeyboardEvent.code), whatever the layout puts there.
@@ -48,7 +48,7 @@ SHAPE_STEP_S, NOTHING_DB_SL = 0.02, -60.0
 
 
 @dataclass(frozen=True)
-class Shape:
+class IntervalEnvelope:
     """What an interval plays, for a demonstration: the envelope, dB SL, a value each step_s; frequency_hz where it has
 
     one.
@@ -67,7 +67,7 @@ class Question:
     """
 
     prompt: str
-    choices: tuple[Choice, ...]
+    choices: tuple[OfferedResponse, ...]
     intervals: tuple[str, ...] = ()
 
 
@@ -117,11 +117,11 @@ class Course(Protocol):
         """False for practice that is over and has not met its criterion."""
         ...
 
-    def play(self, trial: Trial, stage: Stagehand, presented: datetime) -> Played:
+    def play(self, trial: Trial, stage: Stagehand, presented: datetime) -> PlayedTrial:
         """Play the trial. presented: now. Raises Halted where it was stopped while it played."""
         ...
 
-    def shape(self, trial: Trial, interval: int) -> Shape:
+    def shape(self, trial: Trial, interval: int) -> IntervalEnvelope:
         """What the interval plays."""
         ...
 
@@ -134,7 +134,7 @@ class Course(Protocol):
         ...
 
 
-class Task(Protocol):
+class SessionTask(Protocol):
     """A protocol at a station."""
 
     @property
@@ -143,7 +143,7 @@ class Task(Protocol):
         ...
 
     @property
-    def station(self) -> Station:
+    def apparatus(self) -> Apparatus:
         """Where it is done."""
         ...
 

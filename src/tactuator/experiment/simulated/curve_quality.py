@@ -8,17 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.curve_belief import CurveBelief
-from tactuator.experiment.procedure.curve_flags import CurveFlags, curve_flags
-from tactuator.experiment.procedure.curve_kind import CurveKind
 from tactuator.experiment.procedure.drift import Trials
-from tactuator.experiment.procedure.whole_curve import WholeCurveRule
+from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
+from tactuator.experiment.procedure.whole_curve.curve_flags import CurveFlags, curve_flags
+from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
+from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule
 from tactuator.experiment.simulated.procedure_quality import Setting
 from tactuator.perception.psychometric import Psychometric, Weibull, weibull_rise
 from tactuator.perception.relative_curve import RelativeCurve
-
-Floats = NDArray[np.float64]
 
 NORMAL_PEOPLE = CurveKind("normal people", offset_db=4.0, tilt_db_per_decade=2.5, wave_db=2.0, wave_decades=0.35)
 """Whose curves are drawn where none is given: near the procedure's own idea of normal, so the figures are its best."""
@@ -127,14 +126,14 @@ class _Batch:
         points, levels, outcomes = (np.array(column).T for column in zip(*kept, strict=True))
         return curve_flags(self._belief, Trials(points, levels, outcomes))
 
-    def _answers(self, level_db: Floats) -> NDArray[np.bool_]:
+    def _answers(self, level_db: FloatArray) -> NDArray[np.bool_]:
         model, guessed = self._model, self._people.guessed
         rise = weibull_rise(level_db, self._slope, model.at_threshold)
         chance = model.guess + (1.0 - model.guess - model.lapse) * rise
         chance = guessed * model.guess + (1.0 - guessed) * chance
         return np.asarray(self._rng.random(level_db.size) < chance)
 
-    def judged(self) -> tuple[Floats, NDArray[np.bool_]]:
+    def judged(self) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Errors at _FINE frequencies and whether the band holds the truth, (runs, _FINE) each."""
         mean, sd = self._belief.curve(self._fine_hz)
         error = mean - self._at_fine

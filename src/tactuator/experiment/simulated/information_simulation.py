@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactuator.errors import BadInput
-from tactuator.experiment.result.information import Counts
 
 
 def uniform_error_matrices(
     stimuli: int, error: float, trials_per_stimulus: int, runs: int, rng: np.random.Generator
-) -> Counts:
+) -> NDArray[np.int64]:
     """Counts (runs, stimuli, stimuli): right with 1 - error, otherwise any of the other answers alike."""
     if stimuli < 2 or not 0.0 <= error <= 1.0 or trials_per_stimulus < 1 or runs < 1:
         raise BadInput(

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.perception.psychometric import MaxOfM, Psychometric, Weibull
@@ -39,7 +40,7 @@ class Observer:
         level = np.asarray(felt_db_re_1um, dtype=np.float64) - threshold
         return respond(self.psychometric, level, self._weights(level.size), rng)
 
-    def _weights(self, intervals: int) -> NDArray[np.float64]:
+    def _weights(self, intervals: int) -> FloatArray:
         if self.interval_bias is None:
             return np.full(intervals, 1.0 / intervals)
         if len(self.interval_bias) != intervals:
@@ -50,9 +51,7 @@ class Observer:
         return weights / float(weights.sum())
 
 
-def respond(
-    psychometric: Psychometric, level_db: NDArray[np.float64], weights: NDArray[np.float64], rng: np.random.Generator
-) -> int:
+def respond(psychometric: Psychometric, level_db: FloatArray, weights: FloatArray, rng: np.random.Generator) -> int:
     """Index of the interval picked; level_db: (m,) re own threshold; weights: (m,) of guesses.
 
     A lapse ignores what was felt with probability lapse / (1 - guess): psi then tops out at 1 - lapse.
@@ -70,6 +69,6 @@ def respond(
     return int(rng.choice(intervals, p=weights)) if inattentive else picked
 
 
-def _criterion_shift(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+def _criterion_shift(weights: FloatArray) -> FloatArray:
     """What is added to each impression so that preferred intervals win more often; zero for even weights."""
     return np.asarray(np.log(np.maximum(weights, 1e-6) * weights.size))

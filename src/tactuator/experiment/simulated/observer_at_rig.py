@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.experiment.simulated.observer import Observer
 from tactuator.experiment.trial.matched_filter import amplitude
 from tactuator.experiment.trial.timing import Timing
@@ -32,20 +32,18 @@ class ObserverAtRig:
     timing: Timing
     seed: tuple[int, ...]
     load: str | None = None
-    _felt: list[NDArray[np.float64]] = field(init=False, default_factory=list)
+    _felt: list[FloatArray] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
         port = self.rig.finger(self.channel)
         port.touch(self.load)
         port.attach(self.feel)
 
-    def feel(self, displacement_mm: NDArray[np.float64]) -> None:
+    def feel(self, displacement_mm: FloatArray) -> None:
         """Displacement of one block, shape (n,)."""
         self._felt.append(displacement_mm)
 
-    def levels_db_re_1um(
-        self, frequency_hz: float, intervals: Sequence[IntervalRecord], lasted_s: float
-    ) -> NDArray[np.float64]:
+    def levels_db_re_1um(self, frequency_hz: float, intervals: Sequence[IntervalRecord], lasted_s: float) -> FloatArray:
         """Level felt in each interval, shape (m,), of a trial that took the last lasted_s seconds."""
         felt, rate_hz = np.concatenate(self._felt), self.rig.rate_hz
         begins = felt.size - round(lasted_s * rate_hz)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule
 from tactuator.experiment.procedure.quest_plus_batch import run_quests
@@ -17,8 +18,6 @@ from tactuator.experiment.procedure.refit import RefitPrior, refit
 from tactuator.experiment.procedure.up_down import IMECE2004, UpDownRule
 from tactuator.experiment.procedure.up_down_batch import Tracks, run_tracks
 from tactuator.perception.psychometric import Psychometric, Weibull, weibull_rise
-
-Floats = NDArray[np.float64]
 
 _START_ABOVE_EXPECTED_DB = 20.0
 _SCATTER_DB = 5.0
@@ -114,19 +113,19 @@ def _quest_plus(rule: QuestPlusRule, setting: Setting) -> Tracks:
     return Tracks(levels, tracks.correct, tracks.trials, tracks.estimates_db_sl - truth)
 
 
-def _slopes(setting: Setting, rng: np.random.Generator) -> Floats:
+def _slopes(setting: Setting, rng: np.random.Generator) -> FloatArray:
     return rng.uniform(*setting.slope, setting.runs)
 
 
 class _Truth:
     """psi of every run's own observer."""
 
-    def __init__(self, slopes: Floats, lapse: float, threshold: Floats) -> None:
+    def __init__(self, slopes: FloatArray, lapse: float, threshold: FloatArray) -> None:
         model = Psychometric(Weibull(1.0), lapse=lapse)
         self._guess, self._lapse, self._at_threshold = model.guess, lapse, model.at_threshold
         self._slopes, self._threshold = slopes, threshold
 
-    def __call__(self, level_db: Floats, numbers: NDArray[np.intp]) -> Floats:
+    def __call__(self, level_db: FloatArray, numbers: NDArray[np.intp]) -> FloatArray:
         rise = weibull_rise(level_db - self._threshold[numbers], self._slopes[numbers], self._at_threshold)
         return np.asarray(self._guess + (1.0 - self._guess - self._lapse) * rise)
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.description import Display
 from tactuator.errors import BadInput
 from tactuator.experiment.session.identification_plan import ABX_RESPONSES, asked_label
 from tactuator.experiment.session.respondent import Respondent
 from tactuator.experiment.session.standing import Acknowledged
-from tactuator.experiment.store.records import Played
+from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.trial.trial import Trial
 from tactuator.rig.touchable import TouchableRig
 from tactuator.signals.bands import third_octave_bands
@@ -37,9 +37,6 @@ class ErringRespondent(Respondent):
         return others[int(self.rng.integers(len(others)))]
 
 
-Pattern = NDArray[np.float64]
-
-
 @dataclass
 class FeelingRespondent(Respondent):
     """Knows items by the levels in third octaves that reached the fingers, as far as its own noise lets it.
@@ -53,18 +50,18 @@ class FeelingRespondent(Respondent):
     rng: np.random.Generator
     noise_db: float = 2.0
     slices: int = 3
-    _felt: dict[str, list[Pattern]] = field(default_factory=dict)
-    _intervals: list[list[Pattern]] = field(default_factory=list)
-    _known: dict[str, list[Pattern]] = field(default_factory=dict)
+    _felt: dict[str, list[FloatArray]] = field(default_factory=dict)
+    _intervals: list[list[FloatArray]] = field(default_factory=list)
+    _known: dict[str, list[FloatArray]] = field(default_factory=dict)
 
     def listen(self, rig: TouchableRig) -> None:
         """Put the fingers on."""
         for channel in self.display.channels:
-            blocks: list[Pattern] = []
+            blocks: list[FloatArray] = []
             self._felt[channel.name] = blocks
             rig.finger(channel.name).attach(blocks.append)
 
-    def presented(self, played: Played) -> None:
+    def presented(self, played: PlayedTrial) -> None:
         """Take each interval out of what was felt while the trial was played, by the rig's times."""
         rate_hz = self.display.rate_hz
         whole = [np.concatenate(blocks)[-round(played.lasted_s * rate_hz) :] for blocks in self._felt.values()]
@@ -93,7 +90,7 @@ class FeelingRespondent(Respondent):
         if self.paradigm != "abx":
             self._known.setdefault(asked_label(self.paradigm, trial), []).append(self._last)
 
-    def _pattern(self, fingers: list[Pattern]) -> Pattern:
+    def _pattern(self, fingers: list[FloatArray]) -> FloatArray:
         """Levels above threshold, dB, of (fingers, slices of time, bands), with the respondent's own noise."""
         levels = []
         for channel, displacement in zip(self.display.channels, fingers, strict=True):
@@ -108,5 +105,5 @@ class FeelingRespondent(Respondent):
         return np.array(levels) + self.noise_db * self.rng.standard_normal(len(levels))
 
 
-def _distance(first: Pattern, second: Pattern) -> float:
+def _distance(first: FloatArray, second: FloatArray) -> float:
     return float(np.sum((first - second) ** 2))

@@ -8,19 +8,19 @@ from dataclasses import replace
 import numpy as np
 
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.curve_kind import CurveKind
+from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
 from tactuator.experiment.protocol.file import protocol_hash
 from tactuator.experiment.protocol.protocol import Protocol
-from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.clock import Clock
 from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.presented_session import Conduct
-from tactuator.experiment.session.respondent import Respondent, attend
+from tactuator.experiment.session.presented_session import PresentedSession
+from tactuator.experiment.session.respondent import Respondent, run_session
 from tactuator.experiment.session.standing import NextTrial
 from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.simulated.observer import Observer
 from tactuator.experiment.simulated.observer_at_rig import ObserverAtRig
-from tactuator.experiment.store.records import Played, Sitting
+from tactuator.experiment.store.records import PlayedTrial, Sitting
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.trial import Trial
 from tactuator.perception.curve import ThresholdCurve
@@ -91,7 +91,7 @@ def run_study(
     store: Store,
     protocol: Protocol,
     text: str,
-    station: Station,
+    apparatus: Apparatus,
     observers: Sequence[Observer],
     clock: Clock,
     load: str | None = None,
@@ -101,17 +101,17 @@ def run_study(
 
     load: put on the display's port while an observer's finger is there. told: name of the subject and progress, 0 to 1.
     """
-    rig = touchable(station.rig, station.name)
+    rig = touchable(apparatus.rig, apparatus.name)
     if len(observers) != len(protocol.subject):
         raise BadInput(f"{len(observers)} observers for {len(protocol.subject)} subjects; allowed: as many")
-    task = DetectionTask(protocol, station)
+    task = DetectionTask(protocol, apparatus)
     mark = protocol_hash(text)[:12]
     study = open_study(store, task, text, clock, lambda code, visit: f"simulated-{mark}-{code}-{visit}")
     for subject, observer in zip(protocol.subject, observers, strict=True):
         session = open_session(study, subject.code, sitting=Sitting("simulated"))
         sitting = _Sitting(observer, task, rig, load)
         try:
-            attend(Conduct(session), sitting, lambda now, name=observer.name: told(name, now.progress))  # type: ignore[misc]
+            run_session(PresentedSession(session), sitting, lambda now, name=observer.name: told(name, now.progress))  # type: ignore[misc]
         finally:
             sitting.leave()
     return study.id
@@ -127,11 +127,11 @@ class _Sitting(Respondent):
     def begin(self, following: NextTrial) -> None:
         """The finger goes to the run's channel."""
         self.leave()
-        channel = self._task.station.channel(following.planned.finger).name
+        channel = self._task.apparatus.channel(following.planned.finger).name
         timing = self._task.protocol.timing.build()
         self._at = ObserverAtRig(self._observer, self._rig, channel, timing, following.seed, self._load)
 
-    def presented(self, played: Played) -> None:
+    def presented(self, played: PlayedTrial) -> None:
         """Remember when each interval was."""
         self._played = played
 

@@ -14,7 +14,7 @@ from tactuator.experiment.trial.trial import IntervalRecord, Trial
 
 
 @dataclass(frozen=True)
-class Apparatus:
+class ApparatusRecord:
     """What the stimuli are played with, stored with every run.
 
     rig_simulated: nothing can be felt there; speed: of presentation, 1 being real time, None as fast as the rig can.
@@ -65,7 +65,7 @@ def begin_run(
     session: int,
     planned: PlannedRun,
     attempt: int,
-    apparatus: Apparatus,
+    apparatus: ApparatusRecord,
     sitting: Sitting,
     version: int,
     now: datetime,
@@ -142,7 +142,7 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Played:
+class PlayedTrial:
     """A trial that has been played; frequency and level of the curve are None where it is not at one frequency.
 
     presented, ended: when it began and was over by the server's clock (ended_s by its monotonic one); rig_tick: when it
@@ -161,7 +161,7 @@ class Played:
     presentations: int = 1
 
 
-def save_answer(connection: Connection, run: int, played: Played, answer: Answer) -> None:
+def save_answer(connection: Connection, run: int, played: PlayedTrial, answer: Answer) -> None:
     """The trial, its intervals and its response: all of it or, with the transaction, nothing."""
     trial, placement = played.trial, played.trial.placement
     row = {
@@ -196,7 +196,7 @@ def save_answer(connection: Connection, run: int, played: Played, answer: Answer
     connection.execute(insert(schema.response).values(values))
 
 
-def _after_s(played: Played, answer: Answer) -> float | None:
+def _after_s(played: PlayedTrial, answer: Answer) -> float | None:
     """Seconds from the end of the last interval to the response's arrival, by the server's monotonic clock."""
     if played.ended_s is None or answer.received_s is None:
         return None

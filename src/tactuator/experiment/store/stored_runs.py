@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import Connection, select
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.protocol.protocol import Protocol
@@ -25,9 +26,9 @@ class StoredRun:
     session: Found
     run: Found
     protocol: Protocol
-    frequency_hz: NDArray[np.float64]
-    levels_db_sl: NDArray[np.float64]
-    curve_level_db_re_1um: NDArray[np.float64]
+    frequency_hz: FloatArray
+    levels_db_sl: FloatArray
+    curve_level_db_re_1um: FloatArray
     correct: NDArray[np.bool_]
     intervals: tuple[IntervalRecord, ...]
 

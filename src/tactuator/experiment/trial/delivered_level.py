@@ -10,12 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.experiment.trial.trial import IntervalRecord
 from tactuator.signals.decibels import from_db
-
-Floats = NDArray[np.float64]
 
 FRICTION_HZ = 25.0
 _NEAR_DB = 4.0
@@ -55,7 +53,11 @@ class Delivered:
 
 
 def delivered(
-    commanded_db_sl: Floats, measured_db_sl: Floats, frequency_hz: float, level_db_sl: float, near_db: float = _NEAR_DB
+    commanded_db_sl: FloatArray,
+    measured_db_sl: FloatArray,
+    frequency_hz: float,
+    level_db_sl: float,
+    near_db: float = _NEAR_DB,
 ) -> Delivered:
     """The display's gain at a frequency, from intervals there. commanded_db_sl: NaN in blank ones; both (intervals,).
 

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.description import Channel
 from tactuator.experiment.procedure.procedure import Estimate, Procedure
 from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
@@ -64,7 +65,7 @@ class Detection:
         )
         return records, shown
 
-    def _reference(self, tone: ToneInterval, rng: np.random.Generator) -> NDArray[np.float64]:
+    def _reference(self, tone: ToneInterval, rng: np.random.Generator) -> FloatArray:
         rate_hz = self.presenter.rig.rate_hz
         reference = self.presenter.on_channel(tone.wave(rate_hz, self.timing))
         if self.masker is not None:
@@ -101,7 +102,7 @@ class RunRecord:
     flags: tuple[str, ...]
 
     @property
-    def levels_db_sl(self) -> NDArray[np.float64]:
+    def levels_db_sl(self) -> FloatArray:
         """Commanded level of every trial, shape (trials,)."""
         return np.array([one.trial.placement.level_db_sl for one in self.trials if one.trial.placement is not None])
 

@@ -9,19 +9,19 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.signals.stimuli import ramps
 
 
-def amplitude(signal: NDArray[np.float64], frequency_hz: float, rate_hz: float, ramp_s: float) -> float:
+def amplitude(signal: FloatArray, frequency_hz: float, rate_hz: float, ramp_s: float) -> float:
     """Peak amplitude at `frequency_hz` of a tone with these ramps over the whole of signal, shape (n,)."""
     cosine, sine = _analysis(signal.size, frequency_hz, rate_hz, ramp_s) @ signal
     return float(np.hypot(cosine, sine))
 
 
 @lru_cache(maxsize=64)
-def _analysis(count: int, frequency_hz: float, rate_hz: float, ramp_s: float) -> NDArray[np.float64]:
+def _analysis(count: int, frequency_hz: float, rate_hz: float, ramp_s: float) -> FloatArray:
     """The two rows of the pseudo-inverse that give the cosine and sine amplitudes, shape (2, count)."""
     envelope = ramps(count, rate_hz, ramp_s)
     phase = 2.0 * np.pi * frequency_hz * np.arange(count) / rate_hz

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.trial.marks import Marks
 from tactuator.rig.rig import Rig, Ticking
@@ -17,7 +17,6 @@ from tactuator.rig.trace import Trace, join_traces
 Watch = Callable[[int, bool], None]
 """Told (interval from 0, True) as an interval begins and (interval, False) as it ends, by the rig's own time."""
 
-Samples = NDArray[np.float64]
 _PIECE_S = 0.02
 """A reference is given to the rig in pieces of this length: a stop takes effect within one."""
 
@@ -78,13 +77,15 @@ class Presenter:
         """The channel's place among the rig's."""
         return self.rig.channels.index(self.channel)
 
-    def on_channel(self, wave: Samples) -> Samples:
+    def on_channel(self, wave: FloatArray) -> FloatArray:
         """Return a reference of every channel, (n, channels), from the wave of one, (n,)."""
         reference = np.zeros((wave.size, len(self.rig.channels)))
         reference[:, self.column] = wave
         return reference
 
-    def present(self, references: Sequence[Samples], lead_s: float, gap_s: float, tail_s: float = 0.0) -> Presentation:
+    def present(
+        self, references: Sequence[FloatArray], lead_s: float, gap_s: float, tail_s: float = 0.0
+    ) -> Presentation:
         """Play every reference (n, channels) after silence of lead_s, with gap_s between and tail_s after the last.
 
         All of it is one stretch of the rig's time: no gap is longer or shorter by a sample. Raises Halted where the
@@ -105,10 +106,10 @@ class Presenter:
         return Presentation(intervals, tick, len(stretch) / rate_hz)
 
     def _stretch(
-        self, references: Sequence[Samples], lead_s: float, gap_s: float, tail_s: float
-    ) -> tuple[Samples, list[int]]:
+        self, references: Sequence[FloatArray], lead_s: float, gap_s: float, tail_s: float
+    ) -> tuple[FloatArray, list[int]]:
         """The whole trial, (n, channels), and the sample at which each reference begins."""
-        parts: list[Samples] = []
+        parts: list[FloatArray] = []
         onsets: list[int] = []
         for interval, reference in enumerate(references):
             if reference.ndim != 2 or reference.shape[1] != len(self.rig.channels):
@@ -121,15 +122,17 @@ class Presenter:
             parts.append(self.marks.end(self.rig.rate_hz, self.rig.channels))
         return np.concatenate(parts), onsets
 
-    def _before(self, interval: int, silence_s: float) -> Samples:
+    def _before(self, interval: int, silence_s: float) -> FloatArray:
         if self.marks is None:
             return self._silence(silence_s)
         return self.marks.before(interval, silence_s, self.rig.rate_hz, self.rig.channels)
 
-    def _silence(self, duration_s: float) -> Samples:
+    def _silence(self, duration_s: float) -> FloatArray:
         return np.zeros((round(duration_s * self.rig.rate_hz), len(self.rig.channels)))
 
-    def _played(self, stretch: Samples, edges: Sequence[tuple[int, int, bool]], lates: list[float]) -> Iterator[Trace]:
+    def _played(
+        self, stretch: FloatArray, edges: Sequence[tuple[int, int, bool]], lates: list[float]
+    ) -> Iterator[Trace]:
         """The trace in pieces; the watch is told of each edge as the rig reaches it."""
         waiting, got = list(edges), 0
         self._tell(waiting, got, lates)
@@ -148,7 +151,7 @@ class Presenter:
                 lates[interval] = (got - sample) / self.rig.rate_hz
             self.watch(interval, begins)
 
-    def _pieces(self, stretch: Samples, cuts: Sequence[int]) -> Iterator[Samples]:
+    def _pieces(self, stretch: FloatArray, cuts: Sequence[int]) -> Iterator[FloatArray]:
         """The stretch in pieces, cut at every onset and end: a rig whose time waits stands exactly there."""
         step = max(1, round(_PIECE_S * self.rig.rate_hz))
         places = sorted({*range(0, len(stretch), step), *cuts, len(stretch)})

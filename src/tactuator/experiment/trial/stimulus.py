@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal as scipy_signal
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.trial.timing import Timing
 from tactuator.perception.levels import COMFORT_DB_SL
@@ -36,7 +36,7 @@ class Masker:
         if not self.level_db_sl <= COMFORT_DB_SL:
             raise BadInput(f"masker: level_db_sl is {self.level_db_sl:g}; allowed: {COMFORT_DB_SL:g} at most")
 
-    def wave(self, count: int, rate_hz: float, ramp_s: float, rng: np.random.Generator) -> NDArray[np.float64]:
+    def wave(self, count: int, rate_hz: float, ramp_s: float, rng: np.random.Generator) -> FloatArray:
         """Shape (count,), threshold units."""
         amplitude = float(from_db(self.level_db_sl))
         if self.kind == "tone":
@@ -60,7 +60,7 @@ class ToneInterval:
         if self.level_db_sl is not None and self.level_db_sl > COMFORT_DB_SL + 1e-9:
             raise BadInput(f"stimulus of {self.level_db_sl:g} dB SL; allowed: {COMFORT_DB_SL:g} at most")
 
-    def wave(self, rate_hz: float, timing: Timing) -> NDArray[np.float64]:
+    def wave(self, rate_hz: float, timing: Timing) -> FloatArray:
         """Shape (n,), threshold units."""
         duration = timing.duration_s(self.frequency_hz)
         if self.level_db_sl is None:

@@ -11,12 +11,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.curve_kind import CurveKind
-
-Floats = NDArray[np.float64]
+from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
 
 _NOTCHES = 9
 
@@ -72,7 +70,7 @@ class CurvePrior:
         return float(np.sqrt(self.band_hz[0] * self.band_hz[1]))
 
     @cached_property
-    def frequency_hz(self) -> Floats:
+    def frequency_hz(self) -> FloatArray:
         """Where trials may be put, shape (points,)."""
         return clear_of_mains(np.geomspace(*self.band_hz, self.points), self.mains_hz, self.clearance_hz, self.band_hz)
 
@@ -110,7 +108,9 @@ class CurvePrior:
         ]
 
 
-def clear_of_mains(frequency_hz: Floats, mains_hz: float, clearance_hz: float, band_hz: tuple[float, float]) -> Floats:
+def clear_of_mains(
+    frequency_hz: FloatArray, mains_hz: float, clearance_hz: float, band_hz: tuple[float, float]
+) -> FloatArray:
     """The frequencies, those too near a multiple of mains_hz moved to clearance_hz from it (inside the band)."""
     if mains_hz == 0.0:
         return frequency_hz

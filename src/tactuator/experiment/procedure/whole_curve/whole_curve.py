@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.answering import Answering
-from tactuator.experiment.procedure.curve_belief import CurveBelief
-from tactuator.experiment.procedure.curve_prior import CurvePrior
 from tactuator.experiment.procedure.procedure import Estimate, Placement
-
-Floats = NDArray[np.float64]
+from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
+from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
 
 
 @dataclass(frozen=True)
@@ -90,7 +89,7 @@ class WholeCurve:
         """None: a curve is not one number; see `curve`."""
         return None
 
-    def curve(self, frequency_hz: ArrayLike) -> tuple[Floats, Floats]:
+    def curve(self, frequency_hz: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Threshold in dB SL and its standard deviation at the frequencies, shape (n,) each."""
         mean, sd = self.belief.curve(frequency_hz)
         return mean[0], sd[0]

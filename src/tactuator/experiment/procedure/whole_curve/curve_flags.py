@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from tactuator.experiment.procedure.curve_belief import CurveBelief
-from tactuator.experiment.procedure.curve_kind import CurveKind
+from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.drift import CRITICAL_Z, Drift, Trials, drift_test
 from tactuator.experiment.procedure.run_flags import LEAST_LOG_EVIDENCE
-
-Floats = NDArray[np.float64]
+from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
+from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
 
 _LAPSING = 0.05
 _LAPSE_SHARE = 0.6
@@ -22,8 +18,8 @@ _LAPSE_SHARE = 0.6
 class CurveFlags:
     """log_bayes_factor: of the model against guessing; lapsing: probability of a lapse rate above 5 %; (runs,)."""
 
-    log_bayes_factor: Floats
-    lapsing: Floats
+    log_bayes_factor: FloatArray
+    lapsing: FloatArray
     drift: Drift
 
     def names(self, run: int = 0) -> tuple[str, ...]:

@@ -15,11 +15,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.answering import Answering
-from tactuator.experiment.procedure.curve_prior import CurvePrior
-
-Floats = NDArray[np.float64]
-Places = NDArray[np.intp]
+from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
 
 OFFSETS_DB = (-6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0, 8.0, 11.0, 14.0)
 """Levels worth trying, relative to the present estimate at each frequency."""
@@ -60,43 +58,43 @@ class CurveBelief:
         means = np.array([one.mean_db for one in prior.kinds])[kind]
         size = (runs, len(parts))
         self.kind = np.broadcast_to(kind, size)
-        self.slope: Floats = np.broadcast_to(slope, size)
-        self.lapse: Floats = np.broadcast_to(np.array(answering.lapses)[lapse], size)
-        self.mean: Floats = np.broadcast_to(means[:, None], (*size, frequency_hz.size)).copy()
-        self.covariance: Floats = np.broadcast_to(start[kind], (*size, *start.shape[1:])).copy()
-        self.log_weight: Floats = np.broadcast_to(np.log(shares / shares.sum()), size).copy()
-        self.log_chance: Floats = np.zeros(runs)
+        self.slope: FloatArray = np.broadcast_to(slope, size)
+        self.lapse: FloatArray = np.broadcast_to(np.array(answering.lapses)[lapse], size)
+        self.mean: FloatArray = np.broadcast_to(means[:, None], (*size, frequency_hz.size)).copy()
+        self.covariance: FloatArray = np.broadcast_to(start[kind], (*size, *start.shape[1:])).copy()
+        self.log_weight: FloatArray = np.broadcast_to(np.log(shares / shares.sum()), size).copy()
+        self.log_chance: FloatArray = np.zeros(runs)
         self.trials = 0
 
     @property
-    def weight(self) -> Floats:
+    def weight(self) -> FloatArray:
         """Probability of each component, (runs, components)."""
         relative = np.exp(self.log_weight - self.log_weight.max(axis=1, keepdims=True))
         return np.asarray(relative / relative.sum(axis=1, keepdims=True))
 
-    def _tempered(self) -> Floats:
+    def _tempered(self) -> FloatArray:
         tempered = self.weight**_TEMPER
         return np.asarray(tempered / tempered.sum(axis=1, keepdims=True))
 
     @property
-    def log_bayes_factor(self) -> Floats:
+    def log_bayes_factor(self) -> FloatArray:
         """Log evidence for a threshold curve against guessing throughout, (runs,)."""
         highest = self.log_weight.max(axis=1)
         return np.asarray(highest + np.log(np.exp(self.log_weight - highest[:, None]).sum(axis=1)) - self.log_chance)
 
-    def share_of_kinds(self) -> dict[str, Floats]:
+    def share_of_kinds(self) -> dict[str, FloatArray]:
         """Probability of each kind of curve by name, (runs,) each."""
-        weight, found = self.weight, dict[str, Floats]()
+        weight, found = self.weight, dict[str, FloatArray]()
         for index, kind in enumerate(self.prior.kinds):
             share = np.where(self.kind == index, weight, 0.0).sum(axis=1)
             found[kind.name] = found.get(kind.name, np.zeros(self.runs)) + share
         return found
 
-    def share_of_lapses(self, above: float) -> Floats:
+    def share_of_lapses(self, above: float) -> FloatArray:
         """Probability of a lapse rate above that, (runs,)."""
         return np.asarray(np.where(self.lapse > above, self.weight, 0.0).sum(axis=1))
 
-    def curve(self, frequency_hz: ArrayLike) -> tuple[Floats, Floats]:
+    def curve(self, frequency_hz: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation at the frequencies, (runs, frequencies) each, components mixed by tempered
         weight.
         """
@@ -118,7 +116,7 @@ class CurveBelief:
         mean, square = mean / total, square / total
         return mean, np.sqrt(np.maximum(square - mean**2, 1e-12))
 
-    def choose(self, floor_db_sl: float, ceiling_db_sl: float) -> tuple[Places, Floats]:
+    def choose(self, floor_db_sl: float, ceiling_db_sl: float) -> tuple[NDArray[np.intp], FloatArray]:
         """Point and level (half dB) of the most telling trial of every run, (runs,) each."""
         tempered = self._tempered()
         chosen = min(_CHOOSING, tempered.shape[1])
@@ -132,7 +130,9 @@ class CurveBelief:
         best = np.argmax(gain, axis=1)
         return best // levels.shape[2], levels.reshape(self.runs, -1)[np.arange(self.runs), best]
 
-    def _expected_gain(self, levels: Floats, row: Places, top: Places, share: Floats) -> Floats:
+    def _expected_gain(
+        self, levels: FloatArray, row: NDArray[np.intp], top: NDArray[np.intp], share: FloatArray
+    ) -> FloatArray:
         """Expected fall of the mixture's variance summed over the curve, (runs, points, levels).
 
         The mean of the curve after an outcome y is N_y / p_y, and the variance that is left is what all trials share
@@ -153,7 +153,7 @@ class CurveBelief:
         chance = right.sum(axis=1)
         return np.asarray((moved**2).sum(axis=1) / (chance * (1.0 - chance)))
 
-    def learn(self, point: Places, level_db_sl: Floats, correct: NDArray[np.bool_]) -> None:
+    def learn(self, point: NDArray[np.intp], level_db_sl: FloatArray, correct: NDArray[np.bool_]) -> None:
         """Take in a trial of every run; arguments (runs,)."""
         rows = np.arange(self.runs)
         sd = np.sqrt(self.covariance[rows, :, point, point])
