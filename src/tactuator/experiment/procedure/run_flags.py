@@ -1,4 +1,4 @@
-"""What the reader of runs at one frequency must know: somebody who guessed, lapsed or drifted; each test's power."""
+"""Flags of runs at one frequency: guessing, frequent lapses and drift, with the power of each test."""
 
 from __future__ import annotations
 
@@ -17,14 +17,18 @@ LEAST_LOG_EVIDENCE = 3.0
 LAPSE_LOG_ODDS = 1.5
 """Log likelihood ratio of frequent over rare lapses above which a run is flagged `lapses`."""
 LAPSES = 0.15
-"""The lapse rate that the stated power is for."""
+"""Lapse rate for which the power is stated."""
 _FREE_DB = 30.0
 _SURE_DB = 8.0
 
 
 @dataclass(frozen=True)
 class RunFlags:
-    """Tests of runs. log_bayes_factor, lapse_log_odds: as in Refit; lapse_power: chance that LAPSES is flagged."""
+    """Results of the tests on several runs, each (runs,).
+
+    log_bayes_factor, lapse_log_odds: as in Refit. lapse_power: probability that a lapse rate of LAPSES would be
+    flagged.
+    """
 
     log_bayes_factor: FloatArray
     lapse_log_odds: FloatArray
@@ -32,7 +36,7 @@ class RunFlags:
     drift: Drift
 
     def names(self, run: int) -> tuple[str, ...]:
-        """The flags of one run."""
+        """Return the names of the flags of one run, sorted."""
         found = {
             "chance": self.log_bayes_factor[run] < LEAST_LOG_EVIDENCE,
             "lapses": self.lapse_log_odds[run] > LAPSE_LOG_ODDS,
@@ -42,7 +46,10 @@ class RunFlags:
 
 
 def run_flags(levels_db: FloatArray, correct: NDArray[np.bool_], fitted: Refit, prior: RefitPrior) -> RunFlags:
-    """The flags of runs. levels_db, correct: (runs, trials), NaN where a run was over; fitted: of the same runs."""
+    """Test runs for guessing, lapses and drift.
+
+    levels_db, correct: (runs, trials), NaN where a run was over. fitted: the refit of the same runs, with that prior.
+    """
     answering = Answering(slopes=(1.0,), lapses=(0.0,), lapse_shares=(1.0,), guess=prior.guess, target=prior.target)
     trials = Trials(np.zeros(levels_db.shape, dtype=np.intp), levels_db, correct)
     start = fitted.threshold_db[:, None]
@@ -51,7 +58,10 @@ def run_flags(levels_db: FloatArray, correct: NDArray[np.bool_], fitted: Refit, 
 
 
 def _lapse_power(levels_db: FloatArray, fitted: Refit) -> FloatArray:
-    """Probability of two or more lapses among the trials so far above threshold that nothing else explains an error."""
+    """Return the probability of two or more lapses where only a lapse explains an error.
+
+    Those are the trials that lie _SURE_DB or more above threshold.
+    """
     with np.errstate(invalid="ignore"):
         loud = np.sum(levels_db >= fitted.threshold_db[:, None] + _SURE_DB, axis=1)
     none = (1.0 - LAPSES) ** loud

@@ -1,4 +1,4 @@
-"""What a whole-curve run's reader must know: somebody who guessed, lapsed or drifted."""
+"""Flags of a whole-curve run: guessing, frequent lapses and drift."""
 
 from __future__ import annotations
 
@@ -16,14 +16,17 @@ _LAPSE_SHARE = 0.6
 
 @dataclass(frozen=True)
 class CurveFlags:
-    """log_bayes_factor: of the model against guessing; lapsing: probability of a lapse rate above 5 %; (runs,)."""
+    """Results of the tests on whole-curve runs, each (runs,).
+
+    log_bayes_factor: log evidence for the model against guessing. lapsing: probability of a lapse rate above 5 %.
+    """
 
     log_bayes_factor: FloatArray
     lapsing: FloatArray
     drift: Drift
 
     def names(self, run: int = 0) -> tuple[str, ...]:
-        """The flags of one run."""
+        """Return the names of the flags of one run, sorted."""
         found = {
             "chance": self.log_bayes_factor[run] < LEAST_LOG_EVIDENCE,
             "lapses": self.lapsing[run] > _LAPSE_SHARE,
@@ -33,7 +36,7 @@ class CurveFlags:
 
 
 def curve_flags(belief: CurveBelief, trials: Trials) -> CurveFlags:
-    """The flags of every run of a belief that has learnt these trials."""
+    """Test every run of a belief that has learnt these trials."""
     prior = belief.prior
     mean, _ = belief.curve(prior.frequency_hz)
     free = CurveKind("free", 1.0, 0.0, 10.0, 4.0, 0.0, rough_db=7.0)
