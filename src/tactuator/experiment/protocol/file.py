@@ -33,7 +33,7 @@ def read_any_protocol(path: str | Path) -> tuple[StudyProtocol, str]:
 
 
 def read_protocol(path: str | Path) -> tuple[Protocol, str]:
-    """Return a detection protocol and the file's text. Raises BadInput as `read_any_protocol` and for the other kind."""
+    """Return a detection protocol and the file's text. Raises BadInput as `read_any_protocol` and for another kind."""
     text = _text(path)
     return parse_protocol(text, str(path)), text
 

@@ -42,7 +42,7 @@ class Timing:
         return max(self.stimulus_s, self.periods / frequency_hz)
 
     def ramp_at_s(self, frequency_hz: float) -> float:
-        """Return the duration of each ramp, which grows with the interval: a slow tone begins as gently as a fast one."""
+        """Return the duration of each ramp, in proportion to the interval: slow tones begin as gently as fast ones."""
         return self.ramp_s * self.duration_s(frequency_hz) / self.stimulus_s
 
     def clearance_hz(self, frequency_hz: float) -> float:
