@@ -12,10 +12,8 @@ PACKAGE = Path(__file__).resolve().parents[2] / "src" / "tactuator"
 ROOMS_NOT_YET_SWEPT = (
     "experiment/export",
     "experiment/language",
-    "experiment/result",
     "experiment/session",
     "experiment/simulated",
-    "experiment/store",
     "identification",
     "rig/board_check",
     "web",

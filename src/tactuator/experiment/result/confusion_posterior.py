@@ -1,11 +1,11 @@
-"""The posterior of information transfer, given a confusion matrix: what its interval is made of.
+"""Posterior of information transfer, given a confusion matrix, from which its interval is taken.
 
-A row of the matrix is a share of errors e_i and a way in which they spread over the wrong responses. Both are learnt
-from all rows together. e_i: beta, its two parameters on a grid. Spread: the rate of each confusion is drawn from one of
-two gammas, an ordinary and a habitual one, whose shapes and shares are on a grid; with counts that are Poisson given
-the rate each cell is a mixture of two negative binomials, in closed form. The prior of the grid is flat in the entropy
-of the spread that a point of it implies (after Nemenman, Shafee & Bialek 2002): flat in the parameters themselves it is
-all but certain of the entropy before any data.
+A row of the matrix is a share of errors e_i and a spread of them over the wrong responses. Both are learnt from all
+rows together. e_i is beta, with its two parameters on a grid. In the spread, the rate of each confusion is drawn from
+one of two gammas, an ordinary and a habitual one, whose shapes and shares are on a grid; with counts that are Poisson
+given the rate, each cell is a mixture of two negative binomials, in closed form. The prior of the grid is flat in the
+entropy of the spread that a point of it implies (after Nemenman, Shafee & Bialek 2002); flat in the parameters
+themselves, it would be all but certain of the entropy before any data.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _CHUNK = 64
 
 
 def information_draws(counts: NDArray[np.int64], draws: int, rng: np.random.Generator) -> FloatArray:
-    """Draws of the information transfer in bits, shape (draws,). counts: square, every row presented."""
+    """Draw the information transfer in bits, shape (draws,), from its posterior. counts: square, every row presented."""
     stimuli = counts.shape[0]
     presented = counts.sum(axis=1)
     wrong = presented - np.diag(counts)
@@ -43,7 +43,10 @@ def information_draws(counts: NDArray[np.int64], draws: int, rng: np.random.Gene
 
 
 def information_of(chances: FloatArray, weights: FloatArray) -> FloatArray:
-    """Information transfer of known response probabilities (..., stimuli, responses), stimuli weighted; bits."""
+    """Return the information transfer, bits, of known response probabilities (..., stimuli, responses).
+
+    weights: probability of each stimulus, (stimuli,).
+    """
     joint = chances * weights[:, None]
     responses = joint.sum(axis=-2, keepdims=True)
     ratio = np.where(joint > 0.0, chances / np.maximum(responses, _TINY), 1.0)
@@ -51,7 +54,10 @@ def information_of(chances: FloatArray, weights: FloatArray) -> FloatArray:
 
 
 def _error_draws(right: FloatArray, wrong: FloatArray, draws: int, rng: np.random.Generator) -> FloatArray:
-    """Error rates of every stimulus, (draws, stimuli): beta with its mean and weight on a grid, even a priori."""
+    """Draw the error rates of every stimulus, (draws, stimuli).
+
+    They are beta with mean and weight on a grid that is even a priori.
+    """
     mean = np.linspace(0.002, 0.998, 100)[:, None]
     weight = np.geomspace(1.0, 2000.0, 20)
     first, second = (mean * weight).ravel(), ((1.0 - mean) * weight).ravel()
@@ -64,9 +70,10 @@ def _error_draws(right: FloatArray, wrong: FloatArray, draws: int, rng: np.rando
 
 @dataclass(frozen=True, eq=False)
 class _Spreads:
-    """A grid of ways to spread errors over `cells` responses; arrays (grid,). habitual: probability of a habitual cell.
+    """Grid of spreads of errors over `cells` responses; arrays (grid,).
 
-    ordinary_*, habitual_*: shape and mean of the gammas, such that the rates of a row sum to 1 on average.
+    habitual: probability that a cell is habitual. ordinary_*, habitual_*: shape and mean of the gammas, such that the
+    rates of a row sum to 1 on average. prior: probability of each point of the grid.
     """
 
     ordinary_shape: FloatArray
@@ -95,7 +102,7 @@ def _spreads(cells: int) -> _Spreads:
 
 
 def _flat_in_entropy(grid: FloatArray, cells: int) -> FloatArray:
-    """Prior of each point of the grid, (grid,): even over eighths of the largest entropy that a spread can have."""
+    """Return the prior of each point of the grid, (grid,): even over eighths of the largest entropy of a spread."""
     if cells == 1:
         return np.full(grid.shape[1], 1.0 / grid.shape[1])
     rng = np.random.default_rng(cells)
@@ -111,7 +118,10 @@ def _flat_in_entropy(grid: FloatArray, cells: int) -> FloatArray:
 
 
 class _SpreadPosterior:
-    """confused: (stimuli, stimuli - 1) counts of the wrong responses; wrong: (stimuli,) their sums."""
+    """Posterior of the spread of errors.
+
+    confused: counts of the wrong responses, (stimuli, stimuli - 1). wrong: their sums, (stimuli,).
+    """
 
     def __init__(self, confused: FloatArray, wrong: FloatArray) -> None:
         self._grid, self._counts = _spreads(confused.shape[1]), confused.ravel()
@@ -135,7 +145,7 @@ class _SpreadPosterior:
         self._habitual = np.exp(habitual - either)
 
     def draw(self, draws: int, rng: np.random.Generator) -> FloatArray:
-        """Shares of the wrong responses among the errors, (draws, stimuli, stimuli - 1); rows sum to 1."""
+        """Draw shares of the wrong responses among the errors, (draws, stimuli, stimuli - 1); rows sum to 1."""
         grid = self._grid
         picked = rng.choice(self._posterior.size, draws, p=self._posterior)
         habitual = rng.random((draws, self._counts.size)) < self._habitual[picked][:, self._kind]
@@ -147,7 +157,10 @@ class _SpreadPosterior:
 
 
 def _log_negative_binomial(count: FloatArray, shape: FloatArray, mean: FloatArray, exposure: FloatArray) -> FloatArray:
-    """Log probability of counts (n,) whose rate is gamma of that shape and mean (grid,), over exposure; (grid, n)."""
+    """Return the log probability, (grid, n), of counts (n,) whose rates are gamma of that shape and mean (grid,).
+
+    exposure: of each count, (n,).
+    """
     expected = mean[:, None] * exposure
     share = expected / (expected + shape[:, None])
     ways = gammaln(count + shape[:, None]) - gammaln(shape)[:, None] - gammaln(count + 1.0)

@@ -1,4 +1,4 @@
-"""A whole-curve run as it is stored: what its trials say of the curve, and what its reader must know."""
+"""Whole-curve runs from the store: the curve that their trials imply, and their flags."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ _POINTS = 12
 
 @dataclass(frozen=True)
 class CurveRun:
-    """frequency_hz: twelve over the band; level_db_sl, sd_db: of the curve there; flags: of the run."""
+    """The curve of a whole-curve run, each array (12,).
+
+    frequency_hz: twelve frequencies over the band. level_db_sl, sd_db: of the curve there. flags: of the run.
+    """
 
     frequency_hz: FloatArray
     level_db_sl: FloatArray
@@ -30,7 +33,7 @@ class CurveRun:
 def curve_run(
     rule: WholeCurveRule, frequency_hz: FloatArray, levels_db_sl: FloatArray, correct: NDArray[np.bool_]
 ) -> CurveRun:
-    """The curve after trials (trials,), as they were played and whatever placed them."""
+    """Return the curve after trials, each array (trials,), as they were played, whatever placed them."""
     prior = rule.prior
     belief = CurveBelief(prior, rule.answering)
     points = np.argmin(np.abs(np.log(frequency_hz[:, None] / prior.frequency_hz)), axis=1)

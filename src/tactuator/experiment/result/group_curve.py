@@ -33,10 +33,10 @@ CIRCUMSTANCES = (
 
 @dataclass(frozen=True)
 class GroupCurve:
-    """The curve of a group: the mean over subjects, and who stands behind it.
+    """The mean threshold curve of a group, and the subjects behind it.
 
-    subjects: how many at each point (0: extended to the band's edge, not measured); left_out: thresholds that were not
-    taken in, because of the flags of their runs.
+    subjects: number at each point (0: extended to the band's edge, not measured). left_out: thresholds that were not
+    taken in because of the flags of their runs.
     """
 
     curve: ThresholdCurve
@@ -104,9 +104,9 @@ def _mean(found: Sequence[MeasuredThreshold]) -> tuple[float, float, int]:
 
 
 def write_group_curve(path: str | Path, group: GroupCurve, runs: Sequence[StoredRun]) -> None:
-    """The curve as CSV that `read_curve` reads, with a column for each circumstance.
+    """Write the curve as CSV that `read_curve` reads, with a column for each circumstance.
 
-    A circumstance that differed between the sessions has its values joined by `;`, an unknown one is empty.
+    A circumstance that differed between the sessions has its values joined by `;`; an unknown one is empty.
     """
     curve = group.curve
     assert curve.standard_error_db is not None

@@ -1,7 +1,7 @@
 """Information transfer: how much of what was presented is known from what was answered.
 
-IT = sum over i, j of (n_ij / n) log2(n_ij n / (n_i n_j)), bits a stimulus; 2^IT categories are reliably told apart.
-Counted from few trials it comes out too high, and every correction fails somewhere: several are given side by side.
+IT = sum over i, j of (n_ij / n) log2(n_ij n / (n_i n_j)), in bits a stimulus; 2^IT categories are reliably told apart.
+Counted from few trials it comes out too high, and every correction fails somewhere, so several are given side by side.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ _WIDER = 1.15
 
 @dataclass(frozen=True)
 class InformationEstimate:
-    """An estimate in bits, and its interval of the stated confidence; None where it has none that deserves its name."""
+    """An estimate in bits, and its interval of the stated confidence; the interval is None where it would not be
+    trusted.
+    """
 
     bits: float
     low_bits: float | None = None
@@ -41,16 +43,16 @@ class InformationEstimate:
 
     @property
     def categories(self) -> float:
-        """How many items are told apart without error: 2^bits."""
+        """Return the number of items that are told apart without error: 2^bits."""
         return float(2.0**self.bits)
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Information transfer of a confusion matrix. estimates: by name, as in ESTIMATORS, and POSTERIOR.
+    """Information transfer of a confusion matrix.
 
-    warning: None or one line; no_interval: None, or why the estimates have no interval. bits_per_second: by name, where
-    the time a stimulus takes is known.
+    estimates: by name, as in ESTIMATORS, and POSTERIOR. bits_per_second: by name, where the time that a stimulus takes
+    is known. warning: None or one line. no_interval: None, or the reason why the estimates have no interval.
     """
 
     stimuli: int
@@ -65,7 +67,7 @@ class Information:
 
 
 def confusion_counts(matrix: ArrayLike) -> NDArray[np.int64]:
-    """A confusion matrix (stimuli, responses) as whole counts, stimuli that were never presented left out.
+    """Return a confusion matrix (stimuli, responses) as whole counts, stimuli that were never presented left out.
 
     Raises BadInput for a matrix that is not of two dimensions, or holds anything but whole numbers of zero or more, or
     in which fewer than two stimuli were presented.
@@ -82,7 +84,7 @@ def confusion_counts(matrix: ArrayLike) -> NDArray[np.int64]:
 
 
 def plug_in_bits(counts: NDArray[np.int64]) -> FloatArray:
-    """The plug-in estimate of matrices (..., stimuli, responses), shape (...)."""
+    """Return the plug-in estimate of matrices (..., stimuli, responses), shape (...)."""
     n = counts.sum(axis=(-2, -1))
     cells = _n_log_n(counts).sum(axis=(-2, -1))
     rows = _n_log_n(counts.sum(axis=-1)).sum(axis=-1)
@@ -91,7 +93,7 @@ def plug_in_bits(counts: NDArray[np.int64]) -> FloatArray:
 
 
 def miller_madow_bits(counts: NDArray[np.int64]) -> FloatArray:
-    """Plug-in less (cells - rows - columns + 1) / (2 n ln 2), counting those that are occupied; shape (...)."""
+    """Return plug-in less (cells - rows - columns + 1) / (2 n ln 2), counting those that are occupied; shape (...)."""
     cells = (counts > 0).sum(axis=(-2, -1))
     rows = (counts.sum(axis=-1) > 0).sum(axis=-1)
     columns = (counts.sum(axis=-2) > 0).sum(axis=-1)
@@ -99,13 +101,13 @@ def miller_madow_bits(counts: NDArray[np.int64]) -> FloatArray:
 
 
 def all_cells_bits(counts: NDArray[np.int64]) -> FloatArray:
-    """Plug-in less (stimuli - 1)(responses - 1) / (2 n ln 2); shape (...)."""
+    """Return plug-in less (stimuli - 1)(responses - 1) / (2 n ln 2); shape (...)."""
     stimuli, responses = _stimuli(counts), counts.shape[-1]
     return np.asarray(plug_in_bits(counts) - (stimuli - 1) * (responses - 1) / (2.0 * _trials(counts) * np.log(2.0)))
 
 
 def error_rule_bits(counts: NDArray[np.int64]) -> FloatArray:
-    """(1 - 2 e) log2 k, at least zero; NaN where responses are not those of the stimuli (no diagonal). Shape (...)."""
+    """Return (1 - 2 e) log2 k, at least zero; shape (...). NaN where responses are not those of the stimuli."""
     if counts.shape[-1] != counts.shape[-2]:
         return np.full(counts.shape[:-2], np.nan)
     errors = 1.0 - np.trace(counts, axis1=-2, axis2=-1) / _trials(counts)
@@ -113,7 +115,7 @@ def error_rule_bits(counts: NDArray[np.int64]) -> FloatArray:
 
 
 def all_estimates(counts: NDArray[np.int64]) -> dict[str, FloatArray]:
-    """Every estimator of ESTIMATORS on matrices (..., stimuli, responses), each of shape (...)."""
+    """Return every estimator of ESTIMATORS on matrices (..., stimuli, responses), each of shape (...)."""
     functions = (plug_in_bits, miller_madow_bits, all_cells_bits, error_rule_bits)
     return {name: function(counts) for name, function in zip(ESTIMATORS, functions, strict=True)}
 
@@ -128,10 +130,10 @@ def information(
 ) -> Information:
     """Return the information transfer of a confusion matrix (stimuli, responses) of counts.
 
-    Of the estimates only the posterior's median has an interval: those of the others missed the truth (a bootstrap's
-    covers the bias of its estimator and not the truth). It is refused where trials are too few for the number of
-    stimuli, and where responses are not those of the stimuli. Raises BadInput for a matrix, confidence or number of
-    draws that is not allowed.
+    Only the posterior's median has an interval: intervals of the other estimates missed the truth (a bootstrap's covers
+    the bias of its estimator and not the truth). It is refused where trials are too few for the number of stimuli, and
+    where responses are not those of the stimuli. Raises BadInput for a matrix, confidence or number of draws that is
+    not allowed.
     """
     counts = confusion_counts(matrix)
     if not 0.0 < confidence < 1.0 or draws < 100:
@@ -162,7 +164,7 @@ def information(
 def _posterior(
     counts: NDArray[np.int64], rng: np.random.Generator, draws: int, confidence: float
 ) -> InformationEstimate:
-    """Return the posterior's median with its interval, _WIDER than the posterior's own about it."""
+    """Return the posterior's median with an interval that is _WIDER times the posterior's own."""
     found = information_draws(counts, draws, rng)
     tails = (0.5 - 0.5 * confidence, 0.5, 0.5 + 0.5 * confidence)
     low, middle, high = (float(value) for value in np.quantile(found, tails))

@@ -1,4 +1,4 @@
-"""What a stored run's intervals played and what the sensor saw, as arrays; and what can be wrong with that."""
+"""Intervals of a stored run as arrays: what was played and what the sensor saw, and faults of the playing."""
 
 from __future__ import annotations
 
@@ -21,7 +21,11 @@ _SIMULATED = ("simulated", "in-process", "emulated")
 
 @dataclass(frozen=True)
 class PlayedIntervals:
-    """Arrays (intervals,): trial, index in the run; commanded_db_sl, NaN where blank; measured_db_sl; saturated."""
+    """Intervals of a run as they were played; arrays (intervals,).
+
+    trial: index in the run. commanded_db_sl: NaN where blank. measured_db_sl: at the sensor. saturated: True where a
+    converter was.
+    """
 
     trial: NDArray[np.intp]
     commanded_db_sl: FloatArray
@@ -43,8 +47,10 @@ def played(run: StoredRun) -> PlayedIntervals:
 
 
 def hum_is_felt(seen: PlayedIntervals, frequency_hz: float, timing: Timing, threshold_db_sl: float) -> bool:
-    """Return whether hum stood beside the stimulus: a line of 50 or 60 Hz mains within the bandwidth of the stimulus,
-    and blank intervals with a steady tenth of the power of a stimulus at threshold, or more.
+    """Return whether hum was felt with the stimulus.
+
+    That is a line of 50 or 60 Hz mains within the bandwidth of the stimulus, and blank intervals with a steady tenth or
+    more of the power of a stimulus at threshold.
     """
     clearance = timing.clearance_hz(frequency_hz)
     lines = [max(round(frequency_hz / mains), 1) * mains for mains in _MAINS_HZ]
@@ -60,6 +66,6 @@ def hum_is_felt(seen: PlayedIntervals, frequency_hz: float, timing: Timing, thre
 
 
 def is_simulated(run: StoredRun) -> bool:
-    """Return whether nobody felt it: the rig's display or the subject was simulated."""
+    """Return whether nobody felt the run, because the rig's display or the subject was simulated."""
     nobody = run.run.respondent in ("simulated", "script") or run.session.subject_group == "simulated"
     return nobody or bool(run.run.rig_simulated) or str(run.run.rig).partition(":")[0] in _SIMULATED

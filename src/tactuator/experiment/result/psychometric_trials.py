@@ -1,4 +1,4 @@
-"""A run's answers against level, and the psychometric function that was fitted to them."""
+"""A run's answers by level, and the psychometric function that was fitted to them."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ _MARGIN_DB = 3.0
 
 @dataclass(frozen=True, eq=False)
 class PsychometricTrials:
-    """Shares of right answers at levels, dB SL, and the fit. level_db_sl, share, count: (levels,); grid, psi: (n,).
+    """Shares of right answers at levels, dB SL, and the psychometric function fitted to them.
 
-    threshold: the refit with its 95 % interval; own_db_sl: the procedure's number, where it has one.
+    level_db_sl, share, count: (levels,). grid_db_sl, psi: the function, (n,). threshold: the refit with its 95 %
+    interval; its own_db_sl is the procedure's number, where it has one.
     """
 
     level_db_sl: FloatArray

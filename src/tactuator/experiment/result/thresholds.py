@@ -1,4 +1,4 @@
-"""Thresholds from stored runs: the procedure's own number, the Bayesian refit, and what to beware of."""
+"""Thresholds from stored runs: the procedure's own number, the Bayesian refit, and the flags of the run."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ _NORMAL_95 = 1.959964
 class MeasuredThreshold:
     """One threshold of one subject.
 
-    own_db_sl, own_standard_error_db: as the procedure states it, commanded level (None where it states none).
-    refit_*: posterior median, standard deviation and 95 % interval, commanded level, clipped to what was played; bound:
-    ">=" or "<=" where the threshold lies beyond that. point: share correct that both stand for. delivered_db, with its
-    standard deviation: what the sensor saw above the commanded level. level_db_re_1um: the refit as displacement,
-    delivered, with an interval that carries both; own_level_db_re_1um likewise. flags: floor, ceiling, trial-limit,
-    chance, attention, lapses, drift, mains, out-of-range, saturated, delivered-unknown. lapse_power, drift_power:
-    probability that the run would have shown a lapse rate of 15 %, a drift of 6 dB. simulated: nobody felt this.
+    own_db_sl, own_standard_error_db: as the procedure states it, commanded level (None where it states none). refit_*:
+    posterior median, standard deviation and 95 % interval, commanded level, clipped to what was played. bound: ">=" or
+    "<=" where the threshold lies beyond that. point: share correct that both stand for. delivered_db, with its standard
+    deviation: level at the sensor above the commanded level. level_db_re_1um: the refit as displacement, delivered,
+    with an interval that carries both; own_level_db_re_1um likewise. flags: floor, ceiling, trial-limit, chance,
+    attention, lapses, drift, mains, out-of-range, saturated, delivered-unknown. lapse_power, drift_power: probability
+    that the run would have shown a lapse rate of 15 %, a drift of 6 dB. simulated: True where nobody felt the stimuli.
     """
 
     subject: str
@@ -70,7 +70,7 @@ class MeasuredThreshold:
 
 
 def thresholds(runs: Sequence[StoredRun]) -> list[MeasuredThreshold]:
-    """Thresholds of every run; of a whole-curve run, one at each of twelve frequencies over its band."""
+    """Return the thresholds of every run; of a whole-curve run, one at each of twelve frequencies over its band."""
     procedures = [replayed(run) for run in runs]
     fitted = _fitted(runs, procedures)
     found: list[MeasuredThreshold] = []
@@ -83,7 +83,10 @@ def thresholds(runs: Sequence[StoredRun]) -> list[MeasuredThreshold]:
 
 
 def replayed(run: StoredRun) -> Procedure:
-    """The run's procedure after its last trial; a whole curve is left fresh: what it played is learnt instead."""
+    """Return the run's procedure after its last trial.
+
+    A whole curve is returned fresh, since the belief is computed from the trials as they were played.
+    """
     timing = run.protocol.timing.build()
     playable = Playable((run.run.band_low_hz, run.run.band_high_hz), clearance_hz=timing.clearance_hz(60.0))
     procedure = run.protocol.procedure.build(run.protocol.forced_choice(), playable)
@@ -94,12 +97,15 @@ def replayed(run: StoredRun) -> Procedure:
 
 
 def point_of(procedure: Procedure) -> float:
-    """Share correct, lapses included, at the level that the procedure's number stands for."""
+    """Return the share correct, lapses included, at the level that the procedure's number stands for."""
     return procedure.rule.target if isinstance(procedure, UpDown) else TARGET_3_DOWN_1_UP
 
 
 def _fitted(runs: Sequence[StoredRun], procedures: Sequence[Procedure]) -> dict[int, tuple[Refit, RunFlags, int]]:
-    """Refit and flags of every run at one frequency, by its index, and its row in them: many runs in one product."""
+    """Return refit, flags and the row in them of every run at one frequency, by its index.
+
+    Runs with the same prior are fitted together.
+    """
     groups: dict[RefitPrior, list[int]] = {}
     for index, (run, procedure) in enumerate(zip(runs, procedures, strict=True)):
         if not isinstance(procedure, WholeCurve):
@@ -122,7 +128,7 @@ def _fitted(runs: Sequence[StoredRun], procedures: Sequence[Procedure]) -> dict[
 
 @dataclass(frozen=True)
 class _Level:
-    """A threshold as commanded, before and after clipping to what was played."""
+    """A threshold as commanded, clipped to the levels that were played."""
 
     level: float
     sd: float

@@ -1,6 +1,6 @@
-"""The statements that brought a store from each schema version to the next, as they were: they never change again.
+"""Statements that brought a store from each schema version to the next, as they were; they never change again.
 
-What the tables are today stands in `schema`; a test compares the two.
+The tables of today are in `schema`; a test compares the two.
 """
 
 from __future__ import annotations
