@@ -24,7 +24,7 @@ _CHUNK = 64
 
 
 def information_draws(counts: NDArray[np.int64], draws: int, rng: np.random.Generator) -> FloatArray:
-    """Draw the information transfer in bits, shape (draws,), from its posterior. counts: square, every row presented."""
+    """Draw the information transfer in bits, (draws,), from its posterior. counts: square, every row presented."""
     stimuli = counts.shape[0]
     presented = counts.sum(axis=1)
     wrong = presented - np.diag(counts)

@@ -53,7 +53,7 @@ IDENTIFICATION = (
 )
 
 STUDIES_THAT_LIVE = (
-    # Protocols have versions; a subject is more than one session; times of what was played.
+    # Versions of protocols, subjects with several sessions, and the times at which stimuli were played.
     """CREATE TABLE protocol_version (
         id INTEGER NOT NULL PRIMARY KEY, study_id INTEGER NOT NULL REFERENCES study (id), number INTEGER NOT NULL,
         toml VARCHAR NOT NULL, sha256 VARCHAR NOT NULL, reason VARCHAR NOT NULL, tool_version VARCHAR NOT NULL,
