@@ -32,7 +32,7 @@ TableRow = Mapping[str, Value]
 
 @dataclass(frozen=True)
 class ExportTable:
-    """columns: what each means; rows: values by their names."""
+    """A table of an export: the meanings of its columns, and its rows as values by the columns' names."""
 
     columns: tuple[Meaning, ...]
     rows: tuple[TableRow, ...]
@@ -40,7 +40,10 @@ class ExportTable:
 
 @dataclass(frozen=True)
 class Exported:
-    """All of a store. settings: each version of each study's protocol and what is known of it, by a file's name."""
+    """All tables of a store.
+
+    settings: each version of each study's protocol, with its reason and time, by the name of its file.
+    """
 
     trials: ExportTable
     intervals: ExportTable
@@ -130,7 +133,7 @@ def _who() -> tuple[Any, ...]:
 
 
 def _played(connection: Connection) -> dict[int, tuple[str, float | None]]:
-    """Labels of each trial's intervals, and the level at the sensor where something was commanded."""
+    """Return the labels of each trial's intervals, and the level at the sensor where something was commanded."""
     found: dict[int, tuple[str, float | None]] = {}
     table = schema.interval
     for row in connection.execute(select(table).order_by(table.c.trial_id, table.c.position)):
@@ -204,7 +207,7 @@ def _subjects(connection: Connection) -> ExportTable:
 
 
 def _programs() -> ScalarSelect[Any]:
-    """How many runs of a subject a program answered."""
+    """Return a query of the number of a subject's runs that a program answered."""
     run, session = schema.run, schema.session
     return (
         select(func.count())
@@ -240,7 +243,7 @@ def _thresholds(store: Store) -> ExportTable:
 
 
 def _group(group: str, respondent: str) -> str:
-    """What a row says of its subject: where a program answered, that, whatever the protocol says."""
+    """Return the group of a row: `simulated` where a program answered, whatever the protocol says."""
     return "simulated" if respondent in ("simulated", "script") else group
 
 

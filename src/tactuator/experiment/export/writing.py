@@ -13,7 +13,7 @@ from tactuator.experiment.export.dictionary import Meaning
 from tactuator.experiment.export.rows import ExportTable, TableRow, Value
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
-"""What spreadsheets take for the beginning of a formula."""
+"""Characters that spreadsheets take for the beginning of a formula."""
 
 
 def table_text(
@@ -40,7 +40,7 @@ def lines(rows: Iterable[Sequence[object]], separator: str) -> str:
 
 
 def write_json(path: Path, document: object) -> None:
-    """Write the document, indented."""
+    """Write the document as indented JSON."""
     path.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 

@@ -1,4 +1,4 @@
-"""A rig with a controller loaded: where stimuli are played."""
+"""The apparatus that stimuli are played with: a rig with a controller loaded."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Apparatus:
     name: str
 
     def channel(self, finger: str) -> Channel:
-        """The channel for that finger (the first for all of them); BadInput if the display has none."""
+        """Return the channel for that finger (the first for all of them). Raises BadInput if the display has none."""
         for channel in self.controller.display.channels:
             if finger in (channel.finger, ALL_FINGERS):
                 return channel
@@ -34,7 +34,7 @@ class Apparatus:
         raise BadInput(f"finger {finger!r} is not on the display; allowed: {fingers}")
 
     def record(self, finger: str) -> ApparatusRecord:
-        """What is stored with a run on that finger."""
+        """Return the description of the apparatus that is stored with a run on that finger."""
         channel = self.channel(finger)
         curve = channel.threshold.curve
         return ApparatusRecord(
@@ -51,20 +51,20 @@ class Apparatus:
         )
 
     def playable(self, timing: Timing) -> Playable:
-        """What a procedure that chooses frequencies may choose from, for stimuli of that timing."""
+        """Return the range of stimuli of that timing that a procedure which chooses frequencies may use."""
         return Playable(self.band_hz, self.mains_hz, timing.clearance_hz(self.mains_hz or 100.0))
 
     @property
     def mains_hz(self) -> float:
-        """Fundamental of the hum that the display's first channel is said to have; 0 for none."""
+        """Return the fundamental of the hum that the display's first channel is said to have; 0 for none."""
         return min(self.controller.display.channels[0].environment.hum_hz, default=0.0)
 
     @property
     def simulated(self) -> bool:
-        """True where the display is simulated: nobody can feel anything there."""
+        """Return whether the display is simulated, so that nobody can feel anything there."""
         return isinstance(self.rig, TouchableRig) and self.rig.has_finger_ports
 
     @property
     def band_hz(self) -> tuple[float, float]:
-        """The band of the display's first channel."""
+        """Return the band of the display's first channel."""
         return self.controller.display.channels[0].threshold.band_hz

@@ -1,4 +1,4 @@
-"""Simulated respondents: one who errs at a stated rate, and one who goes by what reaches the finger ports."""
+"""Simulated respondents: one that errs at a stated rate, and one that judges by what reaches the finger ports."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ from tactuator.signals.bands import third_octave_bands
 
 @dataclass
 class ErringRespondent(Respondent):
-    """Right with 1 - error, otherwise any other answer alike."""
+    """A respondent that is right with probability 1 - error and otherwise gives any other answer, all alike.
+
+    Raises BadInput for an error rate outside [0, 1].
+    """
 
     error: float
     rng: np.random.Generator
@@ -30,7 +33,7 @@ class ErringRespondent(Respondent):
             raise BadInput(f"error rate {self.error:g}; allowed: 0 to 1")
 
     def respond(self, trial: Trial) -> str:
-        """The right answer, or another."""
+        """Return the right answer or, at the error rate, another."""
         if self.rng.random() >= self.error:
             return trial.correct
         others = [response for response in trial.responses if response != trial.correct]
@@ -39,10 +42,11 @@ class ErringRespondent(Respondent):
 
 @dataclass
 class FeelingRespondent(Respondent):
-    """Knows items by the levels in third octaves that reached the fingers, as far as its own noise lets it.
+    """A respondent that knows items by the levels in third octaves that reached the fingers.
 
-    In training with feedback it keeps the mean pattern of every item; then it answers the item whose pattern is
-    nearest to what it felt, noise_db (standard deviation in every band and finger) added. `listen` first.
+    In training with feedback it keeps the mean pattern of every item. Then it answers the item whose pattern is nearest
+    to what it felt, with normal noise of standard deviation noise_db added in every band and finger. Call `listen`
+    first.
     """
 
     paradigm: str
@@ -55,7 +59,7 @@ class FeelingRespondent(Respondent):
     _known: dict[str, list[FloatArray]] = field(default_factory=dict)
 
     def listen(self, rig: TouchableRig) -> None:
-        """Put the fingers on."""
+        """Put the respondent's fingers on the finger ports of all channels."""
         for channel in self.display.channels:
             blocks: list[FloatArray] = []
             self._felt[channel.name] = blocks
@@ -74,7 +78,7 @@ class FeelingRespondent(Respondent):
             blocks.clear()
 
     def respond(self, trial: Trial) -> str:
-        """The nearest item; a guess where nothing was learnt."""
+        """Return the nearest item, or a guess where nothing was learnt."""
         patterns = [self._pattern(interval) for interval in self._intervals]
         if self.paradigm == "abx":
             a, b, x = patterns
@@ -86,12 +90,12 @@ class FeelingRespondent(Respondent):
         return min(self._known, key=lambda label: _distance(np.mean(self._known[label], axis=0), asked))
 
     def learn(self, trial: Trial, told: Acknowledged) -> None:
-        """Keep what was felt under the name that was told."""
+        """Keep what was felt under the item that was asked for."""
         if self.paradigm != "abx":
             self._known.setdefault(asked_label(self.paradigm, trial), []).append(self._last)
 
     def _pattern(self, fingers: list[FloatArray]) -> FloatArray:
-        """Levels above threshold, dB, of (fingers, slices of time, bands), with the respondent's own noise."""
+        """Return levels above threshold, dB, of (fingers, slices of time, bands), with the respondent's own noise."""
         levels = []
         for channel, displacement in zip(self.display.channels, fingers, strict=True):
             for part in np.array_split(displacement - displacement.mean(), self.slices):
