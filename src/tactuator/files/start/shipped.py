@@ -17,7 +17,7 @@ def example_names() -> tuple[str, ...]:
 
 
 def copy_examples(folder: Path) -> tuple[Path, ...]:
-    """Copy every example into `folder`, which is made if it is not there, and return the paths written.
+    """Write a copy of every example into `folder`, which is made if it is not there, and return the paths written.
 
     A file that is there already with the same content stays. Raises BadInput, with nothing written, for one with
     another content, and for a folder that cannot be written.
