@@ -1,4 +1,4 @@
-"""An operator's connection: what goes on, and the few things that one may ask for."""
+"""An operator's connection: snapshots of what goes on, and the commands that an operator may give."""
 
 from __future__ import annotations
 
@@ -28,26 +28,26 @@ class Operators:
         self._control: OperatorPage | None = None
 
     def enter(self, page: OperatorPage) -> None:
-        """A page opens; it has control if nobody has."""
+        """Add a page, which has control if no other has."""
         if self._control is None:
             self._control = page
 
     def exit(self, page: OperatorPage) -> None:
-        """A page closes."""
+        """Remove a page that has closed."""
         if self._control is page:
             self._control = None
 
     def take(self, page: OperatorPage) -> None:
-        """A page takes control from whoever has it."""
+        """Give a page control, whoever has it."""
         self._control = page
 
     def has_control(self, page: OperatorPage) -> bool:
-        """Whether commands of that page count."""
+        """Return whether commands of that page count."""
         return self._control is page
 
 
 class OperatorPage:
-    """One open page."""
+    """One open page of an operator."""
 
     def __init__(self, socket: WebSocket, lab: Lab, tabs: Tabs, operators: Operators) -> None:
         self.socket, self.lab, self.tabs, self.operators = socket, lab, tabs, operators
@@ -55,7 +55,7 @@ class OperatorPage:
     async def serve(self) -> None:
         """Serve the page until it closes."""
         for row in self.lab.sessions:
-            with suppress(BadInput):  # a version that cannot be played here: its session is told so when it is opened
+            with suppress(BadInput):  # of a version that cannot be played here; the subject's page says so
                 await self.lab.presented(row)
         await first_to_end(self._show(), self._obey())
 
@@ -66,7 +66,7 @@ class OperatorPage:
             try:
                 await self.lab.work(self.lab.watch_clock)
             except LabFault:
-                continue  # the lab has kept it, the next snapshot tells it
+                continue  # the lab keeps the fault, and the next snapshot shows it
 
     async def _obey(self) -> None:
         while True:
@@ -142,7 +142,7 @@ class OperatorPage:
         await send(self.socket, {"type": "results", "subject": subject, "tables": [asdict(one) for one in tables]})
 
     def snapshot(self) -> dict[str, Any]:
-        """Everything that the page shows."""
+        """Return everything that the page shows."""
         lab = self.lab
         apparatus = lab.apparatus
         active = None if lab.active is None else lab.opened(lab.active)
@@ -188,7 +188,10 @@ _NOT_OPENED = {"stage": None, "progress": 0.0, "left_s": None, "trials": 0, "sha
 
 
 def _standing(session: Session) -> dict[str, Any]:
-    """share_correct: of what is answered, practice left out; None while there is nothing."""
+    """Return the state of a session as the page shows it.
+
+    share_correct: of what is answered, practice left out; None while there is nothing.
+    """
     counted = [one for one in session.tally if not one.planned.practice]
     answered, right = sum(one.answered for one in counted), sum(one.correct for one in counted)
     return {

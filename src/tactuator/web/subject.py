@@ -35,12 +35,12 @@ ELSEWHERE = 4001
 
 _LOOK_AGAIN_S = 5.0
 _WAITING = 32
-"""Messages that wait to be looked at; a page that says more than that is read no further until they are."""
+"""Number of messages that may wait; a page that sends more is read no further until they are handled."""
 
 
 @dataclass(frozen=True)
 class _Said:
-    """A message and when it arrived, by the server's two clocks."""
+    """A message and its time of arrival by the server's two clocks."""
 
     message: SubjectMessage
     received: datetime
@@ -48,7 +48,7 @@ class _Said:
 
 
 class _Interrupted(Exception):
-    """The subject pauses, stops or leaves, whatever was going on."""
+    """Raised where the subject pauses, stops or leaves, whatever was going on."""
 
     def __init__(self, message: Pause | Withdraw) -> None:
         super().__init__()
@@ -56,7 +56,7 @@ class _Interrupted(Exception):
 
 
 class SubjectTab:
-    """One open page."""
+    """One open page of a subject."""
 
     def __init__(self, socket: WebSocket, lab: Lab, row: Found) -> None:
         self.socket, self.lab, self.row = socket, lab, row
@@ -64,11 +64,11 @@ class SubjectTab:
 
     @property
     def session(self) -> int:
-        """Its row in the store."""
+        """Return the session's row in the store."""
         return int(self.row.id)
 
     async def leave(self) -> None:
-        """Another tab took over."""
+        """Tell the page that another tab took over, and close it."""
         with suppress(WebSocketDisconnect, RuntimeError):  # it may have gone already
             await self._send(type="elsewhere")
             await self.socket.close(ELSEWHERE)
@@ -92,9 +92,9 @@ class SubjectTab:
             await self._messages.put(_Said(message, clock.utc(), clock.monotonic_s()))
 
     async def _flow(self, presented: PresentedSession) -> None:
-        """What the subject does, one stage after another, until it is interrupted; then that.
+        """Go through one stage after another until the subject interrupts; then handle the interruption.
 
-        A pause may be interrupted in its turn: the subject leaves.
+        A pause may be interrupted in its turn by a subject who leaves.
         """
         interruption: Pause | Withdraw | None = None
         while True:
@@ -124,7 +124,7 @@ class SubjectTab:
                 await self._saved({"break": session.end_break, "introduction": session.introduce}[stage])
 
     async def _trials(self, presented: PresentedSession) -> None:
-        """Trial after trial until the stage changes, or something fails: then the subject says when to go on."""
+        """Play trial after trial until the stage changes, or something fails: then the subject says when to go on."""
         session = presented.session
         while session.stage == "trial":
             if not self.lab.may_play(self.session):
@@ -147,14 +147,16 @@ class SubjectTab:
             await asyncio.sleep(session.task.rules.feedback_s)
 
     def _next_interruption(self) -> None:
-        """Raise what halted the trial, where it was this page that did; what was said before it came too late."""
+        """Raise the interruption that halted the trial, if this page sent it; other messages came too late and are
+        dropped.
+        """
         while not self._messages.empty():
             message = self._messages.get_nowait().message
             if isinstance(message, Pause | Withdraw):
                 raise _Interrupted(message)
 
     async def _until_changed(self) -> None:
-        """Wait for the lab to change, attending to what the page says meanwhile."""
+        """Wait for the lab to change, and handle a message of the page that comes meanwhile."""
         change = asyncio.create_task(self.lab.until_changed(_LOOK_AGAIN_S))
         said = asyncio.create_task(self._messages.get())
         try:
@@ -177,19 +179,19 @@ class SubjectTab:
                 return
 
     async def _ready(self, stage: str) -> None:
-        """Wait until the subject goes on from that stage; what was said of another one came late and counts no more."""
+        """Wait until the subject goes on from that stage; what was said of another one came late and is ignored."""
         while True:
             message = await self._next()
             if isinstance(message, Ready) and message.stage == stage:
                 return
 
     async def _answered(self, presented: PresentedSession | None = None) -> None:
-        """Wait for the answer to what was played (without a conduct: for ever)."""
+        """Wait for the answer to what was played, or, without a presented session, for ever."""
         while presented is None or presented.pending is not None:
             await self._next()
 
     async def _next(self) -> SubjectMessage:
-        """The next message; answers, also those that are sent again, are saved and acknowledged at any time."""
+        """Return the next message; answers, also those that are sent again, are saved and acknowledged at any time."""
         return await self._take(await self._messages.get())
 
     async def _take(self, said: _Said) -> SubjectMessage:
@@ -200,11 +202,11 @@ class SubjectTab:
         return said.message
 
     async def _interrupted(self, presented: PresentedSession, message: Pause | Withdraw) -> None:
-        """The subject pauses until it goes on, stops for today, or leaves for good."""
+        """Hold the session until the subject goes on, stop it for today, or end it for good."""
         session, code = presented.session, self.row.subject_code
         if session.stage in ("done", "ended"):
             return
-        presented.pending = None  # played and not answered: it is played again
+        presented.pending = None  # a trial that was played and not answered is played again
         if isinstance(message, Withdraw):
             await self._saved(lambda: presented.withdraw(message.keep))
             self.lab.calls[self.session] = self.lab.words("operator.subject_withdrawn", subject=code)
@@ -222,7 +224,7 @@ class SubjectTab:
         await self._saved(lambda: session.note("resume", "by the subject"))
 
     async def _answer(self, presented: PresentedSession, message: AnswerMessage, said: _Said) -> None:
-        """Save an answer and acknowledge it, or say why not."""
+        """Save an answer and acknowledge it, or say why it is refused."""
         answer = records.Answer(
             message.response, said.received, message.shown_ms, message.pressed_ms, message.lit_ms, said.received_s
         )
@@ -267,7 +269,9 @@ class SubjectTab:
             await self._fault(await self.lab.presented(self.row), fault)
 
     def _watch(self, presented: PresentedSession) -> Watch:
-        """Tells the page of intervals, where it is to show them, and what they play in a demonstration."""
+        """Return the callback that tells the page of intervals, where it shows them, and of their envelopes in a
+        demonstration.
+        """
         loop, session = asyncio.get_running_loop(), presented.session
         lit = len(session.task.question.intervals)
 

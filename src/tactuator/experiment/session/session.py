@@ -56,7 +56,7 @@ class Session:
         self.trials = self._since_break = 0
         self._load()
 
-    # -- what the store says
+    # -- state from the store
 
     def _load(self) -> None:
         with self.store.read() as connection:
@@ -100,7 +100,7 @@ class Session:
         course = self.task.course(planned, *self._who, attempt)
         return Running(row, planned, attempt, course, self.clock.monotonic_s())
 
-    # -- where it stands
+    # -- present state
 
     @property
     def stage(self) -> Stage:
@@ -213,7 +213,7 @@ class Session:
         self._running = self._fresh(row, planned, attempt)
         return self._running
 
-    # -- what comes in
+    # -- answers and events
 
     def answer(self, played: records.PlayedTrial, answer: records.Answer) -> Acknowledged:
         """Save the answer to the trial that stands; it returns only after the commit.
