@@ -28,7 +28,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A record, its samples of unit size (scale: of command and position), its own response, and what is asked."""
+    """A record, its samples of unit size (scale: of command and position), its own response, and what is asked.
+
+    others: further records of the same mechanism, with their samples in the same scale.
+    """
 
     record: Record
     samples: Samples
@@ -38,6 +41,22 @@ class Prepared:
     quantity: str
     order: int | None
     remarks: tuple[str, ...]
+    others: tuple[tuple[Record, Samples], ...] = ()
+
+    @property
+    def all_samples(self) -> tuple[Samples, ...]:
+        """Return the samples of every record, those of `record` first."""
+        return (self.samples, *(samples for _, samples in self.others))
+
+    @property
+    def all_records(self) -> tuple[Record, ...]:
+        """Return every record, `record` first."""
+        return (self.record, *(record for record, _ in self.others))
+
+    @property
+    def longest_s(self) -> float:
+        """Return the duration of the longest record."""
+        return max(one.duration_s for one in self.all_records)
 
 
 def refined(common: Prepared, estimate: RefinedEstimate, tried: tuple[Candidate, ...]) -> Identification:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from tactuator.display.plant_model import Excess, PlantModel
 from tactuator.errors import BadInput
@@ -44,6 +45,11 @@ def identify_response(
     given: FrequencyResponse, asked: Asked, note: Callable[[str], None] = lambda _: None
 ) -> ResponseFit:
     """Return the model of a frequency response. Raises BadInput where no form fits at all."""
+    with threadpool_limits(limits=1):
+        return _identify_response(given, asked, note)
+
+
+def _identify_response(given: FrequencyResponse, asked: Asked, note: Callable[[str], None]) -> ResponseFit:
     value = given.value()
     by_magnitude = given.phase_rad is None
     variance = ((_unsure(given) if by_magnitude else given.deviation) * given.magnitude) ** 2

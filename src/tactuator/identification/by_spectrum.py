@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from tactuator.display.load import DERIVATIVES
 from tactuator.display.plant_model import Excess, PlantModel
 from tactuator.identification.by_prediction import Prepared, usual_band
 from tactuator.identification.estimate.loops import dahl_state
+from tactuator.identification.estimate.refined import Samples
 from tactuator.identification.evidence.checks import check_length, check_polarity
 from tactuator.identification.evidence.feedback import feedback_seen
 from tactuator.identification.evidence.residuals import ResidualTests, check_residual
@@ -21,6 +22,7 @@ from tactuator.identification.selection import Candidate
 from tactuator.identification.spectral.between import Between
 from tactuator.identification.spectral.estimate import SpectralEstimate, estimate
 from tactuator.identification.spectral.likelihood import Fit, information
+from tactuator.identification.spectral.lines import Spectrum
 from tactuator.identification.spectral.record_residual import Residual, record_residual
 from tactuator.identification.spectral.search import Choice, Known
 from tactuator.identification.spectral.uncertainty import (
@@ -46,25 +48,26 @@ def spectral_estimate(
     common: Prepared, holds: tuple[Between, ...], known: Known, note: Callable[[str], None]
 ) -> SpectralEstimate:
     """Return the frequency domain's estimate of the prepared record."""
-    samples = common.samples
-    return estimate(samples.command, samples.position, samples.rate_hz, holds, known, note)
+    signals = [(one.command, one.position) for one in common.all_samples]
+    return estimate(signals, common.samples.rate_hz, holds, known, note)
 
 
 def friction_shows(common: Prepared, found: SpectralEstimate) -> bool:
     """Return true where a friction along the model's own path explains more of the residual than chance ever would."""
-    fit, left = found.chosen.fit, record_residual(found.chosen, found.lines)
-    path = left.simulated
-    best = 0.0
-    for presliding in np.geomspace(1e-3, 1.0, 4) * float(np.std(path)):
-        state = dahl_state(np.ascontiguousarray(path), float(presliding))
-        lines = np.fft.rfft(state - state.mean()) / np.sqrt(state.size)
-        pull = response_of_rows(fit, found.lines.frequency_hz[1:]) * lines[1:] * left.weight[1:]
-        goal = left.lines[1:] * left.weight[1:]
-        size = float(np.sum(np.abs(pull) ** 2))
-        along = float(np.sum((np.conj(pull) * goal).real))
-        if size > 0.0 and along < 0.0:
-            best = max(best, 2.0 * along**2 / size)
-    return best > _CERTAIN_FRICTION
+    fit = found.chosen.fit
+    residuals = record_residual(found.chosen, found.spectra)
+    motion = max(float(np.std(left.simulated)) for left in residuals)
+    for presliding in np.geomspace(1e-3, 1.0, 4) * motion:
+        size = along = 0.0
+        for left, taken in zip(residuals, found.spectra, strict=True):
+            state = dahl_state(np.ascontiguousarray(left.simulated), float(presliding))
+            lines = np.fft.rfft(state - state.mean()) / np.sqrt(state.size)
+            pull = response_of_rows(fit, taken.frequency_hz[1:]) * lines[1:] * left.weight[1:]
+            size += float(np.sum(np.abs(pull) ** 2))
+            along += float(np.sum((np.conj(pull) * left.lines[1:] * left.weight[1:]).real))
+        if size > 0.0 and along < 0.0 and 2.0 * along**2 / size > _CERTAIN_FRICTION:
+            return True
+    return False
 
 
 @np.errstate(all="ignore")
@@ -85,13 +88,15 @@ def identification(common: Prepared, found: SpectralEstimate, between: BetweenSa
             f"{found.advantage:.2g}): taken as {between.hold}, the band holds both; --hold says which it is"
         )
     model = replace(model, valid_hz=_valid(model, found))
-    left = record_residual(chosen, found.lines)
-    tests = _tests(common, found, left)
+    residuals = record_residual(chosen, found.spectra)
+    tests = _tests(common, found, residuals)
     poles = chosen.fit.poles_rad_s
-    remarks += check_length(poles, _slow_pole_error(chosen), common.record.duration_s)
+    remarks += check_length(poles, _slow_pole_error(chosen), common.longest_s)
     remarks += check_polarity(model.num, model.den)
-    spread = float(np.linalg.norm(left.measured))
-    percent = 100.0 * (1.0 - float(np.linalg.norm(left.simulated - left.measured)) / spread) if spread > 0.0 else 0.0
+    simulated = np.concatenate([left.simulated for left in residuals])
+    measured = np.concatenate([left.measured for left in residuals])
+    spread = float(np.linalg.norm(measured))
+    percent = 100.0 * (1.0 - float(np.linalg.norm(simulated - measured)) / spread) if spread > 0.0 else 0.0
     offset = float(common.record.position.mean())
     return Identification(
         model=model,
@@ -102,8 +107,8 @@ def identification(common: Prepared, found: SpectralEstimate, between: BetweenSa
         friction=None,
         tried=_tried(found),
         empirical=common.response,
-        simulated=left.simulated * to_position + offset,
-        measured=left.measured * to_position + offset,
+        simulated=simulated * to_position + offset,
+        measured=measured * to_position + offset,
         remarks=tuple(remarks),
         between=between,
         other=other,
@@ -114,7 +119,7 @@ def with_doubt(made: Identification, found: SpectralEstimate, between: BetweenSa
     """Return the identification with a band that holds the other hold too, where the record cannot tell them apart."""
     if between.certain or found.other is None:
         return replace(made, between=replace(between, hold="zero-order"))
-    table = np.geomspace(1.0 / made.model.band_hz[1], 0.5 * found.lines.rate_hz, _TABLE)
+    table = np.geomspace(1.0 / made.model.band_hz[1], 0.5 * found.spectra[0].rate_hz, _TABLE)
     apart = np.log(found.other.fit.response(table) / found.chosen.fit.response(table))
     excess = Excess(table, np.zeros(table.size), np.zeros(table.size)).joined(apart / 1.96)
     said = "whether the command was held or band-limited cannot be told: taken as held, the band holds both"
@@ -141,9 +146,9 @@ def _model(common: Prepared, found: SpectralEstimate, choice: Choice, gain: floa
     covariance = information(choice.problem, fit)
     num, den, spread = physical(fit, covariance, gain)
     high = 0.5 * record.rate_hz
-    table = np.geomspace(1.0 / record.duration_s, high, _TABLE)
+    table = np.geomspace(1.0 / common.longest_s, high, _TABLE)
     beyond = other_forms(choice, table)
-    bias = fed_back(choice, found.lines)
+    bias = fed_back(choice, found.spectra)
     if bias is not None:
         beyond = beyond.joined(log_slopes(fit, table) @ bias)
     local = found.local
@@ -168,8 +173,8 @@ def _valid(model: PlantModel, found: SpectralEstimate) -> tuple[float, float]:
     """From where to where the record moved the mechanism and the band is narrower than 3 dB."""
     local = found.local
     moved = local.frequency_hz[local.excitation > 1e-5 * float(np.max(local.excitation))]
-    low = found.lines.spacing_hz if moved[0] == local.frequency_hz[0] else float(moved[0])
-    frequency = np.geomspace(low, min(float(moved[-1]), 0.47 * found.lines.rate_hz), 200)
+    low = found.spacing_hz if moved[0] == local.frequency_hz[0] else float(moved[0])
+    frequency = np.geomspace(low, min(float(moved[-1]), 0.47 * found.spectra[0].rate_hz), 200)
     narrow = np.flatnonzero(model.band_db(frequency) <= _WIDEST_DB)
     if not narrow.size:
         return (float(frequency[0]), float(frequency[0]))
@@ -179,20 +184,36 @@ def _valid(model: PlantModel, found: SpectralEstimate) -> tuple[float, float]:
     return (float(frequency[longest[0]]), float(frequency[longest[-1]]))
 
 
-def _tests(common: Prepared, found: SpectralEstimate, left: Residual) -> ResidualTests:
+def _tests(common: Prepared, found: SpectralEstimate, residuals: Sequence[Residual]) -> ResidualTests:
+    rows = zip(common.all_samples, residuals, found.spectra, strict=True)
+    made = [residual_tests(samples, left, found.chosen.fit, taken) for samples, left, taken in rows]
+    seen = {one.feedback for one in made}
+    return ResidualTests(
+        white_p=min(1.0, len(made) * min(one.white_p for one in made)),
+        uncorrelated_p=min(1.0, len(made) * min(one.uncorrelated_p for one in made)),
+        unexplained=max(one.unexplained for one in made),
+        feedback=True if True in seen else (False if seen == {False} else None),
+    )
+
+
+def residual_tests(
+    samples: Samples, left: Residual, fit: Fit, taken: Spectrum, *, fitted: bool = True
+) -> ResidualTests:
+    """Return the tests of what the fit leaves of one record; fitted: the record took part in the fit."""
     residual = left.measured - left.simulated
     whitener = whitening_filter(residual)
-    command = common.samples.command[: residual.size]
+    command = samples.command[: residual.size]
     skip = whitener.size + 1
     innovation = apply_filter(whitener, residual)[skip:]
     moved = apply_filter(whitener, command)[skip:]
-    hertz = found.lines.frequency_hz[1:]
-    fit = found.chosen.fit
-    along = log_slopes(fit, hertz) * (response_of_rows(fit, hertz) * found.lines.command[1:])[:, None]
-    columns = np.fft.irfft(np.vstack([np.zeros(along.shape[1]), along]), found.lines.samples, axis=0)
-    slopes = apply_filter(whitener, columns)[skip:]
-    tests = check_residual(innovation, moved, slopes, common.samples.rate_hz)
-    return replace(tests, feedback=feedback_seen(found.lines, left, found.chosen.fit))
+    hertz = taken.frequency_hz[1:]
+    slopes = np.zeros((innovation.size, 0))
+    if fitted:
+        along = log_slopes(fit, hertz) * (response_of_rows(fit, hertz) * taken.command[1:])[:, None]
+        columns = np.fft.irfft(np.vstack([np.zeros(along.shape[1]), along]), taken.samples, axis=0)
+        slopes = apply_filter(whitener, columns)[skip:]
+    tests = check_residual(innovation, moved, slopes, samples.rate_hz)
+    return replace(tests, feedback=feedback_seen(taken, left, fit))
 
 
 def _slow_pole_error(choice: Choice) -> float:

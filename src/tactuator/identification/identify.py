@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from tactuator.display.load import DERIVATIVES
 from tactuator.errors import BadInput
@@ -31,23 +32,34 @@ METHODS = ("refined", "prediction", "rls")
 
 
 def identify(
-    record: Record,
+    record: Record | Sequence[Record],
     *,
     method: str = "refined",
     forgetting: float = 1.0,
     note: Callable[[str], None] = lambda _: None,
     **wishes: object,
 ) -> Identification:
-    """Return a continuous model of a record.
+    """Return a continuous model of a record, or of several records of one mechanism at one rate.
 
     wishes: the fields of `Asked`. method: "refined" (maximum likelihood in the frequency domain, and by prediction
     error where friction shows), "prediction" (prediction error alone, for held commands), "rls" (the paper's recursive
-    least squares, with `forgetting`). Raises BadInput for a record that cannot tell this.
+    least squares, with `forgetting`). Several records are for "refined" alone. Raises BadInput for a record that cannot
+    tell this.
     """
+    records = [record] if isinstance(record, Record) else list(record)
+    # threads of BLAS wait for each other over matrices of a dozen columns
+    with threadpool_limits(limits=1):
+        return _identify(records, method, forgetting, note, Asked(**wishes))  # type: ignore[arg-type]
+
+
+def _identify(
+    records: Sequence[Record], method: str, forgetting: float, note: Callable[[str], None], asked: Asked
+) -> Identification:
     if method not in METHODS:
         raise BadInput(f"method {method!r}; allowed: {', '.join(METHODS)}")
-    asked = Asked(**wishes)  # type: ignore[arg-type]
-    common = _prepared(record, asked)
+    if method != "refined" and len(records) > 1:
+        raise BadInput(f"{len(records)} records with the method {method!r}; allowed: several with 'refined' alone")
+    common = _prepared(records, asked)
     if method == "rls":
         return recursive(common, forgetting)
     if method == "prediction":
@@ -55,19 +67,56 @@ def identify(
     return distrusted(_by_spectrum(common, asked, note), common)
 
 
-def _prepared(record: Record, asked: Asked) -> Prepared:
-    remarks = list(record.remarks) + list(check_record(record))
-    part, said = _liveliest(record)
-    remarks += said
-    scale = (float(np.std(part.command)), float(np.std(part.position)))
-    centred = (part.command - part.command.mean(), part.position - part.position.mean())
+def _prepared(records: Sequence[Record], asked: Asked) -> Prepared:
+    remarks: list[str] = []
+    parts: list[Record] = []
+    for k, record in enumerate(records):
+        try:
+            found = [*record.remarks, *check_record(record)]
+        except BadInput as error:
+            raise BadInput(str(error) if len(records) == 1 else f"record {k + 1}: {error}") from None
+        part, said = _liveliest(record)
+        parts.append(part)
+        remarks += [one if len(records) == 1 else f"record {k + 1}: {one}" for one in [*found, *said]]
+    _require_alike(parts)
+    scale = tuple(
+        float(np.sqrt(np.mean([np.var(getattr(one, name)) for one in parts]))) for name in ("command", "position")
+    )
     hold = "first-order" if asked.hold == "first-order" else "zero-order"
-    samples = Samples(centred[0] / scale[0], centred[1] / scale[1], part.rate_hz, hold)  # type: ignore[arg-type]
-    excitation = excitation_report(samples.command, samples.rate_hz, (asked.order or 2) + 1)
-    require_excitation(excitation)
-    response = empirical_response(samples.command, samples.position, samples.rate_hz)
+    samples = [
+        Samples(
+            (one.command - one.command.mean()) / scale[0],
+            (one.position - one.position.mean()) / scale[1],
+            one.rate_hz,
+            hold,  # type: ignore[arg-type]
+        )
+        for one in parts
+    ]
+    reports = [excitation_report(one.command, one.rate_hz, (asked.order or 2) + 1) for one in samples]
+    liveliest = max(range(len(parts)), key=lambda k: (reports[k].order, parts[k].duration_s))
+    require_excitation(reports[liveliest])
+    order = [liveliest, *(k for k in range(len(parts)) if k != liveliest)]
+    first = samples[liveliest]
+    response = empirical_response(first.command, first.position, first.rate_hz)
     remarks += check_direction(response)
-    return Prepared(part, samples, scale, response, excitation, asked.quantity, asked.order, tuple(remarks))
+    others = tuple((parts[k], samples[k]) for k in order[1:])
+    return Prepared(
+        parts[liveliest], first, (scale[0], scale[1]), response, reports[liveliest], asked.quantity, asked.order,
+        tuple(remarks), others,
+    )  # fmt: skip
+
+
+def _require_alike(records: Sequence[Record]) -> None:
+    first = records[0]
+    for k, one in enumerate(records[1:], start=2):
+        if abs(one.rate_hz / first.rate_hz - 1.0) > 1e-6:
+            raise BadInput(f"record {k} has {one.rate_hz:g} Hz, the first {first.rate_hz:g} Hz; allowed: one rate")
+        units = [(record.command_unit, record.position_unit) for record in (first, one)]
+        if units[0] != units[1]:
+            raise BadInput(f"record {k} is in {units[1]}, the first in {units[0]}; allowed: the same units")
+        said = [record.about.get("hold") for record in (first, one)]
+        if said[0] != said[1]:
+            raise BadInput(f"record {k} says hold {said[1]}, the first {said[0]}; allowed: the same")
 
 
 def _liveliest(record: Record) -> tuple[Record, tuple[str, ...]]:
@@ -102,7 +151,7 @@ def _by_prediction(common: Prepared, asked: Asked, note: Callable[[str], None]) 
 
 def _by_spectrum(common: Prepared, asked: Asked, note: Callable[[str], None]) -> Identification:
     holds, source = _holds(common.record, asked)
-    if asked.may_be_motor:
+    if asked.may_be_motor and not common.others:
         motor = motor_identification(common, BetweenSamples(holds[0], source, len(holds) == 1))
         if motor is not None:
             return motor
@@ -112,7 +161,11 @@ def _by_spectrum(common: Prepared, asked: Asked, note: Callable[[str], None]) ->
     may_be_held = between.hold != "band-limited" or not between.certain
     if asked.friction and may_be_held and asked.is_free and (asked.order or 1) <= 6:
         note("looking for friction")
-        if by_spectrum.friction_shows(common, found):
+        shows = by_spectrum.friction_shows(common, found)
+        if shows and common.others:
+            said = "friction shows; its level is told from one record alone, and the band holds what it does here"
+            common = replace(common, remarks=(*common.remarks, said))
+        elif shows:
             made = _by_prediction(common, asked, note)
             if made.friction is not None:
                 return by_spectrum.with_doubt(made, found, between)

@@ -48,6 +48,25 @@ def resonances(den: Array) -> tuple[Resonance, ...]:
     return tuple(made)
 
 
+@dataclass(frozen=True)
+class Validation:
+    """A model's standing on one record that its fit never saw.
+
+    fit_percent: 100 (1 - |y - simulated| / |y - mean|); of a motor by inverse dynamics that of the command. tests: of
+    what is left. inside: share of the record's own response (points: how many there are, magnitude and phase counted
+    each) within the model's 95 % band and its own error, nan where nothing can be compared; of a motor the share of its
+    parameters. failures: why the model fails, empty if it does not. remarks: what could not be judged.
+    """
+
+    name: str
+    fit_percent: float
+    tests: ResidualTests
+    inside: float
+    points: int
+    failures: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Identification:
     """model: with covariance. order: poles. tried: structures in the order of trial. friction: None if none is certain.
@@ -55,6 +74,7 @@ class Identification:
     empirical: the record's own response in bands, for figures. simulated, measured: position by the model and as
     recorded, (k,), the last k samples of the part used. remarks: what a user must be told. other: the model under the
     other hold where the record cannot tell them apart. distrust: why the model is not to be trusted; empty if it is.
+    validations: how the model stands on records that it never saw.
     """
 
     model: PlantModel
@@ -71,6 +91,7 @@ class Identification:
     between: BetweenSamples = BetweenSamples()
     other: PlantModel | None = None
     distrust: tuple[str, ...] = ()
+    validations: tuple[Validation, ...] = ()
 
     @property
     def poles_hz(self) -> Array:

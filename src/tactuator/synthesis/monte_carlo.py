@@ -1,4 +1,4 @@
-"""Monte Carlo: a controller on thousands of plants that the display may be.
+"""Certainty by trial: a controller on thousands of plants that the display may be.
 
 Plants are drawn from the covariance of an identified model (or, without one, from the channel's family), with every
 lightly damped root shifted in frequency, under each load in turn. Everything is done on frequency responses: loads
@@ -30,7 +30,7 @@ _MOST = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnPlants:
+class Trials:
     """The fate of the plants drawn for one channel under one load.
 
     unstable: share of unstable loops. sensitivity_peak, flatness_db, felt_hum_db_sl: max|S|, greatest error of |H| over
@@ -52,9 +52,7 @@ class DrawnPlants:
         return {**vars(self), "quantiles": list(QUANTILES)}
 
 
-def monte_carlo(
-    controller: Controller, count: int, rng: np.random.Generator, mode_shift: float = 0.02
-) -> list[DrawnPlants]:
+def monte_carlo(controller: Controller, count: int, rng: np.random.Generator, mode_shift: float = 0.02) -> list[Trials]:
     """Return what becomes of `count` plants of every channel and load; mode_shift: relative standard deviation of the
     frequency of each lightly damped pole and zero pair. Raises BadInput for a count or a shift that cannot be."""
     if not 1 <= count <= _MOST:
@@ -63,13 +61,13 @@ def monte_carlo(
         raise BadInput(f"a shift of modes of {mode_shift:g}; allowed: 0 to 0.3")
     display = controller.display
     return [
-        _drawn_plants(controller.channel(channel.name), channel, display, load, count, rng, mode_shift)
+        _trials(controller.channel(channel.name), channel, display, load, count, rng, mode_shift)
         for channel in display.channels
         for load in (None, *channel.loads)
     ]
 
 
-def _drawn_plants(
+def _trials(
     own: ChannelController,
     channel: Channel,
     display: Display,
@@ -77,14 +75,14 @@ def _drawn_plants(
     count: int,
     rng: np.random.Generator,
     mode_shift: float,
-) -> DrawnPlants:
+) -> Trials:
     grid = _Grids(own, channel, display)
     rows: list[tuple[NDArray[np.bool_], FloatArray, FloatArray, FloatArray]] = []
     for some in _counts(count):
         plants, lead = _drawn(channel, some, rng, mode_shift, grid.frequency_hz)
         rows.append(grid.figures(_loaded(plants, lead, load, channel, grid.frequency_hz)))
     stable, peak, flat, hum = (np.concatenate(column) for column in zip(*rows, strict=True))
-    return DrawnPlants(
+    return Trials(
         channel.name,
         UNLOADED if load is None else load.name,
         count,

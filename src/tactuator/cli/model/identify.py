@@ -24,6 +24,7 @@ from tactuator.identification.asked import Asked
 from tactuator.identification.by_response import identify_response
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification, resonances
+from tactuator.identification.validation import validated
 from tactuator.signals.record import Record
 
 _FAMILY = 8
@@ -34,7 +35,7 @@ def register(app: typer.Typer) -> None:
 
     @app.command("identify")
     def identify_verb(
-        record: o.RecordPath,
+        records: o.RecordPaths,
         input_name: o.Input = None,
         output_name: o.Output = None,
         time_name: o.Time = None,
@@ -50,20 +51,31 @@ def register(app: typer.Typer) -> None:
         quantity: o.Quantity = "displacement",
         forgetting: o.Forgetting = 1.0,
         friction: o.LookForFriction = True,
+        validate: o.Validate = None,
         out: o.Out = None,
         charts: o.Charts = None,
         as_json: AsJson = False,
     ) -> None:
         """Identify a continuous model of a recorded mechanism, with its confidence band."""
         asked = Asked(order, zeros, integrators, delay_s, hold, quantity, friction)
-        if is_response(record):
-            deliver_response(record, asked, out, as_json)
+        if is_response(records[0]):
+            if len(records) > 1 or validate:
+                raise BadInput("a frequency response beside other files; allowed: one response by itself")
+            deliver_response(records[0], asked, out, as_json)
             return
-        read = read_record(record, input_name=input_name, output_name=output_name, time_name=time_name, rate_hz=rate_hz)
-        read = part_of(read, from_s, to_s)
+
+        def read(path: Path) -> Record:
+            return read_record(
+                path, input_name=input_name, output_name=output_name, time_name=time_name, rate_hz=rate_hz
+            )
+
+        parts = [part_of(read(path), from_s, to_s) for path in records]
+        unseen = [(str(path), read(path)) for path in validate or []]
         with steps() as note:
-            found = identify(read, method=method, forgetting=forgetting, note=note, **vars(asked))
-        deliver(found, read, out, charts, as_json)
+            found = identify(parts, method=method, forgetting=forgetting, note=note, **vars(asked))
+            note("validating")
+            found = validated(found, unseen)
+        deliver(found, parts[0], out, charts, as_json)
 
 
 def deliver_response(path: Path, asked: Asked, out: Path | None, as_json: bool) -> None:
@@ -154,6 +166,10 @@ def _table(found: Identification, about: dict[str, str], out: Path | None) -> Ta
     table.add_row("fit (%)", f"{found.fit_percent:.3f}", "")
     table.add_row("residual white", "yes" if found.tests.white else "no", "")
     table.add_row("residual free of the command", "yes" if found.tests.uncorrelated_with_input else "no", "")
+    for unseen in found.validations:
+        verdict = "fails" if unseen.failures else "holds"
+        inside = "not judged" if np.isnan(unseen.inside) else f"{100.0 * unseen.inside:.0f} % inside the band"
+        table.add_row(f"on {unseen.name}", f"{verdict}: fit {unseen.fit_percent:.2f} %, {inside}", "")
     table.add_row("excitation order", str(found.excitation.order), "")
     band = float(np.max(model.band_db(found.frequency_hz())))
     table.add_row("widest band (dB)", f"{band:.2g}", "")

@@ -8,7 +8,7 @@ import numpy as np
 
 from tactuator.display.plant_model import PlantModel
 from tactuator.identification.by_response import ResponseFit
-from tactuator.identification.result import Identification, resonances
+from tactuator.identification.result import Identification, Validation, resonances
 
 DELAY_SAYS = (
     "delay_s is everything between the command and the position as recorded, the laboratory's converters and filters "
@@ -48,9 +48,26 @@ def document(found: Identification) -> dict[str, Any]:
             "closed_loop": tests.feedback,
         },
         "fit_percent": found.fit_percent,
+        "validation": [_validation(one) for one in found.validations],
         "friction": _friction(found),
         "tried": [vars(candidate) for candidate in found.tried],
         "remarks": list(found.remarks),
+    }
+
+
+def _validation(one: Validation) -> dict[str, Any]:
+    return {
+        "record": one.name,
+        "holds": not one.failures,
+        "failures": list(one.failures),
+        "fit_percent": one.fit_percent,
+        "inside_band": one.inside,
+        "points": one.points,
+        "residuals": {
+            "white_p": one.tests.white_p,
+            "uncorrelated_p": one.tests.uncorrelated_p,
+            "unexplained": one.tests.unexplained,
+        },
     }
 
 

@@ -7,7 +7,13 @@ from typing import Annotated
 
 import typer
 
-RecordPath = Annotated[Path, typer.Argument(help="Record: HDF5, CSV, MATLAB or WAV.")]
+RecordPaths = Annotated[
+    list[Path], typer.Argument(help="Record, or several of one mechanism: HDF5, CSV, MATLAB or WAV.")
+]
+Validate = Annotated[
+    list[Path] | None,
+    typer.Option("--validate", help="Record that the fit does not see, to hold the model against; may be repeated."),
+]
 Input = Annotated[str | None, typer.Option("--input", help="Column or variable of the command.")]
 Output = Annotated[str | None, typer.Option("--output", help="Column or variable of the position.")]
 Time = Annotated[str | None, typer.Option("--time", help="Column or variable of the time stamps.")]

@@ -1,1 +1,1 @@
-"""Export of a store in open formats, for R and for reviewers."""
+"""A store in open formats, for R and for reviewers."""

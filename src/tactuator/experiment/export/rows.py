@@ -31,8 +31,8 @@ TableRow = Mapping[str, Value]
 
 
 @dataclass(frozen=True)
-class ExportTable:
-    """A table of an export: the meanings of its columns, and its rows as values by the columns' names."""
+class Table:
+    """columns: what each means; rows: values by their names."""
 
     columns: tuple[Meaning, ...]
     rows: tuple[TableRow, ...]
@@ -40,20 +40,17 @@ class ExportTable:
 
 @dataclass(frozen=True)
 class Exported:
-    """All tables of a store.
+    """All of a store. settings: each version of each study's protocol and what is known of it, by a file's name."""
 
-    settings: each version of each study's protocol, with its reason and time, by the name of its file.
-    """
-
-    trials: ExportTable
-    intervals: ExportTable
-    events: ExportTable
-    subjects: ExportTable
-    thresholds: ExportTable
+    trials: Table
+    intervals: Table
+    events: Table
+    subjects: Table
+    thresholds: Table
     settings: Mapping[str, Mapping[str, object]]
 
     @property
-    def tables(self) -> dict[str, ExportTable]:
+    def tables(self) -> dict[str, Table]:
         """Return the tables by their names."""
         return {
             "trials": self.trials,
@@ -86,7 +83,7 @@ _KEPT = schema.session.c.ended.is_distinct_from("withdrawn-discard")
 _ORDER = (schema.study.c.id, schema.subject.c.number, schema.session.c.visit, schema.run.c.id, schema.trial.c.number)
 
 
-def _trials(connection: Connection) -> ExportTable:
+def _trials(connection: Connection) -> Table:
     names = {one.name for one in TRIAL_COLUMNS}
     taken = {"run", "trial", "ended_utc"}
     run, trial, response, session = schema.run, schema.trial, schema.response, schema.session
@@ -122,7 +119,7 @@ def _trials(connection: Connection) -> ExportTable:
         values["subject_group"] = _group(values["subject_group"], values["respondent"])
         values["response_time"] = None if shown is None or pressed is None else (pressed - shown) / 1000.0
         rows.append(_plain(values, TRIAL_COLUMNS))
-    return ExportTable(TRIAL_COLUMNS, tuple(rows))
+    return Table(TRIAL_COLUMNS, tuple(rows))
 
 
 _WHO_NAMES = {"study", "subject", "visit"}
@@ -133,7 +130,7 @@ def _who() -> tuple[Any, ...]:
 
 
 def _played(connection: Connection) -> dict[int, tuple[str, float | None]]:
-    """Return the labels of each trial's intervals, and the level at the sensor where something was commanded."""
+    """Labels of each trial's intervals, and the level at the sensor where something was commanded."""
     found: dict[int, tuple[str, float | None]] = {}
     table = schema.interval
     for row in connection.execute(select(table).order_by(table.c.trial_id, table.c.position)):
@@ -143,7 +140,7 @@ def _played(connection: Connection) -> dict[int, tuple[str, float | None]]:
     return found
 
 
-def _intervals(connection: Connection) -> ExportTable:
+def _intervals(connection: Connection) -> Table:
     interval = schema.interval
     query = (
         select(
@@ -160,7 +157,7 @@ def _intervals(connection: Connection) -> ExportTable:
     return _table(connection.execute(query), INTERVAL_COLUMNS)
 
 
-def _events(connection: Connection) -> ExportTable:
+def _events(connection: Connection) -> Table:
     event, session, subject, study = schema.event, schema.session, schema.subject, schema.study
     query = (
         select(*_who(), event.c.at_utc, event.c.kind, event.c.trials, event.c.detail)
@@ -174,7 +171,7 @@ def _events(connection: Connection) -> ExportTable:
     return _table(connection.execute(query), EVENT_COLUMNS)
 
 
-def _subjects(connection: Connection) -> ExportTable:
+def _subjects(connection: Connection) -> Table:
     facts: dict[int, dict[str, Value]] = {}
     meanings: dict[str, Meaning] = {}
     for row in connection.execute(select(schema.demographic).order_by(schema.demographic.c.id)):
@@ -203,11 +200,11 @@ def _subjects(connection: Connection) -> ExportTable:
         values = {**dict.fromkeys(meanings), **row._mapping, **facts.get(row.id, {})}
         values["subject_group"] = "simulated" if row.programs else row.subject_group
         rows.append(_plain(values, columns))
-    return ExportTable(columns, tuple(rows))
+    return Table(columns, tuple(rows))
 
 
 def _programs() -> ScalarSelect[Any]:
-    """Return a query of the number of a subject's runs that a program answered."""
+    """How many runs of a subject a program answered."""
     run, session = schema.run, schema.session
     return (
         select(func.count())
@@ -217,11 +214,11 @@ def _programs() -> ScalarSelect[Any]:
     )
 
 
-def _thresholds(store: Store) -> ExportTable:
+def _thresholds(store: Store) -> Table:
     try:
         runs = detection_runs(store)
     except BadInput:
-        return ExportTable(THRESHOLD_COLUMNS, ())
+        return Table(THRESHOLD_COLUMNS, ())
     with store.read() as connection:
         names = {row.id: row.name for row in connection.execute(select(schema.study))}
     about = {
@@ -239,11 +236,11 @@ def _thresholds(store: Store) -> ExportTable:
         values = {**asdict(one), **about[one.run], "flags": "|".join(one.flags)}
         values["group"] = _group(one.group, str(values["respondent"]))
         rows.append(_plain(values, THRESHOLD_COLUMNS))
-    return ExportTable(THRESHOLD_COLUMNS, tuple(rows))
+    return Table(THRESHOLD_COLUMNS, tuple(rows))
 
 
 def _group(group: str, respondent: str) -> str:
-    """Return the group of a row: `simulated` where a program answered, whatever the protocol says."""
+    """What a row says of its subject: where a program answered, that, whatever the protocol says."""
     return "simulated" if respondent in ("simulated", "script") else group
 
 
@@ -268,8 +265,8 @@ def _settings(connection: Connection) -> dict[str, dict[str, object]]:
     }
 
 
-def _table(rows: Iterable[Row[Any]], columns: tuple[Meaning, ...]) -> ExportTable:
-    return ExportTable(columns, tuple(_plain(dict(row._mapping), columns) for row in rows))
+def _table(rows: Iterable[Row[Any]], columns: tuple[Meaning, ...]) -> Table:
+    return Table(columns, tuple(_plain(dict(row._mapping), columns) for row in rows))
 
 
 def _plain(values: Mapping[str, object], columns: tuple[Meaning, ...]) -> TableRow:

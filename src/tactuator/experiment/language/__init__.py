@@ -1,1 +1,1 @@
-"""Words that subjects and operators read, in their language."""
+"""What subjects and operators read, in their language."""

@@ -1,1 +1,1 @@
-"""Protocol files, which a laboratory writes before an experiment, and the plan of sessions."""
+"""What a laboratory writes down before an experiment: protocol files and the plan of sessions."""

@@ -1,4 +1,4 @@
-"""Protocol files of detection studies, validated key by key."""
+"""What a study does: the protocol file, validated key by key."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tactuator.experiment.trial.trial import ForcedChoice
 
 
 class Conditions(Part):
-    """Conditions of every subject: each frequency on each finger, repeats times, in an order of the subject's own."""
+    """Runs of every subject: each frequency on each finger, repeats times, in an order of the subject's own."""
 
     fingers: tuple[str, ...] = Field(min_length=1)
     frequencies_hz: tuple[Positive, ...] = ()
@@ -26,11 +26,11 @@ class Conditions(Part):
 
 
 class SessionRules(Part):
-    """Rules of a session: practice before the first run, breaks, feedback, and the longest interruption of a run.
+    """How a session goes: practice before the first run, breaks, feedback, and how long an interruption may last.
 
-    practice_correct: number of right answers among the last practice_trials that ends practice (None: it ends after
-    practice_trials). Where practice_limit trials do not reach it, the experimenter is called and practice begins again.
-    break_s: the least duration of a break, by the server's clock.
+    practice_correct: practice ends when so many of its last practice_trials are right (none: after practice_trials);
+    where it has not by practice_limit trials, the experimenter is called and it begins again. break_s: how long a break
+    lasts at least, by the server's clock.
     """
 
     practice_trials: int = Field(default=3, ge=0, le=100)
@@ -55,7 +55,7 @@ class SessionRules(Part):
 
 
 class TimingPart(Part):
-    """The table [timing]; its keys are those of Timing."""
+    """See Timing."""
 
     stimulus_s: Seconds = 0.5
     ramp_s: Seconds = 0.1
@@ -65,12 +65,12 @@ class TimingPart(Part):
     feedback_s: Seconds = 0.4
 
     def build(self) -> Timing:
-        """Return the timing that the table describes."""
+        """The timing."""
         return Timing(**self.model_dump())
 
 
 class MaskerPart(Part):
-    """The table [masker]; its keys are those of Masker."""
+    """See Masker."""
 
     kind: Literal["tone", "noise"]
     frequency_hz: Positive
@@ -78,14 +78,12 @@ class MaskerPart(Part):
     channel: str | None = None
 
     def build(self) -> Masker:
-        """Return the masker that the table describes."""
+        """The masker."""
         return Masker(**self.model_dump())
 
 
 class MarksPart(Part):
-    """The table [marks]: taps that announce intervals to subjects who neither see nor hear; its keys are those of
-    Marks.
-    """
+    """See Marks: intervals announced by taps, for subjects who neither see nor hear."""
 
     channel: str
     frequency_hz: Positive = 60.0
@@ -95,14 +93,14 @@ class MarksPart(Part):
     after_s: Seconds = 0.5
 
     def build(self) -> Marks:
-        """Return the marks that the table describes."""
+        """The marks."""
         return Marks(**self.model_dump())
 
 
 class CatchTrials(Part):
-    """Trials that a run has besides its procedure's: loud ones that test attention, blank ones that test for cues.
+    """Trials that a run has besides its procedure's: loud ones for attention, blank ones for cues.
 
-    loud_share, blank_share: shares of all trials. above_db: level of a loud trial above the procedure's next level.
+    loud_share, blank_share: of all trials; above_db: of a loud one over the procedure's next level.
     """
 
     loud_share: Annotated[float, Field(ge=0.0, le=0.5)] = 0.0
@@ -111,13 +109,13 @@ class CatchTrials(Part):
 
 
 class Paradigm(Part):
-    """The table [paradigm]: detection in one of m intervals."""
+    """Detection in one of m intervals."""
 
     intervals: int = Field(default=3, ge=2, le=9)
 
 
 class Protocol(StudyProtocol):
-    """The protocol file of a detection study."""
+    """The file of a detection study."""
 
     procedure: AnyProcedure
     conditions: Conditions
@@ -147,11 +145,11 @@ class Protocol(StudyProtocol):
         return self
 
     def forced_choice(self) -> ForcedChoice:
-        """Return the paradigm that the table describes."""
+        """The paradigm."""
         return ForcedChoice(self.paradigm.intervals)
 
     def practice(self, frequency_hz: float) -> Practice:
-        """Return a fresh practice run at that frequency."""
+        """The practice run."""
         rules = self.session
         limit = rules.practice_trials if rules.practice_correct is None else rules.practice_limit
         return Practice(rules.practice_level_db_sl, limit, frequency_hz, rules.practice_trials, rules.practice_correct)

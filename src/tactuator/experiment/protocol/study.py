@@ -1,4 +1,4 @@
-"""The part that every protocol file has, whatever is asked: the study, its circumstances, its subjects."""
+"""What every protocol file has, whatever is asked: the study, its circumstances, its subjects."""
 
 from __future__ import annotations
 
@@ -18,16 +18,15 @@ _SEED_MAX = 2**53
 
 
 class Part(BaseModel):
-    """A table of the protocol file, which allows no key but the known ones."""
+    """A table of the protocol file: no key but the known ones."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class StudyPart(Part):
-    """The table [study]: who asks, and what subjects are told.
+class Study(Part):
+    """Who asks, and what subjects are told. visits: how often each subject comes; language: of every page, one that is
 
-    visits: number of visits of each subject. language: of every page, one that is shipped, or language_file: the path
-    of another beside the protocol.
+    shipped, or language_file: one beside the protocol.
     """
 
     name: str = Field(min_length=1, max_length=200)
@@ -42,7 +41,7 @@ class StudyPart(Part):
 
 
 class Circumstances(Part):
-    """Circumstances that psychophysics reports with a threshold; they go into columns of every session."""
+    """What psychophysics reports with a threshold; they go into columns of every session."""
 
     site: str = "fingertip"
     contact_area_mm2: Positive | None = None
@@ -54,7 +53,7 @@ class Circumstances(Part):
 
 
 class Demographic(Part):
-    """A fact that the laboratory notes of every subject: a number within limits, one of choices, or words."""
+    """Something that the laboratory notes of every subject: a number within limits, one of choices, or words."""
 
     name: str = Field(pattern=_NAME)
     label: str = Field(min_length=1, max_length=100)
@@ -76,7 +75,7 @@ class Demographic(Part):
         return self
 
     def take(self, value: str | float) -> str:
-        """Return the value as it is stored. Raises ValueError, naming what is allowed, for a value that is not."""
+        """Return the value as it is stored. Raises ValueError, naming what is allowed, for one that is not."""
         text = str(value).strip()
         if self.kind == "choice" and text not in self.choices:
             raise ValueError(f"{self.name} is {text!r}; allowed: {', '.join(self.choices)}")
@@ -94,7 +93,7 @@ class Demographic(Part):
 
 
 class SubjectPart(Part):
-    """A subject, whose own circumstances win over the study's; participant_id: their name elsewhere."""
+    """Someone who takes part; circumstances of one's own win over the study's. participant_id: their name elsewhere."""
 
     code: Code
     group: Group = "unknown"
@@ -104,9 +103,9 @@ class SubjectPart(Part):
 
 
 class StudyProtocol(Part):
-    """The part of a protocol file that is the same for every kind of study."""
+    """What every protocol file has, whatever is asked."""
 
-    study: StudyPart
+    study: Study
     subject: tuple[SubjectPart, ...] = ()
     circumstances: Circumstances = Circumstances()
     demographic: tuple[Demographic, ...] = ()
@@ -139,7 +138,7 @@ class StudyProtocol(Part):
         return taken
 
     def apart_from_subjects(self) -> StudyProtocol:
-        """Return the protocol without subjects, which an amendment that only enrols leaves as it was."""
+        """Return the protocol with nobody in it: what an amendment that only enrols leaves as it was."""
         return self.model_copy(update={"subject": ()})
 
 

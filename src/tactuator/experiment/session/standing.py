@@ -1,4 +1,4 @@
-"""State of a session: the trial that comes next, an answer that is saved, the progress of each run."""
+"""Where a session stands: the trial that comes next, an answer that is saved, how far each run is."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SAME_DB = 1e-6
 
 @dataclass(frozen=True)
 class NextTrial:
-    """The trial to present next; run: its row in the store; seed: of the run."""
+    """run: its row in the store; seed: of the run."""
 
     run: int
     planned: PlannedRun
@@ -26,9 +26,9 @@ class NextTrial:
 
 @dataclass(frozen=True)
 class Acknowledged:
-    """An answer that is in the store.
+    """An answer that is in the store for good. right: the right response, where the run has feedback; again: it was
 
-    right: the right response, where the run has feedback. again: True where the answer was in the store already.
+    there already.
     """
 
     run: int
@@ -40,7 +40,7 @@ class Acknowledged:
 
 @dataclass(frozen=True)
 class RunTally:
-    """Progress of a planned run; state: as in the store, or `planned`."""
+    """How far a planned run is. state: as in the store, or `planned`."""
 
     planned: PlannedRun
     state: str
@@ -50,7 +50,7 @@ class RunTally:
 
 @dataclass
 class Running:
-    """The run that goes on, with its course."""
+    """The run that goes on."""
 
     row: int
     planned: PlannedRun
@@ -60,7 +60,7 @@ class Running:
 
 
 def replay(course: Course, run: int, answers: Sequence[Found]) -> None:
-    """Take a course through a run's answers. Raises BadInput where the store's trials are not those of the course."""
+    """Take a course through a run's answers; BadInput where the store's trials are not those that the course has."""
     for row in answers:
         trial = course.trial()
         if trial is None or not _is_stored(trial, row):
@@ -69,7 +69,7 @@ def replay(course: Course, run: int, answers: Sequence[Found]) -> None:
 
 
 def _is_stored(trial: Trial, row: Found) -> bool:
-    """Return whether a trial is the one in the store's row."""
+    """Whether a trial is the one that the store's row says."""
     level = None if trial.placement is None else trial.placement.level_db_sl
     if level is None or row.level_db_sl is None:
         same = level is row.level_db_sl

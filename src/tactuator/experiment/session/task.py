@@ -1,23 +1,21 @@
-"""Protocols of a task in a session, be it detection or identification, and what tasks show of their trials."""
+"""What a session has to know of the task that its subject does, be it detection or identification."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime
-from typing import ClassVar, Protocol
+from typing import Protocol
 
-import numpy as np
 from sqlalchemy import Connection
 
-from tactuator.arrays import FloatArray
 from tactuator.experiment.language.words import Words
 from tactuator.experiment.protocol.plan import PlannedRun
 from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.result.tables import ResultTable
-from tactuator.experiment.session.apparatus import Apparatus
-from tactuator.experiment.store.records import PlayedTrial
+from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.store.records import Played
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.presenter import Watch
 from tactuator.experiment.trial.trial import Trial
@@ -27,68 +25,55 @@ Picture = Mapping[str, object]
 
 
 @dataclass(frozen=True)
-class OfferedResponse:
-    """A response as it is offered.
+class Choice:
+    """A response as it is offered; keys: characters any of which gives it; codes: keys by where they are on the board
 
-    keys: characters any of which gives it. codes: physical keys that give it whatever the layout puts there
-    (KeyboardEvent.code).
+    (KeyboardEvent.code), whatever the layout puts there.
     """
 
     response: str
     keys: tuple[str, ...]
-    codes: tuple[str, ...] = field(init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "codes", _key_codes(self.keys))
+    codes: tuple[str, ...] = ()
 
 
-def _key_codes(keys: Sequence[str]) -> tuple[str, ...]:
-    """Return the physical keys that are meant by digits: those of the upper row and of the number pad.
+def key_codes(keys: Sequence[str]) -> tuple[str, ...]:
+    """Return the physical keys that are meant by digits: on every layout they stand in the row and on the number pad,
 
-    They stand there on every layout, though an unshifted AZERTY key types another character. Letters are where the
-    layout has them.
+    though an unshifted AZERTY key types another character. Letters are where the layout has them.
     """
     return tuple(f"{row}{key}" for key in keys if len(key) == 1 and key in "0123456789" for row in ("Digit", "Numpad"))
 
 
+SHAPE_STEP_S, NOTHING_DB_SL = 0.02, -60.0
+
+
 @dataclass(frozen=True)
-class Envelope:
-    """Envelope of an interval, for a demonstration.
+class Shape:
+    """What an interval plays, for a demonstration: the envelope, dB SL, a value each step_s; frequency_hz where it has
 
-    envelope_db_sl: a value every step_s, dB SL. frequency_hz: None where the interval has no single one.
+    one.
     """
-
-    STEP_S: ClassVar[float] = 0.02
-    SILENT_DB_SL: ClassVar[float] = -60.0
 
     envelope_db_sl: tuple[float, ...]
     step_s: float
     frequency_hz: float | None = None
 
-    @classmethod
-    def of(cls, levels_db_sl: FloatArray, frequency_hz: float | None = None) -> Envelope:
-        """Return the envelope of levels at every STEP_S, rounded to 0.1 dB."""
-        return cls(tuple(np.round(levels_db_sl, 1).tolist()), cls.STEP_S, frequency_hz)
-
 
 @dataclass(frozen=True)
 class Question:
-    """The question of every trial, which is the same in all of them, so that nothing of it tells the answer.
+    """What the subject sees in every trial: the same in all, so that nothing of it tells the answer.
 
     intervals: names of those that are shown as they play; none where the subject is not to tell them apart.
     """
 
     prompt: str
-    choices: tuple[OfferedResponse, ...]
+    choices: tuple[Choice, ...]
     intervals: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Rules:
-    """Rules of a session's breaks, the duration of feedback, and the longest interruption of a run.
-
-    break_s: the least duration of a break.
-    """
+    """When there are breaks and how long they last at least; how long feedback stands, and an interruption may last."""
 
     feedback_s: float
     break_after_trials: int | None = None
@@ -98,106 +83,101 @@ class Rules:
 
 
 @dataclass(frozen=True)
-class PlaybackCallbacks:
-    """Functions that are called while a trial plays.
-
-    watch: told of its intervals. halted: asked whether the trial is to end at once.
-    """
+class Stagehand:
+    """Who attends while a trial plays. watch: told of its intervals; halted: asked whether it is to end at once."""
 
     watch: Watch
     halted: Callable[[], bool] = lambda: False
 
 
 class Course(Protocol):
-    """A run that goes on, in which the same responses in the same order always lead to the same trial."""
+    """A run that goes on. The same responses in the same order always lead to the same trial."""
 
     @property
     def seed(self) -> tuple[int, ...]:
-        """Return the seed of the run."""
+        """Of the run's randomness."""
         ...
 
     @property
     def trials(self) -> int:
-        """Return the number of trials answered so far."""
+        """Answered so far."""
         ...
 
     @property
     def progress(self) -> float:
-        """Return how far the run is, from 0 to 1."""
+        """How far the run is, 0 to 1."""
         ...
 
     def trial(self) -> Trial | None:
-        """Return the trial that stands, or None when the run is over. Asking twice gives the same."""
+        """The trial that stands; None when the run is over. Asking twice gives the same."""
         ...
 
     @property
     def passed(self) -> bool:
-        """Return False for practice that is over and has not met its criterion, True otherwise."""
+        """False for practice that is over and has not met its criterion."""
         ...
 
-    def play(self, trial: Trial, callbacks: PlaybackCallbacks, presented: datetime) -> PlayedTrial:
-        """Play the trial. presented: the present time. Raises Halted where it was stopped while it played."""
+    def play(self, trial: Trial, stage: Stagehand, presented: datetime) -> Played:
+        """Play the trial. presented: now. Raises Halted where it was stopped while it played."""
         ...
 
-    def shape(self, trial: Trial, interval: int) -> Envelope:
-        """Return the envelope of what the interval plays."""
+    def shape(self, trial: Trial, interval: int) -> Shape:
+        """What the interval plays."""
         ...
 
     def record(self, response: str) -> None:
-        """Record the response to the trial that stands. Raises BadInput if it is not allowed."""
+        """The response to the trial that stands; BadInput if it is not allowed."""
         ...
 
     def picture(self) -> Picture:
-        """Return the run so far as an operator's page draws it."""
+        """The run so far."""
         ...
 
 
-class SessionTask(Protocol):
-    """The task of a session: a protocol at an apparatus."""
+class Task(Protocol):
+    """A protocol at a station."""
 
     @property
     def protocol(self) -> StudyProtocol:
-        """Return the protocol as it was read."""
+        """As it was read."""
         ...
 
     @property
-    def apparatus(self) -> Apparatus:
-        """Return the apparatus that plays the stimuli."""
+    def station(self) -> Station:
+        """Where it is done."""
         ...
 
     @property
     def words(self) -> Words:
-        """Return the words of the study's language."""
+        """In the study's language."""
         ...
 
     @property
     def question(self) -> Question:
-        """Return the question that subjects see."""
+        """What subjects see."""
         ...
 
     @property
     def rules(self) -> Rules:
-        """Return the rules of a session."""
+        """How a session goes."""
         ...
 
     def enrol(self, connection: Connection, study: int) -> None:
-        """Store what a new study has besides its sessions. Raises BadInput where the study is there with something
-        else.
-        """
+        """Keep what a new study has besides its sessions; BadInput where a study that is there has something else."""
         ...
 
     def runs(self, subject: int, visit: int) -> tuple[PlannedRun, ...]:
-        """Return every run of a visit (from 1) of a subject (from 0), which are the same after any interruption."""
+        """Every run of a visit (from 1) of a subject (from 0): the same after any interruption."""
         ...
 
     def course(self, planned: PlannedRun, subject: int, visit: int, attempt: int) -> Course:
-        """Return the course of a planned run from its beginning."""
+        """A planned run from its beginning."""
         ...
 
     def expected(self, planned: PlannedRun) -> tuple[float, float]:
-        """Return the approximate number of trials of a run, and how many seconds one of them plays."""
+        """How many trials a run has, about, and how many seconds one of them plays."""
         ...
 
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
-        """Return the results of the session's answers so far. Raises BadInput while there are none."""
+        """What the session's answers say so far; BadInput while they say nothing."""
         ...

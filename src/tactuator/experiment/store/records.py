@@ -1,4 +1,4 @@
-"""Reading and writing of what happens in a session: runs, trials, responses, events."""
+"""Reading and writing what happens in a session: runs, trials, responses, events."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from tactuator.experiment.trial.trial import IntervalRecord, Trial
 
 
 @dataclass(frozen=True)
-class ApparatusRecord:
-    """The apparatus that plays the stimuli, as it is stored with every run.
+class Apparatus:
+    """What the stimuli are played with, stored with every run.
 
-    rig_simulated: True where nothing can be felt. speed: of presentation, 1 being real time, None as fast as the rig
-    can.
+    rig_simulated: nothing can be felt there; speed: of presentation, 1 being real time, None as fast as the rig can.
     """
 
     rig: str
@@ -36,9 +35,9 @@ class ApparatusRecord:
 
 @dataclass(frozen=True)
 class Sitting:
-    """The respondent of a sitting and what of the stimuli they can see or hear, as stored with every run.
+    """Who answers and what of the stimuli they can see or hear, stored with every run.
 
-    respondent: person, simulated or script. shown: empty, or "seen" or "seen and heard" in a demonstration.
+    respondent: person, simulated or script; shown: empty, or "seen" or "seen and heard" in a demonstration.
     """
 
     respondent: str = "person"
@@ -46,7 +45,7 @@ class Sitting:
 
 
 def latest_runs(connection: Connection, session: int) -> list[Found]:
-    """Return the last attempt at every position, in order."""
+    """The last attempt at every position, in order."""
     query = (
         select(schema.run)
         .where(schema.run.c.session_id == session)
@@ -56,7 +55,7 @@ def latest_runs(connection: Connection, session: int) -> list[Found]:
 
 
 def attempts(connection: Connection, session: int, position: int) -> int:
-    """Return the number of attempts at a planned run."""
+    """How many attempts at a planned run there are."""
     query = select(func.count()).where(schema.run.c.session_id == session, schema.run.c.position == position)
     return int(connection.execute(query).scalar_one())
 
@@ -66,12 +65,12 @@ def begin_run(
     session: int,
     planned: PlannedRun,
     attempt: int,
-    apparatus: ApparatusRecord,
+    apparatus: Apparatus,
     sitting: Sitting,
     version: int,
     now: datetime,
 ) -> int:
-    """Store a new attempt at a planned run under that version of the protocol, and return its id."""
+    """A new attempt at a planned run under that version of the protocol; its id."""
     row = {
         "session_id": session,
         "position": planned.position,
@@ -91,12 +90,12 @@ def begin_run(
 
 
 def end_run(connection: Connection, run: int, state: str, now: datetime) -> None:
-    """Store that a run is done, restarted or stopped."""
+    """A run is done, restarted or stopped."""
     connection.execute(update(schema.run).where(schema.run.c.id == run).values(state=state, ended_utc=stamp(now)))
 
 
 def answers(connection: Connection, run: int) -> list[Found]:
-    """Return every trial of a run with its response, in order."""
+    """Every trial of a run with its response, in order."""
     query = (
         select(schema.trial, schema.response)
         .join(schema.response, schema.response.c.trial_id == schema.trial.c.id)
@@ -107,7 +106,7 @@ def answers(connection: Connection, run: int) -> list[Found]:
 
 
 def tallies(connection: Connection, session: int) -> dict[int, tuple[int, int]]:
-    """Return the numbers of answered and of right trials of a session's runs, by the run's row."""
+    """Answered and right trials of the runs of a session, by the run's row."""
     query = (
         select(schema.run.c.id, func.count(), func.sum(cast(schema.response.c.correct, Integer)))
         .select_from(schema.run.join(schema.trial).join(schema.response))
@@ -118,7 +117,7 @@ def tallies(connection: Connection, session: int) -> dict[int, tuple[int, int]]:
 
 
 def answer(connection: Connection, session: int, run: int, number: int) -> Found | None:
-    """Return a trial of one of the session's runs with its response and the run's position, or None."""
+    """A trial of one of the session's runs with its response and the run's position, if it is there."""
     query = (
         select(schema.trial, schema.response, schema.run.c.position)
         .select_from(schema.response.join(schema.trial).join(schema.run))
@@ -129,10 +128,9 @@ def answer(connection: Connection, session: int, run: int, number: int) -> Found
 
 @dataclass(frozen=True)
 class Answer:
-    """A response as it arrived.
+    """A response as it arrived. Client times: milliseconds of the client's own clock; client_lit_ms: when it lit each
 
-    client_shown_ms, client_pressed_ms: by the client's own clock. client_lit_ms: when the client lit each interval's
-    lamp, by the same clock. received_s: by the server's monotonic clock, where it was read as the response arrived.
+    interval's lamp. received_s: by the server's monotonic clock, where it was taken as the response arrived.
     """
 
     response: str
@@ -144,12 +142,11 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class PlayedTrial:
-    """A trial that has been played.
+class Played:
+    """A trial that has been played; frequency and level of the curve are None where it is not at one frequency.
 
-    frequency_hz, curve_level_db_re_1um: None where it is not at one frequency. presented, ended: its beginning and end
-    by the server's clock (ended_s by its monotonic one). rig_tick: its beginning by the rig's clock. lasted_s: its
-    duration there. presentations: how often it was played until then.
+    presented, ended: when it began and was over by the server's clock (ended_s by its monotonic one); rig_tick: when it
+    began by the rig's, lasted_s: how long it took there; presentations: how often it was played until then.
     """
 
     trial: Trial
@@ -164,8 +161,8 @@ class PlayedTrial:
     presentations: int = 1
 
 
-def save_answer(connection: Connection, run: int, played: PlayedTrial, answer: Answer) -> None:
-    """Store the trial, its intervals and its response, all of them or, with the transaction, none."""
+def save_answer(connection: Connection, run: int, played: Played, answer: Answer) -> None:
+    """The trial, its intervals and its response: all of it or, with the transaction, nothing."""
     trial, placement = played.trial, played.trial.placement
     row = {
         "run_id": run,
@@ -199,8 +196,8 @@ def save_answer(connection: Connection, run: int, played: PlayedTrial, answer: A
     connection.execute(insert(schema.response).values(values))
 
 
-def _after_s(played: PlayedTrial, answer: Answer) -> float | None:
-    """Return the seconds from the end of the last interval to the response's arrival, by a monotonic clock."""
+def _after_s(played: Played, answer: Answer) -> float | None:
+    """Seconds from the end of the last interval to the response's arrival, by the server's monotonic clock."""
     if played.ended_s is None or answer.received_s is None:
         return None
     return answer.received_s - played.ended_s
@@ -209,13 +206,13 @@ def _after_s(played: PlayedTrial, answer: Answer) -> float | None:
 def note(
     connection: Connection, session: int | None, kind: str, detail: str, now: datetime, trials: int | None = None
 ) -> None:
-    """Store an event of that kind."""
+    """Something that happened."""
     row = {"session_id": session, "at_utc": stamp(now), "kind": kind, "detail": detail, "trials": trials}
     connection.execute(insert(schema.event).values(row))
 
 
 def last_answer_utc(connection: Connection, session: int) -> str | None:
-    """Return the arrival time of the session's last response, or None without one."""
+    """When the session's last response arrived."""
     query = (
         select(func.max(schema.response.c.server_received_utc))
         .select_from(schema.response.join(schema.trial).join(schema.run))
@@ -225,7 +222,7 @@ def last_answer_utc(connection: Connection, session: int) -> str | None:
 
 
 def last_break(connection: Connection, session: int) -> int:
-    """Return the number of trials that the session had when its last break ended; 0 if there was none."""
+    """Trials the session had when its last break ended; 0 if there was none."""
     query = select(func.max(schema.event.c.trials)).where(
         schema.event.c.session_id == session, schema.event.c.kind == "break"
     )
@@ -233,7 +230,7 @@ def last_break(connection: Connection, session: int) -> int:
 
 
 def trial_count(connection: Connection, session: int) -> int:
-    """Return the number of answered trials of the session, those of runs that were given up included."""
+    """Answered trials of the session, of runs given up as well."""
     query = (
         select(func.count())
         .select_from(schema.response.join(schema.trial).join(schema.run))

@@ -18,7 +18,7 @@ _BUSY_MS = 2000
 
 
 class Store:
-    """The database at a path, which is made if it is not there (unless must_exist).
+    """path: of the SQLite file, made if it is not there (unless must_exist).
 
     Raises BadInput for a file that is not a sound database of this tool, or cannot be opened.
     """
@@ -47,10 +47,7 @@ class Store:
 
     @contextmanager
     def begin(self) -> Iterator[Connection]:
-        """Begin a transaction, which is committed at the end of the context.
-
-        Raises StoreFault where it cannot be; nothing of it is then in the store.
-        """
+        """A transaction: committed at the end, or StoreFault and nothing of it is there."""
         try:
             with self.engine.begin() as connection:
                 yield connection
@@ -59,7 +56,7 @@ class Store:
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
-        """Open a view of the store that keeps nobody from writing. Raises StoreFault where it cannot be read."""
+        """A view of the store that keeps nobody from writing."""
         try:
             with self.engine.connect().execution_options(read_only=True) as connection:
                 yield connection
@@ -67,7 +64,7 @@ class Store:
             raise StoreFault(f"{self.path.name}: {_reason(error)}") from error
 
     def close(self) -> None:
-        """Close the database and its file."""
+        """Let go of the file."""
         self.engine.dispose()
 
 
@@ -87,6 +84,6 @@ def _begin(connection: Connection) -> None:
 
 
 def _reason(error: BaseException) -> str:
-    """Return the database's own message in one line."""
+    """What the database said, in one line."""
     original = error.orig if isinstance(error, DatabaseError | OperationalError) else error
     return " ".join(str(original).split())

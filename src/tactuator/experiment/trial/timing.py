@@ -1,4 +1,4 @@
-"""Durations of the parts of a trial."""
+"""How long the parts of a trial last."""
 
 from __future__ import annotations
 
@@ -11,11 +11,9 @@ from tactuator.errors import BadInput
 
 @dataclass(frozen=True)
 class Timing:
-    """Durations of the parts of a trial, in seconds.
+    """stimulus_s: of each interval, or as long as `periods` of a slow tone take; ramp_s: at both its ends, inside it.
 
-    stimulus_s: of each interval, or as long as `periods` of a slow tone take. ramp_s: at both its ends, inside it.
-    lead_s: silence before the first interval. gap_s: silence between intervals. feedback_s: time for which feedback is
-    shown. Raises BadInput for durations that cannot be.
+    lead_s: before the first interval; gap_s: between intervals; feedback_s: how long feedback is shown.
     """
 
     stimulus_s: float = 0.5
@@ -38,16 +36,16 @@ class Timing:
             raise BadInput(f"timing: ramps of {self.ramp_s:g} s in {self.stimulus_s:g} s; allowed: half of it at most")
 
     def duration_s(self, frequency_hz: float) -> float:
-        """Return the duration of one interval at that frequency."""
+        """Length of one interval at that frequency."""
         return max(self.stimulus_s, self.periods / frequency_hz)
 
     def ramp_at_s(self, frequency_hz: float) -> float:
-        """Return the duration of each ramp, in proportion to the interval: slow tones begin as gently as fast ones."""
+        """Length of each ramp: in proportion to the interval, so that a slow tone begins as gently as a fast one."""
         return self.ramp_s * self.duration_s(frequency_hz) / self.stimulus_s
 
     def clearance_hz(self, frequency_hz: float) -> float:
-        """Return the distance that a tone keeps from a mains line: the reciprocal of its duration, at least 2 Hz.
+        """How far from a mains line a tone has to stay: by the reciprocal of its own duration.
 
-        That is where the spectrum of a tone without ramps has its first zero.
+        That is where the spectrum of a tone without ramps has its first zero; at least 2 Hz.
         """
         return max(2.0, 1.0 / self.duration_s(frequency_hz))

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tactuator.arrays import FloatArray
+
 _SLOW = 0.2
 """Share of the velocity's deviation below which a motor may stick."""
 _APART = 0.6
@@ -37,16 +38,16 @@ class Motor:
     damping: float
     coulomb: float
     offset: float
-    covariance: Array
+    covariance: FloatArray
     unexplained: float
     spring: float
     spring_t: float
-    predicted: Array
-    commanded: Array
+    predicted: FloatArray
+    commanded: FloatArray
     corner_hz: float
 
 
-def motor_estimate(command: Array, position: Array, rate_hz: float, *, is_held: bool = True) -> Motor | None:
+def motor_estimate(command: FloatArray, position: FloatArray, rate_hz: float, *, is_held: bool = True) -> Motor | None:
     """Return the motor of a record (n,), or None where too little of it moves.
 
     The confidence holds what another corner of the low-pass filter changes.
@@ -63,7 +64,7 @@ def motor_estimate(command: Array, position: Array, rate_hz: float, *, is_held: 
 _NAMES = ("gain", "damping", "coulomb", "offset")
 
 
-def motion_corner(position: Array, rate_hz: float) -> float:
+def motion_corner(position: FloatArray, rate_hz: float) -> float:
     """Return the frequency up to which the position stands 7 dB above its noise (the floor beyond 0.3 rate), hertz."""
     power = np.abs(np.fft.rfft(np.hanning(position.size) * (position - position.mean()))) ** 2
     frequency = np.fft.rfftfreq(position.size, 1.0 / rate_hz)
@@ -76,20 +77,13 @@ def motion_corner(position: Array, rate_hz: float) -> float:
     return float(np.clip(above.max() if above.size else lowest, lowest, 0.1 * rate_hz))
 
 
-def _estimate(command: Array, position: Array, rate_hz: float, corner: float, is_held: bool) -> Motor | None:
-    acting = command.copy()
-    if is_held:
-        # a held command acts half a sample later than its own time
-        acting[1:] = 0.5 * (command[1:] + command[:-1])
-    along = [_low_passed(position, rate_hz, corner, order) for order in range(3)]
-    sign = _low_passed(np.sign(along[1]), rate_hz, corner, 0, even=True)
-    goal = _low_passed(acting, rate_hz, corner, 0, even=True)
-    chosen = _moving(along[1], rate_hz, corner)
+def _estimate(command: FloatArray, position: FloatArray, rate_hz: float, corner: float, is_held: bool) -> Motor | None:
+    everything, goal, chosen = _equation(command, position, rate_hz, corner, is_held)
     if chosen.size < _FEWEST:
         return None
-    columns = np.stack([along[2], along[1], sign, np.ones(sign.size)], axis=1)[chosen]
+    columns, place = everything[chosen], _low_passed(position, rate_hz, corner, 0)[chosen]
     theta, left, covariance = _regress(columns, goal[chosen])
-    spring, _, spread = _regress(np.column_stack([columns, along[0][chosen]]), goal[chosen])
+    spring, _, spread = _regress(np.column_stack([columns, place]), goal[chosen])
     total = float(np.var(goal[chosen]))
     if theta[0] == 0.0 or total == 0.0:
         return None
@@ -97,7 +91,7 @@ def _estimate(command: Array, position: Array, rate_hz: float, corner: float, is
     gain = 1.0 / theta[0]
     slopes = np.diag([-(gain**2), gain, 1.0, 1.0])
     slopes[1, 0] = -theta[1] * gain**2
-    share = abs(float(spring[4])) * float(np.std(along[0][chosen])) / np.sqrt(total)
+    share = abs(float(spring[4])) * float(np.std(place)) / np.sqrt(total)
     return Motor(
         gain=float(gain),
         damping=float(theta[1] * gain),
@@ -113,7 +107,36 @@ def _estimate(command: Array, position: Array, rate_hz: float, corner: float, is
     )
 
 
-def _moving(velocity: Array, rate_hz: float, corner: float) -> NDArray[np.int64]:
+def motor_prediction(
+    command: FloatArray, position: FloatArray, rate_hz: float, theta: FloatArray, corner: float, *, is_held: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Return the low-passed command of a record (n,) while it moves, and what theta predicts of it, each (k,).
+
+    theta: gain, damping, coulomb, offset as in `Motor`.
+    """
+    columns, goal, chosen = _equation(command, position, rate_hz, corner, is_held)
+    gain, damping, coulomb, offset = theta
+    weights = np.array([1.0 / gain, damping / gain, coulomb, offset])
+    return goal[chosen], columns[chosen] @ weights
+
+
+def _equation(
+    command: FloatArray, position: FloatArray, rate_hz: float, corner: float, is_held: bool
+) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
+    """Return the regressors (n, 4), the low-passed command (n,) and the samples that count."""
+    acting = command.copy()
+    if is_held:
+        # a held command acts half a sample later than its own time
+        acting[1:] = 0.5 * (command[1:] + command[:-1])
+    velocity = _low_passed(position, rate_hz, corner, 1)
+    sign = _low_passed(np.sign(velocity), rate_hz, corner, 0, even=True)
+    goal = _low_passed(acting, rate_hz, corner, 0, even=True)
+    acceleration = _low_passed(position, rate_hz, corner, 2)
+    columns = np.stack([acceleration, velocity, sign, np.ones(sign.size)], axis=1)
+    return columns, goal, _moving(velocity, rate_hz, corner)
+
+
+def _moving(velocity: FloatArray, rate_hz: float, corner: float) -> NDArray[np.int64]:
     """Samples of a motor that moves, four to a period of the corner, away from the record's ends."""
     slow = np.abs(velocity) < _SLOW * float(np.std(velocity))
     width = int(_APART * rate_hz / corner)
@@ -123,7 +146,7 @@ def _moving(velocity: Array, rate_hz: float, corner: float) -> NDArray[np.int64]
     return np.asarray(places[~near[places]])
 
 
-def _low_passed(values: Array, rate_hz: float, corner: float, order: int, *, even: bool = False) -> Array:
+def _low_passed(values: FloatArray, rate_hz: float, corner: float, order: int, *, even: bool = False) -> FloatArray:
     """Gaussian low-pass without phase, differentiated `order` times; ends mirrored (even) or turned round."""
     n = values.size
     mirrored = values[::-1]
@@ -134,7 +157,7 @@ def _low_passed(values: Array, rate_hz: float, corner: float, order: int, *, eve
     return np.asarray(np.fft.irfft(np.fft.rfft(whole) * passed, whole.size)[n : 2 * n])
 
 
-def _regress(columns: Array, goal: Array) -> tuple[Array, Array, Array]:
+def _regress(columns: FloatArray, goal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Least squares with a covariance that allows for neighbours' correlation (Newey and West, 1987)."""
     size = np.linalg.norm(columns, axis=0)
     size[size == 0.0] = 1.0

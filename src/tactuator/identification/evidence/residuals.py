@@ -91,6 +91,8 @@ def _time_scales(command: Array, rate_hz: float) -> Array:
 
 
 def _explained(gram: Array, goal: Array) -> tuple[float, int]:
+    if not gram.size:
+        return 0.0, 0
     values, vectors = np.linalg.eigh(gram)
     kept = values > 1e-9 * values[-1]
     turned = vectors.T @ goal

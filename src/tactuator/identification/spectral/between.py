@@ -61,6 +61,16 @@ class Grid:
         """1 - 1/z to full precision, (m,)."""
         return np.asarray(-np.expm1(-2j * np.pi * self.frequency_hz / self.rate_hz))
 
+    @cached_property
+    def _powers(self) -> dict[float, Complex]:
+        return {}
+
+    def back_by(self, samples: float) -> Complex:
+        """Return a whole number of samples back, (m,)."""
+        if samples not in self._powers:
+            self._powers[samples] = np.exp(-2j * np.pi * samples * self.frequency_hz / self.rate_hz)
+        return self._powers[samples]
+
     def late(self, delay: float) -> Complex:
         """Return the dead time's factor for a band-limited command, (m,)."""
         return np.asarray(np.exp(-self.s * (delay - self.shift * self.period)))
@@ -81,7 +91,7 @@ def response_columns(grid: Grid, theta: Array, delay: float, form: Form, rungs: 
     made = _held(grid, poles, delay) @ (numerator_values(rungs, poles, form) / slope[:, None])
     if form.zeros == form.poles:
         whole, part = divmod(delay / grid.period - grid.shift, 1.0)
-        made[:, -1] += grid.back**whole * (1.0 - part + part * grid.back)
+        made[:, -1] += grid.back_by(whole) * (1.0 - part + part * grid.back)
     return np.asarray(made)
 
 
@@ -93,7 +103,7 @@ def _held(grid: Grid, poles: Complex, delay: float) -> Complex:
         return _ramped(grid, poles, whole, part)
     now = _integral(poles, (1.0 - part) * period)
     before = np.exp(_bounded(poles * (1.0 - part) * period)) * _integral(poles, part * period)
-    return np.asarray(back ** (whole + 1.0) * (now + before * back) / grid.lag(poles))
+    return np.asarray(grid.back_by(whole + 1.0)[:, None] * (now + before * back) / grid.lag(poles))
 
 
 def _ramped(grid: Grid, poles: Complex, whole: float, part: float) -> Complex:
@@ -103,7 +113,7 @@ def _ramped(grid: Grid, poles: Complex, whole: float, part: float) -> Complex:
     second = np.where(np.abs(poles * period) < 1e-4, 0.5 * period**2, (first - period) / np.where(poles == 0, 1, poles))
     early, late = second / period, first - second / period
     exact = (early + late * back) / grid.lag(poles)
-    return np.asarray(back**whole * (1.0 - part + part * back) * exact)
+    return np.asarray(grid.back_by(whole)[:, None] * (1.0 - part + part * back) * exact)
 
 
 def _integral(poles: Complex, duration: float) -> Complex:

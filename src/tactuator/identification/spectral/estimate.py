@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tactuator.errors import BadInput
 from tactuator.identification.spectral.between import Between
+from tactuator.identification.spectral.joined import join, join_local
 from tactuator.identification.spectral.lines import LocalResponse, Spectrum, equations, local_response, spectrum
 from tactuator.identification.spectral.search import Choice, Known, choose, propose
 
@@ -25,29 +26,36 @@ _SILENT = 1e-6
 @dataclass(frozen=True, eq=False)
 class SpectralEstimate:
     """chosen: under the better hold, or the first one where the record does not tell them apart (certain). other: under
-    the other, or None. advantage: how much better the better one's criterion is. local: the record's own response;
-    lines: its spectrum."""
+    the other, or None. advantage: how much better the better one's criterion is. local: the records' own response;
+    spectra: of each record."""
 
     chosen: Choice
     other: Choice | None
     certain: bool
     advantage: float
     local: LocalResponse
-    lines: Spectrum
+    spectra: tuple[Spectrum, ...]
+
+    @property
+    def spacing_hz(self) -> float:
+        """Return the distance between lines of the longest record."""
+        return min(one.spacing_hz for one in self.spectra)
 
 
 @np.errstate(all="ignore")
 def estimate(
-    command: Array,
-    position: Array,
+    signals: Sequence[tuple[Array, Array]],
     rate_hz: float,
     holds: tuple[Between, ...],
     known: Known,
     note: Callable[[str], None] = lambda _: None,
 ) -> SpectralEstimate:
-    """Return the estimate from command and position (n,), both of about unit size. Raises BadInput without a start."""
-    whole = spectrum(command, position, rate_hz)
-    local = local_response(whole, 0.47 * rate_hz)
+    """Return the estimate from (command, position), each (n,) and of about unit size, of every record.
+
+    Raises BadInput where no form gives a start.
+    """
+    whole = [spectrum(command, position, rate_hz) for command, position in signals]
+    local = join_local([local_response(one, 0.47 * rate_hz) for one in whole])
     if local.frequency_hz.size < 4:
         raise BadInput(
             f"the record shows its response at {local.frequency_hz.size} frequencies; allowed: 4 or more (a longer "
@@ -60,9 +68,9 @@ def estimate(
         raise BadInput("no model of the form asked for fits the record at all; allowed: another order, or more zeros")
     # what was commanded before the record began is unknown for as long as the dead time: the position starts later
     shift = max(min(int(proposals[hold][0].delay_s * rate_hz + 1e-3) for hold in holds) - 1, 0)
-    shift = min(shift, command.size // 4)
-    taken = spectrum(command, position, rate_hz, shift) if shift else whole
-    given = equations(taken, 0.0, 0.5 * rate_hz)
+    shift = min(shift, *(command.size // 4 for command, _ in signals))
+    taken = tuple([spectrum(*one, rate_hz, shift) for one in signals] if shift else whole)
+    given = join([equations(one, 0.0, 0.5 * rate_hz) for one in taken])
     choices: list[Choice] = []
     for hold in sorted(holds, key=lambda one: proposals[one][0].cost):
         note(f"fitting the record as {hold}")

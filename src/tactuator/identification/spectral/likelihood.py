@@ -8,12 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import linalg
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.spectral.between import Grid, edge_columns, response_columns, transient_columns
 from tactuator.identification.spectral.form import (
     Form,
@@ -24,10 +22,11 @@ from tactuator.identification.spectral.form import (
     numerator_values,
     section_list,
 )
+from tactuator.identification.spectral.joined import JoinedEquations, equation_slices
 from tactuator.identification.spectral.lines import Equations
 
-Array = NDArray[np.float64]
-Complex = NDArray[Any]
+_LOST = 1e-12
+"""Power of a column, over what it had, below which the records' ends have taken all of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,21 +35,21 @@ class Fit:
     -2 log likelihood for known noise."""
 
     form: Form
-    theta: Array
+    theta: FloatArray
     delay: float
-    numerator: Array
+    numerator: FloatArray
     rungs: Ladder
     grid: Grid
     cost: float
 
-    def response(self, frequency_hz: Array) -> Complex:
+    def response(self, frequency_hz: FloatArray) -> ComplexArray:
         """Return the complex response at `frequency_hz` (m,), dead time included."""
         s = 2j * np.pi * np.asarray(frequency_hz) / self.grid.scale_rad_s
         top = numerator_values(self.rungs, s, self.form) @ self.numerator
         return np.asarray(top * np.exp(-s * self.delay) / denominator_values(self.theta, self.form, s))
 
     @property
-    def poles_rad_s(self) -> Complex:
+    def poles_rad_s(self) -> ComplexArray:
         """Return the poles, (poles,)."""
         return np.asarray(all_poles(self.theta, self.form) * self.grid.scale_rad_s)
 
@@ -62,47 +61,69 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Equations with weights (e,) under one hold; with the transient's columns unless the lines are free of one."""
+    """Equations with weights (e,) under one hold; with the transient's columns unless the lines are free of one.
 
-    given: Equations
-    weight: Array
+    All sums over the equations are taken once, as products of columns; what is linear is eliminated from them.
+    """
+
+    given: Equations | JoinedEquations
+    weight: FloatArray
     grid: Grid
     with_transient: bool = True
 
-    def evaluate(self, form: Form, theta: Array, delay: float) -> _Point | None:
+    def evaluate(self, form: Form, theta: FloatArray, delay: float) -> _Point | None:
         """Return the linear solution at theta, or None where numbers run away."""
         rungs = ladder(theta, form)
         columns = self.given.response_of(response_columns(self.grid, theta, delay, form, rungs))
         if self.with_transient:
             columns = np.hstack([columns, self.given.transient_of(transient_columns(self.grid, theta, form))])
-        matrix = self.without_edges(_real(columns * self.weight[:, None]))
-        if not np.all(np.isfinite(matrix)):
+        rows = np.vstack([self.weighted(columns), self._goal])
+        if not np.all(np.isfinite(rows)):
             return None
-        goal = self._goal
-        solution, basis = solve(matrix, goal)
-        left = goal - matrix @ solution
-        return _Point(form, theta, delay, solution[: form.numerators], rungs, left, basis, float(left @ left))
+        products = self.products(rows)
+        solution, left = eliminated(products, rows.shape[0] - 1)
+        weights = solution[: form.numerators, 0]
+        return _Point(form, theta, delay, weights, rungs, rows, products, float(max(left[0, 0], 0.0)))
+
+    def products(self, rows: FloatArray) -> FloatArray:
+        """Return the products (k, k) of weighted real rows (k, 2 e), less what the records' ends may add."""
+        made = rows @ rows.T
+        for piece, basis in self._edges:
+            along = rows[:, piece] @ basis.T
+            made -= along @ along.T
+        size = np.einsum("ij,ij->i", rows, rows)
+        lost = np.diag(made) < _LOST * size
+        made[lost, :] = 0.0
+        made[:, lost] = 0.0
+        return np.asarray(made)
+
+    def weighted(self, columns: ComplexArray) -> FloatArray:
+        """Return complex columns (e, k), weighted, as real rows (k, 2 e)."""
+        return np.ascontiguousarray((columns * self.weight[:, None]).T).view(np.float64)
 
     @cached_property
-    def _edges(self) -> Array:
-        """Orthonormal basis of what the record's ends may add, weighted and real, (2 e, k)."""
-        columns = self.given.transient_of(edge_columns(self.grid)) * self.weight[:, None]
-        return solve(_real(columns), np.zeros(2 * self.weight.size))[1]
+    def _edges(self) -> list[tuple[slice, FloatArray]]:
+        """Where each record's equations are, and an orthonormal basis (k, 2 e) of what its ends may add."""
+        made: list[tuple[slice, FloatArray]] = []
+        if not self.with_transient:
+            return made
+        for part, piece in zip(self.given.parts, equation_slices(self.given), strict=True):
+            grid = replace(self.grid, frequency_hz=part.frequency_hz)
+            columns = part.transient_of(edge_columns(grid)) * self.weight[piece, None]
+            rows = np.ascontiguousarray(columns.T).view(np.float64)
+            made.append((slice(2 * piece.start, 2 * piece.stop), orthonormal(rows)))
+        return made
 
     @cached_property
-    def _goal(self) -> Array:
-        return self.without_edges(_real(self.given.goal * self.weight)[:, None])[:, 0]
+    def _goal(self) -> FloatArray:
+        return self.weighted(self.given.goal[:, None])
 
-    def without_edges(self, matrix: Array) -> Array:
-        """Return weighted real columns (2 e, k) less what the record's ends may add."""
-        return matrix - self._edges @ (self._edges.T @ matrix) if self.with_transient else matrix
-
-    def slopes(self, at: _Point) -> Array:
-        """Return the weighted derivatives of the right sides by theta and dead time, real, (2 e, k)."""
+    def slopes(self, at: _Point) -> FloatArray:
+        """Return the weighted derivatives of the right sides by theta and dead time, real, (k, 2 e)."""
         made = nonlinear_slopes(self.grid, at.form, at.theta, at.delay, at.numerator, at.rungs)
-        return self.without_edges(_real(self.given.response_of(made) * self.weight[:, None]))
+        return self.weighted(self.given.response_of(made))
 
-    def descend(self, form: Form, theta: Array, delay: float, *, most: int = 25, gain: float = 1e-4) -> Fit | None:
+    def descend(self, form: Form, theta: FloatArray, delay: float, *, most: int = 25, gain: float = 1e-4) -> Fit | None:
         """Return the fit after Levenberg and Marquardt's descent from theta, or None where there is no start."""
         with np.errstate(all="ignore"):
             now = self.evaluate(form, theta, delay)
@@ -121,12 +142,13 @@ class Problem:
 
     def _step(self, now: _Point, damping: float) -> tuple[_Point | None, float]:
         slopes = self.slopes(now)
-        slopes = slopes - now.basis @ (now.basis.T @ slopes)
         if not np.all(np.isfinite(slopes)):
             return None, damping
-        size = np.linalg.norm(slopes, axis=0)
+        linear = now.rows.shape[0] - 1
+        _, left = eliminated(self._products_with(now, slopes), linear)
+        size = np.sqrt(np.maximum(np.diag(left)[1:], 0.0))
         size[size == 0.0] = 1.0
-        gram, downhill = (slopes / size).T @ (slopes / size), (slopes / size).T @ now.left
+        gram, downhill = left[1:, 1:] / np.outer(size, size), left[1:, 0] / size
         for _ in range(8):
             step = np.linalg.solve(gram + damping * np.eye(size.size), downhill) / size
             delay = max(now.delay + float(step[-1]), 0.0) if now.form.dead_time else now.delay
@@ -136,39 +158,92 @@ class Problem:
             damping = max(damping * 6.0, 1e-4)
         return None, damping
 
-    def residual(self, fit: Fit) -> Complex:
+    def _products_with(self, now: _Point, slopes: FloatArray) -> FloatArray:
+        """Return the products of (linear columns, goal, slopes), those of the first two as they are known."""
+        before, more = now.rows.shape[0], slopes.shape[0]
+        made = np.empty((before + more, before + more))
+        made[:before, :before] = now.products
+        cross = np.vstack([now.rows, slopes]) @ slopes.T
+        for piece, basis in self._edges:
+            along = slopes[:, piece] @ basis.T
+            cross -= np.vstack([now.rows[:, piece] @ basis.T, along]) @ along.T
+        made[:, before:] = cross
+        made[before:, :before] = cross[:before].T
+        return made
+
+    def residual(self, fit: Fit) -> ComplexArray:
         """Return what the fit leaves of the goal, not weighted, its transient solved for anew, (e,)."""
         own = response_columns(self.grid, fit.theta, fit.delay, fit.form, fit.rungs) @ fit.numerator
         left = self.given.goal - self.given.response_of(own[:, None])[:, 0]
         if not self.with_transient:
             return np.asarray(left)
         columns = self.given.transient_of(beside_columns(self.grid, fit.theta, fit.form))
-        solution, _ = solve(_real(columns * self.weight[:, None]), _real(left * self.weight))
+        solution = fitted_beside(columns, left, self.weight)
         return np.asarray(left - columns @ solution)
 
-    def with_weight(self, weight: Array) -> Problem:
+    def with_weight(self, weight: FloatArray) -> Problem:
         """Return the same equations, weighted otherwise."""
         return replace(self, weight=weight)
 
 
-def beside_columns(grid: Grid, theta: Array, form: Form) -> Complex:
+def fitted_beside(columns: ComplexArray, goal: ComplexArray, weight: FloatArray) -> FloatArray:
+    """Return the real weights (k,) of complex columns (e, k) that fit the goal (e,) best."""
+    rows = np.ascontiguousarray((np.hstack([columns, goal[:, None]]) * weight[:, None]).T).view(np.float64)
+    return np.asarray(eliminated(rows @ rows.T, columns.shape[1])[0][:, 0])
+
+
+def eliminated(products: FloatArray, linear: int) -> tuple[FloatArray, FloatArray]:
+    """Return the least squares weights (linear, k) of the first `linear` columns for all further ones, and the products
+    (k, k) of what they leave, from the products of all columns.
+
+    Directions that rounding has taken are left out.
+    """
+    size = np.sqrt(np.maximum(np.diag(products), 0.0))
+    size[size == 0.0] = 1.0
+    scaled = products / np.outer(size, size)
+    inner, cross = scaled[:linear, :linear], scaled[:linear, linear:]
+    values, vectors = np.linalg.eigh(inner)
+    kept = values > 1e-13 * max(float(values[-1]), 1e-300)
+    turned = vectors[:, kept].T @ cross
+    solution = vectors[:, kept] @ (turned / values[kept, None])
+    left = scaled[linear:, linear:] - turned.T @ (turned / values[kept, None])
+    return solution * size[linear:] / size[:linear, None], left * np.outer(size[linear:], size[linear:])
+
+
+def orthonormal(rows: FloatArray) -> FloatArray:
+    """Return an orthonormal basis (j, n) of the rows (k, n), but for directions that are lost in rounding."""
+    size = np.linalg.norm(rows, axis=1)
+    made = rows / np.where(size > 0.0, size, 1.0)[:, None]
+    # the second round takes away what the first one's rounding left
+    for _ in range(2):
+        values, vectors = np.linalg.eigh(made @ made.T)
+        kept = values > 1e-11 * max(float(values[-1]), 1e-300)
+        made = (vectors[:, kept] / np.sqrt(values[kept])).T @ made
+    return np.asarray(made)
+
+
+def beside_columns(grid: Grid, theta: FloatArray, form: Form) -> ComplexArray:
     """Return everything that is fitted beside the response: decays, ends, drift, (m, k)."""
     return np.hstack([transient_columns(grid, theta, form), edge_columns(grid)])
 
 
 @dataclass(frozen=True, eq=False)
 class _Point:
+    """rows: weighted linear columns and the goal, (k, 2 e); products: of these."""
+
     form: Form
-    theta: Array
+    theta: FloatArray
     delay: float
-    numerator: Array
+    numerator: FloatArray
     rungs: Ladder
-    left: Array
-    basis: Array
+    rows: FloatArray
+    products: FloatArray
     cost: float
 
 
-def nonlinear_slopes(grid: Grid, form: Form, theta: Array, delay: float, numerator: Array, rungs: Ladder) -> Complex:
+def nonlinear_slopes(
+    grid: Grid, form: Form, theta: FloatArray, delay: float, numerator: FloatArray, rungs: Ladder
+) -> ComplexArray:
     """Return the derivatives of the response by theta and dead time with the numerator as it is, (m, k)."""
     if grid.hold == "band-limited":
         value = response_columns(grid, theta, delay, form, rungs) @ numerator
@@ -179,60 +254,37 @@ def nonlinear_slopes(grid: Grid, form: Form, theta: Array, delay: float, numerat
         made += [-grid.s * value] * form.dead_time
         return np.stack(made, axis=1) if made else np.zeros((grid.s.size, 0), dtype=np.complex128)
     made = []
+    here = response_columns(grid, theta, delay, form, rungs) @ numerator
     for j in range(theta.size):
         step = np.zeros(theta.size)
-        step[j] = 1e-6 * max(_size(theta, form, j), 1e-9)
-        above = response_columns(grid, theta + step, delay, form, rungs) @ numerator
-        below = response_columns(grid, theta - step, delay, form, rungs) @ numerator
-        made.append((above - below) / (2.0 * step[j]))
+        step[j] = 1e-7 * max(_size(theta, form, j), 1e-9)
+        made.append((response_columns(grid, theta + step, delay, form, rungs) @ numerator - here) / step[j])
     if form.dead_time:
-        step_late = 1e-5 * grid.period
-        first = max(delay - step_late, 0.0)
-        above = response_columns(grid, theta, delay + step_late, form, rungs) @ numerator
-        made.append(
-            (above - response_columns(grid, theta, first, form, rungs) @ numerator) / (delay + step_late - first)
-        )
+        late = 1e-6 * grid.period
+        made.append((response_columns(grid, theta, delay + late, form, rungs) @ numerator - here) / late)
     return np.stack(made, axis=1) if made else np.zeros((grid.s.size, 0), dtype=np.complex128)
 
 
-def _size(theta: Array, form: Form, j: int) -> float:
+def _size(theta: FloatArray, form: Form, j: int) -> float:
     """Size of a coefficient; a damping that is near zero counts as its section's frequency."""
     first_of_pair = j < 2 * (form.free // 2) and j % 2 == 0
     return float(abs(theta[j]) + (np.sqrt(abs(theta[j + 1])) if first_of_pair else 0.0))
 
 
-def solve(matrix: Array, goal: Array) -> tuple[Array, Array]:
-    """Return the least squares solution and an orthonormal basis of the columns that are not lost in rounding."""
-    size = np.linalg.norm(matrix, axis=0)
-    size[size == 0.0] = 1.0
-    q, r = np.linalg.qr(matrix / size)
-    diagonal = np.abs(np.diag(r))
-    if diagonal.size and diagonal.min() > 1e-8 * diagonal.max():
-        return linalg.solve_triangular(r, q.T @ goal, check_finite=False) / size, q
-    q, r, order = linalg.qr(matrix / size, mode="economic", pivoting=True, check_finite=False)
-    diagonal = np.abs(np.diag(r))
-    rank = int(np.sum(diagonal > 1e-11 * max(float(diagonal[0]), 1e-300)))
-    solution = np.zeros(matrix.shape[1])
-    solution[order[:rank]] = linalg.solve_triangular(r[:rank, :rank], q[:, :rank].T @ goal, check_finite=False)
-    return solution / size, q[:, :rank]
-
-
-def _real(values: Complex) -> Array:
-    return np.concatenate([values.real, values.imag])
-
-
-def information(problem: Problem, fit: Fit) -> Array:
+def information(problem: Problem, fit: Fit) -> FloatArray:
     """Return the covariance of (numerator, theta, dead time), transients fitted beside, for noise of the weights."""
     linear = response_columns(problem.grid, fit.theta, fit.delay, fit.form, fit.rungs)
     bent = nonlinear_slopes(problem.grid, fit.form, fit.theta, fit.delay, fit.numerator, fit.rungs)
-    given, weight = problem.given, problem.weight[:, None]
-    slopes = _real(given.response_of(np.hstack([linear, bent])) * weight)
+    given = problem.given
+    columns = given.response_of(np.hstack([linear, bent]))
+    beside = 0
     if problem.with_transient:
-        beside = _real(given.transient_of(beside_columns(problem.grid, fit.theta, fit.form)) * weight)
-        _, basis = solve(beside, np.zeros(beside.shape[0]))
-        slopes = slopes - basis @ (basis.T @ slopes)
-    size = np.linalg.norm(slopes, axis=0)
+        decays = given.transient_of(transient_columns(problem.grid, fit.theta, fit.form))
+        beside, columns = decays.shape[1], np.hstack([decays, columns])
+    products = problem.products(problem.weighted(columns))
+    gram = eliminated(products, beside)[1] if beside else products
+    size = np.sqrt(np.maximum(np.diag(gram), 0.0))
     size[size == 0.0] = 1.0
-    gram = (slopes / size).T @ (slopes / size)
     # a complex line's noise has half its power in either part
-    return np.asarray(0.5 * np.linalg.pinv(gram, rcond=1e-14, hermitian=True) / np.outer(size, size))
+    inverse = np.linalg.pinv(gram / np.outer(size, size), rcond=1e-14, hermitian=True)
+    return np.asarray(0.5 * inverse / np.outer(size, size))

@@ -23,6 +23,8 @@ _FEWEST = 9
 """Lines below which a band is kept line by line."""
 _WIDEST = 1.0 / 1200.0
 """Widest band over the sampling rate: a dead time of 150 samples turns the phase by less than a radian in it."""
+_WIDEST_TURNED_BACK = 1.0 / 150.0
+"""The same where the dead time is taken off beforehand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +77,11 @@ class Equations:
     rate_hz: float
     shift: int
 
+    @property
+    def parts(self) -> tuple[Equations, ...]:
+        """Return the equations of each record: of this one alone."""
+        return (self,)
+
     @cached_property
     def goal(self) -> Complex:
         """Left side, (e,)."""
@@ -121,11 +128,13 @@ def points(frequency_hz: Array, response: Complex, rate_hz: float) -> Equations:
     )
 
 
-def band_edges(taken: Spectrum, first: int, last: int, share: float, fewest: int) -> list[tuple[int, int]]:
+def band_edges(
+    taken: Spectrum, first: int, last: int, share: float, fewest: int, widest: float = _WIDEST
+) -> list[tuple[int, int]]:
     """Return (begin, end) of bands over lines first .. last - 1, `share` of their frequency wide, `fewest` lines."""
     made, k = [], first
     while k < last:
-        width = max(fewest, int(min(share * k, _WIDEST * taken.samples)))
+        width = max(fewest, int(min(share * k, widest * taken.samples)))
         end = min(k + width, last)
         made.append((k, last if last - end < fewest else end))
         k = made[-1][1]
@@ -138,7 +147,7 @@ def equations(taken: Spectrum, low_hz: float, high_hz: float, share: float = 0.0
     last = min(int(np.floor(high_hz / taken.spacing_hz + 1e-9)) + 1, (taken.samples + 1) // 2)
     singles: list[tuple[int, int]] = []
     bands: list[tuple[int, int]] = []
-    for begin, end in band_edges(taken, first, last, share, _FEWEST):
+    for begin, end in band_edges(taken, first, last, share, _FEWEST, _WIDEST_TURNED_BACK):
         (bands if end - begin > _FEWEST + NODES else singles).append((begin, end))
     kept = np.concatenate([np.arange(*one) for one in singles] or [np.zeros(0, dtype=np.int64)])
     count = len(bands)

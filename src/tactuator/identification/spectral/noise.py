@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.identification.spectral.joined import JoinedEquations, equation_slices
 from tactuator.identification.spectral.lines import Equations
 
 Array = NDArray[np.float64]
@@ -47,16 +48,21 @@ def noise_power(given: Equations, residual: Complex) -> tuple[Array, Array]:
     return at(given.of_hz), at(given.centre_hz) if given.centre_hz.size else np.zeros(0)
 
 
-def weights(given: Equations, residual: Complex, highest_hz: float) -> Array:
-    """Return one over the noise's deviation at each equation up to highest_hz, zero beyond, (e,)."""
-    by_equation, _ = noise_power(given, residual)
+def weights(given: Equations | JoinedEquations, residual: Complex, highest_hz: float) -> Array:
+    """Return one over the noise's deviation at each equation up to highest_hz, zero beyond, (e,); the noise of each
+    record is its own.
+    """
+    pieces = zip(given.parts, equation_slices(given), strict=True)
+    by_equation = np.concatenate([noise_power(one, residual[piece])[0] for one, piece in pieces])
     return np.where(given.of_hz <= highest_hz, 1.0 / np.sqrt(by_equation), 0.0)
 
 
-def misfit(given: Equations, residual: Complex, highest_hz: float) -> float:
+def misfit(given: Equations | JoinedEquations, residual: Complex, highest_hz: float) -> float:
     """Return -2 log likelihood of the residual with its own noise (Whittle), constants aside, up to highest_hz."""
-    by_equation, by_band = noise_power(given, residual)
-    total = float(np.sum(np.log(by_equation[given.of_hz <= highest_hz])))
-    if given.centre_hz.size:
-        total += float(np.sum((given.spare * np.log(by_band))[given.centre_hz <= highest_hz]))
+    total = 0.0
+    for one, piece in zip(given.parts, equation_slices(given), strict=True):
+        by_equation, by_band = noise_power(one, residual[piece])
+        total += float(np.sum(np.log(by_equation[one.of_hz <= highest_hz])))
+        if one.centre_hz.size:
+            total += float(np.sum((one.spare * np.log(by_band))[one.centre_hz <= highest_hz]))
     return 2.0 * total

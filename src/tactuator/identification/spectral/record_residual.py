@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.identification.spectral.between import Grid
-from tactuator.identification.spectral.likelihood import beside_columns, solve
-from tactuator.identification.spectral.lines import Spectrum
+from tactuator.identification.spectral.joined import equation_slices
+from tactuator.identification.spectral.likelihood import Fit, beside_columns, fitted_beside
+from tactuator.identification.spectral.lines import Equations, Spectrum
 from tactuator.identification.spectral.search import Choice
 from tactuator.identification.spectral.uncertainty import response_of_rows
 
@@ -29,26 +30,31 @@ class Residual:
     measured: Array
 
 
-def record_residual(choice: Choice, taken: Spectrum) -> Residual:
-    """Return the residual of the chosen fit on the lines it was fitted to, the transient solved for on all of them."""
-    fit, problem = choice.fit, choice.problem
+def record_residual(choice: Choice, spectra: Sequence[Spectrum]) -> tuple[Residual, ...]:
+    """Return the residual of the chosen fit on the lines of every record that it was fitted to."""
+    given, weight = choice.problem.given, choice.problem.weight
+    pieces = zip(given.parts, equation_slices(given), spectra, strict=True)
+    return tuple(line_residual(choice.fit, part, weight[piece], taken) for part, piece, taken in pieces)
+
+
+def line_residual(fit: Fit, given: Equations, weight: Array, taken: Spectrum) -> Residual:
+    """Return the residual of a fit on all lines of one record, the transient solved for on its weighted equations."""
     hertz = taken.frequency_hz[1:]
     ahead = np.exp(2j * np.pi * hertz * taken.shift / taken.rate_hz)
     moved = response_of_rows(fit, hertz) * ahead * taken.command[1:]
-    given = problem.given
-    columns = given.transient_of(beside_columns(problem.grid, fit.theta, fit.form)) * problem.weight[:, None]
+    grid = replace(fit.grid, frequency_hz=given.frequency_hz, rate_hz=given.rate_hz, shift=given.shift)
+    columns = given.transient_of(beside_columns(grid, fit.theta, fit.form))
     own = response_of_rows(fit, given.frequency_hz)
     own = own * np.exp(2j * np.pi * given.frequency_hz * given.shift / given.rate_hz)
-    goal = (given.goal - given.response_of(own[:, None])[:, 0]) * problem.weight
-    weights, _ = solve(np.concatenate([columns.real, columns.imag]), np.concatenate([goal.real, goal.imag]))
-    grid = Grid(hertz, taken.rate_hz, fit.grid.scale_rad_s, choice.hold, taken.shift)
-    moved = moved + beside_columns(grid, fit.theta, fit.form) @ weights
+    weights = fitted_beside(columns, given.goal - given.response_of(own[:, None])[:, 0], weight)
+    everywhere = replace(grid, frequency_hz=hertz)
+    moved = moved + beside_columns(everywhere, fit.theta, fit.form) @ weights
     left = np.concatenate([[0.0], taken.position[1:] - moved])
     whole = np.concatenate([[0.0], moved])
     order = np.argsort(given.of_hz, kind="stable")
-    weight = np.interp(taken.frequency_hz, given.of_hz[order], problem.weight[order])
+    spread = np.interp(taken.frequency_hz, given.of_hz[order], weight[order])
     root = np.sqrt(taken.samples)
     measured = np.concatenate([[0.0], taken.position[1:]])
     return Residual(
-        left, weight, np.fft.irfft(whole, taken.samples) * root, np.fft.irfft(measured, taken.samples) * root
+        left, spread, np.fft.irfft(whole, taken.samples) * root, np.fft.irfft(measured, taken.samples) * root
     )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tactuator.identification.spectral.between import Between, Grid
 from tactuator.identification.spectral.form import MOST_POLES, Form, free_poles, sections_of
+from tactuator.identification.spectral.joined import JoinedEquations
 from tactuator.identification.spectral.likelihood import Fit, Problem
 from tactuator.identification.spectral.lines import Equations, LocalResponse
 from tactuator.identification.spectral.noise import misfit, weights
@@ -109,7 +110,9 @@ def propose(
     return {hold: [fit for _, fit in sorted(found[hold], key=lambda one: one[0])] for hold in holds}
 
 
-def choose(given: Equations, proposals: list[Fit], hold: Between, known: Known, *, quick: bool = False) -> Choice:
+def choose(
+    given: Equations | JoinedEquations, proposals: list[Fit], hold: Between, known: Known, *, quick: bool = False
+) -> Choice:
     """Return the form of best criterion on the record, simpler ones tried from there (quick: the best two only)."""
     highest = _HIGHEST[hold] * given.rate_hz
     kept = _kept(proposals)[: 2 if quick else _KEPT]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -93,7 +94,7 @@ def left_over(fit: Fit, local: LocalResponse, seen: Complex, frequency_hz: Array
     return np.interp(np.log(frequency_hz), np.log(place), made)
 
 
-def fed_back(choice: Choice, taken: Spectrum) -> Array | None:
+def fed_back(choice: Choice, spectra: Sequence[Spectrum]) -> Array | None:
     """Return the bias (numerator, theta, dead time) that noise in an analogue loop may leave; None for a held command.
 
     The noise that a loop feeds back drops out of the likelihood over all frequencies; a band-limited record ends below
@@ -103,21 +104,26 @@ def fed_back(choice: Choice, taken: Spectrum) -> Array | None:
     fit, problem = choice.fit, choice.problem
     if choice.hold != "band-limited":
         return None
-    hertz = taken.frequency_hz
     top = choice.problem.given.of_hz[choice.problem.weight > 0.0].max()
-    upper = np.flatnonzero((hertz > 0.6 * top) & (hertz < 0.95 * top))
-    seen = fit.response(hertz[upper]) * np.exp(2j * np.pi * hertz[upper] * taken.shift / taken.rate_hz)
-    left = taken.position[upper] - seen * taken.command[upper]
-    power = float(np.sum(np.abs(left) ** 2))
-    share = complex(np.sum(taken.command[upper] * np.conj(left))) / max(power, 1e-300)
-    chance = float(np.sqrt(np.sum(np.abs(taken.command[upper] * left) ** 2))) / max(power, 1e-300)
+    power = by_chance = 0.0
+    shared = 0.0 + 0.0j
+    for taken in spectra:
+        hertz = taken.frequency_hz
+        upper = np.flatnonzero((hertz > 0.6 * top) & (hertz < 0.95 * top))
+        seen = fit.response(hertz[upper]) * np.exp(2j * np.pi * hertz[upper] * taken.shift / taken.rate_hz)
+        left = taken.position[upper] - seen * taken.command[upper]
+        power += float(np.sum(np.abs(left) ** 2))
+        shared += complex(np.sum(taken.command[upper] * np.conj(left)))
+        by_chance += float(np.sum(np.abs(taken.command[upper] * left) ** 2))
+    share, chance = shared / max(power, 1e-300), float(np.sqrt(by_chance)) / max(power, 1e-300)
     share = share * max(1.0, chance / max(abs(share), 1e-300))
     beyond = np.geomspace(top, 50.0 * top, 400)
     grid = replace(problem.grid, frequency_hz=beyond, shift=0)
     linear = response_columns(grid, fit.theta, fit.delay, fit.form, fit.rungs)
     bent = nonlinear_slopes(grid, fit.form, fit.theta, fit.delay, fit.numerator, fit.rungs)
     slopes = np.hstack([linear, bent])
-    missing = -np.trapezoid((slopes * share).real, beyond, axis=0) / taken.spacing_hz
+    lines_per_hz = sum(1.0 / taken.spacing_hz for taken in spectra)
+    missing = -np.trapezoid((slopes * share).real, beyond, axis=0) * lines_per_hz
     return np.asarray(2.0 * information(problem, fit) @ missing)
 
 

@@ -33,7 +33,7 @@ class Request(IntEnum):
     BREAK = 0x33
 
 
-class RequestOutcome(IntEnum):
+class Outcome(IntEnum):
     """Outcomes of a request that a board reports (tact_outcome)."""
 
     DONE = 0

@@ -1,1 +1,1 @@
-"""Checks that compare a board with this machine: bit for bit, and while it streams."""
+"""Trials that compare a board with this machine: bit for bit, and while it streams."""

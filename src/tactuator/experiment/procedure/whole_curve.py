@@ -5,23 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.answering import Answering
+from tactuator.experiment.procedure.curve_belief import CurveBelief
+from tactuator.experiment.procedure.curve_prior import CurvePrior
 from tactuator.experiment.procedure.procedure import Estimate, Placement
-from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
-from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class WholeCurveRule:
-    """Settings of a whole-curve run.
-
-    trials: number of trials in the run. prior, answering: curves and psychometric functions thought possible.
-    floor_db_sl, ceiling_db_sl: limits of the level. Raises BadInput for settings that cannot be.
-    """
+    """trials: how many end the run; levels stay between floor and ceiling."""
 
     trials: int = 150
     prior: CurvePrior = field(default_factory=CurvePrior)
@@ -39,10 +36,7 @@ class WholeCurveRule:
 
 
 class WholeCurve:
-    """One run of the whole-curve procedure.
-
-    belief: what is known so far. played: frequency, level and outcome of every trial.
-    """
+    """One run. belief: what is known so far; played: frequency, level and outcome of every trial."""
 
     def __init__(self, rule: WholeCurveRule) -> None:
         self.rule = rule
@@ -54,21 +48,21 @@ class WholeCurve:
 
     @property
     def trials(self) -> int:
-        """Return the number of trials recorded so far."""
+        """Trials recorded so far."""
         return self._trials
 
     @property
     def progress(self) -> float:
-        """Return the share of the trials done."""
+        """Share of the trials done."""
         return self._trials / self.rule.trials
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """Return `floor` or `ceiling` where a trial was put at that limit."""
+        """floor, ceiling: a trial was put at that limit."""
         return tuple(sorted(self._limits))
 
     def placement(self) -> Placement | None:
-        """Return the most telling frequency and level, or None when the run is over."""
+        """The most telling frequency and level."""
         if self._trials >= self.rule.trials:
             return None
         if self._placed is None:
@@ -79,7 +73,7 @@ class WholeCurve:
         return Placement(level_db_sl, float(self.rule.prior.frequency_hz[point_index]))
 
     def record(self, correct: bool) -> None:
-        """Learn the outcome of a trial. Raises BadInput once the run is over."""
+        """Learn the outcome."""
         if self.placement() is None or self._placed is None:
             raise BadInput(f"the run was over after {self._trials} trials; allowed: no further response")
         point, level = self._placed
@@ -93,10 +87,10 @@ class WholeCurve:
             self._limits.add("ceiling")
 
     def estimate(self) -> Estimate | None:
-        """Return None, as a curve is not one number; see `curve`."""
+        """None: a curve is not one number; see `curve`."""
         return None
 
-    def curve(self, frequency_hz: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return threshold in dB SL and its standard deviation at the frequencies, shape (n,) each."""
+    def curve(self, frequency_hz: ArrayLike) -> tuple[Floats, Floats]:
+        """Threshold in dB SL and its standard deviation at the frequencies, shape (n,) each."""
         mean, sd = self.belief.curve(frequency_hz)
         return mean[0], sd[0]
