@@ -17,7 +17,7 @@ import soundfile
 from tactuator.corpus.corpus import MANIFEST, run_corpus
 from tactuator.corpus.items import find_items
 from tactuator.corpus.journal import NAME as JOURNAL
-from tactuator.corpus.task import Outcome, Task
+from tactuator.corpus.task import CorpusOutcome, CorpusTask
 from tactuator.corpus.workers import ATTEMPTS_MAX, DaskCluster, Here, LocalProcesses
 from tactuator.errors import BadInput
 from tactuator.files.display import parse_display
@@ -163,13 +163,13 @@ def test_local_processes__a_worker_killed__its_task_is_done_by_another(job, corp
     assert (tmp_path / "out" / MANIFEST).read_bytes() == (tmp_path / "here" / MANIFEST).read_bytes()
 
 
-def _dies(task: Task) -> Outcome:
+def _dies(task: CorpusTask) -> CorpusOutcome:
     os._exit(9)
 
 
 def test_local_processes__a_file_that_kills_every_worker__listed(monkeypatch):
     monkeypatch.setattr("tactuator.corpus.workers.do_task", _dies)
-    task = Task("a.wav", "", "", "", "", 35.0, False, 0)
+    task = CorpusTask("a.wav", "", "", "", "", 35.0, False, 0)
     (outcome,) = LocalProcesses(1).outcomes([task])
     assert outcome.error == f"a.wav: its worker died {ATTEMPTS_MAX} times; not rendered"
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from tactuator.rig.board.frames import Outcome, Request
+from tactuator.rig.board.frames import Request, RequestOutcome
 from tactuator.rig.board.link import SILENT, LinkClient, Mode
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.program import build_firmware
@@ -117,7 +117,7 @@ def start(client: LinkClient, rig: BoardRig) -> None:
             rig.simulate(*simulated_board_bytes(designed().display, 1))
             rig.load(designed())
         client.ask(Request.ARM)
-        if client.ask(Request.START, struct.pack("<IBBB", 1, SILENT, False, False))[0] is Outcome.DONE:
+        if client.ask(Request.START, struct.pack("<IBBB", 1, SILENT, False, False))[0] is RequestOutcome.DONE:
             return
     raise AssertionError("no run begins")
 

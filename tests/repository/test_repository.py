@@ -3,6 +3,7 @@
 import ast
 import importlib.metadata
 import re
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ SOURCES = [
 ] + [path for path in sorted(ROOT.iterdir()) if path.is_file() and path.name != ".git"]
 TEXTS = [path for path in SOURCES if path.suffix not in {".so", ".o", ".wav", ".flac", ".h5", ".png", ".gz", ".npz"}]
 CODE = [path for path in SOURCES if path.suffix in {".py", ".c", ".h"}]
-LONGEST_FILE, LONGEST_FUNCTION = 350, 60
+LONGEST_FILE, LONGEST_FUNCTION, MOST_MODULES = 350, 50, 14
 
 
 def named(path: Path) -> str:
@@ -94,6 +95,22 @@ def test_functions__every_one__fits_a_screen():
                 if lines > LONGEST_FUNCTION:
                     long[f"{named(path)}:{node.name}"] = lines
     assert long == {}
+
+
+def crowded(modules: list[Path]) -> dict[str, int]:
+    """Return the folders that hold more modules than the limit, with their number."""
+    count = Counter(named(path.parent) for path in modules if path.suffix in {".py", ".c"} and path.stem != "__init__")
+    return {folder: number for folder, number in sorted(count.items()) if number > MOST_MODULES}
+
+
+def test_folders__every_one__holds_fourteen_modules_at_most():
+    assert crowded([path for path in CODE if "tests" not in path.relative_to(ROOT).parts]) == {}
+
+
+def test_folder__with_one_module_too_many__is_found():
+    modules = [ROOT / "core" / "room" / f"part_{number}.c" for number in range(MOST_MODULES + 1)]
+    assert crowded([*modules, ROOT / "core" / "room" / "part_0.h"]) == {"core/room": MOST_MODULES + 1}
+    assert crowded(modules[1:]) == {}
 
 
 def test_modules__none__is_a_drawer_for_everything():

@@ -8,7 +8,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.rig.board.link import STREAM, LinkClient, Mode
 from tactuator.rig.board.tones import BoardTone
-from tactuator.rig.board_check.streaming_trial import try_streaming
+from tactuator.rig.board_check.streaming_check import check_streaming
 from tactuator.rig.boards import in_process_rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport.transport import LinkDown
@@ -103,9 +103,9 @@ def test_play_tones__time_that_is_none__is_refused(seconds: float) -> None:
 
 
 @pytest.mark.parametrize("seconds", [np.nan, np.inf, 1e12, 0.0, -1.0])
-def test_try_streaming__time_that_is_none__is_refused(seconds: float) -> None:
+def test_check_streaming__time_that_is_none__is_refused(seconds: float) -> None:
     with pytest.raises(BadInput, match="duration is"):
-        try_streaming("mps2-an500", designed(), seconds)
+        check_streaming("mps2-an500", designed(), seconds)
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError, KeyboardInterrupt])

@@ -11,7 +11,7 @@ from tactuator.rig.board.frames import Request
 from tactuator.rig.board.link import STREAM, LinkClient, Mode, RigFault
 from tactuator.rig.board.rig import STREAM_LEAD_S, BoardRig
 from tactuator.rig.board.stream import StreamDry
-from tactuator.rig.board_check.streaming_trial import try_streaming
+from tactuator.rig.board_check.streaming_check import check_streaming
 from tactuator.rig.boards import in_process_rig
 from tactuator.rig.open import open_rig
 from tactuator.rig.simulated import SimulatedRig
@@ -161,7 +161,7 @@ def test_free_board__rows_of_which_the_first_are_too_late__are_all_refused():
 
 @pytest.mark.parametrize("board", ["mps2-an386", "mps2-an500", "stm32f405"])
 def test_emulated_board_in_free_run__reference_streams_in__no_interrupt_is_late(board):
-    found = try_streaming(board, designed(), 0.5, instruction_ns=4)
+    found = check_streaming(board, designed(), 0.5, instruction_ns=4)
     assert (found.late, found.dry, found.dropped, found.fault) == (0, 0, 0, "none")
     assert found.played == found.samples == 2000
     assert found.bit_exact
@@ -169,7 +169,7 @@ def test_emulated_board_in_free_run__reference_streams_in__no_interrupt_is_late(
 
 
 def test_emulated_board_in_free_run__processor_far_too_slow__is_late():
-    found = try_streaming("mps2-an500", designed(), 0.5, instruction_ns=256)
+    found = check_streaming("mps2-an500", designed(), 0.5, instruction_ns=256)
     assert found.late > 0
     assert found.fault == "late"
     assert not found.holds
@@ -178,7 +178,7 @@ def test_emulated_board_in_free_run__processor_far_too_slow__is_late():
 @pytest.mark.parametrize(("seconds", "instruction_ns"), [(0.0, 8), (1.0, 7), (1.0, 2048)])
 def test_trial__asked_for_what_cannot_be__is_told(seconds, instruction_ns):
     with pytest.raises(BadInput, match="allowed"):
-        try_streaming("mps2-an500", designed(), seconds, instruction_ns)
+        check_streaming("mps2-an500", designed(), seconds, instruction_ns)
 
 
 def test_serial_port__board_behind_it__plays_bit_for_bit():

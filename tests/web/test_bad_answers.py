@@ -14,7 +14,7 @@ from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
 from tactuator.web.app import build_app
 from tactuator.web.lab import Lab
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, station, token
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, apparatus, token
 from tests.web.server import served
 
 TOKEN = "the operator's own"
@@ -30,7 +30,7 @@ class Running(ObedientClock):
 @pytest.fixture
 def lab(tmp_path):
     store, protocol = Store(tmp_path / "lab.db"), parse_protocol(PROTOCOL)
-    made = Lab(open_study(store, DetectionTask(protocol, station()), PROTOCOL, Running(), token), auto_start=True)
+    made = Lab(open_study(store, DetectionTask(protocol, apparatus()), PROTOCOL, Running(), token), auto_start=True)
     yield made
     made.close()
     store.close()
@@ -142,14 +142,14 @@ def test_answer__before_its_last_interval_has_ended__is_refused_and_asked_for_ag
 
 def test_answer__played_for_as_long_as_it_lasts__is_refused_until_the_trial_has_ended(client, lab, monkeypatch) -> None:
     """The answer waits in the queue while the trial plays; what counts is when it arrived."""
-    stream = lab.station.rig.stream
+    stream = lab.apparatus.rig.stream
 
     def slowly(blocks):
         for trace in stream(blocks):
             time.sleep(0.01)
             yield trace
 
-    monkeypatch.setattr(lab.station.rig, "stream", slowly)
+    monkeypatch.setattr(lab.apparatus.rig, "stream", slowly)
     with client.websocket_connect("/ws/subject/token-S1") as socket:
         until(socket, "stage")
         socket.send_json({"type": "consent"})
@@ -164,11 +164,11 @@ def test_answer__played_for_as_long_as_it_lasts__is_refused_until_the_trial_has_
 def test_defect__in_saving_an_answer__leaves_the_rig_and_other_sessions_alone(client, lab, monkeypatch) -> None:
     with client.websocket_connect("/ws/subject/token-S1") as socket:
         stands = begun(socket)
-        conduct = lab.opened(1)
+        presented = lab.opened(1)
         rested = []
-        monkeypatch.setattr(lab.station.rig, "rest", lambda: rested.append(1))
+        monkeypatch.setattr(lab.apparatus.rig, "rest", lambda: rested.append(1))
         with monkeypatch.context() as patched:
-            patched.setattr(conduct.session, "answer", lambda *these: 1 / 0)
+            patched.setattr(presented.session, "answer", lambda *these: 1 / 0)
             socket.send_json({"type": "answer", "run": stands["run"], "number": 0, "response": "1"})
             until(socket, "fault")
         assert (rested, lab.paused) == ([], False)

@@ -51,11 +51,11 @@ def outcome(path):
 
 def undisturbed(path):
     clock, store = ObedientClock(), Store(path)
-    conduct = begin(store, clock, ONE)
-    while conduct.session.stage != "done":
-        if conduct.session.stage == "break":
-            conduct.session.end_break()
-        answer_one(conduct, clock)
+    presented = begin(store, clock, ONE)
+    while presented.session.stage != "done":
+        if presented.session.stage == "break":
+            presented.session.end_break()
+        answer_one(presented, clock)
     store.close()
     return outcome(path)
 
@@ -90,11 +90,11 @@ def test_session__server_killed_fifty_times__is_the_undisturbed_one(tmp_path, br
     server.kill()
     rows, found = outcome(server.store)
     clock, store = ObedientClock(), Store(tmp_path / "whole.db")
-    conduct = begin(store, clock, text)
-    while conduct.session.stage != "done":
-        if conduct.session.stage == "break":
-            conduct.session.end_break()
-        answer_one(conduct, clock)
+    presented = begin(store, clock, text)
+    while presented.session.stage != "done":
+        if presented.session.stage == "break":
+            presented.session.end_break()
+        answer_one(presented, clock)
     store.close()
     assert (rows, found) == outcome(tmp_path / "whole.db")
     assert len({row[:2] for row in rows}) == len(rows)

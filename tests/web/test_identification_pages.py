@@ -15,7 +15,7 @@ from tactuator.experiment.store.store import Store
 from tactuator.web.app import build_app
 from tactuator.web.lab import Lab
 from tests.experiment.session.apparatuses import ObedientClock
-from tests.experiment.session.identifying import THREE, Opened, controller, items, opened_station, protocol_text  # noqa: F401
+from tests.experiment.session.identifying import THREE, Opened, controller, items, opened_apparatus, protocol_text  # noqa: F401
 from tests.web.server import served
 
 TOKEN = "the operator's own"
@@ -28,7 +28,7 @@ def make(tmp_path, items, controller):
 
     def lab(text, auto_start=True):
         store = Store(tmp_path / "lab.db")
-        study = Opened(parse_identification(text), text, items, opened_station(controller), store, ObedientClock())
+        study = Opened(parse_identification(text), text, items, opened_apparatus(controller), store, ObedientClock())
         made.append(Lab(study.study, auto_start))
         return made[-1]
 
@@ -211,7 +211,7 @@ def test_subject__second_tab__plays_the_same_trial_and_it_counts_once(make) -> N
 @pytest.mark.parametrize("error", [OSError("the board is gone"), BadInput("the board's guard ended the run: travel")])
 def test_rig__fails__is_told_and_stays_at_rest_until_the_operator_resumes(make, error, monkeypatch) -> None:
     lab = make(protocol_text(), auto_start=False)
-    rig, rested = lab.station.rig, []
+    rig, rested = lab.apparatus.rig, []
     rest = rig.rest
     monkeypatch.setattr(rig, "rest", lambda: rested.append(rest()))
     lab.start(lab.sessions[0].id)
@@ -323,12 +323,12 @@ def test_operator__results_of_nobody__are_refused(make, session, message) -> Non
         assert message in until(operator, "refused")["message"]
 
 
-def test_conduct__asked_for_by_several_at_once__is_one(make) -> None:
+def test_presented_session__asked_for_by_several_at_once__is_one(make) -> None:
     lab = make(protocol_text())
 
     async def ask():
-        return await asyncio.gather(*(lab.conduct(lab.sessions[0]) for _ in range(5)))
+        return await asyncio.gather(*(lab.presented(lab.sessions[0]) for _ in range(5)))
 
     with ThreadPoolExecutor(1) as elsewhere:  # a browser's tests leave a loop in this thread
         made = elsewhere.submit(lambda: asyncio.run(ask())).result()
-    assert len({id(conduct) for conduct in made}) == 1
+    assert len({id(presented) for presented in made}) == 1

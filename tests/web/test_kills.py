@@ -91,9 +91,9 @@ def of_first(path: Path):
 
 def undisturbed(path: Path, text: str):
     clock, store = ObedientClock(), Store(path)
-    conduct = begin(store, clock, text)
-    while conduct.session.stage != "done":
-        answer_one(conduct, clock)
+    presented = begin(store, clock, text)
+    while presented.session.stage != "done":
+        answer_one(presented, clock)
     store.close()
     return of_first(path)[3]
 

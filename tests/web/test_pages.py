@@ -12,7 +12,7 @@ from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.store import Store
 from tactuator.web.app import FORBIDDEN, UNKNOWN, build_app
 from tactuator.web.lab import Lab
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, station, token
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, apparatus, token
 from tests.web.server import served
 
 TOKEN = "the operator's own"
@@ -21,7 +21,7 @@ TOKEN = "the operator's own"
 @pytest.fixture
 def lab(tmp_path):
     clock, store, protocol = ObedientClock(), Store(tmp_path / "lab.db"), parse_protocol(PROTOCOL)
-    task = DetectionTask(protocol, station())
+    task = DetectionTask(protocol, apparatus())
     made = Lab(open_study(store, task, PROTOCOL, clock, token), auto_start=True)
     yield made
     made.close()
@@ -289,7 +289,7 @@ def test_operator__clock_jumps__is_noted(client, lab) -> None:
 
 def test_rig__fails__is_told_to_subject_and_operator_and_goes_to_rest(client, lab, monkeypatch) -> None:
     rested = []
-    monkeypatch.setattr(lab.station.rig, "rest", lambda: rested.append(True))
+    monkeypatch.setattr(lab.apparatus.rig, "rest", lambda: rested.append(True))
 
     def broken(*args: object) -> None:
         raise OSError("the board is gone")
@@ -299,7 +299,7 @@ def test_rig__fails__is_told_to_subject_and_operator_and_goes_to_rest(client, la
         socket.send_json({"type": "consent"})
         until(socket, "stage")
         with monkeypatch.context() as patched:
-            patched.setattr(lab.station.rig, "play", broken)
+            patched.setattr(lab.apparatus.rig, "play", broken)
             socket.send_json({"type": "ready", "stage": "trial"})
             assert "the board is gone" in until(socket, "fault")["detail"]
             assert lab.fault == "OSError: the board is gone"

@@ -12,7 +12,7 @@ from tactuator.experiment.store import schema, study_records
 from tactuator.experiment.store.store import Store
 from tactuator.web.app import build_app
 from tactuator.web.lab import Lab
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, response_of, station, token
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, apparatus, response_of, token
 from tests.web.server import served
 
 TOKEN = "the operator's own"
@@ -26,7 +26,7 @@ def make(tmp_path):
 
     def lab(text=PROTOCOL, auto_start=True, shown=""):
         store = Store(tmp_path / "lab.db")
-        study = open_study(store, DetectionTask(parse_protocol(text), station()), text, ObedientClock(), token)
+        study = open_study(store, DetectionTask(parse_protocol(text), apparatus()), text, ObedientClock(), token)
         made.append(Lab(study, auto_start, shown))
         return made[-1]
 
@@ -116,7 +116,7 @@ def test_pause__while_a_trial_waits__plays_it_again_after(make) -> None:
 
 def test_pause__while_a_trial_plays__ends_it_at_once_and_rests_the_rig(make, monkeypatch) -> None:
     lab = make(PROTOCOL.replace("lead_s = 0.01", "lead_s = 30"))
-    rig, rested, pieces = lab.station.rig, [], []
+    rig, rested, pieces = lab.apparatus.rig, [], []
     stream, rest = rig.stream, rig.rest
 
     def slowly(blocks):
@@ -246,40 +246,40 @@ def test_practice__not_passed__calls_the_experimenter_and_begins_again(make) -> 
 
 def test_practice__not_passed_and_given_up__goes_on_without(make) -> None:
     lab = make(PRACTISES, auto_start=False)
-    conduct = lab.study.session(lab.sessions[0])
-    conduct.give_consent()
-    from tactuator.experiment.session.presented_session import Conduct
+    presented = lab.study.session(lab.sessions[0])
+    presented.give_consent()
+    from tactuator.experiment.session.presented_session import PresentedSession
     from tactuator.experiment.store.records import Answer
 
-    held = Conduct(conduct)
-    conduct.introduce()
+    held = PresentedSession(presented)
+    presented.introduce()
     for _ in range(3):
         following = held.present(lambda interval, begins: None)
         wrong = next(one for one in "123" if one != following.trial.correct)
         held.answer(Answer(wrong, lab.clock.utc()))
-    assert conduct.held is not None
+    assert presented.held is not None
     held.give_up_run()
-    assert (conduct.held, conduct.upcoming.position) == (None, 1)
+    assert (presented.held, presented.upcoming.position) == (None, 1)
 
 
 def test_time_left__falls_with_every_run_and_is_nothing_at_the_end(make) -> None:
     lab = make()
-    conduct = lab.study.session(lab.sessions[0])
-    left = [conduct.time_left_s]
-    conduct.give_consent()
-    from tactuator.experiment.session.presented_session import Conduct
+    presented = lab.study.session(lab.sessions[0])
+    left = [presented.time_left_s]
+    presented.give_consent()
+    from tactuator.experiment.session.presented_session import PresentedSession
     from tactuator.experiment.store.records import Answer
 
-    at = Conduct(conduct)
-    while conduct.stage != "done":
-        if conduct.stage == "break":
-            conduct.end_break()
-        position = conduct.upcoming.position
+    at = PresentedSession(presented)
+    while presented.stage != "done":
+        if presented.stage == "break":
+            presented.end_break()
+        position = presented.upcoming.position
         following = at.present(lambda interval, begins: None)
         lab.clock.wait(2.0)
         at.answer(Answer(response_of(following.trial), lab.clock.utc(), received_s=lab.clock.monotonic_s()))
-        if conduct.upcoming is None or conduct.upcoming.position != position:
-            left.append(conduct.time_left_s)
+        if presented.upcoming is None or presented.upcoming.position != position:
+            left.append(presented.time_left_s)
     assert left[-1] == 0.0
     assert all(before > after for before, after in pairwise(left[1:]))
 

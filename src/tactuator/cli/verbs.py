@@ -2,6 +2,7 @@
 
 GROUPS: dict[str, dict[str, str]] = {
     # group of `tactuator --help`: verb -> module below tactuator.cli, which has `register(app)`
+    "start": {"init": "init"},
     "model": {"calibrate": "model.calibrate", "record": "model.record", "identify": "model.identify"},
     "controller": {
         "design": "controller.design",

@@ -11,7 +11,7 @@ from typing import Any
 
 from tactuator.corpus.items import Item, file_sha256, find_items, item_seed
 from tactuator.corpus.journal import open_journal
-from tactuator.corpus.task import Outcome, Task
+from tactuator.corpus.task import CorpusOutcome, CorpusTask
 from tactuator.corpus.workers import Workers
 from tactuator.errors import BadInput
 from tactuator.files.atomic import write_text
@@ -95,8 +95,8 @@ def _sweep(out: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-def _task(item: Item, folder: Path, out: Path, job: RenderJob) -> Task:
-    return Task(
+def _task(item: Item, folder: Path, out: Path, job: RenderJob) -> CorpusTask:
+    return CorpusTask(
         item=item.source,
         source=str((folder / item.source).absolute()),
         out=str((out / item.out).absolute()),
@@ -108,7 +108,7 @@ def _task(item: Item, folder: Path, out: Path, job: RenderJob) -> Task:
     )
 
 
-def _entry(outcome: Outcome, path: Path) -> dict[str, Any]:
+def _entry(outcome: CorpusOutcome, path: Path) -> dict[str, Any]:
     return {
         "source_sha256": outcome.source_sha256,
         "bytes": path.stat().st_size,

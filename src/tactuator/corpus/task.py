@@ -17,7 +17,7 @@ from tactuator.speech.job import RenderJob, render_file
 
 
 @dataclass(frozen=True)
-class Task:
+class CorpusTask:
     """Work on one file. source, out: paths as the worker sees them; item: the source's name in the corpus. controller,
     coding: JSON.
     """
@@ -33,7 +33,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CorpusOutcome:
     """Outcome of a task. figures: what came of the file, plain JSON; error: one line, where nothing came of it."""
 
     item: str
@@ -42,7 +42,7 @@ class Outcome:
     error: str | None
 
 
-def do_task(task: Task) -> Outcome:
+def do_task(task: CorpusTask) -> CorpusOutcome:
     """Render one file. What is wrong with the file, or with writing its reference, is told and not raised."""
     try:
         digest = file_sha256(task.source)
@@ -52,11 +52,11 @@ def do_task(task: Task) -> Outcome:
         job = RenderJob(_controller(task.controller), coding, task.level_db_sl, task.simulate, task.seed)
         figures = render_file(task.source, out, job).document()
         figures["speech"] = task.item
-        return Outcome(task.item, digest, figures, None)
+        return CorpusOutcome(task.item, digest, figures, None)
     except BadInput as error:
-        return Outcome(task.item, None, None, _one_line(str(error)))
+        return CorpusOutcome(task.item, None, None, _one_line(str(error)))
     except OSError as error:
-        return Outcome(task.item, None, None, _one_line(f"{error.filename}: {error.strerror}"))
+        return CorpusOutcome(task.item, None, None, _one_line(f"{error.filename}: {error.strerror}"))
 
 
 def _one_line(text: str) -> str:

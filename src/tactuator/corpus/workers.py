@@ -14,7 +14,7 @@ from multiprocessing import get_all_start_methods, get_context
 from multiprocessing.context import BaseContext
 from typing import Protocol
 
-from tactuator.corpus.task import Outcome, Task, do_task
+from tactuator.corpus.task import CorpusOutcome, CorpusTask, do_task
 from tactuator.errors import BadInput
 
 ATTEMPTS_MAX = 3
@@ -26,7 +26,7 @@ TASKS_AHEAD = 4
 class Workers(Protocol):
     """Protocol of whatever does tasks."""
 
-    def outcomes(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
+    def outcomes(self, tasks: Sequence[CorpusTask]) -> Iterator[CorpusOutcome]:
         """Yield one outcome for every task, as the tasks are done."""
         ...
 
@@ -34,7 +34,7 @@ class Workers(Protocol):
 class Here:
     """No other process: one task after the other."""
 
-    def outcomes(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
+    def outcomes(self, tasks: Sequence[CorpusTask]) -> Iterator[CorpusOutcome]:
         """Yield one outcome for every task, in order."""
         return map(do_task, tasks)
 
@@ -47,13 +47,13 @@ class LocalProcesses:
             raise BadInput(f"{count} workers; allowed: one or more")
         self.count = (os.cpu_count() or 1) if count is None else count
 
-    def outcomes(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
+    def outcomes(self, tasks: Sequence[CorpusTask]) -> Iterator[CorpusOutcome]:
         """Yield one outcome for every task, as the tasks are done."""
         lost: dict[str, int] = {}
         waiting = list(tasks)
         while waiting:
             done: set[str] = set()
-            begun: list[Task] = []
+            begun: list[CorpusTask] = []
             try:
                 for outcome in self._pool(waiting, begun):
                     done.add(outcome.item)
@@ -65,13 +65,15 @@ class LocalProcesses:
             waiting = [task for task in waiting if task.item not in done]
             for task in [task for task in waiting if lost.get(task.item, 0) >= ATTEMPTS_MAX]:
                 waiting.remove(task)
-                yield Outcome(task.item, None, None, f"{task.item}: its worker died {ATTEMPTS_MAX} times; not rendered")
+                yield CorpusOutcome(
+                    task.item, None, None, f"{task.item}: its worker died {ATTEMPTS_MAX} times; not rendered"
+                )
 
-    def _pool(self, tasks: Sequence[Task], begun: list[Task]) -> Iterator[Outcome]:
+    def _pool(self, tasks: Sequence[CorpusTask], begun: list[CorpusTask]) -> Iterator[CorpusOutcome]:
         """Yield outcomes from one pool; `begun` ends up holding the tasks that were handed out and not done."""
         queue = iter(tasks)
         pool = ProcessPoolExecutor(self.count, _context(), initializer=_leave_interrupts_to_the_parent)
-        running: dict[Future[Outcome], Task] = {}
+        running: dict[Future[CorpusOutcome], CorpusTask] = {}
         try:
             while True:
                 while len(running) < self.count and (task := next(queue, None)) is not None:
@@ -120,7 +122,7 @@ class DaskCluster:
                 f"no Dask scheduler at {address!r} ({type(error).__name__}); allowed: the address of one that runs"
             ) from None
 
-    def outcomes(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
+    def outcomes(self, tasks: Sequence[CorpusTask]) -> Iterator[CorpusOutcome]:
         """Yield one outcome for every task, as the tasks are done; the scheduler gives a killed worker's tasks to
         others.
         """
@@ -134,17 +136,17 @@ class DaskCluster:
             if error is None:
                 yield future.result()
             else:
-                yield Outcome(task.item, None, None, f"{task.item}: {type(error).__name__}; not rendered")
+                yield CorpusOutcome(task.item, None, None, f"{task.item}: {type(error).__name__}; not rendered")
             following = next(queue, None)
             if following is not None:
                 names[self._submit(ahead, following)] = following
 
-    def _first(self, queue: Iterator[Task]) -> Iterator[Task]:
+    def _first(self, queue: Iterator[CorpusTask]) -> Iterator[CorpusTask]:
         count = max(1, sum(self._client.nthreads().values())) * TASKS_AHEAD
         for _, task in zip(range(count), queue, strict=False):
             yield task
 
-    def _submit(self, ahead: object, task: Task) -> str:
+    def _submit(self, ahead: object, task: CorpusTask) -> str:
         future = self._client.submit(do_task, task, pure=False)
         ahead.add(future)  # type: ignore[attr-defined]
         return str(future.key)

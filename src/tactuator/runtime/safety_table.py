@@ -59,7 +59,7 @@ class SafetyRefusal(IntEnum):
 
 
 @dataclass(frozen=True)
-class Observer:
+class StateObserver:
     """The plant under a zero-order hold with its correction, as guard.h draws it.
 
     x' = x + w' + correct_x nu, w' = w + drive (m + m_before) - damp w - spring x + correct_w nu, nu = y - x; x in
@@ -87,7 +87,7 @@ class ChannelSafety:
     comfort_max: float
     disagreement_v: float
     reversal_power: float
-    observer: Observer
+    observer: StateObserver
     weighting_sos: FloatArray
 
 

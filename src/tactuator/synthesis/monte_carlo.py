@@ -1,4 +1,4 @@
-"""Certainty by trial: a controller on thousands of plants that the display may be.
+"""Monte Carlo: a controller on thousands of plants that the display may be.
 
 Plants are drawn from the covariance of an identified model (or, without one, from the channel's family), with every
 lightly damped root shifted in frequency, under each load in turn. Everything is done on frequency responses: loads
@@ -30,7 +30,7 @@ _MOST = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Trials:
+class DrawnPlants:
     """The fate of the plants drawn for one channel under one load.
 
     unstable: share of unstable loops. sensitivity_peak, flatness_db, felt_hum_db_sl: max|S|, greatest error of |H| over
@@ -52,7 +52,9 @@ class Trials:
         return {**vars(self), "quantiles": list(QUANTILES)}
 
 
-def monte_carlo(controller: Controller, count: int, rng: np.random.Generator, mode_shift: float = 0.02) -> list[Trials]:
+def monte_carlo(
+    controller: Controller, count: int, rng: np.random.Generator, mode_shift: float = 0.02
+) -> list[DrawnPlants]:
     """Return what becomes of `count` plants of every channel and load; mode_shift: relative standard deviation of the
     frequency of each lightly damped pole and zero pair. Raises BadInput for a count or a shift that cannot be."""
     if not 1 <= count <= _MOST:
@@ -61,13 +63,13 @@ def monte_carlo(controller: Controller, count: int, rng: np.random.Generator, mo
         raise BadInput(f"a shift of modes of {mode_shift:g}; allowed: 0 to 0.3")
     display = controller.display
     return [
-        _trials(controller.channel(channel.name), channel, display, load, count, rng, mode_shift)
+        _drawn_plants(controller.channel(channel.name), channel, display, load, count, rng, mode_shift)
         for channel in display.channels
         for load in (None, *channel.loads)
     ]
 
 
-def _trials(
+def _drawn_plants(
     own: ChannelController,
     channel: Channel,
     display: Display,
@@ -75,14 +77,14 @@ def _trials(
     count: int,
     rng: np.random.Generator,
     mode_shift: float,
-) -> Trials:
+) -> DrawnPlants:
     grid = _Grids(own, channel, display)
     rows: list[tuple[NDArray[np.bool_], FloatArray, FloatArray, FloatArray]] = []
     for some in _counts(count):
         plants, lead = _drawn(channel, some, rng, mode_shift, grid.frequency_hz)
         rows.append(grid.figures(_loaded(plants, lead, load, channel, grid.frequency_hz)))
     stable, peak, flat, hum = (np.concatenate(column) for column in zip(*rows, strict=True))
-    return Trials(
+    return DrawnPlants(
         channel.name,
         UNLOADED if load is None else load.name,
         count,

@@ -1,4 +1,4 @@
-"""The server: pages, the two kinds of connection, and who may open which."""
+"""The server: its pages, the two kinds of connection, and the checks of who may open which."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from tactuator.web.subject import SubjectTab
 from tactuator.web.tabs import Tabs
 
 FORBIDDEN, UNKNOWN = 4003, 4004
-"""Close codes: not allowed; no such session."""
+"""Close codes of connections that are not allowed, or to no known session."""
 
 _PATIENCE_S = 10.0
 
 
 def build_app(lab: Lab, operator_token: str) -> FastAPI:
-    """The application of one lab."""
+    """Return the web application of one lab."""
     app = FastAPI(title="tactuator", docs_url=None, redoc_url=None, openapi_url=None)
     tabs, operators = Tabs(), Operators()
     _pages(app, lab)
@@ -42,7 +42,7 @@ def build_app(lab: Lab, operator_token: str) -> FastAPI:
         await tabs.enter(tab)
         lab.notify()
         try:
-            await tab.attend()
+            await tab.serve()
         finally:
             tabs.exit(tab)
             lab.notify()
@@ -56,7 +56,7 @@ def build_app(lab: Lab, operator_token: str) -> FastAPI:
         page = OperatorPage(socket, lab, tabs, operators)
         operators.enter(page)
         try:
-            await page.attend()
+            await page.serve()
         finally:
             operators.exit(page)
             lab.notify()
@@ -74,8 +74,8 @@ def _pages(app: FastAPI, lab: Lab) -> None:
         row = lab.by_token(token)
         if row is None:
             return plain_text(lab.words("page.no_session"), 404)
-        conduct = await lab.conduct(row)
-        words = conduct.session.task.words
+        presented = await lab.presented(row)
+        words = presented.session.task.words
         if participant is not None:
             try:
                 await lab.work(lambda: lab.study.claim(row, participant))
@@ -102,13 +102,13 @@ def _pages(app: FastAPI, lab: Lab) -> None:
 
 
 def _same_origin(socket: WebSocket) -> bool:
-    """Whether the page that connects came from this server: another site's page may not speak for its reader."""
+    """Return whether the page that connects came from this server; another site's page may not speak for its reader."""
     origin = socket.headers.get("origin")
     return origin is None or urlsplit(origin).netloc == socket.headers.get("host")
 
 
 async def _knows(socket: WebSocket, token: str) -> bool:
-    """Whether the first message is the operator's token."""
+    """Return whether the first message is the operator's token."""
     try:
         said = await asyncio.wait_for(receive_text(socket), _PATIENCE_S)
     except (TimeoutError, WebSocketDisconnect, BadInput):

@@ -1,4 +1,4 @@
-"""What the server holds: a study, a station, who is at the rig, and what the operator has asked for."""
+"""State of the server: a study, an apparatus, the session at the rig, and what the operator has asked for."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tactuator.errors import BadInput, StoreFault, TactuatorError
 from tactuator.experiment.language.words import Words
 from tactuator.experiment.result.tables import ResultTable
 from tactuator.experiment.session.clock import JumpWatch
-from tactuator.experiment.session.presented_session import Conduct
+from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.standing import NextTrial
 from tactuator.experiment.session.studies import Study
 from tactuator.experiment.store import records
@@ -26,25 +26,25 @@ _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
 
 
-class Fault(Exception):
-    """Rig or store failed; the message is one line for the operator."""
+class LabFault(Exception):
+    """A failure of rig or store; the message is one line for the operator."""
 
 
-class RigAtRest(Fault):
-    """It was not the store: the rig is at rest, and plays nothing until somebody says so."""
+class RigAtRest(LabFault):
+    """A failure that was not the store's: the rig is at rest, and plays nothing until somebody says so."""
 
 
 class Lab:
-    """One rig, one study. Everything that touches the rig or the store goes through `work`, one thing at a time.
+    """One rig and one study. Everything that uses the rig or the store goes through `work`, one thing at a time.
 
-    active: session at the rig. auto_start: a subject who comes to a free rig may begin without the operator. shown:
-    what subjects see and hear of the stimuli in a demonstration, as stored ("" where they only feel them). calls: what
-    the operator should look after, by session.
+    active: session at the rig. auto_start: True where a subject who comes to a free rig may begin without the operator.
+    shown: what subjects see and hear of the stimuli in a demonstration, as stored ("" where they only feel them).
+    calls: what the operator should look after, by session.
     """
 
     def __init__(self, study: Study, auto_start: bool = False, shown: str = "") -> None:
         self.study, self.store, self.clock = study, study.store, study.clock
-        self.station = study.task.station
+        self.apparatus = study.task.apparatus
         self.auto_start, self.shown = auto_start, shown
         self.active: int | None = None
         self.paused = False
@@ -54,37 +54,38 @@ class Lab:
         self.changed = asyncio.Event()
         self._halted = threading.Event()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="rig")
-        self._conducts: dict[int, Conduct] = {}
+        self._presented: dict[int, PresentedSession] = {}
         self._opening = asyncio.Lock()
         self._rows = study.sessions()
 
     @property
     def sessions(self) -> list[Found]:
-        """The study's sessions, by subject and visit."""
+        """Return the study's sessions, by subject and visit."""
         return self._rows
 
     @property
     def words(self) -> Words:
-        """In the language of the newest protocol."""
+        """Return the words in the language of the newest protocol."""
         return self.study.task.words
 
     def by_token(self, token: str) -> Found | None:
-        """The session that a subject's link opens."""
+        """Return the session that a subject's link opens, or None."""
         found = None
-        for row in self._rows:  # all of them, so that the time it takes says nothing of the tokens
+        for row in self._rows:  # all of them, so that the duration gives no hint of the tokens
             if hmac.compare_digest(row.link_token.encode(), token.encode()):
                 found = row
         return found
 
     async def refresh(self) -> None:
-        """Read the study's sessions anew: somebody was enrolled, or has another visit."""
+        """Read the study's sessions anew, after somebody was enrolled or got another visit."""
         self._rows = await self.work(self.study.sessions)
         self.notify()
 
     async def work(self, job: Callable[[], _T]) -> _T:
-        """Run `job` where rig and store are used, what it does being the store's. Raises BadInput as the job does.
+        """Run a job on the thread that uses rig and store; meant for jobs whose failures are the store's.
 
-        Whatever else goes wrong is a Fault, kept for the operator to see; the rig goes on.
+        Raises BadInput as the job does. Any other failure is raised as a LabFault and kept for the operator to see; the
+        rig goes on.
         """
         try:
             return await asyncio.get_running_loop().run_in_executor(self._worker, job)
@@ -92,70 +93,75 @@ class Lab:
             raise
         except StoreFault as error:
             self.tell(str(error))
-            raise Fault(str(error)) from None
+            raise LabFault(str(error)) from None
         except Exception as error:
             _LOG.error("a defect", exc_info=error)
-            fault = Fault(f"{type(error).__name__}: {error}")
+            fault = LabFault(f"{type(error).__name__}: {error}")
             self.tell(str(fault))
             raise fault from None
 
-    async def present(self, conduct: Conduct, watch: Watch) -> NextTrial:
-        """Play the trial that stands. Raises Halted where it was stopped; nothing else that keeps a rig from it is the
+    async def present(self, presented: PresentedSession, watch: Watch) -> NextTrial:
+        """Play the trial that stands. Raises Halted where it was stopped.
 
-        subject's input: all of it is a Fault, and leaves the rig at rest unless it was the store alone.
+        Nothing else that keeps a rig from playing is the subject's input: it is raised as a LabFault, and leaves the
+        rig at rest unless it was the store alone.
         """
         self._halted.clear()
-        job = self._worker.submit(conduct.present, watch, self._halted.is_set)
+        job = self._worker.submit(presented.present, watch, self._halted.is_set)
         try:
             return await asyncio.wrap_future(job)
         except Halted:
             raise
         except StoreFault as error:
             self.tell(str(error))
-            raise Fault(str(error)) from None
+            raise LabFault(str(error)) from None
         except Exception as error:
             raise await self._at_rest(error) from None
 
     def halt(self, session: int) -> None:
-        """End at once what plays for that session."""
+        """Stop at once what plays for that session."""
         if self.active == session:
             self._halted.set()
 
     async def _at_rest(self, error: Exception) -> RigAtRest:
-        """Put the rig to rest and hold it there, unless subjects begin by themselves; the fault."""
+        """Put the rig to rest, hold it there unless subjects begin by themselves, and return the fault."""
         _LOG.error("a fault at the rig", exc_info=error)
         with suppress(Exception):
-            await asyncio.get_running_loop().run_in_executor(self._worker, self.station.rig.rest)
+            await asyncio.get_running_loop().run_in_executor(self._worker, self.apparatus.rig.rest)
         self.paused = not self.auto_start
         fault = RigAtRest(str(error) if isinstance(error, TactuatorError) else f"{type(error).__name__}: {error}")
         self.tell(str(fault))
         return fault
 
-    async def conduct(self, row: Found) -> Conduct:
-        """The session's one conduct, resumed from the store the first time, however many ask for it at once."""
+    async def presented(self, row: Found) -> PresentedSession:
+        """Return the presented session of the row, the same for all who ask; the first time it is resumed from the
+        store.
+        """
         async with self._opening:
-            if row.id not in self._conducts:
+            if row.id not in self._presented:
                 sitting = records.Sitting("person", self.shown)
-                self._conducts[row.id] = await self.work(lambda: Conduct(self.study.session(row, sitting)))
-            return self._conducts[row.id]
+                self._presented[row.id] = await self.work(lambda: PresentedSession(self.study.session(row, sitting)))
+            return self._presented[row.id]
 
-    def opened(self, session: int) -> Conduct | None:
-        """The session's conduct if it has been opened."""
-        return self._conducts.get(session)
+    def opened(self, session: int) -> PresentedSession | None:
+        """Return the presented session if it has been opened, or None."""
+        return self._presented.get(session)
 
     async def results(self, session: int) -> tuple[ResultTable, ...]:
-        """What the session's answers say so far, computed beside the rig's work. BadInput while they say nothing."""
+        """Return the results of the session so far, computed beside the rig's work. Raises BadInput while there are
+        none.
+        """
         self._check(session)
         return await asyncio.to_thread(self.study.task.results, self.store, session)
 
     def may_play(self, session: int) -> bool:
-        """Whether the next trial of that session may be presented."""
+        """Return whether the next trial of that session may be presented."""
         if self.active is None and self.auto_start:
             self.start(session)
         return self.active == session and not self.paused
 
     def start(self, session: int) -> None:
-        """Put a session at the rig. BadInput while another is there."""
+        """Put a session at the rig. Raises BadInput while another is there."""
         self._check(session)
         if self.active not in (None, session):
             raise BadInput(f"session {self.active} is at the rig; allowed: stop it first")
@@ -167,14 +173,14 @@ class Lab:
             raise BadInput(f"session {session} is not of this study; allowed: {[row.id for row in self._rows]}")
 
     async def stop(self) -> None:
-        """What plays ends at once; rig to rest, nobody at it."""
+        """Stop at once what plays; the rig is put to rest with no session at it."""
         self._halted.set()
         self.active = None
         self.notify()
-        await self.work(self.station.rig.rest)
+        await self.work(self.apparatus.rig.rest)
 
     def release(self, session: int) -> None:
-        """The session leaves the rig, if it is there."""
+        """Remove the session from the rig, if it is there."""
         if self.active == session:
             self.active = None
             self.notify()
@@ -182,33 +188,33 @@ class Lab:
     def pause(self, paused: bool) -> None:
         """Hold after the trial that plays, or go on; going on answers the call of the session at the rig."""
         self.paused = paused
-        conduct = None if self.active is None else self.opened(self.active)
-        if not paused and conduct is not None:
-            conduct.session.release()
-            self.calls.pop(conduct.session.id, None)
+        presented = None if self.active is None else self.opened(self.active)
+        if not paused and presented is not None:
+            presented.session.release()
+            self.calls.pop(presented.session.id, None)
         self.notify()
 
-    def hold(self, conduct: Conduct) -> None:
-        """A session that is held waits for the operator, where there is one, and begins again by itself elsewhere."""
-        held = conduct.session.held
+    def hold(self, presented: PresentedSession) -> None:
+        """Hold a session that waits for the operator; where there is none, it begins again by itself."""
+        held = presented.session.held
         if held is None:
             return
-        row = next(row for row in self._rows if row.id == conduct.session.id)
+        row = next(row for row in self._rows if row.id == presented.session.id)
         self.calls[row.id] = self.words("operator.practice_failed", subject=row.subject_code, run=held.title)
         if self.auto_start:
-            conduct.session.release()
+            presented.session.release()
         elif self.active == row.id:
             self.paused = True
         self.notify()
 
     def tell(self, fault: str | None) -> None:
-        """A fault for the operator, or None: it is over."""
+        """Show the operator a fault, or, with None, that it is over."""
         if fault != self.fault:
             self.fault = fault
             self.notify()
 
     def watch_clock(self) -> None:
-        """Note a wall clock that jumped: durations within a session go by the monotonic clock and are not touched."""
+        """Record a jump of the wall clock; durations within a session go by the monotonic clock, which has none."""
         jump_s = self.jumps.jump_s()
         if jump_s is not None:
             with self.store.begin() as connection:
@@ -217,20 +223,20 @@ class Lab:
                 )
 
     def notify(self) -> None:
-        """Something changed: whoever waits looks again."""
+        """Tell those who wait that something changed."""
         self.changed.set()
         self.changed = asyncio.Event()
 
     async def until_changed(self, timeout_s: float) -> None:
-        """Wait for a change, but not for ever."""
+        """Wait for a change, at most timeout_s seconds."""
         try:
             await asyncio.wait_for(self.changed.wait(), timeout_s)
         except TimeoutError:
             return
 
     def close(self) -> None:
-        """Finish what is being done and let go, the rig at rest."""
+        """Finish what is being done and let go of the rig, which is put to rest."""
         self._halted.set()
         with suppress(Exception):
-            self._worker.submit(self.station.rig.rest).result()
+            self._worker.submit(self.apparatus.rig.rest).result()
         self._worker.shutdown(wait=True)

@@ -1,4 +1,4 @@
-"""The socket that the server listens at."""
+"""The socket on which the server listens."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ _BACKLOG = 128
 
 
 def listener(host: str, port: int) -> socket.socket:
-    """A listening TCP socket; port 0: any that is free. Raises BadInput where it cannot listen there.
+    """Return a listening TCP socket; port 0: any that is free. Raises BadInput where it cannot listen there.
 
     Whoever connects before the server has come up waits. The protocol is named because asyncio sends small messages at
-    once (TCP_NODELAY) only on sockets that say they are TCP: without it each waits 40 ms for the one before.
+    once (TCP_NODELAY) only on sockets that say they are TCP; without it each message waits 40 ms for the one before.
     """
     if not 0 <= port <= 65535:
         raise BadInput(f"port {port}; allowed: 0 to 65535")

@@ -1,4 +1,4 @@
-"""What a page may say, checked and bounded before it is believed."""
+"""Messages that a page may send, checked and bounded before they are used."""
 
 from __future__ import annotations
 
@@ -20,39 +20,39 @@ class _Message(BaseModel):
 
 
 class Consent(_Message):
-    """The subject agrees."""
+    """Message of a subject who agrees."""
 
     type: Literal["consent"]
 
 
 class Decline(_Message):
-    """The subject does not agree."""
+    """Message of a subject who does not agree."""
 
     type: Literal["decline"]
 
 
 class Ready(_Message):
-    """The subject goes on from `stage`: ends a break or a pause, has read an introduction, is ready for a trial."""
+    """Message of a subject who goes on from `stage`: from a break, a pause, an introduction, or to a trial."""
 
     type: Literal["ready"]
     stage: Literal["break", "introduction", "trial", "paused", "stopped"]
 
 
 class Pause(_Message):
-    """The subject wants nothing to play: for now, or any more today."""
+    """Message of a subject who wants nothing to play: for now (`pause`), or any more today (`stop`)."""
 
     type: Literal["pause", "stop"]
 
 
 class Withdraw(_Message):
-    """The subject leaves the study; keep: the answers so far may be used."""
+    """Message of a subject who leaves the study; keep: the answers so far may be used."""
 
     type: Literal["withdraw"]
     keep: bool
 
 
 class AnswerMessage(_Message):
-    """An answer to trial `number` of run `run`; times by the page's own clock, lit_ms of each interval's lamp."""
+    """Answer to trial `number` of run `run`; times by the page's own clock, lit_ms of each interval's lamp."""
 
     type: Literal["answer"]
     run: Count
@@ -67,14 +67,14 @@ SubjectMessage = Consent | Decline | Ready | Pause | Withdraw | AnswerMessage
 
 
 class Command(_Message):
-    """What an operator asks for."""
+    """Command of an operator, some of them to a session."""
 
     type: Literal["start", "stop", "pause", "resume", "give-up-run", "clear-fault", "take-control", "results"]
     session: Count | None = None
 
 
 class Enrol(_Message):
-    """A new subject."""
+    """Request of an operator to enrol a new subject."""
 
     type: Literal["enrol"]
     code: Code
@@ -84,14 +84,14 @@ class Enrol(_Message):
 
 
 class NewVisit(_Message):
-    """A further visit of a subject."""
+    """Request of an operator for a further visit of a subject."""
 
     type: Literal["new-visit"]
     subject: Code
 
 
 class Day(_Message):
-    """Data of the day of a session."""
+    """Data of the day of a session, from an operator."""
 
     type: Literal["day"]
     session: Count
@@ -106,7 +106,7 @@ _OPERATOR: TypeAdapter[OperatorMessage] = TypeAdapter(Annotated[OperatorMessage,
 
 
 def subject_message(text: str) -> SubjectMessage:
-    """Parse a message of a subject's page; BadInput if it is none."""
+    """Parse a message of a subject's page. Raises BadInput if it is none."""
     try:
         return _SUBJECT.validate_json(text)
     except ValidationError as error:
@@ -114,7 +114,7 @@ def subject_message(text: str) -> SubjectMessage:
 
 
 def operator_message(text: str) -> OperatorMessage:
-    """Parse a message of an operator's page; BadInput if it is none."""
+    """Parse a message of an operator's page. Raises BadInput if it is none."""
     try:
         return _OPERATOR.validate_json(text)
     except ValidationError as error:
@@ -122,7 +122,7 @@ def operator_message(text: str) -> OperatorMessage:
 
 
 def _amiss(error: ValidationError) -> str:
-    """Where and what, in a line that repeats nothing of the message."""
+    """Return the place and kind of an error, in a line that repeats nothing of the message."""
     first = error.errors(include_input=False, include_url=False)[0]
     place = ".".join(str(part)[:40] for part in first["loc"])
     return f"{place}: {first['msg']}" if place else str(first["msg"])

@@ -1,4 +1,4 @@
-"""An operator's connection: what goes on, and the few things that one may ask for."""
+"""An operator's connection: snapshots of what goes on, and the commands that an operator may give."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tactuator.experiment.protocol.study import SubjectPart
 from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.standing import RunTally
 from tactuator.experiment.store.cells import Found
-from tactuator.web.lab import Fault, Lab
+from tactuator.web.lab import Lab, LabFault
 from tactuator.web.messages import Command, Day, Enrol, NewVisit, OperatorMessage, operator_message
 from tactuator.web.sockets import first_to_end, receive_text, send
 from tactuator.web.tabs import Tabs
@@ -28,35 +28,35 @@ class Operators:
         self._control: OperatorPage | None = None
 
     def enter(self, page: OperatorPage) -> None:
-        """A page opens; it has control if nobody has."""
+        """Add a page, which has control if no other has."""
         if self._control is None:
             self._control = page
 
     def exit(self, page: OperatorPage) -> None:
-        """A page closes."""
+        """Remove a page that has closed."""
         if self._control is page:
             self._control = None
 
     def take(self, page: OperatorPage) -> None:
-        """A page takes control from whoever has it."""
+        """Give a page control, whoever has it."""
         self._control = page
 
     def has_control(self, page: OperatorPage) -> bool:
-        """Whether commands of that page count."""
+        """Return whether commands of that page count."""
         return self._control is page
 
 
 class OperatorPage:
-    """One open page."""
+    """One open page of an operator."""
 
     def __init__(self, socket: WebSocket, lab: Lab, tabs: Tabs, operators: Operators) -> None:
         self.socket, self.lab, self.tabs, self.operators = socket, lab, tabs, operators
 
-    async def attend(self) -> None:
+    async def serve(self) -> None:
         """Serve the page until it closes."""
         for row in self.lab.sessions:
-            with suppress(BadInput):  # a version that cannot be played here: its session is told so when it is opened
-                await self.lab.conduct(row)
+            with suppress(BadInput):  # of a version that cannot be played here; the subject's page says so
+                await self.lab.presented(row)
         await first_to_end(self._show(), self._obey())
 
     async def _show(self) -> None:
@@ -65,14 +65,14 @@ class OperatorPage:
             await self.lab.until_changed(_REFRESH_S)
             try:
                 await self.lab.work(self.lab.watch_clock)
-            except Fault:
-                continue  # the lab has kept it, the next snapshot tells it
+            except LabFault:
+                continue  # the lab keeps the fault, and the next snapshot shows it
 
     async def _obey(self) -> None:
         while True:
             try:
                 await self._take(operator_message(await receive_text(self.socket)))
-            except (BadInput, Fault) as error:
+            except (BadInput, LabFault) as error:
                 await send(self.socket, {"type": "refused", "message": str(error)})
 
     async def _take(self, message: OperatorMessage) -> None:
@@ -127,13 +127,13 @@ class OperatorPage:
             await self._give_up_run()
 
     async def _give_up_run(self) -> None:
-        conduct = None if self.lab.active is None else self.lab.opened(self.lab.active)
-        if conduct is None:
+        presented = None if self.lab.active is None else self.lab.opened(self.lab.active)
+        if presented is None:
             raise BadInput("no session is at the rig; allowed: giving up a run of one that is")
         if not self.lab.paused:
             raise BadInput("the session is not paused; allowed: giving up a run after pausing")
-        await self.lab.work(conduct.give_up_run)
-        self.lab.calls.pop(conduct.session.id, None)
+        await self.lab.work(presented.give_up_run)
+        self.lab.calls.pop(presented.session.id, None)
         self.lab.notify()
 
     async def _results(self, session: int) -> None:
@@ -142,9 +142,9 @@ class OperatorPage:
         await send(self.socket, {"type": "results", "subject": subject, "tables": [asdict(one) for one in tables]})
 
     def snapshot(self) -> dict[str, Any]:
-        """Everything that the page shows."""
+        """Return everything that the page shows."""
         lab = self.lab
-        station = lab.station
+        apparatus = lab.apparatus
         active = None if lab.active is None else lab.opened(lab.active)
         course = None if active is None else active.session.course
         return {
@@ -157,11 +157,11 @@ class OperatorPage:
             "calls": list(lab.calls.values()),
             "demographics": [one.model_dump() for one in lab.study.task.protocol.demographic],
             "rig": {
-                "name": station.name,
-                "display": station.controller.display.name,
-                "rate_hz": station.rig.rate_hz,
-                "channels": list(station.rig.channels),
-                "simulated": station.simulated,
+                "name": apparatus.name,
+                "display": apparatus.controller.display.name,
+                "rate_hz": apparatus.rig.rate_hz,
+                "channels": list(apparatus.rig.channels),
+                "simulated": apparatus.simulated,
             },
             "sessions": [self._session(row) for row in lab.sessions],
             "runs": [] if active is None else [_run(one) for one in active.session.tally],
@@ -169,7 +169,7 @@ class OperatorPage:
         }
 
     def _session(self, row: Found) -> dict[str, Any]:
-        conduct = self.lab.opened(row.id)
+        presented = self.lab.opened(row.id)
         return {
             "id": row.id,
             "subject": row.subject_code,
@@ -180,7 +180,7 @@ class OperatorPage:
             "preload_n": row.preload_n,
             "link": f"/s/{row.link_token}",
             "here": self.tabs.is_open(row.id),
-            **(_NOT_OPENED if conduct is None else _standing(conduct.session)),
+            **(_NOT_OPENED if presented is None else _standing(presented.session)),
         }
 
 
@@ -188,7 +188,10 @@ _NOT_OPENED = {"stage": None, "progress": 0.0, "left_s": None, "trials": 0, "sha
 
 
 def _standing(session: Session) -> dict[str, Any]:
-    """share_correct: of what is answered, practice left out; None while there is nothing."""
+    """Return the state of a session as the page shows it.
+
+    share_correct: of what is answered, practice left out; None while there is nothing.
+    """
     counted = [one for one in session.tally if not one.planned.practice]
     answered, right = sum(one.answered for one in counted), sum(one.correct for one in counted)
     return {

@@ -1,4 +1,4 @@
-"""The pages and what they are made of: files of this package, and nothing from elsewhere."""
+"""The pages and their parts: files of this package, and nothing from elsewhere."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _TABLES = {"subject": "page", "operator": "operator"}
 
 
 def page(name: str, words: Words, scripts: Sequence[str]) -> Response:
-    """The page whose body is `name`.html, with the common styles, its own, the common script and `scripts`.
+    """Return the page whose body is `name`.html, with the common styles, its own, the common script and `scripts`.
 
     {{key}} in the body is the text of that key; the page's whole table of texts goes along for its scripts.
     """
@@ -65,7 +65,7 @@ def page(name: str, words: Words, scripts: Sequence[str]) -> Response:
 
 
 def static_file(name: str) -> Response | None:
-    """A style, script or picture, by its bare name; None where there is none."""
+    """Return a style, script or picture by its bare name, or None where there is none."""
     suffix = name[name.rfind(".") :]
     if "/" in name or suffix not in _TYPES or not _resource(name).is_file():
         return None
@@ -73,7 +73,7 @@ def static_file(name: str) -> Response | None:
 
 
 def plain_text(text: str, status: int = 200) -> Response:
-    """A line of text."""
+    """Return a page of one line of text."""
     return PlainTextResponse(f"{text}\n", status_code=status, headers=_HEADERS)
 
 

@@ -1,4 +1,4 @@
-"""Connections: what is sent, what is read, and how the parts of one end together."""
+"""Connections: sending, receiving, and ending the parts of a connection together."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ from tactuator.errors import BadInput
 
 
 async def send(socket: WebSocket, message: dict[str, Any]) -> None:
-    """Send, or raise WebSocketDisconnect where the page has gone."""
+    """Send a message. Raises WebSocketDisconnect where the page has gone."""
     if socket.application_state is WebSocketState.DISCONNECTED:
         raise WebSocketDisconnect
     await socket.send_json(message)
 
 
 async def receive_text(socket: WebSocket) -> str:
-    """The next message. Raises WebSocketDisconnect where the page has gone, BadInput for a frame that is no text."""
+    """Return the next message. Raises WebSocketDisconnect where the page has gone, BadInput for a frame that is no
+    text.
+    """
     frame = await socket.receive()
     if frame["type"] == "websocket.disconnect":
         raise WebSocketDisconnect(frame.get("code", 1005))

@@ -12,12 +12,12 @@ from typing import Any
 from fastapi import WebSocket, WebSocketDisconnect
 
 from tactuator.errors import BadInput
-from tactuator.experiment.session.presented_session import Conduct
+from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.standing import Acknowledged
 from tactuator.experiment.store import records
 from tactuator.experiment.store.cells import Found
 from tactuator.experiment.trial.presenter import Halted, Watch
-from tactuator.web.lab import Fault, Lab, RigAtRest
+from tactuator.web.lab import Lab, LabFault, RigAtRest
 from tactuator.web.messages import (
     AnswerMessage,
     Consent,
@@ -35,12 +35,12 @@ ELSEWHERE = 4001
 
 _LOOK_AGAIN_S = 5.0
 _WAITING = 32
-"""Messages that wait to be looked at; a page that says more than that is read no further until they are."""
+"""Number of messages that may wait; a page that sends more is read no further until they are handled."""
 
 
 @dataclass(frozen=True)
 class _Said:
-    """A message and when it arrived, by the server's two clocks."""
+    """A message and its time of arrival by the server's two clocks."""
 
     message: SubjectMessage
     received: datetime
@@ -48,7 +48,7 @@ class _Said:
 
 
 class _Interrupted(Exception):
-    """The subject pauses, stops or leaves, whatever was going on."""
+    """Raised where the subject pauses, stops or leaves, whatever was going on."""
 
     def __init__(self, message: Pause | Withdraw) -> None:
         super().__init__()
@@ -56,7 +56,7 @@ class _Interrupted(Exception):
 
 
 class SubjectTab:
-    """One open page."""
+    """One open page of a subject."""
 
     def __init__(self, socket: WebSocket, lab: Lab, row: Found) -> None:
         self.socket, self.lab, self.row = socket, lab, row
@@ -64,20 +64,20 @@ class SubjectTab:
 
     @property
     def session(self) -> int:
-        """Its row in the store."""
+        """Return the session's row in the store."""
         return int(self.row.id)
 
     async def leave(self) -> None:
-        """Another tab took over."""
+        """Tell the page that another tab took over, and close it."""
         with suppress(WebSocketDisconnect, RuntimeError):  # it may have gone already
             await self._send(type="elsewhere")
             await self.socket.close(ELSEWHERE)
 
-    async def attend(self) -> None:
+    async def serve(self) -> None:
         """Serve the page until it closes."""
-        conduct = await self.lab.conduct(self.row)
-        await self._send(type="hello", **self._about(conduct))
-        await first_to_end(self._read(), self._flow(conduct))
+        presented = await self.lab.presented(self.row)
+        await self._send(type="hello", **self._about(presented))
+        await first_to_end(self._read(), self._flow(presented))
 
     async def _read(self) -> None:
         while True:
@@ -91,70 +91,72 @@ class SubjectTab:
             clock = self.lab.clock
             await self._messages.put(_Said(message, clock.utc(), clock.monotonic_s()))
 
-    async def _flow(self, conduct: Conduct) -> None:
-        """What the subject does, one stage after another, until it is interrupted; then that.
+    async def _flow(self, presented: PresentedSession) -> None:
+        """Go through one stage after another until the subject interrupts; then handle the interruption.
 
-        A pause may be interrupted in its turn: the subject leaves.
+        A pause may be interrupted in its turn by a subject who leaves.
         """
         interruption: Pause | Withdraw | None = None
         while True:
             try:
                 if interruption is None:
-                    await self._step(conduct)
+                    await self._step(presented)
                 else:
                     now, interruption = interruption, None
-                    await self._interrupted(conduct, now)
+                    await self._interrupted(presented, now)
             except _Interrupted as interrupted:
                 interruption = interrupted.message
 
-    async def _step(self, conduct: Conduct) -> None:
-        session = conduct.session
+    async def _step(self, presented: PresentedSession) -> None:
+        session = presented.session
         stage = session.stage
-        await self._stage(conduct)
+        await self._stage(presented)
         if stage in ("done", "ended"):
             self.lab.release(self.session)
             await self._answered()
         elif stage == "consent":
-            await self._agreed(conduct)
+            await self._agreed(presented)
         else:
             await self._ready(stage)
             if stage == "trial":
-                await self._trials(conduct)
+                await self._trials(presented)
             elif session.stage == stage:  # the operator may have given up the run meanwhile
                 await self._saved({"break": session.end_break, "introduction": session.introduce}[stage])
 
-    async def _trials(self, conduct: Conduct) -> None:
-        """Trial after trial until the stage changes, or something fails: then the subject says when to go on."""
-        session = conduct.session
+    async def _trials(self, presented: PresentedSession) -> None:
+        """Play trial after trial until the stage changes, or something fails: then the subject says when to go on."""
+        session = presented.session
         while session.stage == "trial":
             if not self.lab.may_play(self.session):
-                await self._stage(conduct)
+                await self._stage(presented)
                 await self._until_changed()
                 continue
             await self._send(type="playing")
             try:
-                stands = await self.lab.present(conduct, self._watch(conduct))
+                stands = await self.lab.present(presented, self._watch(presented))
             except Halted:
-                await self._stage(conduct)
+                await self._stage(presented)
                 self._next_interruption()
                 continue
-            except Fault as fault:
-                await self._fault(conduct, fault)
+            except LabFault as fault:
+                await self._fault(presented, fault)
                 return
             self.lab.notify()
             await self._send(type="answer-now", run=stands.run, number=stands.trial.number)
-            await self._answered(conduct)
+            await self._answered(presented)
             await asyncio.sleep(session.task.rules.feedback_s)
 
     def _next_interruption(self) -> None:
-        """Raise what halted the trial, where it was this page that did; what was said before it came too late."""
+        """Raise the interruption that halted the trial, if this page sent it; other messages came too late and are
+        dropped.
+        """
         while not self._messages.empty():
             message = self._messages.get_nowait().message
             if isinstance(message, Pause | Withdraw):
                 raise _Interrupted(message)
 
     async def _until_changed(self) -> None:
-        """Wait for the lab to change, attending to what the page says meanwhile."""
+        """Wait for the lab to change, and handle a message of the page that comes meanwhile."""
         change = asyncio.create_task(self.lab.until_changed(_LOOK_AGAIN_S))
         said = asyncio.create_task(self._messages.get())
         try:
@@ -166,47 +168,47 @@ class SubjectTab:
         if said.done() and not said.cancelled():
             await self._take(said.result())
 
-    async def _agreed(self, conduct: Conduct) -> None:
+    async def _agreed(self, presented: PresentedSession) -> None:
         while True:
             message = await self._next()
             if isinstance(message, Consent):
-                await self._saved(conduct.session.give_consent)
+                await self._saved(presented.session.give_consent)
                 return
             if isinstance(message, Decline):
-                await self._saved(conduct.session.decline)
+                await self._saved(presented.session.decline)
                 return
 
     async def _ready(self, stage: str) -> None:
-        """Wait until the subject goes on from that stage; what was said of another one came late and counts no more."""
+        """Wait until the subject goes on from that stage; what was said of another one came late and is ignored."""
         while True:
             message = await self._next()
             if isinstance(message, Ready) and message.stage == stage:
                 return
 
-    async def _answered(self, conduct: Conduct | None = None) -> None:
-        """Wait for the answer to what was played (without a conduct: for ever)."""
-        while conduct is None or conduct.pending is not None:
+    async def _answered(self, presented: PresentedSession | None = None) -> None:
+        """Wait for the answer to what was played, or, without a presented session, for ever."""
+        while presented is None or presented.pending is not None:
             await self._next()
 
     async def _next(self) -> SubjectMessage:
-        """The next message; answers, also those that are sent again, are saved and acknowledged at any time."""
+        """Return the next message; answers, also those that are sent again, are saved and acknowledged at any time."""
         return await self._take(await self._messages.get())
 
     async def _take(self, said: _Said) -> SubjectMessage:
         if isinstance(said.message, AnswerMessage):
-            await self._answer(await self.lab.conduct(self.row), said.message, said)
+            await self._answer(await self.lab.presented(self.row), said.message, said)
         if isinstance(said.message, Pause | Withdraw):
             raise _Interrupted(said.message)
         return said.message
 
-    async def _interrupted(self, conduct: Conduct, message: Pause | Withdraw) -> None:
-        """The subject pauses until it goes on, stops for today, or leaves for good."""
-        session, code = conduct.session, self.row.subject_code
+    async def _interrupted(self, presented: PresentedSession, message: Pause | Withdraw) -> None:
+        """Hold the session until the subject goes on, stop it for today, or end it for good."""
+        session, code = presented.session, self.row.subject_code
         if session.stage in ("done", "ended"):
             return
-        conduct.pending = None  # played and not answered: it is played again
+        presented.pending = None  # a trial that was played and not answered is played again
         if isinstance(message, Withdraw):
-            await self._saved(lambda: conduct.withdraw(message.keep))
+            await self._saved(lambda: presented.withdraw(message.keep))
             self.lab.calls[self.session] = self.lab.words("operator.subject_withdrawn", subject=code)
             self.lab.release(self.session)
             return
@@ -216,44 +218,44 @@ class SubjectTab:
         if stage == "stopped":
             self.lab.release(self.session)
         self.lab.notify()
-        await self._stage(conduct, stage)
+        await self._stage(presented, stage)
         await self._ready(stage)
         self.lab.calls.pop(self.session, None)
         await self._saved(lambda: session.note("resume", "by the subject"))
 
-    async def _answer(self, conduct: Conduct, message: AnswerMessage, said: _Said) -> None:
-        """Save an answer and acknowledge it, or say why not."""
+    async def _answer(self, presented: PresentedSession, message: AnswerMessage, said: _Said) -> None:
+        """Save an answer and acknowledge it, or say why it is refused."""
         answer = records.Answer(
             message.response, said.received, message.shown_ms, message.pressed_ms, message.lit_ms, said.received_s
         )
         try:
-            acknowledged = await self.lab.work(lambda: self._save(conduct, message, answer))
-        except Fault as fault:
-            await self._fault(conduct, fault)
+            acknowledged = await self.lab.work(lambda: self._save(presented, message, answer))
+        except LabFault as fault:
+            await self._fault(presented, fault)
             return
         except BadInput as error:
             await self._send(type="refused", message=str(error))
-            if conduct.pending is not None:
-                stands = conduct.pending[0]
+            if presented.pending is not None:
+                stands = presented.pending[0]
                 await self._send(type="answer-now", run=stands.run, number=stands.trial.number)
             return
         self.lab.tell(None)
-        self.lab.hold(conduct)
+        self.lab.hold(presented)
         await self._send(
             type="ack",
             run=acknowledged.run,
             number=acknowledged.number,
             right=acknowledged.right,
-            progress=conduct.session.progress,
-            left_s=round(conduct.session.time_left_s),
+            progress=presented.session.progress,
+            left_s=round(presented.session.time_left_s),
         )
         self.lab.notify()
 
-    def _save(self, conduct: Conduct, message: AnswerMessage, answer: records.Answer) -> Acknowledged:
-        waits = conduct.pending
+    def _save(self, presented: PresentedSession, message: AnswerMessage, answer: records.Answer) -> Acknowledged:
+        waits = presented.pending
         if waits is not None and (waits[0].run, waits[0].trial.number) == (message.run, message.number):
-            return conduct.answer(answer)
-        before = conduct.session.already(message.run, message.number)
+            return presented.answer(answer)
+        before = presented.session.already(message.run, message.number)
         if before is None:
             raise BadInput(f"answer to trial {message.number} of run {message.run}; allowed: to the trial that stands")
         return before
@@ -263,12 +265,14 @@ class SubjectTab:
             await self.lab.work(job)
         except BadInput as error:
             await self._send(type="refused", message=str(error))
-        except Fault as fault:
-            await self._fault(await self.lab.conduct(self.row), fault)
+        except LabFault as fault:
+            await self._fault(await self.lab.presented(self.row), fault)
 
-    def _watch(self, conduct: Conduct) -> Watch:
-        """Tells the page of intervals, where it is to show them, and what they play in a demonstration."""
-        loop, session = asyncio.get_running_loop(), conduct.session
+    def _watch(self, presented: PresentedSession) -> Watch:
+        """Return the callback that tells the page of intervals, where it shows them, and of their envelopes in a
+        demonstration.
+        """
+        loop, session = asyncio.get_running_loop(), presented.session
         lit = len(session.task.question.intervals)
 
         def watch(interval: int, begins: bool) -> None:
@@ -288,14 +292,14 @@ class SubjectTab:
         except (WebSocketDisconnect, RuntimeError):
             return  # the page went while the trial played; it is presented again
 
-    async def _fault(self, conduct: Conduct, fault: Fault) -> None:
+    async def _fault(self, presented: PresentedSession, fault: LabFault) -> None:
         what = "page.display_stopped" if isinstance(fault, RigAtRest) else "page.not_saved"
-        await self._send(type="fault", message=conduct.session.task.words(what), detail=str(fault))
+        await self._send(type="fault", message=presented.session.task.words(what), detail=str(fault))
         await asyncio.sleep(0.5)
         self.lab.tell(str(fault))
 
-    async def _stage(self, conduct: Conduct, stage: str | None = None) -> None:
-        session = conduct.session
+    async def _stage(self, presented: PresentedSession, stage: str | None = None) -> None:
+        session = presented.session
         upcoming = session.upcoming
         await self._send(
             type="stage",
@@ -308,8 +312,8 @@ class SubjectTab:
             break_left_s=session.break_left_s,
         )
 
-    def _about(self, conduct: Conduct) -> dict[str, Any]:
-        task = conduct.session.task
+    def _about(self, presented: PresentedSession) -> dict[str, Any]:
+        task = presented.session.task
         study, question = task.protocol.study, task.question
         return {
             "subject": self.row.subject_code,
@@ -320,7 +324,7 @@ class SubjectTab:
             "choices": [asdict(choice) for choice in question.choices],
             "intervals": question.intervals,
             "masking_sound": task.protocol.circumstances.masking_sound,
-            "simulated": task.station.simulated,
+            "simulated": task.apparatus.simulated,
             "shown": self.lab.shown,
         }
 

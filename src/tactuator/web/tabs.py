@@ -1,4 +1,4 @@
-"""Which of a session's open pages counts."""
+"""The open pages of sessions, of which the newest of each counts."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ class Tab(Protocol):
 
     @property
     def session(self) -> int:
-        """Its row in the store."""
+        """Return the session's row in the store."""
         ...
 
     async def leave(self) -> None:
-        """Another page of the session took over."""
+        """Tell the page that another page of the session took over."""
         ...
 
 
 class Tabs:
-    """The one tab of every session that counts: the newest."""
+    """The newest open tab of every session."""
 
     def __init__(self) -> None:
         self._open: dict[int, Tab] = {}
 
     async def enter(self, tab: Tab) -> None:
-        """A tab opens; the one before it is told and closed."""
+        """Add a tab; the one before it is told and closed."""
         before = self._open.get(tab.session)
         self._open[tab.session] = tab
         if before is not None:
             await before.leave()
 
     def exit(self, tab: Tab) -> None:
-        """A tab closes."""
+        """Remove a tab that has closed."""
         if self._open.get(tab.session) is tab:
             del self._open[tab.session]
 
     def is_open(self, session: int) -> bool:
-        """Whether the subject's page is connected."""
+        """Return whether the subject's page is connected."""
         return session in self._open

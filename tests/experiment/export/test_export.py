@@ -16,7 +16,7 @@ from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, opened_study, station
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, apparatus, begin, opened_study
 
 QUICK = (
     PROTOCOL.replace('kind = "up-down"\nstart_db_sl = 20\nsteps_db = [4, 2]\nreversals = 6\naveraged = 4', "PLACE")
@@ -28,7 +28,7 @@ QUICK = (
 @pytest.fixture(scope="module")
 def store(tmp_path_factory):
     """Two simulated subjects, two visits of the first, and a person who withdraws with all of it."""
-    made, place = Store(tmp_path_factory.mktemp("store") / "lab.db"), station()
+    made, place = Store(tmp_path_factory.mktemp("store") / "lab.db"), apparatus()
     curve = place.controller.display.channels[0].threshold.curve
     protocol = parse_protocol(QUICK)
     for _ in range(2):
@@ -171,11 +171,11 @@ def test_bids__its_own_validator__finds_no_error(store, tmp_path) -> None:
 
 def test_trials__times__are_of_page_and_server(tmp_path) -> None:
     clock, made = ObedientClock(), Store(tmp_path / "lab.db")
-    conduct = begin(made, clock)
-    following = conduct.present(lambda interval, begins: None)
+    presented = begin(made, clock)
+    following = presented.present(lambda interval, begins: None)
     clock.wait(1.5)
     answer = Answer(following.trial.correct, clock.utc(), 100.0, 900.0, (10.0, 60.0, 110.0), clock.monotonic_s())
-    conduct.answer(answer)
+    presented.answer(answer)
     export(made, tmp_path / "out", "tidy")
     (trial,) = rows(tmp_path / "out" / "trials.csv")
     assert [float(trial[name]) for name in ("response_time", "server_response_time")] == [0.8, 1.5]

@@ -7,8 +7,8 @@ from tactuator.experiment.protocol.file import read_any_protocol, read_identific
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.identification_task import IdentificationTask
 from tactuator.experiment.session.studies import task_of
-from tests.experiment.session.apparatuses import PROTOCOL, station
-from tests.experiment.session.identifying import controller, items, opened_station, protocol_text  # noqa: F401
+from tests.experiment.session.apparatuses import PROTOCOL, apparatus
+from tests.experiment.session.identifying import controller, items, opened_apparatus, protocol_text  # noqa: F401
 
 
 def test_protocol__of_either_kind__is_recognised_by_its_content(tmp_path, items, controller) -> None:
@@ -17,7 +17,7 @@ def test_protocol__of_either_kind__is_recognised_by_its_content(tmp_path, items,
         path.write_text(text)
         read, own = read_any_protocol(path)
         assert own == text
-        place = station() if kind is DetectionTask else opened_station(controller)
+        place = apparatus() if kind is DetectionTask else opened_apparatus(controller)
         assert isinstance(task_of(read, items, place), kind)
 
 

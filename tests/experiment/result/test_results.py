@@ -20,7 +20,7 @@ from tactuator.experiment.trial.delivered_level import delivered_offset_db
 from tactuator.experiment.trial.trial import IntervalRecord
 from tactuator.files.curve import read_curve
 from tactuator.perception.library import curve
-from tests.experiment.session.apparatuses import PROTOCOL, station
+from tests.experiment.session.apparatuses import PROTOCOL, apparatus
 
 TEXT = (
     PROTOCOL[: PROTOCOL.index("[procedure]")]
@@ -33,7 +33,7 @@ TEXT = (
 def study(tmp_path_factory):
     store = Store(tmp_path_factory.mktemp("study") / "lab.db")
     observers = simulated_observers(curve("bolanowski-1988"), 2, seed=5)
-    run_study(store, parse_protocol(TEXT), TEXT, station(), observers, SystemClock(), "finger")
+    run_study(store, parse_protocol(TEXT), TEXT, apparatus(), observers, SystemClock(), "finger")
     yield store, dict(zip(("S1", "S2"), observers, strict=True))
     store.close()
 
@@ -56,7 +56,7 @@ def test_whole_curve__through_the_display__follows_the_truth(tmp_path) -> None:
     text = head + '[conditions]\nfingers = ["index"]\n' + rest
     store = Store(tmp_path / "lab.db")
     observers = simulated_observers(curve("bolanowski-1988"), 1, seed=2)
-    run_study(store, parse_protocol(text), text, station(), observers, SystemClock(), "finger")
+    run_study(store, parse_protocol(text), text, apparatus(), observers, SystemClock(), "finger")
     found = thresholds(detection_runs(store))
     store.close()
     truth = observers[0].curve.level_db_re_1um_at([one.frequency_hz for one in found])

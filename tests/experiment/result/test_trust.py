@@ -10,7 +10,7 @@ from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.result.group_curve import group_curve
 from tactuator.experiment.result.psychometric_trials import psychometric_trials
 from tactuator.experiment.result.tables import threshold_table
-from tactuator.experiment.result.thresholds import Threshold, thresholds
+from tactuator.experiment.result.thresholds import MeasuredThreshold, thresholds
 from tactuator.experiment.session.clock import SystemClock
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
 from tactuator.experiment.store.store import Store
@@ -19,7 +19,7 @@ from tactuator.experiment.trial.delivered_level import delivered
 from tactuator.perception import library
 from tactuator.perception.relative_curve import RelativeCurve
 from tactuator.report.plates.felt.psychometric import psychometric_plate
-from tests.experiment.session.apparatuses import station
+from tests.experiment.session.apparatuses import apparatus
 
 LIBRARY = library.curve("bolanowski-1988")
 DEAF = RelativeCurve(np.array([10.0]), np.array([90.0]), "feels nothing")
@@ -60,7 +60,7 @@ def study(tmp_path_factory):
     store = Store(tmp_path_factory.mktemp("trust") / "lab.db")
     drawn = simulated_observers(LIBRARY, 2, seed=5)
     observers = with_truths(drawn, ("S1", "S2"), LIBRARY, {"S2": DEAF}, {"S1": 0.0})
-    run_study(store, parse_protocol(TEXT), TEXT, station(), observers, SystemClock(), "finger")
+    run_study(store, parse_protocol(TEXT), TEXT, apparatus(), observers, SystemClock(), "finger")
     yield store, observers
     store.close()
 
@@ -147,5 +147,5 @@ def test_delivered__nothing_near_or_only_noise__is_unknown() -> None:
 
 def test_threshold__is_a_named_point(study) -> None:
     one = thresholds(detection_runs(study[0]))[0]
-    assert isinstance(one, Threshold)
+    assert isinstance(one, MeasuredThreshold)
     assert any("79.4 % correct" in note for note in threshold_table([one]).notes)

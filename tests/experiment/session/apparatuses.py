@@ -1,13 +1,13 @@
-"""A simulated station, a clock that obeys, and protocols that end soon."""
+"""A simulated apparatus, a clock that obeys, and protocols that end soon."""
 
 from datetime import UTC, datetime, timedelta
 from functools import cache
 
 from tactuator.display.controller import Controller
 from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.presented_session import Conduct
+from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.studies import Study, open_session, open_study
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
@@ -81,24 +81,24 @@ def controller() -> Controller:
     return paper_controller(paper_display())
 
 
-def station(seed: int = 0) -> Station:
+def apparatus(seed: int = 0) -> Apparatus:
     rig = SimulatedRig(controller().display, seed)
     rig.load(controller())
-    return Station(rig, controller(), "simulated")
+    return Apparatus(rig, controller(), "simulated")
 
 
-def begin(store: Store, clock: ObedientClock, text: str = PROTOCOL, subject: int = 0) -> Conduct:
+def begin(store: Store, clock: ObedientClock, text: str = PROTOCOL, subject: int = 0) -> PresentedSession:
     """The subject's session, opened or resumed, consent given."""
     study = opened_study(store, clock, text)
     session = open_session(study, study.task.protocol.subject[subject].code)
     if session.stage == "consent":
         session.give_consent()
-    return Conduct(session)
+    return PresentedSession(session)
 
 
 def opened_study(store: Store, clock: ObedientClock, text: str = PROTOCOL, amend: str | None = None) -> Study:
     """The study of the protocol in the store."""
-    return open_study(store, DetectionTask(parse_protocol(text), station()), text, clock, token, amend)
+    return open_study(store, DetectionTask(parse_protocol(text), apparatus()), text, clock, token, amend)
 
 
 def token(code: str, visit: int) -> str:
@@ -117,10 +117,10 @@ def response_of(trial: Trial) -> str:
     return next(one for one in trial.responses if one != trial.correct)
 
 
-def answer_one(conduct: Conduct, clock: ObedientClock) -> tuple[int, int]:
+def answer_one(presented: PresentedSession, clock: ObedientClock) -> tuple[int, int]:
     """Present and answer the trial that stands; position of its run and its number."""
-    following = conduct.present(nobody)
+    following = presented.present(nobody)
     position, number = following.planned.position, following.trial.number
     clock.wait(1.0)
-    conduct.answer(Answer(response_of(following.trial), clock.utc(), 10.0, 460.0))
+    presented.answer(Answer(response_of(following.trial), clock.utc(), 10.0, 460.0))
     return position, number

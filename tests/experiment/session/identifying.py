@@ -5,11 +5,11 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from tactuator.experiment.protocol.file import parse_identification
-from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.identification_plan import block_trials
 from tactuator.experiment.session.identification_task import IdentificationTask
-from tactuator.experiment.session.presented_session import Conduct
-from tactuator.experiment.session.respondent import attend
+from tactuator.experiment.session.presented_session import PresentedSession
+from tactuator.experiment.session.respondent import run_session
 from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.store import records
 from tactuator.experiment.store.store import Store
@@ -88,11 +88,11 @@ class Opened:
         self.task, self.store, self.clock = IdentificationTask.load(protocol, items, place), store, clock or Ticking()
         self.study = open_study(store, self.task, text, self.clock, token, beside=items)
 
-    def conduct(self, code="S1"):
-        return Conduct(open_session(self.study, code))
+    def presented(self, code="S1"):
+        return PresentedSession(open_session(self.study, code))
 
     def run(self, code, respondent):
-        return attend(self.conduct(code), respondent)
+        return run_session(self.presented(code), respondent)
 
 
 def scripted_answer(text, block, number):
@@ -123,7 +123,11 @@ def opened(controller, items, tmp_path):
         rig = SimulatedRig(controller.display, 1)
         rig.load(controller)
         store = Store(tmp_path / "lab.db")
-        return Opened(parse_identification(text), text, items, Station(rig, controller, "simulated"), store), rig, store
+        return (
+            Opened(parse_identification(text), text, items, Apparatus(rig, controller, "simulated"), store),
+            rig,
+            store,
+        )
 
     return make
 
@@ -131,24 +135,24 @@ def opened(controller, items, tmp_path):
 THREE = ("M-index", "C-index", "L-index")
 
 
-def answer(conduct, response=None, watch=nobody):
-    following = conduct.present(watch)
-    return conduct.answer(records.Answer(response or following.trial.correct, conduct.session.clock.utc()))
+def answer(presented, response=None, watch=nobody):
+    following = presented.present(watch)
+    return presented.answer(records.Answer(response or following.trial.correct, presented.session.clock.utc()))
 
 
-def go_on(conduct, trials):
+def go_on(presented, trials):
     """Through consent, breaks and introductions; so many answers."""
-    session = conduct.session
+    session = presented.session
     steps = {"consent": session.give_consent, "break": session.end_break, "introduction": session.introduce}
     while trials and session.stage != "done":
         if session.stage == "trial":
-            answer(conduct)
+            answer(presented)
             trials -= 1
         else:
             steps[session.stage]()
 
 
-def opened_station(made):
+def opened_apparatus(made):
     rig = open_rig("simulated", made.display, 0)
     rig.load(made)
-    return Station(rig, made, "simulated")
+    return Apparatus(rig, made, "simulated")

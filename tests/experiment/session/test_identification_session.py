@@ -16,20 +16,28 @@ from tactuator.experiment.session.identification_task import IdentificationTask
 from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, nobody, station, token
-from tests.experiment.session.identifying import answer, controller, go_on, items, opened, opened_station, protocol_text  # noqa: F401
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, apparatus, begin, nobody, token
+from tests.experiment.session.identifying import (  # noqa: F401
+    answer,
+    controller,
+    go_on,
+    items,
+    opened,
+    opened_apparatus,
+    protocol_text,
+)
 
 STORES = Path(__file__).parents[1] / "store" / "stores"
 
 
 def test_session__stages__are_consent_introduction_trials_break_introduction_trials(opened) -> None:
     study, _, _ = opened(protocol_text(test=1, consent="Agreed?"))
-    session = (conduct := study.conduct()).session
+    session = (presented := study.presented()).session
     seen = []
     steps = {"consent": session.give_consent, "break": session.end_break, "introduction": session.introduce}
     while session.stage != "done":
         seen.append(session.stage)
-        steps.get(session.stage, lambda: answer(conduct))()
+        steps.get(session.stage, lambda: answer(presented))()
     assert seen == ["consent", "introduction", *["trial"] * 3, "break", "introduction", *["trial"] * 3]
     assert session.upcoming is None
     assert session.progress == 1.0
@@ -37,17 +45,17 @@ def test_session__stages__are_consent_introduction_trials_break_introduction_tri
 
 def test_session__introduction__says_what_the_block_is(opened) -> None:
     study, _, _ = opened(protocol_text(test=4))
-    conduct = study.conduct()
-    told = conduct.session.upcoming
+    presented = study.presented()
+    told = presented.session.upcoming
     assert told.introduction == "Block 1 of 2: training, 3 trials.\nAfter each answer you are told which was right."
-    go_on(conduct, 3)
-    assert conduct.session.upcoming.introduction.startswith("Block 2 of 2: test, 12 trials.\nYou are not told")
+    go_on(presented, 3)
+    assert presented.session.upcoming.introduction.startswith("Block 2 of 2: test, 12 trials.\nYou are not told")
 
 
 def test_session__trial_before_the_introduction_was_read__is_refused(opened) -> None:
     study, _, _ = opened(protocol_text())
     with pytest.raises(BadInput, match="'introduction'"):
-        study.conduct().present(nobody)
+        study.presented().present(nobody)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +68,7 @@ def test_session__trial_before_the_introduction_was_read__is_refused(opened) -> 
 )
 def test_session__break_rules__are_kept(opened, rules, stages) -> None:
     study, _, _ = opened(protocol_text(test=1, extra=f"[session]\n{rules}\n"))
-    session = (conduct := study.conduct()).session
+    session = (presented := study.presented()).session
     breaks = []
     while session.stage != "done":
         if session.stage == "break":
@@ -69,7 +77,7 @@ def test_session__break_rules__are_kept(opened, rules, stages) -> None:
         elif session.stage == "introduction":
             session.introduce()
         else:
-            answer(conduct)
+            answer(presented)
     assert breaks == stages
 
 
@@ -77,12 +85,12 @@ def test_session__interrupted_over_and_over__asks_every_trial_once(opened) -> No
     text = protocol_text(test=5)
     while True:
         study, _, store = opened(text)
-        conduct = study.conduct()
-        if conduct.session.stage == "done":
+        presented = study.presented()
+        if presented.session.stage == "done":
             break
-        go_on(conduct, 3)
-        if conduct.session.stage == "trial":
-            conduct.present(nobody)  # played, never answered: played again
+        go_on(presented, 3)
+        if presented.session.stage == "trial":
+            presented.present(nobody)  # played, never answered: played again
         store.close()
     with store.read() as connection:
         rows = connection.execute(
@@ -91,7 +99,7 @@ def test_session__interrupted_over_and_over__asks_every_trial_once(opened) -> No
         asked = [(row.position, row.number, row.correct_response) for row in rows]
     planned = [
         (run.position, trial.number, trial.correct)
-        for run in conduct.session.runs
+        for run in presented.session.runs
         for trial in study.task.course(run, 0).planned_trials
     ]
     assert asked == planned
@@ -99,10 +107,10 @@ def test_session__interrupted_over_and_over__asks_every_trial_once(opened) -> No
 
 def test_session__years_between_two_trials__goes_on_in_the_same_block(opened) -> None:
     study, _, store = opened(protocol_text())
-    conduct = study.conduct()
-    go_on(conduct, 5)
+    presented = study.presented()
+    go_on(presented, 5)
     study.clock.jump(3e8)
-    again = study.conduct()
+    again = study.presented()
     assert answer(again).number == 2
     with store.read() as connection:
         assert [run.attempt for run in connection.execute(select(schema.run))] == [0, 0]
@@ -110,30 +118,30 @@ def test_session__years_between_two_trials__goes_on_in_the_same_block(opened) ->
 
 def test_session__feedback__only_in_its_block(opened) -> None:
     study, _, _ = opened(protocol_text(test=1))
-    conduct = study.conduct()
-    go_on(conduct, 2)
-    following = conduct.session.next_trial()
+    presented = study.presented()
+    go_on(presented, 2)
+    following = presented.session.next_trial()
     wrong = next(one for one in following.trial.responses if one != following.trial.correct)
-    told = answer(conduct, wrong)
+    told = answer(presented, wrong)
     assert (told.correct, told.right) == (False, following.trial.correct)
-    assert conduct.session.already(told.run, told.number).right == following.trial.correct
-    conduct.session.end_break()
-    conduct.session.introduce()
-    told = answer(conduct)
+    assert presented.session.already(told.run, told.number).right == following.trial.correct
+    presented.session.end_break()
+    presented.session.introduce()
+    told = answer(presented)
     assert (told.correct, told.right) == (True, None)
-    assert conduct.session.already(told.run, told.number).right is None
+    assert presented.session.already(told.run, told.number).right is None
 
 
 def test_session__block_given_up__is_left_out_of_the_results(opened) -> None:
     study, _, store = opened(protocol_text(training=0, test=2).replace("[[subject]]", BLOCK + "[[subject]]", 1))
-    conduct = study.conduct()
-    go_on(conduct, 4)
-    conduct.give_up_run()
-    go_on(conduct, 6)
+    presented = study.presented()
+    go_on(presented, 4)
+    presented.give_up_run()
+    go_on(presented, 6)
     (result,), _ = identification_results(store, np.random.default_rng(0))
     assert result.counts.sum() == 6
-    assert [one.state for one in conduct.session.tally] == ["stopped", "done"]
-    assert [(one.answered, one.correct) for one in conduct.session.tally] == [(4, 4), (6, 6)]
+    assert [one.state for one in presented.session.tally] == ["stopped", "done"]
+    assert [(one.answered, one.correct) for one in presented.session.tally] == [(4, 4), (6, 6)]
 
 
 BLOCK = '[[block]]\nkind = "test"\nrepetitions = 2\n'
@@ -142,15 +150,15 @@ BLOCK = '[[block]]\nkind = "test"\nrepetitions = 2\n'
 def test_tally__after_a_restart__is_what_it_was(opened) -> None:
     text = protocol_text()
     study, _, store = opened(text)
-    conduct = study.conduct()
-    go_on(conduct, 5)
-    answer(conduct, "MC-index")
-    before = [(one.state, one.answered, one.correct) for one in conduct.session.tally]
+    presented = study.presented()
+    go_on(presented, 5)
+    answer(presented, "MC-index")
+    before = [(one.state, one.answered, one.correct) for one in presented.session.tally]
     store.close()
     study, _, _ = opened(text)
-    again = study.conduct().session
+    again = study.presented().session
     assert [(one.state, one.answered, one.correct) for one in again.tally] == before
-    assert again.course.picture()["counts"] == conduct.session.course.picture()["counts"]
+    assert again.course.picture()["counts"] == presented.session.course.picture()["counts"]
 
 
 def restored(path, name) -> Store:
@@ -164,7 +172,7 @@ def test_store_of_0_1_0__identification_begun__goes_on_at_the_same_trial(tmp_pat
     store = restored(tmp_path / "lab.db", "identification-0.1.0.sql")
     with store.begin() as connection:
         text = connection.execute(select(schema.protocol_version.c.toml)).scalar_one()
-        task = IdentificationTask.load(parse_identification(text), items, opened_station(controller))
+        task = IdentificationTask.load(parse_identification(text), items, opened_apparatus(controller))
         for item in task.items.values():  # the samples' last bits are this machine's
             row = schema.stimulus.update().where(schema.stimulus.c.label == item.label)
             connection.execute(row.values(sha256=item.sha256))
@@ -183,15 +191,15 @@ BEFORE = PROTOCOL.replace("[30, 90, 210]", "[50, 100, 200]")
 def test_store_of_0_1_0__detection_begun__goes_on_at_the_same_trial(tmp_path) -> None:
     store = restored(tmp_path / "lab.db", "detection-0.1.0.sql")
     clock = ObedientClock()
-    task = DetectionTask(parse_protocol(BEFORE), station())
+    task = DetectionTask(parse_protocol(BEFORE), apparatus())
     session = open_session(open_study(store, task, BEFORE, clock, token), "S1")
     following = session.next_trial()
     assert (following.planned.position, following.trial.number) == (1, 7)
     whole = Store(tmp_path / "whole.db")
-    conduct = begin(whole, clock)
+    presented = begin(whole, clock)
     for _ in range(9):
-        answer_one(conduct, clock)
-    now = conduct.session.next_trial().trial  # of today's protocol: 50 Hz stands too near mains for a new study
+        answer_one(presented, clock)
+    now = presented.session.next_trial().trial  # of today's protocol: 50 Hz stands too near mains for a new study
     assert now.placement is not None
     assert replace(now, placement=replace(now.placement, frequency_hz=50.0)) == following.trial
     store.close()
@@ -201,4 +209,4 @@ def test_store_of_0_1_0__detection_begun__goes_on_at_the_same_trial(tmp_path) ->
 def test_session__unknown_subject__is_refused(opened) -> None:
     study, _, _ = opened(protocol_text())
     with pytest.raises(BadInput, match="subject 'S9' is not in the study; allowed: S1"):
-        study.conduct("S9")
+        study.presented("S9")

@@ -31,16 +31,16 @@ class Listener:
 @pytest.mark.parametrize("paradigm", ["identification", "middle-of-three", "abx"])
 def test_trial__items_of_different_lengths__takes_as_long_whatever_is_played(opened, paradigm) -> None:
     study, rig, _ = opened(protocol_text(paradigm, training=0, test=3, labels=THREE))
-    conduct = study.conduct()
-    conduct.session.introduce()
+    presented = study.presented()
+    presented.session.introduce()
     lengths, onsets, durations = set(), set(), set()
     for _ in range(9):
         listener = Listener(rig)
-        following = conduct.present(listener.watch)
+        following = presented.present(listener.watch)
         durations.add(sum(study.task.items[label].duration_s for label in following.trial.stimuli))
         lengths.add(listener.samples)
         onsets.add(tuple(listener.events))
-        conduct.answer(records.Answer(following.trial.correct, study.clock.utc()))
+        presented.answer(records.Answer(following.trial.correct, study.clock.utc()))
     assert len(durations) > 1
     assert len(lengths) == 1
     if paradigm == "abx":  # the only one whose intervals are shown
@@ -66,12 +66,12 @@ def test_question__paradigm__is_the_same_in_all_trials(opened, paradigm, prompt,
 
 def test_results__of_a_session__are_matrix_and_information(opened) -> None:
     study, _, store = opened(protocol_text(test=4))
-    conduct = study.conduct()
-    go_on(conduct, 3)
+    presented = study.presented()
+    go_on(presented, 3)
     with pytest.raises(BadInput, match="no answers yet"):
-        study.task.results(store, conduct.session.id)
-    go_on(conduct, 12)
-    matrix, information = study.task.results(store, conduct.session.id)
+        study.task.results(store, presented.session.id)
+    go_on(presented, 12)
+    matrix, information = study.task.results(store, presented.session.id)
     assert matrix.columns[1:] == ("M-index", "C-index", "MC-index")
     assert [row[1:] for row in matrix.rows] == [("4", "0", "0"), ("0", "4", "0"), ("0", "0", "4")]
     assert information.rows[0][:2] == ("plug in", f"{np.log2(3):.2f}")
@@ -80,25 +80,25 @@ def test_results__of_a_session__are_matrix_and_information(opened) -> None:
 
 def test_results__of_an_abx_session__are_the_share_of_right_answers(opened) -> None:
     study, _, store = opened(protocol_text("abx", training=0, test=1, subjects=("S1", "S2")))
-    conduct = study.conduct("S2")
-    go_on(conduct, 12)
-    (table,) = study.task.results(store, conduct.session.id)
+    presented = study.presented("S2")
+    go_on(presented, 12)
+    (table,) = study.task.results(store, presented.session.id)
     assert table.rows == (("12", "100.0"),)
 
 
 def test_results__of_a_detection_session__are_its_thresholds(tmp_path) -> None:
     clock, store = ObedientClock(), Store(tmp_path / "lab.db")
-    conduct = begin(
+    presented = begin(
         store, clock, PROTOCOL.replace("reversals = 6", "reversals = 4").replace("averaged = 4", "averaged = 2")
     )
-    session = conduct.session
-    answer_one(conduct, clock)
+    session = presented.session
+    answer_one(presented, clock)
     with pytest.raises(BadInput, match="no done run"):
         session.task.results(store, session.id)
     while session.stage != "done":
         if session.stage == "break":
             session.end_break()
-        answer_one(conduct, clock)
+        answer_one(presented, clock)
     (table,) = session.task.results(store, session.id)
     assert sorted(row[2] for row in table.rows) == ["210", "30", "90"]
     store.close()
@@ -121,7 +121,7 @@ def test_results__of_a_detection_session__are_its_thresholds(tmp_path) -> None:
 )
 def test_export__identification__is_under_its_own_task(opened, tmp_path, form, names) -> None:
     study, _, store = opened(protocol_text(test=1))
-    go_on(study.conduct(), 6)
+    go_on(study.presented(), 6)
     assert export(store, tmp_path / "out", form) == 6
     written = {str(path.relative_to(tmp_path / "out")) for path in (tmp_path / "out").rglob("*") if path.is_file()}
     assert names <= written

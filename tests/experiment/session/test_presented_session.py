@@ -13,7 +13,7 @@ from tests.experiment.session.apparatuses import ObedientClock, begin, nobody
 
 
 @pytest.fixture
-def conduct(tmp_path):
+def presented(tmp_path):
     store = Store(tmp_path / "lab.db")
     yield begin(store, ObedientClock())
     store.close()
@@ -39,13 +39,13 @@ def noted(store):
 
 
 @pytest.mark.parametrize("times", [1, 2])
-def test_present__stream_ran_dry__is_noted_and_the_trial_played_again(conduct, monkeypatch, times) -> None:
-    dry(conduct.session.task.station.rig, times, monkeypatch)
-    following = conduct.present(nobody)
-    assert [kind for kind, _ in noted(conduct.session.store)] == ["timing-missed"] * times
-    assert "trial 0: the stream ran dry 240 samples" in noted(conduct.session.store)[0][1]
-    conduct.answer(Answer(following.trial.correct, conduct.session.clock.utc()))
-    with conduct.session.store.read() as connection:
+def test_present__stream_ran_dry__is_noted_and_the_trial_played_again(presented, monkeypatch, times) -> None:
+    dry(presented.session.task.apparatus.rig, times, monkeypatch)
+    following = presented.present(nobody)
+    assert [kind for kind, _ in noted(presented.session.store)] == ["timing-missed"] * times
+    assert "trial 0: the stream ran dry 240 samples" in noted(presented.session.store)[0][1]
+    presented.answer(Answer(following.trial.correct, presented.session.clock.utc()))
+    with presented.session.store.read() as connection:
         row = connection.execute(select(schema.trial)).one()
         onsets = connection.execute(select(schema.interval.c.onset_s)).scalars().all()
     assert row.presentations == times + 1
@@ -53,21 +53,21 @@ def test_present__stream_ran_dry__is_noted_and_the_trial_played_again(conduct, m
     assert np.allclose(onsets, 0.01 + (length_s + 0.01) * np.arange(3), atol=1e-9)
 
 
-def test_present__stream_dry_again_and_again__is_the_rigs_fault(conduct, monkeypatch) -> None:
-    dry(conduct.session.task.station.rig, 9, monkeypatch)
+def test_present__stream_dry_again_and_again__is_the_rigs_fault(presented, monkeypatch) -> None:
+    dry(presented.session.task.apparatus.rig, 9, monkeypatch)
     with pytest.raises(StreamDry):
-        conduct.present(nobody)
-    assert len(noted(conduct.session.store)) == 3
+        presented.present(nobody)
+    assert len(noted(presented.session.store)) == 3
     with pytest.raises(BadInput, match="no trial waits"):
-        conduct.answer(Answer("1", conduct.session.clock.utc()))
+        presented.answer(Answer("1", presented.session.clock.utc()))
 
 
-def test_answer__earlier_than_its_trial_by_either_clock__is_refused_and_the_trial_stands(conduct) -> None:
-    clock = conduct.session.clock
-    following = conduct.present(nobody)
+def test_answer__earlier_than_its_trial_by_either_clock__is_refused_and_the_trial_stands(presented) -> None:
+    clock = presented.session.clock
+    following = presented.present(nobody)
     with pytest.raises(BadInput, match=r"0.500 s before its last interval had ended"):
-        conduct.answer(Answer("1", clock.utc(), received_s=clock.monotonic_s() - 0.5))
+        presented.answer(Answer("1", clock.utc(), received_s=clock.monotonic_s() - 0.5))
     with pytest.raises(BadInput, match="50 ms before it was asked for"):
-        conduct.answer(Answer("1", clock.utc(), 100.0, 50.0))
-    assert conduct.answer(Answer("1", clock.utc(), 100.0, 100.0, (), clock.monotonic_s())).number == 0
+        presented.answer(Answer("1", clock.utc(), 100.0, 50.0))
+    assert presented.answer(Answer("1", clock.utc(), 100.0, 100.0, (), clock.monotonic_s())).number == 0
     assert following.trial.number == 0

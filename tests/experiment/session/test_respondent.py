@@ -7,7 +7,7 @@ from sqlalchemy import select
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_identification
 from tactuator.experiment.result.confusion import identification_results
-from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.respondent import Respondent
 from tactuator.experiment.simulated.respondents import ErringRespondent, FeelingRespondent
 from tactuator.experiment.store import schema, study_records
@@ -23,7 +23,7 @@ class Unwilling(ErringRespondent):
         return False
 
 
-def test_attend__no_consent__ends_at_once_and_stores_nothing(opened) -> None:
+def test_run_session__no_consent__ends_at_once_and_stores_nothing(opened) -> None:
     study, _, store = opened(protocol_text(consent="Agreed?"))
     assert study.run("S1", Unwilling(0.0, np.random.default_rng(0))) == 0
     with store.read() as connection:
@@ -32,7 +32,7 @@ def test_attend__no_consent__ends_at_once_and_stores_nothing(opened) -> None:
     assert (row.consented_utc, row.ended) == (None, "declined")
 
 
-def test_attend__respondent__is_told_of_runs_breaks_and_right_answers_in_order(opened) -> None:
+def test_run_session__respondent__is_told_of_runs_breaks_and_right_answers_in_order(opened) -> None:
     told = []
 
     class Telling(Respondent):
@@ -55,11 +55,11 @@ def test_attend__respondent__is_told_of_runs_breaks_and_right_answers_in_order(o
     assert told == ["Block 1 of 2: training", *training, "break", "Block 2 of 2: test", "?", "?", "?"]
 
 
-def test_attend__board_in_this_process__is_felt_at_its_ports(controller, items, tmp_path) -> None:
+def test_run_session__board_in_this_process__is_felt_at_its_ports(controller, items, tmp_path) -> None:
     text = protocol_text(training=2, test=4)
     rig, store = open_rig("in-process", controller.display, 1), Store(tmp_path / "lab.db")
     rig.load(controller)
-    study = Opened(parse_identification(text), text, items, Station(rig, controller, "in-process"), store)
+    study = Opened(parse_identification(text), text, items, Apparatus(rig, controller, "in-process"), store)
     subject = FeelingRespondent("identification", controller.display, np.random.default_rng(2))
     subject.listen(touchable(rig, "in-process"))
     assert study.run("S1", subject) == 18

@@ -15,11 +15,11 @@ from tests.experiment.session.apparatuses import (
     PROTOCOL,
     ObedientClock,
     answer_one,
+    apparatus,
     begin,
     nobody,
     opened_study,
     response_of,
-    station,
 )
 
 
@@ -30,11 +30,11 @@ def store(tmp_path):
     made.close()
 
 
-def everything(conduct, clock) -> None:
-    while conduct.session.stage != "done":
-        if conduct.session.stage == "break":
-            conduct.session.end_break()
-        answer_one(conduct, clock)
+def everything(presented, clock) -> None:
+    while presented.session.stage != "done":
+        if presented.session.stage == "break":
+            presented.session.end_break()
+        answer_one(presented, clock)
 
 
 def stored(store):
@@ -61,15 +61,15 @@ def test_session__interrupted_over_and_over__is_the_undisturbed_one(tmp_path) ->
     everything(begin(whole, clock), clock)
     while True:
         store = Store(broken)
-        conduct = begin(store, clock)
-        if conduct.session.stage == "done":
+        presented = begin(store, clock)
+        if presented.session.stage == "done":
             break
         for _ in range(4):
-            if conduct.session.stage == "break":
-                conduct.session.end_break()
-            if conduct.session.stage == "trial":
-                conduct.present(nobody)  # played, never answered: presented again
-                answer_one(conduct, clock)
+            if presented.session.stage == "break":
+                presented.session.end_break()
+            if presented.session.stage == "trial":
+                presented.present(nobody)  # played, never answered: presented again
+                answer_one(presented, clock)
         store.close()
     assert stored(store) == stored(whole)
     assert len({row[:3] for row in stored(store)}) == len(stored(store))
@@ -79,14 +79,14 @@ def test_session__interrupted_over_and_over__is_the_undisturbed_one(tmp_path) ->
 
 def test_trial__stored__has_levels_labels_times_and_apparatus(store) -> None:
     clock = ObedientClock()
-    conduct = begin(store, clock)
-    answer_one(conduct, clock)
+    presented = begin(store, clock)
+    answer_one(presented, clock)
     with store.read() as connection:
         trial = connection.execute(select(schema.trial)).one()
         intervals = connection.execute(select(schema.interval).order_by(schema.interval.c.position)).all()
         response = connection.execute(select(schema.response)).one()
         run = connection.execute(select(schema.run)).one()
-        session = study_records.session(connection, conduct.session.id)
+        session = study_records.session(connection, presented.session.id)
     assert [one.stimulus for one in intervals].count("tone") == 1
     tone = next(one for one in intervals if one.stimulus == "tone")
     assert str(tone.position + 1) == trial.correct_response
@@ -105,9 +105,9 @@ def test_trial__stored__has_levels_labels_times_and_apparatus(store) -> None:
 def test_resume__gap_longer_than_allowed__restarts_the_run_and_keeps_the_old(tmp_path, gap_s, attempts) -> None:
     clock = ObedientClock()
     store = Store(tmp_path / "lab.db")
-    conduct = begin(store, clock)
+    presented = begin(store, clock)
     for _ in range(5):
-        answer_one(conduct, clock)
+        answer_one(presented, clock)
     clock.jump(gap_s)  # the machine was off: the monotonic clock knows nothing of it
     answer_one(begin(store, clock), clock)
     with store.read() as connection:
@@ -121,20 +121,20 @@ def test_resume__gap_longer_than_allowed__restarts_the_run_and_keeps_the_old(tmp
 
 def test_long_pause__within_one_process__restarts_by_the_monotonic_clock(store) -> None:
     clock = ObedientClock()
-    conduct = begin(store, clock)
+    presented = begin(store, clock)
     for _ in range(4):
-        answer_one(conduct, clock)
+        answer_one(presented, clock)
     clock.jump(-3600.0)  # set back by an hour: nothing is restarted for that
-    assert answer_one(conduct, clock) == (1, 2)
+    assert answer_one(presented, clock) == (1, 2)
     clock.passed_s += 601.0
-    assert answer_one(conduct, clock) == (1, 0)
+    assert answer_one(presented, clock) == (1, 0)
 
 
 def test_resume__clock_set_back__is_noted_and_loses_nothing(store) -> None:
     clock = ObedientClock()
-    conduct = begin(store, clock)
+    presented = begin(store, clock)
     for _ in range(4):
-        answer_one(conduct, clock)
+        answer_one(presented, clock)
     clock.jump(-7200.0)
     assert answer_one(begin(store, clock), clock) == (1, 2)
     with store.read() as connection:
@@ -143,52 +143,52 @@ def test_resume__clock_set_back__is_noted_and_loses_nothing(store) -> None:
 
 def test_answer__disk_full__is_not_acknowledged_and_may_come_again(store) -> None:
     clock = ObedientClock()
-    conduct = begin(store, clock, PROTOCOL.replace("reversals = 6", "reversals = 40"))  # enough trials to fill a page
+    presented = begin(store, clock, PROTOCOL.replace("reversals = 6", "reversals = 40"))  # enough trials to fill a page
     with store.engine.connect() as connection:
         pages = connection.exec_driver_sql("PRAGMA page_count").scalar_one()
         connection.exec_driver_sql(f"PRAGMA max_page_count = {pages}")  # of the pooled connection: no page more
     acknowledged = []
     with pytest.raises(StoreFault, match="full"):
         while True:
-            if conduct.session.stage == "break":
-                conduct.session.end_break()
-            acknowledged.append(answer_one(conduct, clock))
+            if presented.session.stage == "break":
+                presented.session.end_break()
+            acknowledged.append(answer_one(presented, clock))
     assert [(row[0], row[2]) for row in stored(store)] == acknowledged
-    if conduct.pending is not None:
-        stands = conduct.pending[0]
+    if presented.pending is not None:
+        stands = presented.pending[0]
         with store.engine.connect() as connection:
             connection.exec_driver_sql("PRAGMA max_page_count = 1000000")
         answer = records.Answer(response_of(stands.trial), clock.utc())
-        assert conduct.answer(answer).number == stands.trial.number
+        assert presented.answer(answer).number == stands.trial.number
         assert len(stored(store)) == len(acknowledged) + 1
 
 
 def test_answer__database_locked__is_told_and_may_come_again(store) -> None:
     clock = ObedientClock()
-    conduct = begin(store, clock)
-    conduct.present(nobody)
+    presented = begin(store, clock)
+    presented.present(nobody)
     with store.engine.connect() as connection:
         connection.exec_driver_sql("PRAGMA busy_timeout = 1")
     other = sqlite3.connect(store.path, isolation_level=None)
     other.execute("BEGIN IMMEDIATE")
     answer = records.Answer("1", clock.utc())
     with pytest.raises(StoreFault, match="locked"):
-        conduct.answer(answer)
+        presented.answer(answer)
     other.execute("ROLLBACK")
     other.close()
-    assert conduct.answer(answer).number == 0
+    assert presented.answer(answer).number == 0
     assert len(stored(store)) == 1
 
 
 def test_answer__sent_again__is_acknowledged_again_and_stored_once(store) -> None:
     clock = ObedientClock()
-    conduct = begin(store, clock)
-    run = conduct.present(nobody).run
-    first = conduct.answer(records.Answer("1", clock.utc()))
-    again = conduct.session.already(run, 0)
+    presented = begin(store, clock)
+    run = presented.present(nobody).run
+    first = presented.answer(records.Answer("1", clock.utc()))
+    again = presented.session.already(run, 0)
     assert again is not None
     assert (again.correct, again.again) == (first.correct, True)
-    assert conduct.session.already(run, 1) is None
+    assert presented.session.already(run, 1) is None
     assert len(stored(store)) == 1
 
 
@@ -203,10 +203,10 @@ def test_already__another_sessions_run__is_nothing(store) -> None:
 @pytest.mark.parametrize("response", ["0", "4", "", "left"])
 def test_answer__not_allowed__is_refused_and_nothing_stored(store, response) -> None:
     clock = ObedientClock()
-    conduct = begin(store, clock)
-    conduct.present(nobody)
+    presented = begin(store, clock)
+    presented.present(nobody)
     with pytest.raises(BadInput, match="allowed: 1, 2, 3"):
-        conduct.answer(records.Answer(response, clock.utc()))
+        presented.answer(records.Answer(response, clock.utc()))
     assert stored(store) == []
 
 
@@ -218,38 +218,38 @@ def test_answer__without_a_trial__is_refused(store) -> None:
 
 def test_break__after_its_trials__waits_until_it_is_ended_and_is_remembered(store) -> None:
     clock = ObedientClock()
-    conduct = begin(store, clock)
+    presented = begin(store, clock)
     for _ in range(20):
-        answer_one(conduct, clock)
-    assert conduct.session.stage == "break"
+        answer_one(presented, clock)
+    assert presented.session.stage == "break"
     with pytest.raises(BadInput, match="'break'"):
-        conduct.present(nobody)
-    conduct.session.end_break()
+        presented.present(nobody)
+    presented.session.end_break()
     assert begin(store, clock).session.stage == "trial"
 
 
 def test_give_up_run__goes_on_with_the_next_and_marks_it(store) -> None:
     clock = ObedientClock()
-    conduct = begin(store, clock)
+    presented = begin(store, clock)
     for _ in range(4):
-        answer_one(conduct, clock)
-    conduct.give_up_run()
-    assert answer_one(conduct, clock) == (2, 0)
+        answer_one(presented, clock)
+    presented.give_up_run()
+    assert answer_one(presented, clock) == (2, 0)
     with store.read() as connection:
-        assert [run.state for run in records.latest_runs(connection, conduct.session.id)] == [
+        assert [run.state for run in records.latest_runs(connection, presented.session.id)] == [
             "done",
             "stopped",
             "running",
         ]
     with pytest.raises(BadInput, match="no trial waits"):
-        conduct.answer(records.Answer("1", clock.utc()))
+        presented.answer(records.Answer("1", clock.utc()))
 
 
 def test_replay__store_changed_by_hand__is_refused(store) -> None:
     clock = ObedientClock()
-    conduct = begin(store, clock)
+    presented = begin(store, clock)
     for _ in range(6):
-        answer_one(conduct, clock)
+        answer_one(presented, clock)
     with store.begin() as connection:
         connection.execute(schema.trial.update().where(schema.trial.c.number == 2).values(level_db_sl=3.0))
     with pytest.raises(BadInput, match="does not replay"):
@@ -275,6 +275,6 @@ def test_consent__asked_for__comes_before_the_first_trial(store) -> None:
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [("210]", "500]", "500 Hz"), ('"index"', '"ring"', "'ring'")])
-def test_station__what_it_cannot_play__is_refused(old, new, message) -> None:
+def test_apparatus__what_it_cannot_play__is_refused(old, new, message) -> None:
     with pytest.raises(BadInput, match=message):
-        DetectionTask(parse_protocol(PROTOCOL.replace(old, new)), station())
+        DetectionTask(parse_protocol(PROTOCOL.replace(old, new)), apparatus())

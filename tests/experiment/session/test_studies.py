@@ -51,9 +51,9 @@ def orders(study):
 
 def test_study__subject_added_to_the_file__leaves_the_others_as_they_are(store) -> None:
     clock = ObedientClock()
-    conduct = begin(store, clock)
+    presented = begin(store, clock)
     for _ in range(5):
-        answer_one(conduct, clock)
+        answer_one(presented, clock)
     before, order = all_of(store, "S1"), orders(opened_study(store, clock))
     study = opened_study(store, clock, THIRD)
     assert all_of(store, "S1") == before
@@ -61,7 +61,7 @@ def test_study__subject_added_to_the_file__leaves_the_others_as_they_are(store) 
     assert [row.subject_code for row in study.sessions()] == ["S1", "S2", "S3"]
     assert [row.link_token for row in study.sessions()] == ["token-S1", "token-S2", "token-S3"]
     again = begin(store, clock, THIRD)
-    assert again.session.next_trial().trial == conduct.session.next_trial().trial
+    assert again.session.next_trial().trial == presented.session.next_trial().trial
 
 
 def test_study__subject_put_first_in_the_file__does_not_move_the_others(store) -> None:
@@ -89,9 +89,9 @@ def test_study__protocol_that_says_something_else__takes_a_reason(store) -> None
 
 def test_study__amended__sessions_that_began_stay_with_their_version_and_others_follow(store) -> None:
     clock = ObedientClock()
-    conduct = begin(store, clock)
+    presented = begin(store, clock)
     for _ in range(4):
-        answer_one(conduct, clock)
+        answer_one(presented, clock)
     before = all_of(store, "S1")
     study = opened_study(store, clock, OTHER, amend="60 Hz is mains")
     assert all_of(store, "S1") == before
@@ -99,7 +99,7 @@ def test_study__amended__sessions_that_began_stay_with_their_version_and_others_
     assert frequencies["S1", 1] == {30.0, 90.0, 210.0}
     assert frequencies["S2", 1] == {33.0, 90.0, 150.0, 210.0}
     again = open_session(study, "S1")
-    assert again.next_trial().trial == conduct.session.next_trial().trial
+    assert again.next_trial().trial == presented.session.next_trial().trial
     other = begin(store, clock, OTHER, subject=1)
     answer_one(other, clock)
     with store.read() as connection:

@@ -3,7 +3,7 @@
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.whole_curve import WholeCurveRule
+from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule
 from tactuator.experiment.simulated.curve_quality import CurvePeople, simulate_curve
 from tactuator.experiment.simulated.procedure_quality import Setting
 

@@ -9,7 +9,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.trial.marks import Marks
 from tactuator.experiment.trial.presenter import Halted, Presenter
 from tactuator.rig.trace import Trace
-from tests.experiment.session.apparatuses import station
+from tests.experiment.session.apparatuses import apparatus
 
 RATE_HZ = 4000.0
 
@@ -62,7 +62,7 @@ def test_present__watch__is_told_in_order_by_the_rigs_time_and_how_late() -> Non
 
 
 def test_present__simulated_rig__stands_at_each_onset_when_the_watch_is_told() -> None:
-    rig = station().rig
+    rig = apparatus().rig
     stands, presenter = [], Presenter(rig, "index")
     reference = presenter.on_channel(np.zeros(777))
     presenter.watch = lambda interval, begins: stands.append(rig._ticks)

@@ -20,7 +20,7 @@ from tactuator.display.description import Display
 from tactuator.display.verdict import Finding, Outcome, Verdict, verdict_of
 from tactuator.files.controller import read_controller
 from tactuator.files.display import read_display
-from tactuator.synthesis.monte_carlo import Trials
+from tactuator.synthesis.monte_carlo import DrawnPlants
 from tactuator.synthesis.monte_carlo import monte_carlo as draw_plants
 from tactuator.synthesis.verdict import judge
 from tactuator.wordlength.buildable import buildable
@@ -46,20 +46,20 @@ def register(app: typer.Typer) -> None:
         made, shown = read_controller(controller), None if display is None else read_display(display)
         verdict = whole_verdict(made, shown)
         on = made if shown is None else replace(made, display=shown)
-        trials = draw_plants(on, monte_carlo, np.random.default_rng(seed), mode_shift) if monte_carlo else []
-        found = verdict.document() | ({"monte_carlo": [one.document() for one in trials]} if trials else {})
-        answer(found, as_json, Group(verdict_table(verdict), *([_trials_table(trials)] if trials else [])))
+        drawn = draw_plants(on, monte_carlo, np.random.default_rng(seed), mode_shift) if monte_carlo else []
+        found = verdict.document() | ({"monte_carlo": [one.document() for one in drawn]} if drawn else {})
+        answer(found, as_json, Group(verdict_table(verdict), *([_plants_table(drawn)] if drawn else [])))
         if verdict.outcome is Outcome.NOT_MET:
             raise typer.Exit(1)
 
 
-def _trials_table(trials: Sequence[Trials]) -> Table:
+def _plants_table(drawn: Sequence[DrawnPlants]) -> Table:
     """Return the 95 % and greatest values of what was drawn, one row for each channel and load."""
     table = Table(
         "channel", "load", "plants", "from", "unstable", "max|S| 95 %, most", "flatness dB", "felt hum dB SL",
         title="Monte Carlo",
     )  # fmt: skip
-    for one in trials:
+    for one in drawn:
         cells = (one.sensitivity_peak, one.flatness_db, one.felt_hum_db_sl)
         shown = ("—" if np.isnan(values[1]) else f"{values[1]:.2f}, {values[-1]:.2f}" for values in cells)
         table.add_row(one.channel, one.load, str(one.count), one.source, f"{100.0 * one.unstable:.2g} %", *shown)

@@ -20,7 +20,7 @@ from tactuator.paper.plan import paper_display
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board_check.period_check import check_period
 from tactuator.rig.board_check.period_cost import count_instructions
-from tactuator.rig.board_check.streaming_trial import INSTRUCTION_NS, StreamingTrial, try_streaming
+from tactuator.rig.board_check.streaming_check import INSTRUCTION_NS, StreamingCheck, check_streaming
 from tactuator.rig.open import open_rig
 from tactuator.rig.program import BOARDS, build_firmware, find_board, form_of, memory_used, write_program
 from tactuator.runtime.image import FORMATS
@@ -100,8 +100,8 @@ def _add_stream(firmware: typer.Typer) -> None:
         as_json: AsJson = False,
     ) -> None:
         """Stream a reference to a board whose time goes on; exit status 1 if an interrupt was late or a row missing."""
-        found = try_streaming(board, _controller(controller), seconds, instruction_ns)
-        answer({**asdict(found), "holds": found.holds}, as_json, _trial_table(found))
+        found = check_streaming(board, _controller(controller), seconds, instruction_ns)
+        answer({**asdict(found), "holds": found.holds}, as_json, _streaming_table(found))
         if not found.holds:
             raise typer.Exit(1)
 
@@ -121,7 +121,7 @@ def _add_bench(firmware: typer.Typer) -> None:
         answer(cast(Mapping[str, object], rows), as_json, table)  # a list, one object for each
 
 
-def _trial_table(found: StreamingTrial) -> Table:
+def _streaming_table(found: StreamingCheck) -> Table:
     clock = f"{found.instructions_per_s / 1e6:g} million instructions a second"
     table = Table("", "", title=f"{found.board}: {found.channels} channels at {found.rate_hz:g} Hz, {clock}")
     for words, value in (

@@ -1,4 +1,4 @@
-"""The station that experiment commands use: a rig with a controller loaded."""
+"""The apparatus that experiment commands use: a rig with a controller loaded."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tactuator.cli.options import chosen_controller
 from tactuator.errors import BadInput
-from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.paper.controllers import paper_controller
 from tactuator.paper.plan import paper_display
 from tactuator.rig.open import open_rig
@@ -17,9 +17,9 @@ from tactuator.rig.rig import Rig
 
 
 @contextmanager
-def opened_station(
+def opened_apparatus(
     rig: str, display: Path | None, controller: Path | None, seed: int, speed: float | None
-) -> Iterator[Station]:
+) -> Iterator[Apparatus]:
     """Yield the rig of that name with a controller loaded, open for the length of the context and left at rest.
 
     Without a display or controller file: the paper's display and C. speed: of presentation on a rig that could go
@@ -33,4 +33,4 @@ def opened_station(
     with open_rig(rig, loaded.display, seed) as opened:
         opened.load(loaded)
         played: Rig = opened if speed is None else PacedRig(opened, speed)
-        yield Station(played, loaded, rig)
+        yield Apparatus(played, loaded, rig)

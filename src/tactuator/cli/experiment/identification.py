@@ -12,7 +12,7 @@ from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress, shown
-from tactuator.cli.experiment.apparatus import opened_station
+from tactuator.cli.experiment.apparatus import opened_apparatus
 from tactuator.cli.experiment.terminal import Terminal, fresh_token
 from tactuator.cli.options import AsJson, ControllerOption, DisplayOption, RigOption, Seed
 from tactuator.errors import BadInput
@@ -22,8 +22,8 @@ from tactuator.experiment.result.confusion import AbxResult, SubjectResult, iden
 from tactuator.experiment.result.information import Information, information
 from tactuator.experiment.result.tables import information_table
 from tactuator.experiment.session.clock import SystemClock
-from tactuator.experiment.session.presented_session import Conduct
-from tactuator.experiment.session.respondent import attend
+from tactuator.experiment.session.presented_session import PresentedSession
+from tactuator.experiment.session.respondent import run_session
 from tactuator.experiment.session.studies import open_session, open_study, task_of
 from tactuator.experiment.simulated.respondents import ErringRespondent
 from tactuator.experiment.store.lock import sessions_of
@@ -58,16 +58,18 @@ def identify(
     code = _subject(read, subject)
     scripted = None if scripted_error is None else ErringRespondent(scripted_error, np.random.default_rng([seed, 7]))
     speed = 1.0 if scripted_error is None else None
-    with sessions_of(store), opened_station(rig, display, controller, seed, speed) as place:
+    with sessions_of(store), opened_apparatus(rig, display, controller, seed, speed) as place:
         task, clock = task_of(read, protocol.parent, place), SystemClock()
         database = Store(store)
         try:
             study = open_study(database, task, text, clock, fresh_token, beside=protocol.parent)
-            conduct = Conduct(open_session(study, code, sitting=Sitting("person" if scripted is None else "script")))
+            presented = PresentedSession(
+                open_session(study, code, sitting=Sitting("person" if scripted is None else "script"))
+            )
             with progress() as bars:
-                bar = bars.add_task(code, total=sum(run.trials or 0 for run in conduct.session.runs))
+                bar = bars.add_task(code, total=sum(run.trials or 0 for run in presented.session.runs))
                 respondent = scripted or Terminal(task.question, task.words)
-                trials = attend(conduct, respondent, lambda session: bars.update(bar, completed=session.trials))
+                trials = run_session(presented, respondent, lambda session: bars.update(bar, completed=session.trials))
         finally:
             database.close()
     table = Table("subject", "trials answered now")

@@ -15,7 +15,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.result.group_curve import GroupCurve, group_curve, write_group_curve
 from tactuator.experiment.result.psychometric_trials import psychometric_trials
 from tactuator.experiment.result.tables import threshold_table
-from tactuator.experiment.result.thresholds import DISQUALIFYING, Threshold, thresholds
+from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold, thresholds
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.files.curve import resolve_curve
@@ -78,7 +78,7 @@ def _left_out(group: GroupCurve | None) -> list[dict[str, Any]]:
     return [{**{key: getattr(one, key) for key in keys}, "flags": list(one.flags)} for one in left_out]
 
 
-def _people(found: Sequence[Threshold]) -> list[PersonThresholds]:
+def _people(found: Sequence[MeasuredThreshold]) -> list[PersonThresholds]:
     """Return each subject's thresholds by frequency; every finger and repeat is a point."""
     people = []
     for subject in sorted({one.subject for one in found}):
@@ -89,7 +89,7 @@ def _people(found: Sequence[Threshold]) -> list[PersonThresholds]:
 
 
 def _across(
-    found: Sequence[Threshold], runs: Sequence[StoredRun], original: Any, keep_flagged: bool, needed: bool
+    found: Sequence[MeasuredThreshold], runs: Sequence[StoredRun], original: Any, keep_flagged: bool, needed: bool
 ) -> GroupCurve | None:
     kept = [one for one in found if keep_flagged or not DISQUALIFYING & set(one.flags)]
     if len({one.frequency_hz for one in kept}) < 3 and not needed:
@@ -111,5 +111,5 @@ def _curve(group: GroupCurve | None) -> list[dict[str, float | int]] | None:
     ]
 
 
-def _plain(one: Threshold) -> dict[str, Any]:
+def _plain(one: MeasuredThreshold) -> dict[str, Any]:
     return {**asdict(one), "flags": list(one.flags)}

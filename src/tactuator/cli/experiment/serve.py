@@ -10,7 +10,7 @@ import uvicorn
 
 from tactuator.cli.experiment.terminal import fresh_token
 from tactuator.experiment.protocol.file import read_any_protocol
-from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.clock import SystemClock
 from tactuator.experiment.session.studies import open_study, task_of
 from tactuator.experiment.store.cells import Found
@@ -24,7 +24,7 @@ from tactuator.web.listener import listener
 def serve(
     protocol_path: Path,
     store_path: Path,
-    station: Station,
+    apparatus: Apparatus,
     host: str,
     port: int,
     token: str | None,
@@ -38,13 +38,13 @@ def serve(
     BadInput where another process runs the sessions of the store.
     """
     with sessions_of(store_path):
-        _serve(protocol_path, store_path, station, host, port, token, auto_start, amend, show)
+        _serve(protocol_path, store_path, apparatus, host, port, token, auto_start, amend, show)
 
 
 def _serve(
     protocol_path: Path,
     store_path: Path,
-    station: Station,
+    apparatus: Apparatus,
     host: str,
     port: int,
     token: str | None,
@@ -53,12 +53,12 @@ def _serve(
     show: bool,
 ) -> None:
     protocol, text = read_any_protocol(protocol_path)
-    task = task_of(protocol, protocol_path.parent, station)
+    task = task_of(protocol, protocol_path.parent, apparatus)
     sock = listener(host, port)
     store, clock = Store(store_path), SystemClock()
     study = open_study(store, task, text, clock, fresh_token, amend, protocol_path.parent)
     operator_token = secrets.token_urlsafe(16) if token is None else token
-    lab = Lab(study, auto_start, "seen or heard" if show and station.simulated else "")
+    lab = Lab(study, auto_start, "seen or heard" if show and apparatus.simulated else "")
     config = uvicorn.Config(
         build_app(lab, operator_token), host=host, port=port, log_level="warning", ws_max_size=65536
     )

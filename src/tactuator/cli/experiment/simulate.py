@@ -12,7 +12,7 @@ from tactuator.cli.answer import answer, plain, progress
 from tactuator.cli.options import AsJson, Seed
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule
-from tactuator.experiment.procedure.whole_curve import WholeCurveRule
+from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule
 from tactuator.experiment.simulated.curve_quality import CurvePeople, CurveQuality, simulate_curve
 from tactuator.experiment.simulated.procedure_quality import PROCEDURES, Setting, simulate
 from tactuator.files.curve import read_relative_curve

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
 from tactuator.cli.experiment import identification, simulate
-from tactuator.cli.experiment.apparatus import opened_station
+from tactuator.cli.experiment.apparatus import opened_apparatus
 from tactuator.cli.experiment.observers import LapseOption, TruthOption, lapses_of, truths_of
 from tactuator.cli.experiment.results import results
 from tactuator.cli.experiment.serve import serve
@@ -72,7 +72,7 @@ def serve_command(
     Without a display or controller file: the paper's display and C. A study is known by its name; further subjects in
     its protocol are enrolled, anything else that changed takes --amend.
     """
-    with opened_station(rig, display, controller, seed, speed or None) as place:
+    with opened_apparatus(rig, display, controller, seed, speed or None) as place:
         serve(protocol, store, place, host, port, operator_token, auto_start, amend, show)
 
 
@@ -92,7 +92,7 @@ def observe_command(
     """Let simulated subjects go through the study at the simulated display; they feel what the loop makes of it."""
     read, text = read_protocol(protocol)
     truths, lapses = truths_of(truth or []), lapses_of(lapse or [])
-    with sessions_of(store), opened_station(rig, display, controller, seed, None) as place, progress() as bars:
+    with sessions_of(store), opened_apparatus(rig, display, controller, seed, None) as place, progress() as bars:
         touchable(place.rig, place.name)
         curve = place.controller.display.channels[0].threshold.curve
         drawn = simulated_observers(curve, len(read.subject), seed, place.band_hz)

@@ -91,12 +91,17 @@ def register(app: typer.Typer) -> None:
                 responses = multisine_response(opened, wanted, level_db_sl, rng, exactly=exactly, **asked)
         if out is not None:
             write_responses(out, responses)
-        verdict = response_verdict(responses, made.display)
-        shown = Group(_table(responses, made.display), verdict_table(verdict))
-        answer(document(responses, made.display) | verdict.document(), as_json, shown)
-        if not all(bool(np.all(one.reached)) for one in responses):
-            sys.stderr.write("tactuator: the confidence was not reached everywhere in the time allowed\n")
-            raise typer.Exit(1)
+        _report(responses, made.display, as_json)
+
+
+def _report(responses: tuple[Response, ...], display: Display, as_json: bool) -> None:
+    """Print the responses with their verdict; exit with status 1 where the confidence was not reached everywhere."""
+    verdict = response_verdict(responses, display)
+    shown = Group(_table(responses, display), verdict_table(verdict))
+    answer(document(responses, display) | verdict.document(), as_json, shown)
+    if not all(bool(np.all(one.reached)) for one in responses):
+        sys.stderr.write("tactuator: the confidence was not reached everywhere in the time allowed\n")
+        raise typer.Exit(1)
 
 
 def _common_band(made: Controller, channels: Sequence[str] | None) -> tuple[float, float]:

@@ -1,1 +1,1 @@
-"""A store in open formats, for R and for reviewers."""
+"""Export of a store in open formats, for R and for reviewers."""

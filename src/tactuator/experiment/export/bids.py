@@ -32,7 +32,7 @@ _EVENTS = (
 
 
 def write_bids(found: Exported, folder: Path) -> None:
-    """Write the dataset."""
+    """Write the dataset into the folder."""
     about = {"Name": study_names(found), "BIDSVersion": _VERSION}
     made_by = [{"Name": "tactuator", "Version": __version__}]
     write_json(folder / "dataset_description.json", {**about, "DatasetType": "raw", "GeneratedBy": made_by})
@@ -50,7 +50,7 @@ def write_bids(found: Exported, folder: Path) -> None:
 
 
 def _participants(found: Exported, folder: Path) -> None:
-    """Who took part, with demographics; ids that others know them by stay in the laboratory."""
+    """Write the subjects with their demographics; the ids that others know them by stay in the laboratory."""
     extra = [one for one in found.subjects.columns if one.name not in ("study", "subject", "outside_id")]
     with_data = set(subject_codes(found))
     rows = [
@@ -84,7 +84,7 @@ def _sidecar(task: str) -> dict[str, str]:
 
 
 def _events(trials: list[TableRow], played: list[TableRow]) -> str:
-    """Every interval of a run in the order of time."""
+    """Return every interval of a run, in the order of time, as separated values."""
     began = {row["trial"]: datetime.fromisoformat(str(row["presented_utc"])) for row in trials}
     first = min(began.values())
     rows: list[list[Value]] = []
@@ -98,7 +98,7 @@ def _events(trials: list[TableRow], played: list[TableRow]) -> str:
 
 
 def _derivatives(found: Exported, folder: Path, about: dict[str, object]) -> None:
-    """What was computed from the trials, what happened besides, and the settings: a dataset of its own."""
+    """Write thresholds, events and settings as a dataset of its own."""
     folder.mkdir(parents=True)
     write_json(folder / "dataset_description.json", {**about, "DatasetType": "derivative"})
     for name in ("thresholds", "events"):

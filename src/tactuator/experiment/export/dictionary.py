@@ -1,4 +1,4 @@
-"""What every exported column means, and its unit: one dictionary for all formats."""
+"""Meaning and unit of every exported column: one dictionary for all formats."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Meaning:
-    """unit: as written in the export, empty for words and counts."""
+    """Meaning of a column; unit: as written in the export, empty for words and counts."""
 
     name: str
     description: str
@@ -99,7 +99,7 @@ EVENT_COLUMNS: tuple[Meaning, ...] = (
     Meaning("trials", "Answered trials of the session by then, where that counts"),
     Meaning("detail", "In words"),
 )
-"""One row for each thing that happened beside trials."""
+"""One row for each event."""
 
 SUBJECT_COLUMNS: tuple[Meaning, ...] = (
     *_WHO[:2],

@@ -24,7 +24,7 @@ _OWN = frozenset(
 
 
 def export(store: Store, folder: Path, form: str) -> int:
-    """Write every answered trial and what belongs to it; how many trials there were.
+    """Write every answered trial and what belongs to it, and return the number of trials.
 
     Raises BadInput for another form or a store without a response.
     """
@@ -38,7 +38,7 @@ def export(store: Store, folder: Path, form: str) -> int:
 
 
 def _tidy(found: Exported, folder: Path) -> None:
-    """A CSV for each table, dictionary.csv for all of them, and the protocols' settings."""
+    """Write a CSV for each table, dictionary.csv for all of them, and the protocols' settings."""
     for name, table in found.tables.items():
         (folder / f"{name}.csv").write_text(table_text(table), encoding="utf-8")
     meanings = dictionary((name, table.columns) for name, table in found.tables.items())
@@ -50,4 +50,4 @@ def _tidy(found: Exported, folder: Path) -> None:
 
 
 FORMS: dict[str, Callable[[Exported, Path], None]] = {"tidy": _tidy, "psych-ds": write_psych_ds, "bids": write_bids}
-"""Name of each format, and what writes it."""
+"""Names of the formats, and the functions that write them."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tactuator.experiment.export.dictionary import Meaning
-from tactuator.experiment.export.rows import Exported, Table, TableRow
+from tactuator.experiment.export.rows import Exported, ExportTable, TableRow
 from tactuator.experiment.export.tasks import description, study_names, subject_codes, task_name, task_names
 from tactuator.experiment.export.writing import label, table_text, write_json
 
@@ -47,7 +47,7 @@ def write_psych_ds(found: Exported, folder: Path) -> None:
         write_json(folder / "analysis" / f"{name}.json", settings)
 
 
-def _write(folder: Path, stem: str, what: str, table: Table, rows: list[TableRow]) -> None:
+def _write(folder: Path, stem: str, what: str, table: ExportTable, rows: list[TableRow]) -> None:
     (folder / f"{stem}_description-{what}_data.csv").write_text(table_text(table, rows=rows), encoding="utf-8")
 
 

@@ -31,8 +31,8 @@ TableRow = Mapping[str, Value]
 
 
 @dataclass(frozen=True)
-class Table:
-    """columns: what each means; rows: values by their names."""
+class ExportTable:
+    """A table of an export: the meanings of its columns, and its rows as values by the columns' names."""
 
     columns: tuple[Meaning, ...]
     rows: tuple[TableRow, ...]
@@ -40,17 +40,20 @@ class Table:
 
 @dataclass(frozen=True)
 class Exported:
-    """All of a store. settings: each version of each study's protocol and what is known of it, by a file's name."""
+    """All tables of a store.
 
-    trials: Table
-    intervals: Table
-    events: Table
-    subjects: Table
-    thresholds: Table
+    settings: each version of each study's protocol, with its reason and time, by the name of its file.
+    """
+
+    trials: ExportTable
+    intervals: ExportTable
+    events: ExportTable
+    subjects: ExportTable
+    thresholds: ExportTable
     settings: Mapping[str, Mapping[str, object]]
 
     @property
-    def tables(self) -> dict[str, Table]:
+    def tables(self) -> dict[str, ExportTable]:
         """Return the tables by their names."""
         return {
             "trials": self.trials,
@@ -83,7 +86,7 @@ _KEPT = schema.session.c.ended.is_distinct_from("withdrawn-discard")
 _ORDER = (schema.study.c.id, schema.subject.c.number, schema.session.c.visit, schema.run.c.id, schema.trial.c.number)
 
 
-def _trials(connection: Connection) -> Table:
+def _trials(connection: Connection) -> ExportTable:
     names = {one.name for one in TRIAL_COLUMNS}
     taken = {"run", "trial", "ended_utc"}
     run, trial, response, session = schema.run, schema.trial, schema.response, schema.session
@@ -119,7 +122,7 @@ def _trials(connection: Connection) -> Table:
         values["subject_group"] = _group(values["subject_group"], values["respondent"])
         values["response_time"] = None if shown is None or pressed is None else (pressed - shown) / 1000.0
         rows.append(_plain(values, TRIAL_COLUMNS))
-    return Table(TRIAL_COLUMNS, tuple(rows))
+    return ExportTable(TRIAL_COLUMNS, tuple(rows))
 
 
 _WHO_NAMES = {"study", "subject", "visit"}
@@ -130,7 +133,7 @@ def _who() -> tuple[Any, ...]:
 
 
 def _played(connection: Connection) -> dict[int, tuple[str, float | None]]:
-    """Labels of each trial's intervals, and the level at the sensor where something was commanded."""
+    """Return the labels of each trial's intervals, and the level at the sensor where something was commanded."""
     found: dict[int, tuple[str, float | None]] = {}
     table = schema.interval
     for row in connection.execute(select(table).order_by(table.c.trial_id, table.c.position)):
@@ -140,7 +143,7 @@ def _played(connection: Connection) -> dict[int, tuple[str, float | None]]:
     return found
 
 
-def _intervals(connection: Connection) -> Table:
+def _intervals(connection: Connection) -> ExportTable:
     interval = schema.interval
     query = (
         select(
@@ -157,7 +160,7 @@ def _intervals(connection: Connection) -> Table:
     return _table(connection.execute(query), INTERVAL_COLUMNS)
 
 
-def _events(connection: Connection) -> Table:
+def _events(connection: Connection) -> ExportTable:
     event, session, subject, study = schema.event, schema.session, schema.subject, schema.study
     query = (
         select(*_who(), event.c.at_utc, event.c.kind, event.c.trials, event.c.detail)
@@ -171,7 +174,7 @@ def _events(connection: Connection) -> Table:
     return _table(connection.execute(query), EVENT_COLUMNS)
 
 
-def _subjects(connection: Connection) -> Table:
+def _subjects(connection: Connection) -> ExportTable:
     facts: dict[int, dict[str, Value]] = {}
     meanings: dict[str, Meaning] = {}
     for row in connection.execute(select(schema.demographic).order_by(schema.demographic.c.id)):
@@ -200,11 +203,11 @@ def _subjects(connection: Connection) -> Table:
         values = {**dict.fromkeys(meanings), **row._mapping, **facts.get(row.id, {})}
         values["subject_group"] = "simulated" if row.programs else row.subject_group
         rows.append(_plain(values, columns))
-    return Table(columns, tuple(rows))
+    return ExportTable(columns, tuple(rows))
 
 
 def _programs() -> ScalarSelect[Any]:
-    """How many runs of a subject a program answered."""
+    """Return a query of the number of a subject's runs that a program answered."""
     run, session = schema.run, schema.session
     return (
         select(func.count())
@@ -214,11 +217,11 @@ def _programs() -> ScalarSelect[Any]:
     )
 
 
-def _thresholds(store: Store) -> Table:
+def _thresholds(store: Store) -> ExportTable:
     try:
         runs = detection_runs(store)
     except BadInput:
-        return Table(THRESHOLD_COLUMNS, ())
+        return ExportTable(THRESHOLD_COLUMNS, ())
     with store.read() as connection:
         names = {row.id: row.name for row in connection.execute(select(schema.study))}
     about = {
@@ -236,11 +239,11 @@ def _thresholds(store: Store) -> Table:
         values = {**asdict(one), **about[one.run], "flags": "|".join(one.flags)}
         values["group"] = _group(one.group, str(values["respondent"]))
         rows.append(_plain(values, THRESHOLD_COLUMNS))
-    return Table(THRESHOLD_COLUMNS, tuple(rows))
+    return ExportTable(THRESHOLD_COLUMNS, tuple(rows))
 
 
 def _group(group: str, respondent: str) -> str:
-    """What a row says of its subject: where a program answered, that, whatever the protocol says."""
+    """Return the group of a row: `simulated` where a program answered, whatever the protocol says."""
     return "simulated" if respondent in ("simulated", "script") else group
 
 
@@ -265,8 +268,8 @@ def _settings(connection: Connection) -> dict[str, dict[str, object]]:
     }
 
 
-def _table(rows: Iterable[Row[Any]], columns: tuple[Meaning, ...]) -> Table:
-    return Table(columns, tuple(_plain(dict(row._mapping), columns) for row in rows))
+def _table(rows: Iterable[Row[Any]], columns: tuple[Meaning, ...]) -> ExportTable:
+    return ExportTable(columns, tuple(_plain(dict(row._mapping), columns) for row in rows))
 
 
 def _plain(values: Mapping[str, object], columns: tuple[Meaning, ...]) -> TableRow:

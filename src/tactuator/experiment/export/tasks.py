@@ -1,4 +1,4 @@
-"""How trials go into files of the formats that have a file for each subject and task."""
+"""Grouping of trials into files, for formats that have a file for each subject and task."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def runs_of(rows: Sequence[TableRow]) -> list[Value]:
 
 
 def description(found: Exported) -> str:
-    """Return what the data are, in a sentence or two; simulated data are called so."""
+    """Return a description of the data in a sentence or two, which calls simulated data simulated."""
     text = f"Vibrotactile {' and '.join(task_names(found.trials.rows))}, one row for each answered trial."
     simulated = {row["respondent"] for row in found.trials.rows} & {"simulated", "script"}
     if simulated:

@@ -10,13 +10,15 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from tactuator.experiment.export.dictionary import Meaning
-from tactuator.experiment.export.rows import Table, TableRow, Value
+from tactuator.experiment.export.rows import ExportTable, TableRow, Value
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
-"""What spreadsheets take for the beginning of a formula."""
+"""Characters that spreadsheets take for the beginning of a formula."""
 
 
-def table_text(table: Table, separator: str = ",", missing: str = "", rows: Iterable[TableRow] | None = None) -> str:
+def table_text(
+    table: ExportTable, separator: str = ",", missing: str = "", rows: Iterable[TableRow] | None = None
+) -> str:
     """Return the table (or those of its rows) as separated values with a header; missing: of cells with nothing."""
     names = [one.name for one in table.columns]
     cells = ([cell(row[name], missing) for name in names] for row in (table.rows if rows is None else rows))
@@ -38,7 +40,7 @@ def lines(rows: Iterable[Sequence[object]], separator: str) -> str:
 
 
 def write_json(path: Path, document: object) -> None:
-    """Write the document, indented."""
+    """Write the document as indented JSON."""
     path.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 

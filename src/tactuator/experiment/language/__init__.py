@@ -1,1 +1,1 @@
-"""What subjects and operators read, in their language."""
+"""Words that subjects and operators read, in their language."""

@@ -18,7 +18,10 @@ _LONGEST = 400
 
 @dataclass(frozen=True)
 class Words:
-    """language: its tag (BCP 47), as a page's `lang`; texts: by key, with {names} of what is put in."""
+    """Texts of pages in one language.
+
+    language: its tag (BCP 47), as a page's `lang`. texts: by key, with {names} of what is put in.
+    """
 
     language: str
     texts: Mapping[str, str]
@@ -62,7 +65,7 @@ def read_words(path: Path, language: str) -> Words:
 
 
 def difference(found: Mapping[str, str], source: Mapping[str, str]) -> str | None:
-    """Return what keeps `found` from standing in for `source`, in one line; None where nothing does."""
+    """Return in one line why `found` cannot stand in for `source`, or None where it can."""
     missing, beyond = sorted(set(source) - set(found)), sorted(set(found) - set(source))
     if missing or beyond:
         return f"keys missing: {', '.join(missing) or 'none'}; beyond: {', '.join(beyond) or 'none'}; allowed: the same"
@@ -87,7 +90,7 @@ def _names(text: str) -> set[str]:
 
 
 def _flat(document: Mapping[str, object], prefix: str = "") -> dict[str, str]:
-    """{"page.done": ...} of tables in tables; whatever is no text becomes its words."""
+    """Return the texts of nested tables by their joined keys, {"page.done": ...}; other values become strings."""
     flat: dict[str, str] = {}
     for key, value in document.items():
         flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": str(value)}

@@ -1,4 +1,4 @@
-"""How people answer a detection trial, as a procedure believes it: slopes and lapse rates thought possible."""
+"""Psychometric functions that a procedure thinks possible: slopes, lapse rates and their prior probabilities."""
 
 from __future__ import annotations
 
@@ -7,21 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
-
-Floats = NDArray[np.float64]
 
 _SURE = 1e-6
 
 
 @dataclass(frozen=True)
 class Answering:
-    """slopes: of the Weibull in amplitude, equally probable; lapses and lapse_shares: lapse rates and their
-    probability.
+    """Psychometric functions of a detection task that a procedure thinks possible, with their prior probabilities.
 
-    guess: share of guesses that are right; target: share correct at threshold, lapses included.
-    Raises BadInput unless 0 <= guess < target < 1 - lapse for every lapse.
+    slopes: of the Weibull in amplitude, equally probable. lapses, lapse_shares: lapse rates and their probabilities.
+    guess: probability of a right guess. target: share correct at threshold, lapses included. Raises BadInput unless 0
+    <= guess < target < 1 - lapse for every lapse.
     """
 
     slopes: tuple[float, ...] = (1.5, 2.1, 2.9)
@@ -39,12 +38,12 @@ class Answering:
                 "allowed: 0 <= guess < target < 1 - lapse"
             )
 
-    def psi(self, level_db: Floats, slope: Floats, lapse: Floats) -> Floats:
-        """Probability of a correct response at level_db re threshold; arguments broadcast."""
+    def psi(self, level_db: FloatArray, slope: FloatArray, lapse: FloatArray) -> FloatArray:
+        """Return the probability of a correct response at level_db relative to threshold; arguments broadcast."""
         at_threshold = (self.target - self.guess) / (1.0 - self.guess - lapse)
         found = self.guess + (1.0 - self.guess - lapse) * weibull_rise(level_db, slope, at_threshold)
         return np.asarray(np.clip(found, _SURE, 1.0 - _SURE))
 
-    def log_chance(self, correct: NDArray[np.bool_]) -> Floats:
-        """Log probability of each answer if it was guessed."""
+    def log_chance(self, correct: NDArray[np.bool_]) -> FloatArray:
+        """Return the log probability of each answer if it was guessed."""
         return np.asarray(np.where(correct, np.log(self.guess), np.log1p(-self.guess)))

@@ -1,9 +1,10 @@
-"""Whether a threshold moved during a run: a score test, with the power that the run's trials had.
+"""Score test of a threshold that moved during a run, with the power that the run's trials gave it.
 
-Trials are linearised about the fitted curve g (thresholds at one or more points, Gaussian prior of covariance K): a
-threshold that moves by `drift` from the first trial to the last has the score sum w (psi - y) t, t from -1/2 to 1/2,
-and, with g free, the information t'It - t'IZ (1/K + Z'IZ)^-1 Z'It (I: of each trial; Z: which point it was at). Divided
-by its root the score is standard normal where nothing moves. A run at one frequency is a curve of one point.
+Trials are linearised about the fitted curve g (thresholds at one or more points, Gaussian prior of covariance K). For a
+threshold that moves by `drift` from the first trial to the last, the score is sum w (psi - y) t, with t from -1/2 to
+1/2. With g free its information is t'It - t'IZ (1/K + Z'IZ)^-1 Z'It, where I holds the information of each trial and Z
+says at which point it was. The score divided by the root of that is standard normal where nothing moves. A run at one
+frequency is a curve of one point.
 """
 
 from __future__ import annotations
@@ -14,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.answering import Answering
 
-Floats = NDArray[np.float64]
-
 DRIFT_DB = 6.0
-"""The drift over a run that the stated power is for."""
+"""Drift over a run for which the power is stated."""
 CRITICAL_Z = 2.0
 """|z| above which drift is flagged: two to four runs in a hundred without any."""
 
@@ -29,28 +29,38 @@ _SMALL_DB = 0.05
 
 @dataclass(frozen=True)
 class Trials:
-    """Trials of runs: point (index), level_db_sl, correct, all (runs, trials); level NaN where a run was over."""
+    """Trials of several runs: point (index), level_db_sl and correct, each (runs, trials); level NaN where a run was
+    over.
+    """
 
     point: NDArray[np.intp]
-    level_db_sl: Floats
+    level_db_sl: FloatArray
     correct: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Drift:
-    """z: positive where thresholds rose; power: probability that a drift of DRIFT_DB is flagged; both (runs,)."""
+    """Outcome of the test for every run, each (runs,).
 
-    z: Floats
-    power: Floats
+    z: positive where the threshold rose. power: probability that a drift of DRIFT_DB would be flagged.
+    """
+
+    z: FloatArray
+    power: FloatArray
 
 
 def drift_test(
-    trials: Trials, covariance: Floats, start_db: Floats, slope: Floats, lapse: Floats, answering: Answering
+    trials: Trials,
+    covariance: FloatArray,
+    start_db: FloatArray,
+    slope: FloatArray,
+    lapse: FloatArray,
+    answering: Answering,
 ) -> Drift:
-    """The test on every run. covariance: K, (points, points); start_db: a guess at g and the prior's mean, (runs,
-    points);
+    """Test every run for drift.
 
-    slope, lapse: (runs,), taken as known.
+    covariance: K, (points, points). start_db: prior mean of g and first guess at it, (runs, points). slope, lapse: of
+    each run's psychometric function, (runs,), taken as known.
     """
     points = start_db.shape[1]
     precision = np.linalg.inv(covariance + 1e-6 * np.eye(points))
@@ -73,9 +83,9 @@ def drift_test(
 
 
 def _linearised(
-    trials: Trials, curve: Floats, slope: Floats, lapse: Floats, answering: Answering
-) -> tuple[Floats, Floats]:
-    """Score with respect to level, and information, of every trial; zero where a run was over."""
+    trials: Trials, curve: FloatArray, slope: FloatArray, lapse: FloatArray, answering: Answering
+) -> tuple[FloatArray, FloatArray]:
+    """Return the score with respect to level, and the information, of every trial; both zero where a run was over."""
     there = np.isfinite(trials.level_db_sl)
     at = np.take_along_axis(curve, trials.point, axis=1)
     level = np.where(there, trials.level_db_sl - at, 0.0)
@@ -87,12 +97,12 @@ def _linearised(
     return steep * (trials.correct - psi) / spread, steep**2 / spread
 
 
-def _by_point(trials: Trials, values: Floats, points: int) -> Floats:
-    """Sums over the trials at each point, (runs, points)."""
+def _by_point(trials: Trials, values: FloatArray, points: int) -> FloatArray:
+    """Sum values over the trials at each point; returns (runs, points)."""
     found = np.zeros((values.shape[0], points))
     np.add.at(found, (np.arange(values.shape[0])[:, None], trials.point), values)
     return found
 
 
-def _diagonal(values: Floats) -> Floats:
+def _diagonal(values: FloatArray) -> FloatArray:
     return np.asarray(values[..., None] * np.eye(values.shape[-1]))

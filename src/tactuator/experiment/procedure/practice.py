@@ -1,4 +1,4 @@
-"""Practice: trials at one level, so many of them or until so many are right."""
+"""Practice trials at one level: a fixed number of them, or as many as it takes to be right often enough."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from tactuator.experiment.procedure.procedure import Estimate, Placement
 
 @dataclass
 class Practice:
-    """limit trials at level_db_sl at most; no estimate.
+    """Practice of at most `limit` trials at level_db_sl, without an estimate.
 
-    correct: practice is passed, and over, once so many of the last `window` trials were right; None: it is passed by
-    doing all of it.
+    correct: number of right answers among the last `window` trials that passes practice and ends it; None: it is passed
+    by doing all of its trials.
     """
 
     level_db_sl: float
@@ -25,39 +25,39 @@ class Practice:
 
     @property
     def trials(self) -> int:
-        """Trials recorded so far."""
+        """Return the number of trials recorded so far."""
         return len(self.outcomes)
 
     @property
     def passed(self) -> bool:
-        """True once the criterion is met."""
+        """Return whether the criterion is met, or, without a criterion, whether all trials are done."""
         if self.correct is None:
             return self.trials >= self.limit
         return sum(self.outcomes[-self.window :]) >= self.correct
 
     @property
     def progress(self) -> float:
-        """Share of the trials done; where there is a criterion, of those that it takes at least."""
+        """Return the share of the trials done; with a criterion, the share of the fewest trials that can meet it."""
         if self.correct is None:
             return self.trials / self.limit
         return 1.0 if self.passed else min(self.trials, self.correct) / (self.correct + 1)
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """None."""
+        """Return no flags; practice raises none."""
         return ()
 
     def placement(self) -> Placement | None:
-        """The level, until practice is passed or its trials are used up."""
+        """Return the practice level, or None once practice is passed or its trials are used up."""
         over = self.trials >= self.limit or (self.correct is not None and self.passed)
         return None if over else Placement(self.level_db_sl, self.frequency_hz)
 
     def record(self, correct: bool) -> None:
-        """Count it."""
+        """Count the outcome. Raises BadInput once practice is over."""
         if self.placement() is None:
             raise BadInput(f"the run was over after {self.trials} trials; allowed: no further response")
         self.outcomes.append(correct)
 
     def estimate(self) -> Estimate | None:
-        """None."""
+        """Return None, as practice estimates no threshold."""
         return None

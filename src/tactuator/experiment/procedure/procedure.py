@@ -1,4 +1,4 @@
-"""What every adaptive procedure is: a pure state machine that places the next trial and learns its outcome."""
+"""Protocol of an adaptive procedure: a pure state machine that places the next trial and learns its outcome."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from typing import Protocol
 
 @dataclass(frozen=True)
 class Placement:
-    """Where the next trial is put: level in dB SL of the display, and the frequency where a procedure chooses it."""
+    """Placement of a trial: level in dB SL of the display, and the frequency where the procedure chooses it (else
+    None).
+    """
 
     level_db_sl: float
     frequency_hz: float | None = None
@@ -24,9 +26,10 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Playable:
-    """What a display can play to a procedure that chooses frequencies: its band, and the mains lines to keep off.
+    """Range of stimuli that a display offers a procedure that chooses frequencies.
 
-    mains_hz: 0 where there is none; clearance_hz: the distance to keep from its multiples.
+    band_hz: lowest and highest frequency. mains_hz: frequency whose multiples are avoided, 0 for none. clearance_hz:
+    distance to keep from those multiples.
     """
 
     band_hz: tuple[float, float] = (0.4, 300.0)
@@ -35,31 +38,34 @@ class Playable:
 
 
 class Procedure(Protocol):
-    """The same outcomes in the same order always give the same placements: replaying a run is enough to resume it."""
+    """An adaptive procedure as a state machine.
+
+    The same outcomes in the same order always give the same placements, so that replaying a run's outcomes resumes it.
+    """
 
     def placement(self) -> Placement | None:
-        """The next trial, or None when the run is over. Asking twice gives the same answer."""
+        """Return where the next trial is put, or None when the run is over. Asking twice gives the same answer."""
         ...
 
     def record(self, correct: bool) -> None:
-        """The outcome of the trial that `placement` told; BadInput once the run is over."""
+        """Learn the outcome of the trial that `placement` returned. Raises BadInput once the run is over."""
         ...
 
     @property
     def trials(self) -> int:
-        """Trials recorded so far."""
+        """Return the number of trials recorded so far."""
         ...
 
     @property
     def progress(self) -> float:
-        """How far the run is, 0 to 1; never falls."""
+        """Return how far the run is, from 0 to 1; it never falls."""
         ...
 
     def estimate(self) -> Estimate | None:
-        """The threshold as the procedure itself states it, or None while (or where) it has none."""
+        """Return the threshold as the procedure itself states it, or None while (or where) it has none."""
         ...
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """What happened in the run that its reader must know: floor, ceiling, trial-limit."""
+        """Return the names of what a reader must know of the run: floor, ceiling, trial-limit."""
         ...

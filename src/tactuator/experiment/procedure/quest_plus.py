@@ -1,9 +1,9 @@
 """QUEST+ (Watson 2017): each trial is put where its outcome is expected to tell most, over a grid of parameters.
 
-aim `parameters` is Watson's: the greatest expected fall of entropy over threshold, slope and lapse together, which is
-the mutual information I(s) = h(mean psi) - mean h(psi), h the entropy of a yes-or-no outcome. aim `threshold` takes the
-least expected variance of the threshold alone; it spends no trials on lapses and needs about 15 % fewer.
-Both are matrix products, for any number of runs at once.
+With aim `parameters`, which is Watson's, the level has the greatest expected fall of entropy over threshold, slope and
+lapse together. That is the mutual information I(s) = h(mean psi) - mean h(psi), with h the entropy of a yes-or-no
+outcome. With aim `threshold` it has the least expected variance of the threshold alone; this spends no trials on lapses
+and needs about 15 % fewer. Both are matrix products, for any number of runs at once.
 """
 
 from __future__ import annotations
@@ -16,19 +16,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import entr
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Estimate, Placement
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class QuestPlusRule:
-    """low_db_sl to high_db_sl: where the threshold may lie, and where trials may be put, in steps of step_db.
+    """Settings of a QUEST+ run.
 
-    expected_db_sl, expected_sd_db: normal prior of the threshold within that range. slopes, slope_weights: prior of the
-    Weibull slope; lapses: of the lapse rate, even weights.
+    trials: number of trials in a run. low_db_sl, high_db_sl: limits of the threshold and of the levels of trials.
+    step_db: step between levels. expected_db_sl, expected_sd_db: normal prior of the threshold within the limits.
+    slopes, slope_weights: prior of the Weibull slope. lapses: lapse rates, equally probable. aim: see the module.
+    guess: probability of a right guess. target: share correct at threshold. Raises BadInput for a setting that cannot
+    be.
     """
 
     trials: int = 48
@@ -65,7 +67,10 @@ class QuestPlusRule:
 
 
 class Tables:
-    """psi of every parameter at every level, (parameters, levels); parameters are thresholds x slopes x lapses."""
+    """Tables of a rule: psi and its entropy for every parameter at every level, and the prior.
+
+    psi, entropy: (parameters, levels). Parameters are thresholds x slopes x lapses, flattened in that order.
+    """
 
     def __init__(self, rule: QuestPlusRule) -> None:
         fine = 0.5 * rule.step_db
@@ -86,28 +91,28 @@ class Tables:
         self.prior = weights / weights.sum()
         self.aim = rule.aim
 
-    def most_telling(self, posterior: Floats) -> NDArray[np.intp]:
-        """Index of the level to try next; posterior: (runs, parameters)."""
+    def most_telling(self, posterior: FloatArray) -> NDArray[np.intp]:
+        """Return the index of the level to try next in every run, (runs,); posterior: (runs, parameters)."""
         chance = posterior @ self.psi
         if self.aim == "parameters":
             return np.asarray(np.argmax(entr(chance) + entr(1.0 - chance) - posterior @ self.entropy, axis=1))
         return np.asarray(np.argmin(self._expected_variance(posterior, chance), axis=1))
 
-    def _expected_variance(self, posterior: Floats, chance: Floats) -> Floats:
-        """Variance of the threshold after a trial at each level, mean over its outcome, less what all levels share."""
+    def _expected_variance(self, posterior: FloatArray, chance: FloatArray) -> FloatArray:
+        """Return the expected variance of the threshold after a trial at each level, less what all levels share."""
         weighted = posterior * self.parameter_threshold
         total = weighted.sum(axis=1, keepdims=True)
         right = weighted @ self.psi
         return np.asarray(-(right**2) / chance - (total - right) ** 2 / (1.0 - chance))
 
-    def learn(self, posterior: Floats, level: NDArray[np.intp], correct: NDArray[np.bool_]) -> Floats:
-        """The posterior after a trial of every run."""
+    def learn(self, posterior: FloatArray, level: NDArray[np.intp], correct: NDArray[np.bool_]) -> FloatArray:
+        """Return the posterior, (runs, parameters), after a trial at `level` (index) of every run."""
         psi = self.psi[:, level].T
         after = posterior * np.where(correct[:, None], psi, 1.0 - psi)
         return np.asarray(after / after.sum(axis=1, keepdims=True))
 
-    def threshold(self, posterior: Floats) -> tuple[Floats, Floats]:
-        """Mean and standard deviation of the threshold of every run, dB SL."""
+    def threshold(self, posterior: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the posterior mean and standard deviation of the threshold of every run, dB SL, (runs,) each."""
         marginal = posterior.reshape(-1, *self.shape).sum(axis=(2, 3))
         mean = marginal @ self.thresholds
         return mean, np.sqrt(np.maximum(marginal @ self.thresholds**2 - mean**2, 0.0))
@@ -115,12 +120,12 @@ class Tables:
 
 @lru_cache(maxsize=8)
 def tables(rule: QuestPlusRule) -> Tables:
-    """The rule's tables, computed once."""
+    """Return the tables of a rule, which are computed once and kept."""
     return Tables(rule)
 
 
 class QuestPlus:
-    """One run."""
+    """One run of QUEST+ by the given rule."""
 
     def __init__(self, rule: QuestPlusRule) -> None:
         self.rule = rule
@@ -132,17 +137,17 @@ class QuestPlus:
 
     @property
     def trials(self) -> int:
-        """Trials recorded so far."""
+        """Return the number of trials recorded so far."""
         return self._trials
 
     @property
     def progress(self) -> float:
-        """Share of the trials done."""
+        """Return the share of the trials done."""
         return self._trials / self.rule.trials
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """floor, ceiling: the estimate lies within two standard deviations of an end of the range."""
+        """Return `floor` or `ceiling` where the estimate is within two standard deviations of that end of the range."""
         estimate = self.estimate()
         if estimate is None or estimate.standard_error_db is None:
             return ()
@@ -152,13 +157,13 @@ class QuestPlus:
         return tuple(sorted(name for name, true in found.items() if true))
 
     def placement(self) -> Placement | None:
-        """The most telling level."""
+        """Return the most telling level, or None when the run is over."""
         if self._trials >= self.rule.trials:
             return None
         return Placement(float(self._tables.levels[self._next]))
 
     def record(self, correct: bool) -> None:
-        """Learn the outcome."""
+        """Learn the outcome of a trial. Raises BadInput once the run is over."""
         if self.placement() is None:
             raise BadInput(f"the run was over after {self._trials} trials; allowed: no further response")
         self._posterior = self._tables.learn(self._posterior, np.array([self._next]), np.array([correct]))
@@ -166,7 +171,7 @@ class QuestPlus:
         self._trials += 1
 
     def estimate(self) -> Estimate | None:
-        """Posterior mean and standard deviation, once the run is over."""
+        """Return the posterior mean and standard deviation once the run is over; None before."""
         if self._trials < self.rule.trials:
             return None
         mean, sd = self._tables.threshold(self._posterior)

@@ -1,10 +1,11 @@
-"""Many QUEST+ runs at once, for simulation."""
+"""Batches of QUEST+ runs, computed side by side for simulation."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule, tables
 from tactuator.experiment.procedure.up_down_batch import Probability, Tracks
 
@@ -12,7 +13,7 @@ _BATCH = 1024
 
 
 def run_quests(rule: QuestPlusRule, runs: int, probability: Probability, rng: np.random.Generator) -> Tracks:
-    """Run `runs` of them."""
+    """Run `runs` simulated runs of QUEST+ to their ends."""
     numbers = np.arange(runs)
     parts = [_batch(rule, numbers[first : first + _BATCH], probability, rng) for first in range(0, runs, _BATCH)]
     levels, correct, estimates = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -21,7 +22,7 @@ def run_quests(rule: QuestPlusRule, runs: int, probability: Probability, rng: np
 
 def _batch(
     rule: QuestPlusRule, numbers: NDArray[np.intp], probability: Probability, rng: np.random.Generator
-) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
+) -> tuple[FloatArray, NDArray[np.bool_], FloatArray]:
     table = tables(rule)
     runs = numbers.size
     posterior = np.broadcast_to(table.prior, (runs, table.prior.size))
@@ -36,11 +37,11 @@ def _batch(
 
 
 def estimates(
-    rule: QuestPlusRule, levels_db_sl: NDArray[np.float64], correct: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean and standard deviation of the threshold after these trials, (runs,) each. Arguments (runs, trials).
+    rule: QuestPlusRule, levels_db_sl: FloatArray, correct: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and standard deviation of the threshold after these trials, (runs,) each; arguments (runs, trials).
 
-    The same posterior as trial by trial, in one product of counts with log psi.
+    The posterior is the same as trial by trial, computed in one product of counts with log psi.
     """
     table = tables(rule)
     place = np.clip(np.round((levels_db_sl - rule.low_db_sl) / rule.step_db).astype(np.int64), 0, table.levels.size - 1)

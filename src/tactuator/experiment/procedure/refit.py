@@ -1,9 +1,9 @@
-"""Bayesian refit of a run's trials: the threshold's posterior with slope and lapse integrated out on a grid.
+"""Bayesian refit of a run's trials: the threshold's posterior with slope and lapse rate integrated out on a grid.
 
-psi is a Weibull in amplitude (perception.psychometric). Priors: flat in the threshold, log-normal in the slope, falling
-exponentially in the lapse rate but for one person in ten, whose lapse rate may be anything. The interval is the
-posterior's own central interval, so it carries what is not known of slope and lapse (separate intervals of each
-parameter, put together, do not).
+psi is a Weibull in amplitude (perception.psychometric). The prior is flat in the threshold and log-normal in the slope.
+In the lapse rate it falls exponentially, except for one person in ten, whose lapse rate may be anything. The interval
+is the posterior's central interval, so it carries the uncertainty of slope and lapse rate; intervals of each parameter
+taken separately and put together do not.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
-
-Floats = NDArray[np.float64]
 
 _MINIMUM_TRIALS = 5
 _ANY = 0.1
@@ -28,9 +27,11 @@ _BATCH = 1024
 
 @dataclass(frozen=True)
 class RefitPrior:
-    """slope_median, slope_sd_log: log-normal of the Weibull slope; lapse_mean: of the exponential of the lapse rate.
+    """Prior of a run's psychometric function.
 
-    reach_db, step_db: the threshold's grid, on both sides of the run's middle level.
+    guess: probability of a right guess. target: share correct at threshold. slope_median, slope_sd_log: log-normal
+    prior of the Weibull slope. lapse_mean: mean of the exponential prior of the lapse rate. reach_db, step_db: half
+    width and step of the threshold's grid, centred on the run's middle level.
     """
 
     guess: float = 1.0 / 3.0
@@ -44,29 +45,29 @@ class RefitPrior:
 
 @dataclass(frozen=True)
 class Refit:
-    """Posterior of the threshold of each run: median, standard deviation and central interval, dB; arrays (runs,).
+    """Posterior of the threshold of each run, dB; all arrays (runs,).
 
-    slope, lapse: posterior means. log_bayes_factor: log evidence for a threshold within the grid against guessing.
-    lapse_log_odds: log likelihood of a lapse rate of 10 % or more over one of 2.5 % or less, threshold and slope
-    integrated out.
+    threshold_db: median. sd_db: standard deviation. low_db, high_db: central interval. slope, lapse: posterior means.
+    log_bayes_factor: log evidence for a threshold within the grid against guessing. lapse_log_odds: log likelihood
+    ratio of a lapse rate of 10 % or more to one of 2.5 % or less, threshold and slope integrated out.
     """
 
-    threshold_db: Floats
-    sd_db: Floats
-    low_db: Floats
-    high_db: Floats
-    slope: Floats
-    lapse: Floats
-    log_bayes_factor: Floats
-    lapse_log_odds: Floats
+    threshold_db: FloatArray
+    sd_db: FloatArray
+    low_db: FloatArray
+    high_db: FloatArray
+    slope: FloatArray
+    lapse: FloatArray
+    log_bayes_factor: FloatArray
+    lapse_log_odds: FloatArray
 
 
 def refit(
-    levels_db: Floats, correct: NDArray[np.bool_], prior: RefitPrior | None = None, coverage: float = 0.95
+    levels_db: FloatArray, correct: NDArray[np.bool_], prior: RefitPrior | None = None, coverage: float = 0.95
 ) -> Refit:
     """Refit runs. levels_db, correct: (runs, trials), NaN where a run was over; or (trials,) for one run.
 
-    Raises BadInput for a run of fewer than five trials or a coverage outside (0, 1).
+    coverage: of the central interval. Raises BadInput for a run of fewer than five trials or a coverage outside (0, 1).
     """
     prior = RefitPrior() if prior is None else prior
     levels = np.atleast_2d(np.asarray(levels_db, dtype=np.float64))
@@ -83,7 +84,9 @@ def refit(
     return Refit(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def _refit_batch(levels: Floats, outcomes: NDArray[np.bool_], prior: RefitPrior, coverage: float) -> tuple[Floats, ...]:
+def _refit_batch(
+    levels: FloatArray, outcomes: NDArray[np.bool_], prior: RefitPrior, coverage: float
+) -> tuple[FloatArray, ...]:
     centre = _middle(levels)
     offsets, right, wrong = _counts(levels - centre[:, None], outcomes)
     grid = _grid(prior)
@@ -108,15 +111,15 @@ def _refit_batch(levels: Floats, outcomes: NDArray[np.bool_], prior: RefitPrior,
     return centre + middle, sd, centre + low, centre + high, slope, lapse, against_chance, odds
 
 
-def _middle(levels: Floats) -> Floats:
-    """Median level of the second half of each run's trials."""
+def _middle(levels: FloatArray) -> FloatArray:
+    """Return the median level of the second half of each run's trials."""
     trials = np.sum(np.isfinite(levels), axis=1)
     late = np.where(np.arange(levels.shape[1]) >= trials[:, None] // 2, levels, np.nan)
     return np.asarray(np.nanmedian(late, axis=1))
 
 
-def _counts(offsets: Floats, outcomes: NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
-    """Distinct levels (bins,), and how often each run was right and wrong at each (runs, bins)."""
+def _counts(offsets: FloatArray, outcomes: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the distinct levels, (bins,), and how often each run was right and wrong at each, (runs, bins)."""
     present = np.isfinite(offsets)
     distinct, position = np.unique(np.round(offsets[present], 6), return_inverse=True)
     run = np.nonzero(present)[0]
@@ -128,8 +131,8 @@ def _counts(offsets: Floats, outcomes: NDArray[np.bool_]) -> tuple[Floats, Float
     return distinct, right, wrong
 
 
-def _quantile(marginal: Floats, thresholds: Floats, share: float) -> Floats:
-    """Quantile of each row, linear within a grid cell."""
+def _quantile(marginal: FloatArray, thresholds: FloatArray, share: float) -> FloatArray:
+    """Return the quantile of each row's marginal, linear within a grid cell."""
     step = thresholds[1] - thresholds[0]
     cumulative = np.cumsum(marginal, axis=1)
     cell = np.argmax(cumulative >= share, axis=1)
@@ -140,7 +143,7 @@ def _quantile(marginal: Floats, thresholds: Floats, share: float) -> Floats:
 
 
 class _Grid:
-    """Thresholds x slopes x lapses, flattened in that order."""
+    """Grid of thresholds x slopes x lapse rates, flattened in that order, with its log prior."""
 
     def __init__(self, prior: RefitPrior) -> None:
         self.prior = prior
@@ -157,8 +160,8 @@ class _Grid:
         log_prior = log_prior - np.log(count)
         self.log_prior = np.broadcast_to(log_prior, self.shape).reshape(-1)
 
-    def log_likelihood(self, offsets: Floats) -> tuple[Floats, Floats]:
-        """log psi and log(1 - psi) at each level (bins, grid points)."""
+    def log_likelihood(self, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return log psi and log(1 - psi) at each level, (bins, grid points) each."""
         guess, target = self.prior.guess, self.prior.target
         at_threshold = (target - guess) / (1.0 - guess - self.lapses)
         level = offsets[:, None, None, None] - self.thresholds[None, :, None, None]

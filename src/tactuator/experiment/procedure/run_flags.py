@@ -1,4 +1,4 @@
-"""What the reader of runs at one frequency must know: somebody who guessed, lapsed or drifted; each test's power."""
+"""Flags of runs at one frequency: guessing, frequent lapses and drift, with the power of each test."""
 
 from __future__ import annotations
 
@@ -7,33 +7,36 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.answering import Answering
 from tactuator.experiment.procedure.drift import CRITICAL_Z, Drift, Trials, drift_test
 from tactuator.experiment.procedure.refit import Refit, RefitPrior
-
-Floats = NDArray[np.float64]
 
 LEAST_LOG_EVIDENCE = 3.0
 """Log Bayes factor against guessing below which a run is flagged `chance`: odds of twenty to one."""
 LAPSE_LOG_ODDS = 1.5
 """Log likelihood ratio of frequent over rare lapses above which a run is flagged `lapses`."""
 LAPSES = 0.15
-"""The lapse rate that the stated power is for."""
+"""Lapse rate for which the power is stated."""
 _FREE_DB = 30.0
 _SURE_DB = 8.0
 
 
 @dataclass(frozen=True)
 class RunFlags:
-    """Tests of runs. log_bayes_factor, lapse_log_odds: as in Refit; lapse_power: chance that LAPSES is flagged."""
+    """Results of the tests on several runs, each (runs,).
 
-    log_bayes_factor: Floats
-    lapse_log_odds: Floats
-    lapse_power: Floats
+    log_bayes_factor, lapse_log_odds: as in Refit. lapse_power: probability that a lapse rate of LAPSES would be
+    flagged.
+    """
+
+    log_bayes_factor: FloatArray
+    lapse_log_odds: FloatArray
+    lapse_power: FloatArray
     drift: Drift
 
     def names(self, run: int) -> tuple[str, ...]:
-        """The flags of one run."""
+        """Return the names of the flags of one run, sorted."""
         found = {
             "chance": self.log_bayes_factor[run] < LEAST_LOG_EVIDENCE,
             "lapses": self.lapse_log_odds[run] > LAPSE_LOG_ODDS,
@@ -42,8 +45,11 @@ class RunFlags:
         return tuple(sorted(name for name, true in found.items() if true))
 
 
-def run_flags(levels_db: Floats, correct: NDArray[np.bool_], fitted: Refit, prior: RefitPrior) -> RunFlags:
-    """The flags of runs. levels_db, correct: (runs, trials), NaN where a run was over; fitted: of the same runs."""
+def run_flags(levels_db: FloatArray, correct: NDArray[np.bool_], fitted: Refit, prior: RefitPrior) -> RunFlags:
+    """Test runs for guessing, lapses and drift.
+
+    levels_db, correct: (runs, trials), NaN where a run was over. fitted: the refit of the same runs, with that prior.
+    """
     answering = Answering(slopes=(1.0,), lapses=(0.0,), lapse_shares=(1.0,), guess=prior.guess, target=prior.target)
     trials = Trials(np.zeros(levels_db.shape, dtype=np.intp), levels_db, correct)
     start = fitted.threshold_db[:, None]
@@ -51,8 +57,11 @@ def run_flags(levels_db: Floats, correct: NDArray[np.bool_], fitted: Refit, prio
     return RunFlags(fitted.log_bayes_factor, fitted.lapse_log_odds, _lapse_power(levels_db, fitted), drift)
 
 
-def _lapse_power(levels_db: Floats, fitted: Refit) -> Floats:
-    """Probability of two or more lapses among the trials so far above threshold that nothing else explains an error."""
+def _lapse_power(levels_db: FloatArray, fitted: Refit) -> FloatArray:
+    """Return the probability of two or more lapses where only a lapse explains an error.
+
+    Those are the trials that lie _SURE_DB or more above threshold.
+    """
     with np.errstate(invalid="ignore"):
         loud = np.sum(levels_db >= fitted.threshold_db[:, None] + _SURE_DB, axis=1)
     none = (1.0 - LAPSES) ** loud

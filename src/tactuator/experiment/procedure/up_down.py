@@ -10,17 +10,19 @@ import numpy as np
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Estimate, Placement
 
-_EPSILON_DB = 1e-9  # levels are sums of steps: at a limit means within rounding of it
+_EPSILON_DB = 1e-9  # levels are sums of steps, so a level at a limit may differ from it by rounding
 
 
 @dataclass(frozen=True)
 class UpDownRule:
-    """How a track moves and ends.
+    """Rule by which an up-down track moves and ends.
 
     down, up: consecutive correct (incorrect) responses that lower (raise) the level. steps_db: the step after 0, 1 ...
-    reversals; the last one stays. reversals: how many end the run; averaged: how many of the last make the threshold.
-    initial_rule: 1-down-1-up until the first reversal. average: `reversals`, the mean of the averaged reversals' levels
-    in dB, or `mid-runs`, Levitt's mean of the midpoints of every second run among them.
+    reversals; the last one stays. reversals: number of reversals that end the run. averaged: number of the last
+    reversals that make the threshold. initial_rule: True for 1-down-1-up until the first reversal. average:
+    `reversals`, the mean of the averaged reversals' levels in dB, or `mid-runs`, Levitt's mean of the midpoints of
+    every second run among them. floor_db_sl, ceiling_db_sl: limits of the level. trial_limit: number of trials after
+    which the run ends in any case. Raises BadInput for a rule that cannot be.
     """
 
     down: int = 3
@@ -54,9 +56,10 @@ class UpDownRule:
 
     @property
     def target(self) -> float:
-        """The proportion correct where the track balances: 0.5^(1/n) for n-down-1-up.
+        """Return the proportion correct at which the track balances: 0.5^(1/n) for n-down-1-up.
 
-        In general where a run of n correct comes before a run of m incorrect half of the time (Feller, vol. 1, XIII.8).
+        In general it is where a run of n correct responses comes before a run of m incorrect ones half of the time
+        (Feller, vol. 1, XIII.8).
         """
         p = np.linspace(1e-6, 1.0 - 1e-6, 200_001)
         q = 1.0 - p
@@ -65,17 +68,17 @@ class UpDownRule:
         return float(np.interp(0.5, race, p))
 
     def step_db(self, reversals: int) -> float:
-        """The step after that many reversals."""
+        """Return the step in dB after that many reversals."""
         return self.steps_db[min(reversals, len(self.steps_db) - 1)]
 
 
 IMECE2004 = UpDownRule()
-"""The paper's: 3-down-1-up; 4 dB until the third reversal, then 1 dB; the mean of 12 reversals at 1 dB."""
+"""The rule of the paper: 3-down-1-up; 4 dB until the third reversal, then 1 dB; the mean of 12 reversals at 1 dB."""
 
 
 @dataclass
 class UpDown:
-    """One track. start_db_sl: level of the first trial."""
+    """One up-down track that starts at start_db_sl. Raises BadInput for a start outside the rule's limits."""
 
     rule: UpDownRule
     start_db_sl: float
@@ -97,31 +100,33 @@ class UpDown:
 
     @property
     def finished(self) -> bool:
-        """Whether the run is over."""
+        """Return whether the run is over."""
         return len(self.reversal_levels) >= self.rule.reversals or self.trials >= self.rule.trial_limit
 
     @property
     def trials(self) -> int:
-        """Trials recorded so far."""
+        """Return the number of trials recorded so far."""
         return len(self.outcomes)
 
     @property
     def progress(self) -> float:
-        """Reversals seen over reversals asked for."""
+        """Return the share of the reversals seen, or of the trial limit used up where that is more."""
         return min(1.0, max(len(self.reversal_levels) / self.rule.reversals, self.trials / self.rule.trial_limit))
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """floor, ceiling: the track wanted to go beyond; trial-limit: it ended without its reversals."""
+        """Return `floor` or `ceiling` where the track was to go beyond, `trial-limit` where it ended without its
+        reversals.
+        """
         short = self.finished and len(self.reversal_levels) < self.rule.reversals
         return tuple(sorted(self._limits | ({"trial-limit"} if short else set())))
 
     def placement(self) -> Placement | None:
-        """The level of the next trial."""
+        """Return the level of the next trial, or None when the run is over."""
         return None if self.finished else Placement(self.level_db_sl)
 
     def record(self, correct: bool) -> None:
-        """Move by the outcome."""
+        """Move the level by the outcome. Raises BadInput once the run is over."""
         if self.finished:
             raise BadInput(f"the run was over after {self.trials} trials; allowed: no further response")
         self.levels.append(self.level_db_sl)
@@ -146,7 +151,11 @@ class UpDown:
         self.level_db_sl = min(max(wanted, self.rule.floor_db_sl), self.rule.ceiling_db_sl)
 
     def estimate(self) -> Estimate | None:
-        """Mean in dB of the last `averaged` reversals (standard error: their spread), or of mid-runs."""
+        """Return the mean of the last `averaged` reversals, or of mid-runs, in dB; None before the run has its
+        reversals.
+
+        The standard error is the levels' standard deviation over the root of their number.
+        """
         levels = np.array(self.reversal_levels[-self.rule.averaged :])
         if len(self.reversal_levels) < self.rule.reversals:
             return None

@@ -1,4 +1,4 @@
-"""Many up-down tracks at once, for simulation: the same rule as `up_down`, one array element a track."""
+"""Batches of up-down tracks for simulation: the rule of `up_down`, one array element for each track."""
 
 from __future__ import annotations
 
@@ -8,26 +8,33 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.up_down import UpDownRule
 
-Floats = NDArray[np.float64]
-Probability = Callable[[Floats, NDArray[np.intp]], Floats]
-"""(levels in dB SL, numbers of the runs they are for) -> probability of a correct response, element by element."""
+Probability = Callable[[FloatArray, NDArray[np.intp]], FloatArray]
+"""A function of levels in dB SL and the numbers of their runs: probability of a correct response, elementwise."""
 
 
 @dataclass(frozen=True)
 class Tracks:
-    """levels_db_sl, correct: (runs, trials), NaN (False) after a run's end; trials, estimates_db_sl: (runs,)."""
+    """Tracks that were run to their ends.
 
-    levels_db_sl: Floats
+    levels_db_sl, correct: (runs, trials), NaN (False) after a run's end. trials, estimates_db_sl: (runs,), the estimate
+    NaN where a run has none.
+    """
+
+    levels_db_sl: FloatArray
     correct: NDArray[np.bool_]
     trials: NDArray[np.int64]
-    estimates_db_sl: Floats
+    estimates_db_sl: FloatArray
 
 
-def run_tracks(rule: UpDownRule, start_db_sl: Floats, probability: Probability, rng: np.random.Generator) -> Tracks:
-    """Run one track for each element of start_db_sl until all are over."""
+def run_tracks(rule: UpDownRule, start_db_sl: FloatArray, probability: Probability, rng: np.random.Generator) -> Tracks:
+    """Run one track for each element of start_db_sl until all are over.
+
+    Raises BadInput for a rule that does not average reversals.
+    """
     if rule.average != "reversals":
         raise BadInput(f"batch of up-down tracks: average {rule.average!r}; allowed: reversals")
     state = _State(rule, start_db_sl)
@@ -43,9 +50,9 @@ def run_tracks(rule: UpDownRule, start_db_sl: Floats, probability: Probability, 
 
 
 class _State:
-    """All tracks between two trials."""
+    """State of all tracks between two trials."""
 
-    def __init__(self, rule: UpDownRule, start_db_sl: Floats) -> None:
+    def __init__(self, rule: UpDownRule, start_db_sl: FloatArray) -> None:
         runs = start_db_sl.size
         self.rule = rule
         self.level = np.array(start_db_sl, dtype=np.float64)

@@ -1,1 +1,1 @@
-"""What a laboratory writes down before an experiment: protocol files and the plan of sessions."""
+"""Protocol files, which a laboratory writes before an experiment, and the plan of sessions."""

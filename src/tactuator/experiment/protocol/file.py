@@ -1,4 +1,4 @@
-"""Reads a protocol file (TOML) of either kind: which one it is shows in its tables."""
+"""Reading of protocol files (TOML) of either kind; the tables of a file say which kind it is."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _KINDS: dict[type[StudyProtocol], str] = {
 
 
 def read_any_protocol(path: str | Path) -> tuple[StudyProtocol, str]:
-    """The protocol, a `Protocol` or an `IdentificationProtocol`, and the file's own text.
+    """Return the protocol, a `Protocol` or an `IdentificationProtocol`, and the file's own text.
 
     Raises BadInput, in one line that names the key, for a file that is missing, not TOML, or says what is not allowed.
     """
@@ -33,35 +33,35 @@ def read_any_protocol(path: str | Path) -> tuple[StudyProtocol, str]:
 
 
 def read_protocol(path: str | Path) -> tuple[Protocol, str]:
-    """A detection protocol and the file's own text; BadInput as in `read_any_protocol`, and for the other kind."""
+    """Return a detection protocol and the file's text. Raises BadInput as `read_any_protocol` and for another kind."""
     text = _text(path)
     return parse_protocol(text, str(path)), text
 
 
 def read_identification(path: str | Path) -> tuple[IdentificationProtocol, str]:
-    """An identification protocol and the file's own text; BadInput likewise."""
+    """Return an identification protocol and the file's text. Raises BadInput as `read_protocol`."""
     text = _text(path)
     return parse_identification(text, str(path)), text
 
 
 def parse_any_protocol(text: str, where: str = "protocol") -> StudyProtocol:
-    """The protocol, of either kind, that the text says; BadInput as in `read_any_protocol`."""
+    """Return the protocol of either kind that the text describes. Raises BadInput as `read_any_protocol`."""
     document = _document(text, where)
     return _parsed(document, where, _kind(document))
 
 
 def parse_protocol(text: str, where: str = "protocol") -> Protocol:
-    """The detection protocol that the text says; BadInput as in `read_protocol`."""
+    """Return the detection protocol that the text describes. Raises BadInput as `read_protocol`."""
     return _of_kind(text, where, Protocol)
 
 
 def parse_identification(text: str, where: str = "protocol") -> IdentificationProtocol:
-    """The identification protocol that the text says; BadInput as in `read_identification`."""
+    """Return the identification protocol that the text describes. Raises BadInput as `read_identification`."""
     return _of_kind(text, where, IdentificationProtocol)
 
 
 def protocol_hash(text: str) -> str:
-    """SHA-256 (hex) of the file's text."""
+    """Return the SHA-256 (hex) of the file's text."""
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 

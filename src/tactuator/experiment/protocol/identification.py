@@ -1,4 +1,4 @@
-"""Identification experiments as a file (TOML): which items, how they are asked, in which blocks, of whom."""
+"""Protocol files (TOML) of identification experiments: the items, how they are asked, in which blocks, of whom."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ Seconds = Annotated[float, Field(ge=0.0, le=60.0, allow_inf_nan=False)]
 
 
 class ItemPart(Part):
-    """label: what it is called; file: a rendered reference, path from the protocol's folder; key: pressed for it."""
+    """An item that subjects identify.
+
+    label: its name. file: a rendered reference, as a path from the protocol's folder. key: the key that names it.
+    """
 
     label: str = Field(min_length=1, max_length=64)
     file: str
@@ -22,10 +25,10 @@ class ItemPart(Part):
 
 
 class BlockPart(Part):
-    """training or test; repetitions of every item (abx: of every pair); feedback: the right answer is told.
+    """A block of trials, for training or as a test.
 
-    criterion: share right that a training block has to reach; where it does not, the experimenter is called and the
-    block begins again.
+    repetitions: of every item (abx: of every pair). feedback: True where the right answer is told. criterion: share
+    right that a training block has to reach; where it does not, the experimenter is called and the block begins again.
     """
 
     kind: Literal["training", "test"]
@@ -35,9 +38,11 @@ class BlockPart(Part):
 
 
 class AskingPart(Part):
-    """paradigm: one item alone; the middle of three items in a row (Tan et al. 1999); or A, B and which of them X was.
+    """The question of a trial, and its timing.
 
-    lead_s: silence before, gap_s: between the items of a trial; feedback_s: how long feedback is shown.
+    paradigm: `identification` of one item alone, `middle-of-three` items in a row (Tan et al. 1999), or `abx`: A, B and
+    which of them X was. lead_s: silence before the first item. gap_s: silence between the items of a trial. feedback_s:
+    time for which feedback is shown.
     """
 
     paradigm: Paradigm = "identification"
@@ -47,7 +52,7 @@ class AskingPart(Part):
 
 
 class BreakRules(Part):
-    """Breaks: between blocks, and after so many trials within one; break_s: how long each lasts at least."""
+    """Breaks between blocks, and after so many trials within one; break_s: the least duration of each."""
 
     break_between_blocks: bool = True
     break_after_trials: int | None = Field(default=None, ge=1, le=100000)
@@ -55,7 +60,7 @@ class BreakRules(Part):
 
 
 class IdentificationProtocol(StudyProtocol):
-    """The file of an identification study."""
+    """The protocol file of an identification study."""
 
     identification: AskingPart = AskingPart()
     item: tuple[ItemPart, ...] = Field(min_length=2)
@@ -70,5 +75,5 @@ class IdentificationProtocol(StudyProtocol):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Of the items, in the order of the file."""
+        """Return the labels of the items, in the order of the file."""
         return tuple(one.label for one in self.item)

@@ -1,4 +1,4 @@
-"""Which runs a subject does, in which order, and the seed of each."""
+"""The runs that a subject does, their order, and the seed of each."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ ALL_FINGERS = "all"
 class PlannedRun:
     """A run as its row in the store has it, and as people are told of it.
 
-    position counts from 0 in the session; frequency_hz None: the procedure chooses, or there is none; practice: not
-    analysed; feedback: the right response is told after each answer; trials: how many, where that is known before.
-    title: for the operator; introduction: what the subject reads before it begins (empty: it begins at once).
+    position: counted from 0 in the session. frequency_hz: None where the procedure chooses, or there is none. practice:
+    True for a run that is not analysed. feedback: True where the right response is told after each answer. trials:
+    their number, where that is known before. title: name for the operator. introduction: text that the subject reads
+    before the run begins; an empty one lets it begin at once.
     """
 
     position: int
@@ -38,8 +39,11 @@ class PlannedRun:
 
 
 def plan_runs(protocol: Protocol, subject: int, visit: int = 1, words: Words | None = None) -> tuple[PlannedRun, ...]:
-    """Runs of a visit (from 1) of the subject of that number (from 0): practice first, then every condition in the
-    subject's order; a further visit has an order of its own. words: what titles are made of, English by default."""
+    """Return the runs of a visit (from 1) of the subject of that number (from 0).
+
+    Practice comes first, then every condition in the subject's order; a further visit has an order of its own. words:
+    the language of titles, English by default.
+    """
     told = words or shipped_words("en")
     conditions = protocol.conditions
     frequencies: tuple[float | None, ...] = conditions.frequencies_hz or (None,)
@@ -80,14 +84,14 @@ def _order(protocol: Protocol, count: int, subject: int, repeat: int, visit: int
 
 
 def further(visit: int) -> tuple[int, ...]:
-    """Return what a visit adds to a seed: nothing to the first one's, which so stays as it always was."""
+    """Return what a visit adds to a seed; the first visit adds nothing, so that its seeds stay as they were."""
     return () if visit == 1 else (visit,)
 
 
 def latin_square(count: int) -> list[list[int]]:
-    """Rows of a Williams design: each condition once in each place, and as often after each other one.
+    """Return the rows of a Williams design: each condition once in each place, and as often after each other one.
 
-    count rows for an even count, twice as many for an odd one (Williams 1949).
+    There are count rows for an even count, twice as many for an odd one (Williams 1949).
     """
     first = [index // 2 if index % 2 == 0 else count - 1 - index // 2 for index in range(count)]
     rows = [[(value + shift) % count for value in first] for shift in range(count)]
@@ -95,5 +99,5 @@ def latin_square(count: int) -> list[list[int]]:
 
 
 def run_seed(protocol: StudyProtocol, subject: int, position: int, attempt: int, visit: int = 1) -> tuple[int, ...]:
-    """Seed of a run; a restarted run gets another."""
+    """Return the seed of a run; a restarted run gets another."""
     return (protocol.study.seed, 5, subject, position, attempt, *further(visit))

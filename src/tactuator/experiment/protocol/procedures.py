@@ -7,11 +7,11 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from tactuator.experiment.procedure.answering import Answering
-from tactuator.experiment.procedure.curve_prior import CurvePrior
 from tactuator.experiment.procedure.procedure import Playable, Procedure
 from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule
 from tactuator.experiment.procedure.up_down import IMECE2004, UpDown, UpDownRule
-from tactuator.experiment.procedure.whole_curve import WholeCurve, WholeCurveRule
+from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
+from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurve, WholeCurveRule
 from tactuator.experiment.protocol.study import Part, Positive
 from tactuator.experiment.trial.trial import ForcedChoice
 from tactuator.perception.levels import COMFORT_DB_SL
@@ -21,13 +21,13 @@ Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
 
 
 class ImeceProcedure(Part):
-    """The paper's procedure, exactly."""
+    """The procedure of the paper, with nothing but its start to choose."""
 
     kind: Literal["imece2004"]
     start_db_sl: Level = 20.0
 
     def build(self, paradigm: ForcedChoice, playable: Playable) -> Procedure:
-        """A fresh run."""
+        """Return a fresh run of the procedure."""
         return UpDown(IMECE2004, self.start_db_sl)
 
 
@@ -48,12 +48,12 @@ class UpDownProcedure(Part):
     trial_limit: int = 1000
 
     def build(self, paradigm: ForcedChoice, playable: Playable) -> Procedure:
-        """A fresh run."""
+        """Return a fresh run of the procedure."""
         return UpDown(UpDownRule(**self.model_dump(exclude={"kind", "start_db_sl"})), self.start_db_sl)
 
 
 class QuestPlusProcedure(Part):
-    """QUEST+; the keys are those of QuestPlusRule."""
+    """The QUEST+ procedure; its keys are those of QuestPlusRule."""
 
     kind: Literal["quest-plus"]
     trials: int = 48
@@ -64,12 +64,12 @@ class QuestPlusProcedure(Part):
     aim: Literal["threshold", "parameters"] = "threshold"
 
     def build(self, paradigm: ForcedChoice, playable: Playable) -> Procedure:
-        """A fresh run."""
+        """Return a fresh run of the procedure."""
         return QuestPlus(QuestPlusRule(**self.model_dump(exclude={"kind"}), guess=paradigm.guess))
 
 
 class PriorPart(Part):
-    """What is thought possible of a curve before the first trial; the keys are those of CurvePrior."""
+    """Prior of a curve before the first trial; the keys are those of CurvePrior."""
 
     normal_share: Share = 0.42
     normal_offset_db: Positive = 4.0
@@ -89,7 +89,7 @@ class PriorPart(Part):
 
 
 class CurveProcedure(Part):
-    """The whole curve in one run; frequencies are the procedure's own."""
+    """The procedure that measures the whole curve in one run and chooses the frequencies itself."""
 
     kind: Literal["curve"]
     trials: int = 150
@@ -99,11 +99,11 @@ class CurveProcedure(Part):
     prior: PriorPart = PriorPart()
 
     def build(self, paradigm: ForcedChoice, playable: Playable) -> Procedure:
-        """A fresh run over the display's band."""
+        """Return a fresh run over the display's band."""
         return WholeCurve(self.rule(paradigm, playable))
 
     def rule(self, paradigm: ForcedChoice, playable: Playable) -> WholeCurveRule:
-        """The rule of such a run."""
+        """Return the rule of a run over the display's band."""
         own = self.prior.model_dump()
         prior = CurvePrior(playable.band_hz, self.points, playable.mains_hz, playable.clearance_hz, **own)
         answering = Answering(guess=paradigm.guess)

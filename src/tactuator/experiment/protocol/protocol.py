@@ -1,4 +1,4 @@
-"""What a study does: the protocol file, validated key by key."""
+"""Protocol files of detection studies, validated key by key."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tactuator.experiment.trial.trial import ForcedChoice
 
 
 class Conditions(Part):
-    """Runs of every subject: each frequency on each finger, repeats times, in an order of the subject's own."""
+    """Conditions of every subject: each frequency on each finger, repeats times, in an order of the subject's own."""
 
     fingers: tuple[str, ...] = Field(min_length=1)
     frequencies_hz: tuple[Positive, ...] = ()
@@ -26,11 +26,11 @@ class Conditions(Part):
 
 
 class SessionRules(Part):
-    """How a session goes: practice before the first run, breaks, feedback, and how long an interruption may last.
+    """Rules of a session: practice before the first run, breaks, feedback, and the longest interruption of a run.
 
-    practice_correct: practice ends when so many of its last practice_trials are right (none: after practice_trials);
-    where it has not by practice_limit trials, the experimenter is called and it begins again. break_s: how long a break
-    lasts at least, by the server's clock.
+    practice_correct: number of right answers among the last practice_trials that ends practice (None: it ends after
+    practice_trials). Where practice_limit trials do not reach it, the experimenter is called and practice begins again.
+    break_s: the least duration of a break, by the server's clock.
     """
 
     practice_trials: int = Field(default=3, ge=0, le=100)
@@ -55,7 +55,7 @@ class SessionRules(Part):
 
 
 class TimingPart(Part):
-    """See Timing."""
+    """The table [timing]; its keys are those of Timing."""
 
     stimulus_s: Seconds = 0.5
     ramp_s: Seconds = 0.1
@@ -65,12 +65,12 @@ class TimingPart(Part):
     feedback_s: Seconds = 0.4
 
     def build(self) -> Timing:
-        """The timing."""
+        """Return the timing that the table describes."""
         return Timing(**self.model_dump())
 
 
 class MaskerPart(Part):
-    """See Masker."""
+    """The table [masker]; its keys are those of Masker."""
 
     kind: Literal["tone", "noise"]
     frequency_hz: Positive
@@ -78,12 +78,14 @@ class MaskerPart(Part):
     channel: str | None = None
 
     def build(self) -> Masker:
-        """The masker."""
+        """Return the masker that the table describes."""
         return Masker(**self.model_dump())
 
 
 class MarksPart(Part):
-    """See Marks: intervals announced by taps, for subjects who neither see nor hear."""
+    """The table [marks]: taps that announce intervals to subjects who neither see nor hear; its keys are those of
+    Marks.
+    """
 
     channel: str
     frequency_hz: Positive = 60.0
@@ -93,14 +95,14 @@ class MarksPart(Part):
     after_s: Seconds = 0.5
 
     def build(self) -> Marks:
-        """The marks."""
+        """Return the marks that the table describes."""
         return Marks(**self.model_dump())
 
 
 class CatchTrials(Part):
-    """Trials that a run has besides its procedure's: loud ones for attention, blank ones for cues.
+    """Trials that a run has besides its procedure's: loud ones that test attention, blank ones that test for cues.
 
-    loud_share, blank_share: of all trials; above_db: of a loud one over the procedure's next level.
+    loud_share, blank_share: shares of all trials. above_db: level of a loud trial above the procedure's next level.
     """
 
     loud_share: Annotated[float, Field(ge=0.0, le=0.5)] = 0.0
@@ -109,13 +111,13 @@ class CatchTrials(Part):
 
 
 class Paradigm(Part):
-    """Detection in one of m intervals."""
+    """The table [paradigm]: detection in one of m intervals."""
 
     intervals: int = Field(default=3, ge=2, le=9)
 
 
 class Protocol(StudyProtocol):
-    """The file of a detection study."""
+    """The protocol file of a detection study."""
 
     procedure: AnyProcedure
     conditions: Conditions
@@ -145,11 +147,11 @@ class Protocol(StudyProtocol):
         return self
 
     def forced_choice(self) -> ForcedChoice:
-        """The paradigm."""
+        """Return the paradigm that the table describes."""
         return ForcedChoice(self.paradigm.intervals)
 
     def practice(self, frequency_hz: float) -> Practice:
-        """The practice run."""
+        """Return a fresh practice run at that frequency."""
         rules = self.session
         limit = rules.practice_trials if rules.practice_correct is None else rules.practice_limit
         return Practice(rules.practice_level_db_sl, limit, frequency_hz, rules.practice_trials, rules.practice_correct)

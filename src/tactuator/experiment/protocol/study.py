@@ -1,4 +1,4 @@
-"""What every protocol file has, whatever is asked: the study, its circumstances, its subjects."""
+"""The part that every protocol file has, whatever is asked: the study, its circumstances, its subjects."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ _SEED_MAX = 2**53
 
 
 class Part(BaseModel):
-    """A table of the protocol file: no key but the known ones."""
+    """A table of the protocol file, which allows no key but the known ones."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Study(Part):
-    """Who asks, and what subjects are told. visits: how often each subject comes; language: of every page, one that is
+class StudyPart(Part):
+    """The table [study]: who asks, and what subjects are told.
 
-    shipped, or language_file: one beside the protocol.
+    visits: number of visits of each subject. language: of every page, one that is shipped, or language_file: the path
+    of another beside the protocol.
     """
 
     name: str = Field(min_length=1, max_length=200)
@@ -41,7 +42,7 @@ class Study(Part):
 
 
 class Circumstances(Part):
-    """What psychophysics reports with a threshold; they go into columns of every session."""
+    """Circumstances that psychophysics reports with a threshold; they go into columns of every session."""
 
     site: str = "fingertip"
     contact_area_mm2: Positive | None = None
@@ -53,7 +54,7 @@ class Circumstances(Part):
 
 
 class Demographic(Part):
-    """Something that the laboratory notes of every subject: a number within limits, one of choices, or words."""
+    """A fact that the laboratory notes of every subject: a number within limits, one of choices, or words."""
 
     name: str = Field(pattern=_NAME)
     label: str = Field(min_length=1, max_length=100)
@@ -75,7 +76,7 @@ class Demographic(Part):
         return self
 
     def take(self, value: str | float) -> str:
-        """Return the value as it is stored. Raises ValueError, naming what is allowed, for one that is not."""
+        """Return the value as it is stored. Raises ValueError, naming what is allowed, for a value that is not."""
         text = str(value).strip()
         if self.kind == "choice" and text not in self.choices:
             raise ValueError(f"{self.name} is {text!r}; allowed: {', '.join(self.choices)}")
@@ -93,7 +94,7 @@ class Demographic(Part):
 
 
 class SubjectPart(Part):
-    """Someone who takes part; circumstances of one's own win over the study's. participant_id: their name elsewhere."""
+    """A subject, whose own circumstances win over the study's; participant_id: their name elsewhere."""
 
     code: Code
     group: Group = "unknown"
@@ -103,9 +104,9 @@ class SubjectPart(Part):
 
 
 class StudyProtocol(Part):
-    """What every protocol file has, whatever is asked."""
+    """The part of a protocol file that is the same for every kind of study."""
 
-    study: Study
+    study: StudyPart
     subject: tuple[SubjectPart, ...] = ()
     circumstances: Circumstances = Circumstances()
     demographic: tuple[Demographic, ...] = ()
@@ -138,7 +139,7 @@ class StudyProtocol(Part):
         return taken
 
     def apart_from_subjects(self) -> StudyProtocol:
-        """Return the protocol with nobody in it: what an amendment that only enrols leaves as it was."""
+        """Return the protocol without subjects, which an amendment that only enrols leaves as it was."""
         return self.model_copy(update={"subject": ()})
 
 

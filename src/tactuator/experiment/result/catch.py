@@ -18,7 +18,7 @@ many right answers in blank ones that it is below that by chance."""
 
 
 def catch_kinds(run: StoredRun) -> NDArray[np.str_]:
-    """ "loud", "blank" or, for trials that the procedure placed, "", shape (trials,)."""
+    """Return the kind of each trial, shape (trials,): "loud", "blank", or "" for trials that the procedure placed."""
     each = max(len(run.intervals) // max(run.correct.size, 1), 1)
     labels: Sequence[str] = [one.stimulus for one in run.intervals]
     kinds = []
@@ -29,7 +29,10 @@ def catch_kinds(run: StoredRun) -> NDArray[np.str_]:
 
 
 def attention(run: StoredRun) -> tuple[str, ...]:
-    """`attention`: too many errors in loud trials; `cue`: too many right answers where nothing was played."""
+    """Return the flags of the catch trials.
+
+    `attention` stands for too many errors in loud trials, `cue` for too many right answers where nothing was played.
+    """
     kinds = catch_kinds(run)
     loud, blank = run.correct[kinds == "loud"], run.correct[kinds == "blank"]
     found = []

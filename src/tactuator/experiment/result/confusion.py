@@ -1,4 +1,4 @@
-"""What a store's identification blocks say: confusion matrices, and how much information came through."""
+"""Results of a store's identification blocks: confusion matrices and information transfer."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ from tactuator.experiment.store.store import Store
 
 @dataclass(frozen=True, eq=False)
 class SubjectResult:
-    """subject: a code, or None for all of a study together. counts: (stimuli, responses) in the order of `labels`.
+    """Confusion matrix of a subject with its information transfer.
 
+    subject: a code, or None for all of a study together. counts: (stimuli, responses) in the order of `labels`.
     seconds_per_stimulus: mean duration of the items asked for; in the middle of three, from one onset to the next.
     """
 
@@ -34,7 +35,7 @@ class SubjectResult:
 
 @dataclass(frozen=True)
 class AbxResult:
-    """Share of right answers in ABX trials."""
+    """Share of right answers of a subject in ABX trials."""
 
     study: str
     subject: str
@@ -45,7 +46,7 @@ class AbxResult:
 def identification_results(
     store: Store, rng: np.random.Generator, study: str | None = None, draws: int = 1000
 ) -> tuple[list[SubjectResult], list[AbxResult]]:
-    """Results of every identification study in the store (or the one of that name), test blocks only.
+    """Return the results of every identification study in the store (or the one of that name), test blocks only.
 
     Raises BadInput where there is none with answers.
     """
@@ -70,7 +71,10 @@ def identification_results(
 def session_results(
     store: Store, protocol: IdentificationProtocol, session: int, rng: np.random.Generator, draws: int = 300
 ) -> tuple[list[SubjectResult], list[AbxResult]]:
-    """Results of one session, test blocks only; both empty while fewer than two items were answered there."""
+    """Return the results of one session, test blocks only.
+
+    Both lists are empty while fewer than two items were answered there.
+    """
     with store.read() as connection:
         row = study_records.session(connection, session)
         if protocol.identification.paradigm == "abx":
@@ -80,7 +84,7 @@ def session_results(
 
 
 def _trials(connection: Connection, study: int) -> list[tuple[str, str, str]]:
-    """(subject, correct response, response) of every answered trial of test blocks, but for those given up."""
+    """Return (subject, correct response, response) of every answered trial of test blocks that were not given up."""
     query = (
         select(schema.subject.c.code, schema.trial.c.correct_response, schema.response.c.response)
         .join(schema.session, schema.session.c.subject_id == schema.subject.c.id)

@@ -1,11 +1,11 @@
-"""The posterior of information transfer, given a confusion matrix: what its interval is made of.
+"""Posterior of information transfer, given a confusion matrix, from which its interval is taken.
 
-A row of the matrix is a share of errors e_i and a way in which they spread over the wrong responses. Both are learnt
-from all rows together. e_i: beta, its two parameters on a grid. Spread: the rate of each confusion is drawn from one of
-two gammas, an ordinary and a habitual one, whose shapes and shares are on a grid; with counts that are Poisson given
-the rate each cell is a mixture of two negative binomials, in closed form. The prior of the grid is flat in the entropy
-of the spread that a point of it implies (after Nemenman, Shafee & Bialek 2002): flat in the parameters themselves it is
-all but certain of the entropy before any data.
+A row of the matrix is a share of errors e_i and a spread of them over the wrong responses. Both are learnt from all
+rows together. e_i is beta, with its two parameters on a grid. In the spread, the rate of each confusion is drawn from
+one of two gammas, an ordinary and a habitual one, whose shapes and shares are on a grid; with counts that are Poisson
+given the rate, each cell is a mixture of two negative binomials, in closed form. The prior of the grid is flat in the
+entropy of the spread that a point of it implies (after Nemenman, Shafee & Bialek 2002); flat in the parameters
+themselves, it would be all but certain of the entropy before any data.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaln, gammaln
 
-Floats = NDArray[np.float64]
+from tactuator.arrays import FloatArray
 
 _TINY = 1e-300
 _CHUNK = 64
 
 
-def information_draws(counts: NDArray[np.int64], draws: int, rng: np.random.Generator) -> Floats:
-    """Draws of the information transfer in bits, shape (draws,). counts: square, every row presented."""
+def information_draws(counts: NDArray[np.int64], draws: int, rng: np.random.Generator) -> FloatArray:
+    """Draw the information transfer in bits, (draws,), from its posterior. counts: square, every row presented."""
     stimuli = counts.shape[0]
     presented = counts.sum(axis=1)
     wrong = presented - np.diag(counts)
@@ -42,16 +42,22 @@ def information_draws(counts: NDArray[np.int64], draws: int, rng: np.random.Gene
     return found
 
 
-def information_of(chances: Floats, weights: Floats) -> Floats:
-    """Information transfer of known response probabilities (..., stimuli, responses), stimuli weighted; bits."""
+def information_of(chances: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return the information transfer, bits, of known response probabilities (..., stimuli, responses).
+
+    weights: probability of each stimulus, (stimuli,).
+    """
     joint = chances * weights[:, None]
     responses = joint.sum(axis=-2, keepdims=True)
     ratio = np.where(joint > 0.0, chances / np.maximum(responses, _TINY), 1.0)
     return np.asarray(np.sum(joint * np.log2(np.maximum(ratio, _TINY)), axis=(-2, -1)))
 
 
-def _error_draws(right: Floats, wrong: Floats, draws: int, rng: np.random.Generator) -> Floats:
-    """Error rates of every stimulus, (draws, stimuli): beta with its mean and weight on a grid, even a priori."""
+def _error_draws(right: FloatArray, wrong: FloatArray, draws: int, rng: np.random.Generator) -> FloatArray:
+    """Draw the error rates of every stimulus, (draws, stimuli).
+
+    They are beta with mean and weight on a grid that is even a priori.
+    """
     mean = np.linspace(0.002, 0.998, 100)[:, None]
     weight = np.geomspace(1.0, 2000.0, 20)
     first, second = (mean * weight).ravel(), ((1.0 - mean) * weight).ravel()
@@ -64,17 +70,18 @@ def _error_draws(right: Floats, wrong: Floats, draws: int, rng: np.random.Genera
 
 @dataclass(frozen=True, eq=False)
 class _Spreads:
-    """A grid of ways to spread errors over `cells` responses; arrays (grid,). habitual: probability of a habitual cell.
+    """Grid of spreads of errors over `cells` responses; arrays (grid,).
 
-    ordinary_*, habitual_*: shape and mean of the gammas, such that the rates of a row sum to 1 on average.
+    habitual: probability that a cell is habitual. ordinary_*, habitual_*: shape and mean of the gammas, such that the
+    rates of a row sum to 1 on average. prior: probability of each point of the grid.
     """
 
-    ordinary_shape: Floats
-    ordinary_mean: Floats
-    habitual: Floats
-    habitual_shape: Floats
-    habitual_mean: Floats
-    prior: Floats
+    ordinary_shape: FloatArray
+    ordinary_mean: FloatArray
+    habitual: FloatArray
+    habitual_shape: FloatArray
+    habitual_mean: FloatArray
+    prior: FloatArray
 
 
 @lru_cache(maxsize=16)
@@ -94,8 +101,8 @@ def _spreads(cells: int) -> _Spreads:
     return _Spreads(ordinary_shape, ordinary_mean, habitual, shape, mean, _flat_in_entropy(grid, cells))
 
 
-def _flat_in_entropy(grid: Floats, cells: int) -> Floats:
-    """Prior of each point of the grid, (grid,): even over eighths of the largest entropy that a spread can have."""
+def _flat_in_entropy(grid: FloatArray, cells: int) -> FloatArray:
+    """Return the prior of each point of the grid, (grid,): even over eighths of the largest entropy of a spread."""
     if cells == 1:
         return np.full(grid.shape[1], 1.0 / grid.shape[1])
     rng = np.random.default_rng(cells)
@@ -111,9 +118,12 @@ def _flat_in_entropy(grid: Floats, cells: int) -> Floats:
 
 
 class _SpreadPosterior:
-    """confused: (stimuli, stimuli - 1) counts of the wrong responses; wrong: (stimuli,) their sums."""
+    """Posterior of the spread of errors.
 
-    def __init__(self, confused: Floats, wrong: Floats) -> None:
+    confused: counts of the wrong responses, (stimuli, stimuli - 1). wrong: their sums, (stimuli,).
+    """
+
+    def __init__(self, confused: FloatArray, wrong: FloatArray) -> None:
         self._grid, self._counts = _spreads(confused.shape[1]), confused.ravel()
         self._exposure = np.repeat(wrong, confused.shape[1])
         self._shape = confused.shape
@@ -134,8 +144,8 @@ class _SpreadPosterior:
         self._posterior = posterior / posterior.sum()
         self._habitual = np.exp(habitual - either)
 
-    def draw(self, draws: int, rng: np.random.Generator) -> Floats:
-        """Shares of the wrong responses among the errors, (draws, stimuli, stimuli - 1); rows sum to 1."""
+    def draw(self, draws: int, rng: np.random.Generator) -> FloatArray:
+        """Draw shares of the wrong responses among the errors, (draws, stimuli, stimuli - 1); rows sum to 1."""
         grid = self._grid
         picked = rng.choice(self._posterior.size, draws, p=self._posterior)
         habitual = rng.random((draws, self._counts.size)) < self._habitual[picked][:, self._kind]
@@ -146,8 +156,11 @@ class _SpreadPosterior:
         return np.asarray(rates / rates.sum(axis=2, keepdims=True))
 
 
-def _log_negative_binomial(count: Floats, shape: Floats, mean: Floats, exposure: Floats) -> Floats:
-    """Log probability of counts (n,) whose rate is gamma of that shape and mean (grid,), over exposure; (grid, n)."""
+def _log_negative_binomial(count: FloatArray, shape: FloatArray, mean: FloatArray, exposure: FloatArray) -> FloatArray:
+    """Return the log probability, (grid, n), of counts (n,) whose rates are gamma of that shape and mean (grid,).
+
+    exposure: of each count, (n,).
+    """
     expected = mean[:, None] * exposure
     share = expected / (expected + shape[:, None])
     ways = gammaln(count + shape[:, None]) - gammaln(shape)[:, None] - gammaln(count + 1.0)

@@ -1,4 +1,4 @@
-"""A whole-curve run as it is stored: what its trials say of the curve, and what its reader must know."""
+"""Whole-curve runs from the store: the curve that their trials imply, and their flags."""
 
 from __future__ import annotations
 
@@ -7,29 +7,33 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.experiment.procedure.curve_belief import CurveBelief
-from tactuator.experiment.procedure.curve_flags import CurveFlags, curve_flags
-from tactuator.experiment.procedure.curve_prior import clear_of_mains
+from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.drift import Trials
-from tactuator.experiment.procedure.whole_curve import WholeCurveRule
-
-Floats = NDArray[np.float64]
+from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
+from tactuator.experiment.procedure.whole_curve.curve_flags import CurveFlags, curve_flags
+from tactuator.experiment.procedure.whole_curve.curve_prior import clear_of_mains
+from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule
 
 _POINTS = 12
 
 
 @dataclass(frozen=True)
 class CurveRun:
-    """frequency_hz: twelve over the band; level_db_sl, sd_db: of the curve there; flags: of the run."""
+    """The curve of a whole-curve run, each array (12,).
 
-    frequency_hz: Floats
-    level_db_sl: Floats
-    sd_db: Floats
+    frequency_hz: twelve frequencies over the band. level_db_sl, sd_db: of the curve there. flags: of the run.
+    """
+
+    frequency_hz: FloatArray
+    level_db_sl: FloatArray
+    sd_db: FloatArray
     flags: CurveFlags
 
 
-def curve_run(rule: WholeCurveRule, frequency_hz: Floats, levels_db_sl: Floats, correct: NDArray[np.bool_]) -> CurveRun:
-    """The curve after trials (trials,), as they were played and whatever placed them."""
+def curve_run(
+    rule: WholeCurveRule, frequency_hz: FloatArray, levels_db_sl: FloatArray, correct: NDArray[np.bool_]
+) -> CurveRun:
+    """Return the curve after trials, each array (trials,), as they were played, whatever placed them."""
     prior = rule.prior
     belief = CurveBelief(prior, rule.answering)
     points = np.argmin(np.abs(np.log(frequency_hz[:, None] / prior.frequency_hz)), axis=1)

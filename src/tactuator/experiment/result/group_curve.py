@@ -9,15 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.result.thresholds import DISQUALIFYING, Threshold
+from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold
 from tactuator.experiment.store.stored_runs import StoredRun
 from tactuator.files.atomic import write_text
 from tactuator.perception.curve import Provenance, ThresholdCurve
-
-Floats = NDArray[np.float64]
 
 CIRCUMSTANCES = (
     "subject_group",
@@ -35,19 +33,22 @@ CIRCUMSTANCES = (
 
 @dataclass(frozen=True)
 class GroupCurve:
-    """The curve of a group: the mean over subjects, and who stands behind it.
+    """The mean threshold curve of a group, and the subjects behind it.
 
-    subjects: how many at each point (0: extended to the band's edge, not measured); left_out: thresholds that were not
-    taken in, because of the flags of their runs.
+    subjects: number at each point (0: extended to the band's edge, not measured). left_out: thresholds that were not
+    taken in because of the flags of their runs.
     """
 
     curve: ThresholdCurve
     subjects: tuple[int, ...]
-    left_out: tuple[Threshold, ...] = ()
+    left_out: tuple[MeasuredThreshold, ...] = ()
 
 
 def group_curve(
-    found: Sequence[Threshold], reference: ThresholdCurve, band_hz: tuple[float, float], keep_flagged: bool = False
+    found: Sequence[MeasuredThreshold],
+    reference: ThresholdCurve,
+    band_hz: tuple[float, float],
+    keep_flagged: bool = False,
 ) -> GroupCurve:
     """Return the mean refitted threshold at each frequency, a subject's fingers and repeats averaged first.
 
@@ -78,8 +79,8 @@ def group_curve(
 
 
 def _curve(
-    frequency_hz: Floats, level: Floats, error: Floats, kept: Sequence[Threshold], reference: ThresholdCurve,
-    simulated: bool,
+    frequency_hz: FloatArray, level: FloatArray, error: FloatArray, kept: Sequence[MeasuredThreshold],
+    reference: ThresholdCurve, simulated: bool,
 ) -> ThresholdCurve:  # fmt: skip
     subjects = len({one.subject for one in kept})
     who = "simulated, nobody felt it: " if simulated else ""
@@ -91,7 +92,7 @@ def _curve(
     return ThresholdCurve(provenance, frequency_hz, level, provenance, source, error)
 
 
-def _mean(found: Sequence[Threshold]) -> tuple[float, float, int]:
+def _mean(found: Sequence[MeasuredThreshold]) -> tuple[float, float, int]:
     """Return level, standard error and number of subjects at one frequency."""
     subjects = sorted({one.subject for one in found})
     each = [[one for one in found if one.subject == subject] for subject in subjects]
@@ -103,9 +104,9 @@ def _mean(found: Sequence[Threshold]) -> tuple[float, float, int]:
 
 
 def write_group_curve(path: str | Path, group: GroupCurve, runs: Sequence[StoredRun]) -> None:
-    """The curve as CSV that `read_curve` reads, with a column for each circumstance.
+    """Write the curve as CSV that `read_curve` reads, with a column for each circumstance.
 
-    A circumstance that differed between the sessions has its values joined by `;`, an unknown one is empty.
+    A circumstance that differed between the sessions has its values joined by `;`; an unknown one is empty.
     """
     curve = group.curve
     assert curve.standard_error_db is not None

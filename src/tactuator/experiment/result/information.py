@@ -1,7 +1,7 @@
 """Information transfer: how much of what was presented is known from what was answered.
 
-IT = sum over i, j of (n_ij / n) log2(n_ij n / (n_i n_j)), bits a stimulus; 2^IT categories are reliably told apart.
-Counted from few trials it comes out too high, and every correction fails somewhere: several are given side by side.
+IT = sum over i, j of (n_ij / n) log2(n_ij n / (n_i n_j)), in bits a stimulus; 2^IT categories are reliably told apart.
+Counted from few trials it comes out too high, and every correction fails somewhere, so several are given side by side.
 """
 
 from __future__ import annotations
@@ -11,11 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.result.confusion_posterior import information_draws
-
-Counts = NDArray[np.int64]
-Bits = NDArray[np.float64]
 
 ESTIMATORS = ("plug_in", "miller_madow", "all_cells", "error_rule")
 """Estimators that are numbers alone. plug_in: the sum above. miller_madow: less its first-order bias, from the cells,
@@ -30,12 +28,14 @@ ENOUGH = 5
 
 
 _WIDER = 1.15
-"""The interval over the posterior's own: of seven ways to err, the worst was covered 0.83 of the time without it."""
+"""Width of the interval over that of the posterior: without it the worst of seven kinds of errors was covered 0.83."""
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """An estimate in bits, and its interval of the stated confidence; None where it has none that deserves its name."""
+class InformationEstimate:
+    """An estimate in bits, and its interval of the stated confidence; the interval is None where it would not be
+    trusted.
+    """
 
     bits: float
     low_bits: float | None = None
@@ -43,16 +43,16 @@ class Estimate:
 
     @property
     def categories(self) -> float:
-        """How many items are told apart without error: 2^bits."""
+        """Return the number of items that are told apart without error: 2^bits."""
         return float(2.0**self.bits)
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Information transfer of a confusion matrix. estimates: by name, as in ESTIMATORS, and POSTERIOR.
+    """Information transfer of a confusion matrix.
 
-    warning: None or one line; no_interval: None, or why the estimates have no interval. bits_per_second: by name, where
-    the time a stimulus takes is known.
+    estimates: by name, as in ESTIMATORS, and POSTERIOR. bits_per_second: by name, where the time that a stimulus takes
+    is known. warning: None or one line. no_interval: None, or the reason why the estimates have no interval.
     """
 
     stimuli: int
@@ -60,14 +60,14 @@ class Information:
     trials: int
     share_correct: float
     confidence: float
-    estimates: dict[str, Estimate]
+    estimates: dict[str, InformationEstimate]
     bits_per_second: dict[str, float] | None
     warning: str | None
     no_interval: str | None = None
 
 
-def confusion_counts(matrix: ArrayLike) -> Counts:
-    """A confusion matrix (stimuli, responses) as whole counts, stimuli that were never presented left out.
+def confusion_counts(matrix: ArrayLike) -> NDArray[np.int64]:
+    """Return a confusion matrix (stimuli, responses) as whole counts, stimuli that were never presented left out.
 
     Raises BadInput for a matrix that is not of two dimensions, or holds anything but whole numbers of zero or more, or
     in which fewer than two stimuli were presented.
@@ -83,8 +83,8 @@ def confusion_counts(matrix: ArrayLike) -> Counts:
     return values.astype(np.int64)
 
 
-def plug_in_bits(counts: Counts) -> Bits:
-    """The plug-in estimate of matrices (..., stimuli, responses), shape (...)."""
+def plug_in_bits(counts: NDArray[np.int64]) -> FloatArray:
+    """Return the plug-in estimate of matrices (..., stimuli, responses), shape (...)."""
     n = counts.sum(axis=(-2, -1))
     cells = _n_log_n(counts).sum(axis=(-2, -1))
     rows = _n_log_n(counts.sum(axis=-1)).sum(axis=-1)
@@ -92,30 +92,30 @@ def plug_in_bits(counts: Counts) -> Bits:
     return np.asarray((cells - rows - columns + _n_log_n(n)) / n)
 
 
-def miller_madow_bits(counts: Counts) -> Bits:
-    """Plug-in less (cells - rows - columns + 1) / (2 n ln 2), counting those that are occupied; shape (...)."""
+def miller_madow_bits(counts: NDArray[np.int64]) -> FloatArray:
+    """Return plug-in less (cells - rows - columns + 1) / (2 n ln 2), counting those that are occupied; shape (...)."""
     cells = (counts > 0).sum(axis=(-2, -1))
     rows = (counts.sum(axis=-1) > 0).sum(axis=-1)
     columns = (counts.sum(axis=-2) > 0).sum(axis=-1)
     return np.asarray(plug_in_bits(counts) - (cells - rows - columns + 1) / (2.0 * _trials(counts) * np.log(2.0)))
 
 
-def all_cells_bits(counts: Counts) -> Bits:
-    """Plug-in less (stimuli - 1)(responses - 1) / (2 n ln 2); shape (...)."""
+def all_cells_bits(counts: NDArray[np.int64]) -> FloatArray:
+    """Return plug-in less (stimuli - 1)(responses - 1) / (2 n ln 2); shape (...)."""
     stimuli, responses = _stimuli(counts), counts.shape[-1]
     return np.asarray(plug_in_bits(counts) - (stimuli - 1) * (responses - 1) / (2.0 * _trials(counts) * np.log(2.0)))
 
 
-def error_rule_bits(counts: Counts) -> Bits:
-    """(1 - 2 e) log2 k, at least zero; NaN where responses are not those of the stimuli (no diagonal). Shape (...)."""
+def error_rule_bits(counts: NDArray[np.int64]) -> FloatArray:
+    """Return (1 - 2 e) log2 k, at least zero; shape (...). NaN where responses are not those of the stimuli."""
     if counts.shape[-1] != counts.shape[-2]:
         return np.full(counts.shape[:-2], np.nan)
     errors = 1.0 - np.trace(counts, axis1=-2, axis2=-1) / _trials(counts)
     return np.asarray(np.maximum(0.0, (1.0 - 2.0 * errors) * np.log2(_stimuli(counts))))
 
 
-def all_estimates(counts: Counts) -> dict[str, Bits]:
-    """Every estimator of ESTIMATORS on matrices (..., stimuli, responses), each of shape (...)."""
+def all_estimates(counts: NDArray[np.int64]) -> dict[str, FloatArray]:
+    """Return every estimator of ESTIMATORS on matrices (..., stimuli, responses), each of shape (...)."""
     functions = (plug_in_bits, miller_madow_bits, all_cells_bits, error_rule_bits)
     return {name: function(counts) for name, function in zip(ESTIMATORS, functions, strict=True)}
 
@@ -130,17 +130,17 @@ def information(
 ) -> Information:
     """Return the information transfer of a confusion matrix (stimuli, responses) of counts.
 
-    Of the estimates only the posterior's median has an interval: those of the others missed the truth (a bootstrap's
-    covers the bias of its estimator and not the truth). It is refused where trials are too few for the number of
-    stimuli, and where responses are not those of the stimuli. Raises BadInput for a matrix, confidence or number of
-    draws that is not allowed.
+    Only the posterior's median has an interval: intervals of the other estimates missed the truth (a bootstrap's covers
+    the bias of its estimator and not the truth). It is refused where trials are too few for the number of stimuli, and
+    where responses are not those of the stimuli. Raises BadInput for a matrix, confidence or number of draws that is
+    not allowed.
     """
     counts = confusion_counts(matrix)
     if not 0.0 < confidence < 1.0 or draws < 100:
         raise BadInput(f"confidence {confidence:g}, {draws} draws; allowed: between 0 and 1, and 100 or more")
     if seconds_per_stimulus is not None and not seconds_per_stimulus > 0.0:
         raise BadInput(f"{seconds_per_stimulus:g} seconds a stimulus; allowed: a positive number")
-    estimates = {name: Estimate(float(bits)) for name, bits in all_estimates(counts).items()}
+    estimates = {name: InformationEstimate(float(bits)) for name, bits in all_estimates(counts).items()}
     why = _no_interval(counts)
     if why is None:
         estimates[POSTERIOR] = _posterior(counts, rng, draws, confidence)
@@ -161,16 +161,20 @@ def information(
     )
 
 
-def _posterior(counts: Counts, rng: np.random.Generator, draws: int, confidence: float) -> Estimate:
-    """Return the posterior's median with its interval, _WIDER than the posterior's own about it."""
+def _posterior(
+    counts: NDArray[np.int64], rng: np.random.Generator, draws: int, confidence: float
+) -> InformationEstimate:
+    """Return the posterior's median with an interval that is _WIDER times the posterior's own."""
     found = information_draws(counts, draws, rng)
     tails = (0.5 - 0.5 * confidence, 0.5, 0.5 + 0.5 * confidence)
     low, middle, high = (float(value) for value in np.quantile(found, tails))
     most = float(np.log2(counts.shape[0]))
-    return Estimate(middle, max(middle - _WIDER * (middle - low), 0.0), min(middle + _WIDER * (high - middle), most))
+    return InformationEstimate(
+        middle, max(middle - _WIDER * (middle - low), 0.0), min(middle + _WIDER * (high - middle), most)
+    )
 
 
-def _no_interval(counts: Counts) -> str | None:
+def _no_interval(counts: NDArray[np.int64]) -> str | None:
     """Return why there is no interval, or None where there is one."""
     if counts.shape[0] != counts.shape[1]:
         return "no interval: responses are not those of the stimuli"
@@ -182,7 +186,7 @@ def _no_interval(counts: Counts) -> str | None:
     return None
 
 
-def _warning(counts: Counts) -> str | None:
+def _warning(counts: NDArray[np.int64]) -> str | None:
     stimuli, responses, trials = int(_stimuli(counts)), counts.shape[1], int(counts.sum())
     wanted = ENOUGH * stimuli * responses
     if trials >= wanted:
@@ -190,14 +194,14 @@ def _warning(counts: Counts) -> str | None:
     return f"{trials} trials for {stimuli} x {responses} cells; below {wanted} (5 a cell) these estimates are biased"
 
 
-def _n_log_n(counts: NDArray[np.int64]) -> Bits:
+def _n_log_n(counts: NDArray[np.int64]) -> FloatArray:
     values = np.asarray(counts, dtype=np.float64)
     return np.asarray(values * np.log2(np.where(values > 0.0, values, 1.0)))
 
 
-def _trials(counts: Counts) -> NDArray[np.int64]:
+def _trials(counts: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(counts.sum(axis=(-2, -1)))
 
 
-def _stimuli(counts: Counts) -> NDArray[np.int64]:
+def _stimuli(counts: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray((counts.sum(axis=-1) > 0).sum(axis=-1))

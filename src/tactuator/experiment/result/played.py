@@ -1,4 +1,4 @@
-"""What a stored run's intervals played and what the sensor saw, as arrays; and what can be wrong with that."""
+"""Intervals of a stored run as arrays: what was played and what the sensor saw, and faults of the playing."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.experiment.store.stored_runs import StoredRun
 from tactuator.experiment.trial.timing import Timing
 from tactuator.signals.decibels import from_db
-
-Floats = NDArray[np.float64]
 
 _MAINS_HZ = (50.0, 60.0)
 _FELT_DB = -10.0
@@ -21,21 +20,25 @@ _SIMULATED = ("simulated", "in-process", "emulated")
 
 
 @dataclass(frozen=True)
-class Played:
-    """Arrays (intervals,): trial, index in the run; commanded_db_sl, NaN where blank; measured_db_sl; saturated."""
+class PlayedIntervals:
+    """Intervals of a run as they were played; arrays (intervals,).
+
+    trial: index in the run. commanded_db_sl: NaN where blank. measured_db_sl: at the sensor. saturated: True where a
+    converter was.
+    """
 
     trial: NDArray[np.intp]
-    commanded_db_sl: Floats
-    measured_db_sl: Floats
+    commanded_db_sl: FloatArray
+    measured_db_sl: FloatArray
     saturated: NDArray[np.bool_]
 
 
-def played(run: StoredRun) -> Played:
+def played(run: StoredRun) -> PlayedIntervals:
     """Return the intervals of all the run's trials."""
     each = max(len(run.intervals) // max(run.correct.size, 1), 1)
     commanded = [one.commanded_db_sl for one in run.intervals]
     measured = [one.measured_db_sl for one in run.intervals]
-    return Played(
+    return PlayedIntervals(
         np.arange(len(run.intervals)) // each,
         np.array(commanded, dtype=np.float64),
         np.array(measured, dtype=np.float64),
@@ -43,9 +46,11 @@ def played(run: StoredRun) -> Played:
     )
 
 
-def hum_is_felt(seen: Played, frequency_hz: float, timing: Timing, threshold_db_sl: float) -> bool:
-    """Return whether hum stood beside the stimulus: a line of 50 or 60 Hz mains within the bandwidth of the stimulus,
-    and blank intervals with a steady tenth of the power of a stimulus at threshold, or more.
+def hum_is_felt(seen: PlayedIntervals, frequency_hz: float, timing: Timing, threshold_db_sl: float) -> bool:
+    """Return whether hum was felt with the stimulus.
+
+    That is a line of 50 or 60 Hz mains within the bandwidth of the stimulus, and blank intervals with a steady tenth or
+    more of the power of a stimulus at threshold.
     """
     clearance = timing.clearance_hz(frequency_hz)
     lines = [max(round(frequency_hz / mains), 1) * mains for mains in _MAINS_HZ]
@@ -61,6 +66,6 @@ def hum_is_felt(seen: Played, frequency_hz: float, timing: Timing, threshold_db_
 
 
 def is_simulated(run: StoredRun) -> bool:
-    """Return whether nobody felt it: the rig's display or the subject was simulated."""
+    """Return whether nobody felt the run, because the rig's display or the subject was simulated."""
     nobody = run.run.respondent in ("simulated", "script") or run.session.subject_group == "simulated"
     return nobody or bool(run.run.rig_simulated) or str(run.run.rig).partition(":")[0] in _SIMULATED

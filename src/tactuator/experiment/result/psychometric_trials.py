@@ -1,4 +1,4 @@
-"""A run's answers against level, and the psychometric function that was fitted to them."""
+"""A run's answers by level, and the psychometric function that was fitted to them."""
 
 from __future__ import annotations
 
@@ -8,34 +8,34 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.refit import RefitPrior, refit
 from tactuator.experiment.result.catch import catch_kinds
-from tactuator.experiment.result.thresholds import Threshold
+from tactuator.experiment.result.thresholds import MeasuredThreshold
 from tactuator.experiment.store.stored_runs import StoredRun
 from tactuator.perception.psychometric import Psychometric, Weibull
-
-Floats = NDArray[np.float64]
 
 _MARGIN_DB = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class PsychometricTrials:
-    """Shares of right answers at levels, dB SL, and the fit. level_db_sl, share, count: (levels,); grid, psi: (n,).
+    """Shares of right answers at levels, dB SL, and the psychometric function fitted to them.
 
-    threshold: the refit with its 95 % interval; own_db_sl: the procedure's number, where it has one.
+    level_db_sl, share, count: (levels,). grid_db_sl, psi: the function, (n,). threshold: the refit with its 95 %
+    interval; its own_db_sl is the procedure's number, where it has one.
     """
 
-    level_db_sl: Floats
-    share: Floats
+    level_db_sl: FloatArray
+    share: FloatArray
     count: NDArray[np.int64]
-    grid_db_sl: Floats
-    psi: Floats
-    threshold: Threshold
+    grid_db_sl: FloatArray
+    psi: FloatArray
+    threshold: MeasuredThreshold
 
 
 def psychometric_trials(
-    runs: Sequence[StoredRun], found: Sequence[Threshold]
+    runs: Sequence[StoredRun], found: Sequence[MeasuredThreshold]
 ) -> dict[str, tuple[PsychometricTrials, ...]]:
     """Return every run at one frequency, by its subject; whole-curve runs have no one function and are left out."""
     by_run = {one.run: one for one in found if one.procedure != "curve"}
@@ -46,7 +46,7 @@ def psychometric_trials(
     return {subject: tuple(trials) for subject, trials in people.items()}
 
 
-def _of_run(run: StoredRun, threshold: Threshold) -> PsychometricTrials:
+def _of_run(run: StoredRun, threshold: MeasuredThreshold) -> PsychometricTrials:
     kept = catch_kinds(run) != "blank"
     levels, correct = run.levels_db_sl[kept], run.correct[kept]
     guess = run.protocol.forced_choice().guess

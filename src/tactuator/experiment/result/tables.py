@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from tactuator.experiment.result.confusion import AbxResult, SubjectResult
 from tactuator.experiment.result.information import Information
-from tactuator.experiment.result.thresholds import Threshold
+from tactuator.experiment.result.thresholds import MeasuredThreshold
 
 _BOUNDS = {"": "", ">=": "≥ ", "<=": "≤ "}
 _ENOUGH_POWER = 0.5
@@ -15,7 +15,7 @@ _ENOUGH_POWER = 0.5
 
 @dataclass(frozen=True)
 class ResultTable:
-    """notes: a line each, below."""
+    """A table of results; notes: lines below the table."""
 
     caption: str
     columns: tuple[str, ...]
@@ -23,8 +23,8 @@ class ResultTable:
     notes: tuple[str, ...] = ()
 
 
-def threshold_table(found: Sequence[Threshold]) -> ResultTable:
-    """A row a threshold."""
+def threshold_table(found: Sequence[MeasuredThreshold]) -> ResultTable:
+    """Return a table with a row for each threshold."""
     columns = ("subject", "finger", "Hz", "trials", "procedure", "refit", "95 %", "dB re 1 µm", "flags")
     rows = tuple(
         (
@@ -59,7 +59,7 @@ def threshold_table(found: Sequence[Threshold]) -> ResultTable:
 
 
 def information_table(title: str, found: Information) -> ResultTable:
-    """Return a table with a row an estimator."""
+    """Return a table with a row for each estimator."""
     rates = found.bits_per_second or {}
     rows = tuple(
         (
@@ -79,11 +79,11 @@ def information_table(title: str, found: Information) -> ResultTable:
 
 
 def matrix_table(one: SubjectResult) -> ResultTable:
-    """The confusion matrix."""
+    """Return the confusion matrix as a table."""
     rows = tuple((label, *map(str, counts)) for label, counts in zip(one.labels, one.counts.tolist(), strict=True))
     return ResultTable("Confusion matrix (a row a stimulus, a column a response)", ("", *one.labels), rows)
 
 
 def abx_table(one: AbxResult) -> ResultTable:
-    """The share of right answers."""
+    """Return the share of right answers as a table."""
     return ResultTable("ABX", ("trials", "% correct"), ((str(one.trials), f"{100.0 * one.share_correct:.1f}"),))

@@ -1,4 +1,4 @@
-"""Thresholds from stored runs: the procedure's own number, the Bayesian refit, and what to beware of."""
+"""Thresholds from stored runs: the procedure's own number, the Bayesian refit, and the flags of the run."""
 
 from __future__ import annotations
 
@@ -6,22 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Playable, Procedure
 from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
 from tactuator.experiment.procedure.run_flags import RunFlags, run_flags
 from tactuator.experiment.procedure.up_down import UpDown
-from tactuator.experiment.procedure.whole_curve import WholeCurve
+from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurve
 from tactuator.experiment.result.catch import attention, catch_kinds
 from tactuator.experiment.result.curve_runs import curve_run
-from tactuator.experiment.result.played import Played, hum_is_felt, is_simulated, played
+from tactuator.experiment.result.played import PlayedIntervals, hum_is_felt, is_simulated, played
 from tactuator.experiment.store.stored_runs import StoredRun
 from tactuator.experiment.trial.delivered_level import Delivered, delivered
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP
-
-Floats = NDArray[np.float64]
 
 DISQUALIFYING = frozenset({"attention", "chance", "drift", "lapses", "mains", "out-of-range", "trial-limit"})
 """Flags of runs whose threshold a group curve leaves out unless it is told to keep them."""
@@ -31,16 +28,16 @@ _NORMAL_95 = 1.959964
 
 
 @dataclass(frozen=True)
-class Threshold:
+class MeasuredThreshold:
     """One threshold of one subject.
 
-    own_db_sl, own_standard_error_db: as the procedure states it, commanded level (None where it states none).
-    refit_*: posterior median, standard deviation and 95 % interval, commanded level, clipped to what was played; bound:
-    ">=" or "<=" where the threshold lies beyond that. point: share correct that both stand for. delivered_db, with its
-    standard deviation: what the sensor saw above the commanded level. level_db_re_1um: the refit as displacement,
-    delivered, with an interval that carries both; own_level_db_re_1um likewise. flags: floor, ceiling, trial-limit,
-    chance, attention, lapses, drift, mains, out-of-range, saturated, delivered-unknown. lapse_power, drift_power:
-    probability that the run would have shown a lapse rate of 15 %, a drift of 6 dB. simulated: nobody felt this.
+    own_db_sl, own_standard_error_db: as the procedure states it, commanded level (None where it states none). refit_*:
+    posterior median, standard deviation and 95 % interval, commanded level, clipped to what was played. bound: ">=" or
+    "<=" where the threshold lies beyond that. point: share correct that both stand for. delivered_db, with its standard
+    deviation: level at the sensor above the commanded level. level_db_re_1um: the refit as displacement, delivered,
+    with an interval that carries both; own_level_db_re_1um likewise. flags: floor, ceiling, trial-limit, chance,
+    attention, lapses, drift, mains, out-of-range, saturated, delivered-unknown. lapse_power, drift_power: probability
+    that the run would have shown a lapse rate of 15 %, a drift of 6 dB. simulated: True where nobody felt the stimuli.
     """
 
     subject: str
@@ -72,11 +69,11 @@ class Threshold:
     simulated: bool
 
 
-def thresholds(runs: Sequence[StoredRun]) -> list[Threshold]:
-    """Thresholds of every run; of a whole-curve run, one at each of twelve frequencies over its band."""
+def thresholds(runs: Sequence[StoredRun]) -> list[MeasuredThreshold]:
+    """Return the thresholds of every run; of a whole-curve run, one at each of twelve frequencies over its band."""
     procedures = [replayed(run) for run in runs]
     fitted = _fitted(runs, procedures)
-    found: list[Threshold] = []
+    found: list[MeasuredThreshold] = []
     for index, (run, procedure) in enumerate(zip(runs, procedures, strict=True)):
         if isinstance(procedure, WholeCurve):
             found += _whole_curve(run, procedure)
@@ -86,7 +83,10 @@ def thresholds(runs: Sequence[StoredRun]) -> list[Threshold]:
 
 
 def replayed(run: StoredRun) -> Procedure:
-    """The run's procedure after its last trial; a whole curve is left fresh: what it played is learnt instead."""
+    """Return the run's procedure after its last trial.
+
+    A whole curve is returned fresh, since the belief is computed from the trials as they were played.
+    """
     timing = run.protocol.timing.build()
     playable = Playable((run.run.band_low_hz, run.run.band_high_hz), clearance_hz=timing.clearance_hz(60.0))
     procedure = run.protocol.procedure.build(run.protocol.forced_choice(), playable)
@@ -97,12 +97,15 @@ def replayed(run: StoredRun) -> Procedure:
 
 
 def point_of(procedure: Procedure) -> float:
-    """Share correct, lapses included, at the level that the procedure's number stands for."""
+    """Return the share correct, lapses included, at the level that the procedure's number stands for."""
     return procedure.rule.target if isinstance(procedure, UpDown) else TARGET_3_DOWN_1_UP
 
 
 def _fitted(runs: Sequence[StoredRun], procedures: Sequence[Procedure]) -> dict[int, tuple[Refit, RunFlags, int]]:
-    """Refit and flags of every run at one frequency, by its index, and its row in them: many runs in one product."""
+    """Return refit, flags and the row in them of every run at one frequency, by its index.
+
+    Runs with the same prior are fitted together.
+    """
     groups: dict[RefitPrior, list[int]] = {}
     for index, (run, procedure) in enumerate(zip(runs, procedures, strict=True)):
         if not isinstance(procedure, WholeCurve):
@@ -125,7 +128,7 @@ def _fitted(runs: Sequence[StoredRun], procedures: Sequence[Procedure]) -> dict[
 
 @dataclass(frozen=True)
 class _Level:
-    """A threshold as commanded, before and after clipping to what was played."""
+    """A threshold as commanded, clipped to the levels that were played."""
 
     level: float
     sd: float
@@ -140,7 +143,7 @@ class _Level:
         return cls(level, sd, low, high, bound)
 
 
-def _one(run: StoredRun, procedure: Procedure, fit: Refit, flags: RunFlags, row: int) -> Threshold:
+def _one(run: StoredRun, procedure: Procedure, fit: Refit, flags: RunFlags, row: int) -> MeasuredThreshold:
     kinds = catch_kinds(run)
     levels = run.levels_db_sl[kinds != "blank"]
     fitted = (fit.threshold_db[row], fit.sd_db[row], fit.low_db[row], fit.high_db[row])
@@ -159,7 +162,7 @@ def _one(run: StoredRun, procedure: Procedure, fit: Refit, flags: RunFlags, row:
     )  # fmt: skip
 
 
-def _whole_curve(run: StoredRun, procedure: WholeCurve) -> list[Threshold]:
+def _whole_curve(run: StoredRun, procedure: WholeCurve) -> list[MeasuredThreshold]:
     kinds, seen = catch_kinds(run), played(run)
     own = kinds != "blank"
     if not own.any():
@@ -182,7 +185,7 @@ def _whole_curve(run: StoredRun, procedure: WholeCurve) -> list[Threshold]:
     return found
 
 
-def _of_playing(seen: Played, at: _Level, gain: Delivered) -> list[str]:
+def _of_playing(seen: PlayedIntervals, at: _Level, gain: Delivered) -> list[str]:
     found = {
         "out-of-range": bool(at.bound),
         "saturated": bool(seen.saturated.any()),
@@ -194,12 +197,12 @@ def _of_playing(seen: Played, at: _Level, gain: Delivered) -> list[str]:
 def _threshold(
     run: StoredRun, frequency_hz: float, at: _Level, gain: Delivered, base: float, flags: Sequence[str], point: float,
     own: tuple[float, float | None] | None, power: tuple[float | None, float | None],
-) -> Threshold:  # fmt: skip
+) -> MeasuredThreshold:  # fmt: skip
     known = not np.isnan(gain.offset_db)
     shift, shift_sd = (gain.offset_db, gain.sd_db) if known else (0.0, 0.0)
     level = base + shift + at.level
     spare = _NORMAL_95 * shift_sd
-    return Threshold(
+    return MeasuredThreshold(
         subject=run.session.subject_code,
         group=run.session.subject_group,
         finger=run.run.finger,

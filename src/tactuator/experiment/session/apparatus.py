@@ -1,4 +1,4 @@
-"""A rig with a controller loaded: where stimuli are played."""
+"""The apparatus that stimuli are played with: a rig with a controller loaded."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tactuator.display.description import Channel
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.plan import ALL_FINGERS
-from tactuator.experiment.store.records import Apparatus
+from tactuator.experiment.store.records import ApparatusRecord
 from tactuator.experiment.trial.timing import Timing
 from tactuator.files.controller import controller_hash
 from tactuator.rig.paced import PacedRig
@@ -18,7 +18,7 @@ from tactuator.rig.touchable import TouchableRig
 
 
 @dataclass(frozen=True)
-class Station:
+class Apparatus:
     """A rig with a controller loaded, and its name."""
 
     rig: Rig
@@ -26,18 +26,18 @@ class Station:
     name: str
 
     def channel(self, finger: str) -> Channel:
-        """The channel for that finger (the first for all of them); BadInput if the display has none."""
+        """Return the channel for that finger (the first for all of them). Raises BadInput if the display has none."""
         for channel in self.controller.display.channels:
             if finger in (channel.finger, ALL_FINGERS):
                 return channel
         fingers = ", ".join(channel.finger for channel in self.controller.display.channels)
         raise BadInput(f"finger {finger!r} is not on the display; allowed: {fingers}")
 
-    def apparatus(self, finger: str) -> Apparatus:
-        """What is stored with a run on that finger."""
+    def record(self, finger: str) -> ApparatusRecord:
+        """Return the description of the apparatus that is stored with a run on that finger."""
         channel = self.channel(finger)
         curve = channel.threshold.curve
-        return Apparatus(
+        return ApparatusRecord(
             self.name,
             self.controller.display.name,
             controller_hash(self.controller),
@@ -51,20 +51,20 @@ class Station:
         )
 
     def playable(self, timing: Timing) -> Playable:
-        """What a procedure that chooses frequencies may choose from, for stimuli of that timing."""
+        """Return the range of stimuli of that timing that a procedure which chooses frequencies may use."""
         return Playable(self.band_hz, self.mains_hz, timing.clearance_hz(self.mains_hz or 100.0))
 
     @property
     def mains_hz(self) -> float:
-        """Fundamental of the hum that the display's first channel is said to have; 0 for none."""
+        """Return the fundamental of the hum that the display's first channel is said to have; 0 for none."""
         return min(self.controller.display.channels[0].environment.hum_hz, default=0.0)
 
     @property
     def simulated(self) -> bool:
-        """True where the display is simulated: nobody can feel anything there."""
+        """Return whether the display is simulated, so that nobody can feel anything there."""
         return isinstance(self.rig, TouchableRig) and self.rig.has_finger_ports
 
     @property
     def band_hz(self) -> tuple[float, float]:
-        """The band of the display's first channel."""
+        """Return the band of the display's first channel."""
         return self.controller.display.channels[0].threshold.band_hz

@@ -1,4 +1,4 @@
-"""Time, passed in: what the wall says, and what never jumps."""
+"""Clocks that are passed in: wall time, and a time that never jumps."""
 
 from __future__ import annotations
 
@@ -8,31 +8,31 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """utc for records, monotonic_s for durations within one process."""
+    """A clock: `utc` for records, `monotonic_s` for durations within one process."""
 
     def utc(self) -> datetime:
-        """Now, with its time zone."""
+        """Return the present time with its time zone."""
         ...
 
     def monotonic_s(self) -> float:
-        """Seconds that only go forward."""
+        """Return seconds that only go forward."""
         ...
 
 
 class SystemClock:
-    """The machine's own."""
+    """The clock of the machine."""
 
     def utc(self) -> datetime:
-        """Now."""
+        """Return the present time in UTC."""
         return datetime.now(UTC)
 
     def monotonic_s(self) -> float:
-        """Seconds since some start."""
+        """Return the seconds since some start."""
         return time.monotonic()
 
 
 class JumpWatch:
-    """Notices when the wall clock moves other than time passes."""
+    """Detector of jumps of the wall clock, relative to the monotonic one."""
 
     def __init__(self, clock: Clock, tolerance_s: float = 2.0) -> None:
         self._clock = clock
@@ -40,7 +40,7 @@ class JumpWatch:
         self._utc, self._monotonic_s = clock.utc(), clock.monotonic_s()
 
     def jump_s(self) -> float | None:
-        """How far the wall clock has jumped since last asked (forward positive), or None."""
+        """Return how far the wall clock has jumped since the last call (forward positive), or None."""
         utc, monotonic_s = self._clock.utc(), self._clock.monotonic_s()
         jump = (utc - self._utc).total_seconds() - (monotonic_s - self._monotonic_s)
         self._utc, self._monotonic_s = utc, monotonic_s

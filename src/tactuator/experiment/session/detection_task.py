@@ -15,25 +15,15 @@ from tactuator.experiment.procedure.practice import Practice
 from tactuator.experiment.procedure.procedure import Procedure
 from tactuator.experiment.procedure.run_flags import LEAST_LOG_EVIDENCE
 from tactuator.experiment.procedure.up_down import UpDown
-from tactuator.experiment.procedure.whole_curve import WholeCurve
+from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurve
 from tactuator.experiment.protocol.plan import PlannedRun, plan_runs, run_seed
 from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.result.tables import ResultTable, threshold_table
 from tactuator.experiment.result.thresholds import thresholds
-from tactuator.experiment.session.apparatus import Station
-from tactuator.experiment.session.task import (
-    NOTHING_DB_SL,
-    SHAPE_STEP_S,
-    Choice,
-    Picture,
-    Question,
-    Rules,
-    Shape,
-    Stagehand,
-    key_codes,
-)
+from tactuator.experiment.session.apparatus import Apparatus
+from tactuator.experiment.session.task import Envelope, OfferedResponse, Picture, PlaybackCallbacks, Question, Rules
 from tactuator.experiment.store import schema
-from tactuator.experiment.store.records import Played
+from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.experiment.trial.detection_run import Detection
@@ -44,7 +34,7 @@ from tactuator.perception.levels import COMFORT_DB_SL
 from tactuator.signals.stimuli import ramps
 
 _TRIALS_A_REVERSAL, _TRIALS = 5.3, 80.0
-"""Of the paper's procedure (facts of its simulation: 79 trials for 15 reversals); of one that says nothing."""
+"""Trials for a reversal of the paper's procedure, by simulation (79 for 15), and of a run of unknown length."""
 
 _PICTURED, _JUDGED = 60, 40
 
@@ -64,16 +54,16 @@ def keep_off_mains(frequency_hz: float, mains_hz: float, timing: Timing) -> None
 
 @dataclass(frozen=True)
 class DetectionTask:
-    """A detection protocol at a station. Raises BadInput where the display has no such finger, or cannot play it."""
+    """A detection protocol at an apparatus. Raises BadInput where the display has no such finger, or cannot play it."""
 
     protocol: Protocol
-    station: Station
+    apparatus: Apparatus
     words: Words = field(default_factory=lambda: shipped_words("en"))
 
     def __post_init__(self) -> None:
-        protocol, rig = self.protocol, self.station.rig
+        protocol, rig = self.protocol, self.apparatus.rig
         for finger in protocol.conditions.fingers:
-            low, high = self.station.channel(finger).threshold.band_hz
+            low, high = self.apparatus.channel(finger).threshold.band_hz
             for frequency in protocol.conditions.frequencies_hz:
                 if not low <= frequency <= high:
                     raise BadInput(f"{frequency:g} Hz on finger {finger!r}; allowed: {low:g} to {high:g} Hz")
@@ -84,14 +74,14 @@ class DetectionTask:
 
     @property
     def question(self) -> Question:
-        """One key for each interval."""
+        """Return the question of every trial, with one key for each interval."""
         responses = self.protocol.forced_choice().responses
-        choices = tuple(Choice(response, (response,), key_codes(response)) for response in responses)
+        choices = tuple(OfferedResponse(response, (response,)) for response in responses)
         return Question(self.words("prompt.detection"), choices, responses)
 
     @property
     def rules(self) -> Rules:
-        """As the protocol has them."""
+        """Return the rules of a session, as the protocol has them."""
         session = self.protocol.session
         return Rules(
             feedback_s=self.protocol.timing.feedback_s,
@@ -107,16 +97,16 @@ class DetectionTask:
         if connection.execute(begun).first() is None:
             timing = self.protocol.timing.build()
             for frequency in self.protocol.conditions.frequencies_hz:
-                keep_off_mains(frequency, self.station.mains_hz, timing)
+                keep_off_mains(frequency, self.apparatus.mains_hz, timing)
 
     def runs(self, subject: int, visit: int = 1) -> tuple[PlannedRun, ...]:
-        """Practice, then every condition in the subject's order."""
+        """Return practice, then every condition in the subject's order."""
         return plan_runs(self.protocol, subject, visit, self.words)
 
     def expected(self, planned: PlannedRun) -> tuple[float, float]:
-        """How many trials a run has, about, and how many seconds one of them plays."""
+        """Return the approximate number of trials of a run, and how many seconds one of them plays."""
         protocol = self.protocol
-        procedure = protocol.procedure.build(protocol.forced_choice(), self.station.playable(protocol.timing.build()))
+        procedure = protocol.procedure.build(protocol.forced_choice(), self.apparatus.playable(protocol.timing.build()))
         if planned.practice:
             trials = float(protocol.session.practice_trials)
         elif isinstance(procedure, UpDown):
@@ -124,24 +114,24 @@ class DetectionTask:
         else:
             trials = float(getattr(protocol.procedure, "trials", _TRIALS))
         timing, intervals = protocol.timing.build(), protocol.paradigm.intervals
-        frequency = planned.frequency_hz or math.sqrt(self.station.band_hz[0] * self.station.band_hz[1])
+        frequency = planned.frequency_hz or math.sqrt(self.apparatus.band_hz[0] * self.apparatus.band_hz[1])
         played_s = timing.lead_s + intervals * timing.duration_s(frequency) + (intervals - 1) * timing.gap_s
         marks = 0.0 if protocol.marks is None else protocol.marks.build().duration_s(intervals)
         return trials, played_s + marks + timing.feedback_s
 
     def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> DetectionCourse:
-        """A fresh procedure."""
+        """Return the course of a run, with a fresh procedure."""
         protocol = self.protocol
         if planned.practice:
             procedure: Procedure = protocol.practice(planned.frequency_hz or 100.0)
         else:
-            playable = self.station.playable(protocol.timing.build())
+            playable = self.apparatus.playable(protocol.timing.build())
             procedure = protocol.procedure.build(protocol.forced_choice(), playable)
         seed = run_seed(protocol, subject, planned.position, attempt, visit)
         return DetectionCourse(self, planned, procedure, seed)
 
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
-        """The thresholds of the runs that are done."""
+        """Return the thresholds of the runs that are done. Raises BadInput where there is none."""
         found = thresholds([run for run in detection_runs(store) if run.session.id == session])
         if not found:
             raise BadInput("the session has no run that is done; allowed: results after the first")
@@ -168,7 +158,7 @@ def curve_picture(procedure: WholeCurve, title: str) -> Picture:
 
 @dataclass
 class DetectionCourse:
-    """One run: its procedure, and what became of its trials."""
+    """Course of one run: its procedure, and the level and outcome of its trials."""
 
     task: DetectionTask
     planned: PlannedRun
@@ -178,21 +168,24 @@ class DetectionCourse:
 
     @property
     def trials(self) -> int:
-        """Return how many are answered so far, catch trials included."""
+        """Return the number of trials answered so far, catch trials included."""
         return len(self._outcomes)
 
     @property
     def progress(self) -> float:
-        """The procedure's."""
+        """Return the progress of the procedure."""
         return self.procedure.progress
 
     @property
     def passed(self) -> bool:
-        """False for practice that has not met its criterion."""
+        """Return False for practice that has not met its criterion, True otherwise."""
         return not isinstance(self.procedure, Practice) or self.procedure.passed
 
     def trial(self) -> Trial | None:
-        """The trial where the procedure puts it, at the run's frequency unless the procedure chooses that too."""
+        """Return the trial where the procedure puts it, or None when the run is over.
+
+        Its frequency is the run's unless the procedure chooses that too.
+        """
         placement = self.procedure.placement()
         if placement is None:
             return None
@@ -205,41 +198,41 @@ class DetectionCourse:
         return self.task.protocol.forced_choice().trial(self.trials, placement, self.seed, label)
 
     def _label(self) -> str:
-        """Return what the trial that stands is: one of the procedure's, or a catch trial by the lot of its number."""
+        """Return the kind of the trial that stands: the procedure's, or a catch trial by the lot of its number."""
         catch = self.task.protocol.catch
         if self.planned.practice:
             return SIGNAL
         lot = float(trial_rng((*self.seed, 9), self.trials).random())
         return LOUD if lot < catch.loud_share else BLANK if lot < catch.loud_share + catch.blank_share else SIGNAL
 
-    def play(self, trial: Trial, stage: Stagehand, presented: datetime) -> Played:
+    def play(self, trial: Trial, callbacks: PlaybackCallbacks, presented: datetime) -> PlayedTrial:
         """Play the trial's intervals on the channel of the run's finger."""
         assert trial.placement is not None
         assert trial.placement.frequency_hz is not None
         frequency, protocol = trial.placement.frequency_hz, self.task.protocol
-        channel = self.task.station.channel(self.planned.finger)
+        channel = self.task.apparatus.channel(self.planned.finger)
         marks = None if protocol.marks is None else protocol.marks.build()
-        presenter = Presenter(self.task.station.rig, channel.name, stage.watch, stage.halted, marks)
+        presenter = Presenter(self.task.apparatus.rig, channel.name, callbacks.watch, callbacks.halted, marks)
         masker = None if protocol.masker is None else protocol.masker.build()
         detection = Detection(presenter, channel, protocol.timing.build(), protocol.forced_choice(), masker)
         intervals, shown = detection.play(trial, frequency, self.seed)
         level = float(channel.threshold.curve.level_db_re_1um_at(frequency))
-        return Played(trial, intervals, presented, frequency, level, shown.rig_tick, shown.lasted_s)
+        return PlayedTrial(trial, intervals, presented, frequency, level, shown.rig_tick, shown.lasted_s)
 
-    def shape(self, trial: Trial, interval: int) -> Shape:
-        """A tone between its ramps, or nothing."""
+    def shape(self, trial: Trial, interval: int) -> Envelope:
+        """Return the envelope of an interval: a tone between its ramps, or nothing."""
         assert trial.placement is not None
         assert trial.placement.frequency_hz is not None
         frequency, timing = trial.placement.frequency_hz, self.task.protocol.timing.build()
-        count = max(1, round(timing.duration_s(frequency) / SHAPE_STEP_S))
+        count = max(1, round(timing.duration_s(frequency) / Envelope.STEP_S))
         if trial.stimuli[interval] == BLANK:
-            return Shape((NOTHING_DB_SL,) * count, SHAPE_STEP_S, frequency)
-        rise = ramps(count, 1.0 / SHAPE_STEP_S, timing.ramp_at_s(frequency))
+            return Envelope.of(np.full(count, Envelope.SILENT_DB_SL), frequency)
+        rise = ramps(count, 1.0 / Envelope.STEP_S, timing.ramp_at_s(frequency))
         levels = trial.placement.level_db_sl + 20.0 * np.log10(np.maximum(rise, 1e-3))
-        return Shape(tuple(np.round(levels, 1).tolist()), SHAPE_STEP_S, frequency)
+        return Envelope.of(levels, frequency)
 
     def record(self, response: str) -> None:
-        """Right or wrong moves the procedure on."""
+        """Record the outcome of the trial that stands, which moves the procedure on."""
         trial = self.trial()
         if trial is None or trial.placement is None:
             raise BadInput("the run is over; allowed: a response to a trial that stands")

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from sqlalchemy import Connection, insert, select
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.identification import IdentificationProtocol
 from tactuator.experiment.store import schema
@@ -22,17 +22,20 @@ LONGEST_S = 60.0
 
 @dataclass(frozen=True, eq=False)
 class LoadedItem:
-    """reference: (n, channels) in the rig's order, threshold units. sha256: of the reference's samples."""
+    """An item with its stimulus.
+
+    reference: (n, channels) in the rig's order, threshold units. sha256: of the reference's samples.
+    """
 
     label: str
     source: str
-    reference: NDArray[np.float64]
+    reference: FloatArray
     duration_s: float
     sha256: str
 
 
 def load_items(protocol: IdentificationProtocol, beside: Path, rig: Rig) -> Mapping[str, LoadedItem]:
-    """Every item of the protocol, by label; files lie beside the protocol.
+    """Return every item of the protocol, by label; files lie beside the protocol.
 
     Raises BadInput for a file that is not a reference for this rig, is beyond comfort, or lasts over a minute.
     """
@@ -51,7 +54,7 @@ def load_items(protocol: IdentificationProtocol, beside: Path, rig: Rig) -> Mapp
 def keep_items(
     connection: Connection, study: int, protocol: IdentificationProtocol, items: Mapping[str, LoadedItem]
 ) -> None:
-    """Keep the items that are new to the study. Raises BadInput where one of them, or its key, is not what it was."""
+    """Store the items that are new to the study. Raises BadInput where one of them, or its key, is not what it was."""
     stored = list(connection.execute(select(schema.stimulus).where(schema.stimulus.c.study_id == study)))
     for row in stored:
         if row.label in items and items[row.label].sha256 != row.sha256:

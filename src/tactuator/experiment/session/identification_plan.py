@@ -1,4 +1,4 @@
-"""Which trials an identification block has: every item equally often, in an order that a seed alone decides."""
+"""Trials of an identification block: every item equally often, in an order that a seed alone decides."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ ABX_RESPONSES = ("A", "B")
 
 
 def plan_blocks(protocol: IdentificationProtocol, words: Words | None = None) -> tuple[PlannedRun, ...]:
-    """Every block as a run: the same for all subjects, but for the order of its trials. words: English by default."""
+    """Return every block as a run, which is the same for all subjects but for the order of its trials.
+
+    words: the language of titles, English by default.
+    """
     told = words or shipped_words("en")
     return tuple(_planned(protocol, told, position, block) for position, block in enumerate(protocol.block))
 
@@ -44,8 +47,10 @@ def _planned(protocol: IdentificationProtocol, words: Words, position: int, bloc
 def block_seed(
     protocol: IdentificationProtocol, subject: int, position: int, attempt: int = 0, visit: int = 1
 ) -> tuple[int, ...]:
-    """Seed of a subject's block; subjects count from 0, visits from 1. A first attempt at a first visit has the three
-    numbers that it always had."""
+    """Return the seed of a subject's block; subjects count from 0, visits from 1.
+
+    A first attempt at a first visit has the three numbers that it had before there were attempts and visits.
+    """
     again = () if (attempt, visit) == (0, 1) else (attempt, visit)
     return (protocol.study.seed, subject, position, *again)
 
@@ -53,7 +58,7 @@ def block_seed(
 def block_trials(
     protocol: IdentificationProtocol, subject: int, position: int, attempt: int = 0, visit: int = 1
 ) -> tuple[Trial, ...]:
-    """The trials of a subject's block: the same after any interruption."""
+    """Return the trials of a subject's block, which are the same after any interruption."""
     return plan_trials(
         protocol.identification.paradigm,
         protocol.labels,
@@ -65,7 +70,7 @@ def block_trials(
 def plan_trials(
     paradigm: Paradigm, labels: Sequence[str], repetitions: int, rng: np.random.Generator
 ) -> tuple[Trial, ...]:
-    """Trials in random order.
+    """Return the trials of a block in random order.
 
     identification: one item, `repetitions` of each, answered with its label. middle-of-three: the same between two
     items drawn at random. abx: every pair `repetitions` times in both orders, X being either, answered A or B.
@@ -95,5 +100,5 @@ def _abx(labels: Sequence[str], repetitions: int, rng: np.random.Generator) -> t
 
 
 def asked_label(paradigm: str, trial: Trial) -> str:
-    """The item that a trial asks for."""
+    """Return the label of the item that a trial asks for."""
     return trial.stimuli[1] if paradigm == "middle-of-three" else trial.stimuli[-1]

@@ -8,30 +8,20 @@ from datetime import datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from sqlalchemy import Connection
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import Words, shipped_words
 from tactuator.experiment.protocol.identification import IdentificationProtocol
 from tactuator.experiment.protocol.plan import PlannedRun
 from tactuator.experiment.result.confusion import session_results
 from tactuator.experiment.result.tables import ResultTable, abx_table, information_table, matrix_table
-from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.identification_items import LoadedItem, keep_items, load_items
 from tactuator.experiment.session.identification_plan import ABX_RESPONSES, block_seed, block_trials, plan_blocks
-from tactuator.experiment.session.task import (
-    NOTHING_DB_SL,
-    SHAPE_STEP_S,
-    Choice,
-    Picture,
-    Question,
-    Rules,
-    Shape,
-    Stagehand,
-    key_codes,
-)
-from tactuator.experiment.store.records import Played
+from tactuator.experiment.session.task import Envelope, OfferedResponse, Picture, PlaybackCallbacks, Question, Rules
+from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.presenter import Presentation, Presenter
 from tactuator.experiment.trial.trial import IntervalRecord, Trial
@@ -39,34 +29,37 @@ from tactuator.experiment.trial.trial import IntervalRecord, Trial
 
 @dataclass(frozen=True)
 class IdentificationTask:
-    """An identification protocol with its items, at a station."""
+    """An identification protocol with its items, at an apparatus."""
 
     protocol: IdentificationProtocol
     items: Mapping[str, LoadedItem]
-    station: Station
+    apparatus: Apparatus
     words: Words = field(default_factory=lambda: shipped_words("en"))
 
     @classmethod
     def load(
-        cls, protocol: IdentificationProtocol, beside: Path, station: Station, words: Words | None = None
+        cls, protocol: IdentificationProtocol, beside: Path, apparatus: Apparatus, words: Words | None = None
     ) -> IdentificationTask:
-        """The task with its items read, whose files lie in `beside`. Raises BadInput as `load_items` does."""
-        return cls(protocol, load_items(protocol, beside, station.rig), station, words or shipped_words("en"))
+        """Return the task with its items read from files in `beside`. Raises BadInput as `load_items` does."""
+        return cls(protocol, load_items(protocol, beside, apparatus.rig), apparatus, words or shipped_words("en"))
 
     @property
     def question(self) -> Question:
-        """Labels with the protocol's keys; A, B and X are told apart as they play, other items are not."""
+        """Return the question of every trial: labels with the protocol's keys.
+
+        A, B and X are told apart as they play; other items are not.
+        """
         paradigm = self.protocol.identification.paradigm
         if paradigm == "abx":
             pairs = zip(ABX_RESPONSES, "12", strict=True)
-            choices = tuple(Choice(name, (name.lower(), name, digit), key_codes(digit)) for name, digit in pairs)
+            choices = tuple(OfferedResponse(name, (name.lower(), name, digit)) for name, digit in pairs)
             return Question(self.words(f"prompt.{paradigm}"), choices, (*ABX_RESPONSES, "X"))
-        choices = tuple(Choice(item.label, (item.key,), key_codes([item.key])) for item in self.protocol.item)
+        choices = tuple(OfferedResponse(item.label, (item.key,)) for item in self.protocol.item)
         return Question(self.words(f"prompt.{paradigm}"), choices)
 
     @property
     def rules(self) -> Rules:
-        """As the protocol has them; a block that was interrupted goes on, however long ago."""
+        """Return the rules of a session, as the protocol has them; a block that was interrupted may always go on."""
         session = self.protocol.session
         return Rules(
             feedback_s=self.protocol.identification.feedback_s,
@@ -76,28 +69,31 @@ class IdentificationTask:
         )
 
     def enrol(self, connection: Connection, study: int) -> None:
-        """Keep the items; BadInput where they are not those that the study began with."""
+        """Store the items. Raises BadInput where they are not those that the study began with."""
         keep_items(connection, study, self.protocol, self.items)
 
     def runs(self, subject: int, visit: int = 1) -> tuple[PlannedRun, ...]:
-        """Every block."""
+        """Return every block as a run."""
         return plan_blocks(self.protocol, self.words)
 
     def expected(self, planned: PlannedRun) -> tuple[float, float]:
-        """How many trials a block has, and how many seconds one of them plays."""
-        asking, rate_hz = self.protocol.identification, self.station.rig.rate_hz
+        """Return the number of trials of a block, and how many seconds one of them plays."""
+        asking, rate_hz = self.protocol.identification, self.apparatus.rig.rate_hz
         intervals = 1 if asking.paradigm == "identification" else 3
         longest_s = max(len(item.reference) for item in self.items.values()) / rate_hz
         played_s = asking.lead_s + intervals * longest_s + (intervals - 1) * asking.gap_s
         return float(planned.trials or 1), played_s + (asking.feedback_s if planned.feedback else 0.0)
 
     def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> BlockCourse:
-        """A block from its first trial."""
+        """Return the course of a block from its first trial."""
         which = (self.protocol, subject, planned.position, attempt, visit)
         return BlockCourse(self, planned, block_trials(*which), block_seed(*which))
 
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
-        """Confusion matrix and information transfer of the test blocks; of ABX, the share of right answers."""
+        """Return confusion matrix and information transfer of the test blocks; of ABX, the share of right answers.
+
+        Raises BadInput where they have no answers yet.
+        """
         rng = np.random.default_rng(self.protocol.study.seed)
         matrices, abx = session_results(store, self.protocol, session, rng)
         if not matrices and not abx:
@@ -105,18 +101,18 @@ class IdentificationTask:
         tables = [(matrix_table(one), information_table("Information transfer", one.information)) for one in matrices]
         return (*(table for pair in tables for table in pair), *map(abx_table, abx))
 
-    def play(self, trial: Trial, stage: Stagehand) -> tuple[tuple[IntervalRecord, ...], Presentation]:
-        """Play the items of a trial on every channel; what was played, and how.
+    def play(self, trial: Trial, callbacks: PlaybackCallbacks) -> tuple[tuple[IntervalRecord, ...], Presentation]:
+        """Play the items of a trial on every channel; returns what was played, and how.
 
         A trial always takes as long as the longest items would, and in ABX so does each of its intervals: how long
-        something takes on the subject's page says nothing of what it was.
+        something takes on the subject's page then says nothing of what it was.
         """
-        asking, rig = self.protocol.identification, self.station.rig
+        asking, rig = self.protocol.identification, self.apparatus.rig
         longest = max(len(item.reference) for item in self.items.values())
         references = [self.items[label].reference for label in trial.stimuli]
         if asking.paradigm == "abx":
             references = [_filled(reference, longest) for reference in references]
-        presenter = Presenter(rig, rig.channels[0], stage.watch, stage.halted)
+        presenter = Presenter(rig, rig.channels[0], callbacks.watch, callbacks.halted)
         left = longest * len(references) - sum(len(reference) for reference in references)
         shown = presenter.present(references, asking.lead_s, asking.gap_s, left / rig.rate_hz)
         records = tuple(
@@ -128,13 +124,13 @@ class IdentificationTask:
         return records, shown
 
 
-def _filled(reference: NDArray[np.float64], length: int) -> NDArray[np.float64]:
+def _filled(reference: FloatArray, length: int) -> FloatArray:
     return np.concatenate([reference, np.zeros((length - len(reference), reference.shape[1]))])
 
 
 @dataclass
 class BlockCourse:
-    """One block: its trials, and the responses to those that are answered."""
+    """Course of one block: its trials, and the responses to those that are answered."""
 
     task: IdentificationTask
     planned: PlannedRun
@@ -144,41 +140,41 @@ class BlockCourse:
 
     @property
     def trials(self) -> int:
-        """Answered so far."""
+        """Return the number of trials answered so far."""
         return len(self._responses)
 
     @property
     def progress(self) -> float:
-        """Share of the block's trials."""
+        """Return the share of the block's trials that are answered."""
         return self.trials / len(self.planned_trials)
 
     def trial(self) -> Trial | None:
-        """The next that is planned."""
+        """Return the next trial that is planned, or None when the block is over."""
         return None if self.trials == len(self.planned_trials) else self.planned_trials[self.trials]
 
     @property
     def passed(self) -> bool:
-        """False for a training block that is over and has not met its criterion."""
+        """Return False for a training block that is over and has not met its criterion, True otherwise."""
         wanted = self.task.protocol.block[self.planned.position].criterion
         answered = zip(self.planned_trials, self._responses, strict=False)
         right = sum(trial.judge(response) for trial, response in answered)
         return wanted is None or not self._responses or right >= wanted * len(self._responses)
 
-    def play(self, trial: Trial, stage: Stagehand, presented: datetime) -> Played:
-        """Play the trial's items."""
-        intervals, shown = self.task.play(trial, stage)
-        return Played(trial, intervals, presented, rig_tick=shown.rig_tick, lasted_s=shown.lasted_s)
+    def play(self, trial: Trial, callbacks: PlaybackCallbacks, presented: datetime) -> PlayedTrial:
+        """Play the items of the trial."""
+        intervals, shown = self.task.play(trial, callbacks)
+        return PlayedTrial(trial, intervals, presented, rig_tick=shown.rig_tick, lasted_s=shown.lasted_s)
 
-    def shape(self, trial: Trial, interval: int) -> Shape:
-        """The largest of all channels in each step."""
+    def shape(self, trial: Trial, interval: int) -> Envelope:
+        """Return the envelope of an interval: the largest of all channels in each step."""
         reference = self.task.items[trial.stimuli[interval]].reference
-        step = max(1, round(SHAPE_STEP_S * self.task.station.rig.rate_hz))
+        step = max(1, round(Envelope.STEP_S * self.task.apparatus.rig.rate_hz))
         peaks = np.maximum.reduceat(np.abs(reference).max(axis=1), np.arange(0, len(reference), step))
-        levels = 20.0 * np.log10(np.maximum(peaks, 10.0 ** (NOTHING_DB_SL / 20.0)))
-        return Shape(tuple(np.round(levels, 1).tolist()), SHAPE_STEP_S)
+        levels = 20.0 * np.log10(np.maximum(peaks, 10.0 ** (Envelope.SILENT_DB_SL / 20.0)))
+        return Envelope.of(levels)
 
     def record(self, response: str) -> None:
-        """Keep the response to the trial that stands."""
+        """Record the response to the trial that stands. Raises BadInput when the block is over."""
         trial = self.trial()
         if trial is None:
             raise BadInput("the block is over; allowed: a response to a trial that stands")
@@ -186,7 +182,7 @@ class BlockCourse:
         self._responses.append(response)
 
     def picture(self) -> Picture:
-        """The block's confusion matrix so far."""
+        """Return the block's confusion matrix so far."""
         labels = [choice.response for choice in self.task.question.choices]
         counts = np.zeros((len(labels), len(labels)), dtype=np.int64)
         for trial, response in zip(self.planned_trials, self._responses, strict=False):

@@ -1,4 +1,4 @@
-"""How long a session will still take, from how fast it has gone so far."""
+"""Estimate of the time that a session will still take, from its pace so far."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ class Pace:
     _last_s: float | None = field(init=False, default=None)
 
     def answered(self, now_s: float, played_s: float) -> None:
-        """An answer came; played_s: how long its trial plays."""
+        """Take the time of an answer into account; played_s: duration of its trial's presentation."""
         if self._last_s is not None and now_s - self._last_s < _PAUSE_S + played_s:
             self._beside_s.append(max(0.0, now_s - self._last_s - played_s))
         self._last_s = now_s
 
     @property
     def beside_s(self) -> float:
-        """Return the seconds between trials, as they were or as they are taken to be."""
+        """Return the seconds between trials, as measured or, before any answer, as assumed."""
         return sum(self._beside_s) / len(self._beside_s) if self._beside_s else _THINKING_S

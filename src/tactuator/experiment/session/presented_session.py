@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from tactuator.errors import BadInput
 from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.standing import Acknowledged, NextTrial
-from tactuator.experiment.session.task import Stagehand
-from tactuator.experiment.store.records import Answer, Played
+from tactuator.experiment.session.task import PlaybackCallbacks
+from tactuator.experiment.store.records import Answer, PlayedTrial
 from tactuator.experiment.trial.presenter import Watch
 from tactuator.rig.board.stream import StreamDry
 
@@ -22,18 +22,18 @@ def _never() -> bool:
 
 
 @dataclass
-class Conduct:
-    """Presents and answers trials of one session. pending: what was played and waits for its answer."""
+class PresentedSession:
+    """A session whose trials are presented at a rig; pending: the trial that was played and waits for its answer."""
 
     session: Session
-    pending: tuple[NextTrial, Played] | None = field(init=False, default=None)
+    pending: tuple[NextTrial, PlayedTrial] | None = field(init=False, default=None)
     _played: tuple[int, int, int] = field(init=False, default=(0, 0, 0))
 
     def present(self, watch: Watch, halted: Callable[[], bool] = _never) -> NextTrial:
         """Play the trial that stands; again, if it was played and never answered, or its timing was missed.
 
-        halted: asked while it plays. Raises Halted where it said so, the trial then being unplayed, and StreamDry where
-        the rig missed the timing again and again.
+        halted: called while it plays, True to stop it. Raises Halted where it was stopped, the trial then being
+        unplayed, and StreamDry where the rig missed the timing again and again.
         """
         self.pending = None
         following = self.session.next_trial()
@@ -42,7 +42,7 @@ class Conduct:
         for attempt in range(_TRIES):
             presentations = self._count(following)
             try:
-                played = course.play(following.trial, Stagehand(watch, halted), clock.utc())
+                played = course.play(following.trial, PlaybackCallbacks(watch, halted), clock.utc())
             except StreamDry as missed:
                 self.session.note("timing-missed", f"run {following.run}, trial {following.trial.number}: {missed}")
                 if attempt + 1 == _TRIES:
@@ -54,7 +54,7 @@ class Conduct:
         return following
 
     def _count(self, following: NextTrial) -> int:
-        """How often this process has played the trial, this time included."""
+        """Return how often this process has played the trial, this time included."""
         run, number, times = self._played
         same = (run, number) == (following.run, following.trial.number)
         self._played = (following.run, following.trial.number, times + 1 if same else 1)
@@ -63,8 +63,8 @@ class Conduct:
     def answer(self, answer: Answer) -> Acknowledged:
         """Save the answer to what was played; see Session.answer.
 
-        Raises BadInput where nothing waits, for one that came before its last interval had ended, and for a response
-        that was pressed before it was asked for.
+        Raises BadInput where nothing waits, for an answer that came before its last interval had ended, and for a
+        response that was pressed before it was asked for.
         """
         if self.pending is None:
             raise BadInput("no trial waits for an answer; allowed: an answer after its trial")
@@ -80,11 +80,11 @@ class Conduct:
         return acknowledged
 
     def give_up_run(self) -> None:
-        """Stop the run that goes on; what was played and not answered is dropped."""
+        """Stop the run that goes on, and drop what was played and not answered."""
         self.session.stop_run()
         self.pending = None
 
     def withdraw(self, keep: bool) -> None:
-        """The subject leaves the study; what was played and not answered is dropped."""
+        """End the subject's part in the study, and drop what was played and not answered."""
         self.session.withdraw(keep)
         self.pending = None

@@ -1,7 +1,7 @@
 """A subject's session: which trial comes next, and what becomes of its answer, whatever the task.
 
-Everything it knows it learns from the store: after any interruption the committed trials are replayed through the
-task's course and the same next trial stands there.
+Its state is replayed from the store: after any interruption the committed trials are taken through the task's course,
+and the same next trial stands there.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tactuator.experiment.protocol.plan import PlannedRun
 from tactuator.experiment.session.clock import Clock
 from tactuator.experiment.session.pace import Pace
 from tactuator.experiment.session.standing import Acknowledged, NextTrial, Running, RunTally, replay
-from tactuator.experiment.session.task import Course, Task
+from tactuator.experiment.session.task import Course, SessionTask
 from tactuator.experiment.store import records, study_records
 from tactuator.experiment.store.cells import Found, stamp
 from tactuator.experiment.store.store import Store
@@ -25,14 +25,21 @@ Stage = Literal["consent", "break", "introduction", "trial", "done", "ended"]
 
 
 class Session:
-    """One visit of a subject. row: the session's in the store; version: of the protocol that the task is of.
+    """One visit of a subject.
 
-    sitting: who answers. held: why the experimenter has to say how it goes on, None where nobody has to. Raises
-    BadInput where the store's trials do not replay.
+    row: the session's in the store. version: of the protocol that the task is of. sitting: who answers. held: the run
+    that waits until the experimenter says how it goes on, or None. Raises BadInput where the store's trials do not
+    replay.
     """
 
     def __init__(
-        self, store: Store, row: Found, task: Task, version: int, clock: Clock, sitting: records.Sitting | None = None
+        self,
+        store: Store,
+        row: Found,
+        task: SessionTask,
+        version: int,
+        clock: Clock,
+        sitting: records.Sitting | None = None,
     ) -> None:
         self.store, self.id, self.task, self.version, self.clock = store, int(row.id), task, version, clock
         self.sitting = sitting or records.Sitting()
@@ -49,7 +56,7 @@ class Session:
         self.trials = self._since_break = 0
         self._load()
 
-    # -- what the store says
+    # -- state from the store
 
     def _load(self) -> None:
         with self.store.read() as connection:
@@ -79,7 +86,7 @@ class Session:
         return running
 
     def _age(self, run: Found, answers: list[Found]) -> None:
-        """How long the run has lain there already, by the wall clock: all that is known after a crash."""
+        """Count how long the run has lain there already by the wall clock, which is all that is known after a crash."""
         gap_s = self._since_s(answers[-1].server_received_utc if answers else run.started_utc)
         if gap_s < 0.0:
             self.note("clock-jump", f"the clock is {-gap_s:.0f} s before the last answer: no interruption is counted")
@@ -93,11 +100,11 @@ class Session:
         course = self.task.course(planned, *self._who, attempt)
         return Running(row, planned, attempt, course, self.clock.monotonic_s())
 
-    # -- where it stands
+    # -- present state
 
     @property
     def stage(self) -> Stage:
-        """What the subject is to do now."""
+        """Return what the subject is to do now."""
         if self._ended is not None:
             return "ended"
         if not self._consented:
@@ -117,19 +124,19 @@ class Session:
 
     @property
     def ended(self) -> str | None:
-        """How the session ended before its time (declined, withdrawn, withdrawn-discard), None where it did not."""
+        """Return how the session ended before its time (declined, withdrawn, withdrawn-discard), or None."""
         return self._ended
 
     @property
     def break_left_s(self) -> float:
-        """How long the subject has to rest still; 0 where no break is due, or nobody there who needs it."""
+        """Return how long the subject has to rest still; 0 where no break is due, or nobody there needs it."""
         if self.stage != "break" or self.sitting.respondent != "person":
             return 0.0
         return max(0.0, self.task.rules.break_s - (self.clock.monotonic_s() - self._rested_since_s))
 
     @property
     def time_left_s(self) -> float:
-        """About how long the session still takes, breaks aside: what is planned, at the pace so far."""
+        """Return about how long the session still takes, breaks aside: what is planned, at the pace so far."""
         left_s, current = 0.0, self._running
         for run in self.runs:
             if self._is_over(run):
@@ -142,7 +149,7 @@ class Session:
 
     @property
     def upcoming(self) -> PlannedRun | None:
-        """The run that goes on, or the next to begin; None at the end."""
+        """Return the run that goes on, or the next to begin; None at the end."""
         if self._running is not None:
             return self._running.planned
         return next((run for run in self.runs if not self._is_over(run)), None)
@@ -152,7 +159,7 @@ class Session:
 
     @property
     def progress(self) -> float:
-        """Share of the whole session, 0 to 1: runs count by their trials where these are known before."""
+        """Return the share of the whole session, 0 to 1; runs count by their trials where these are known before."""
         done = sum(run.trials or 1.0 for run in self.runs if self._is_over(run))
         if self._running is not None:
             done += (self._running.planned.trials or 1.0) * self._running.course.progress
@@ -160,21 +167,21 @@ class Session:
 
     @property
     def course(self) -> Course | None:
-        """Of the run that goes on."""
+        """Return the course of the run that goes on, or None."""
         return None if self._running is None else self._running.course
 
     @property
     def tally(self) -> tuple[RunTally, ...]:
-        """Every planned run, how many trials are answered and how many of them right; of attempts, the last."""
+        """Return every planned run with its answered and right trials; of several attempts, the last."""
         return tuple(
             RunTally(run, self._states.get(run.position, "planned"), *self._tally.get(run.position, (0, 0)))
             for run in self.runs
         )
 
     def next_trial(self) -> NextTrial:
-        """The trial to present now; begins a run where none goes on, and again where it lay too long.
+        """Return the trial to present now; begins a run where none goes on, and again where it lay too long.
 
-        BadInput unless the stage is `trial`.
+        Raises BadInput unless the stage is `trial`.
         """
         upcoming = self.upcoming
         if self.stage != "trial" or upcoming is None:
@@ -199,20 +206,20 @@ class Session:
                 records.end_run(connection, replaced.row, "restarted", now)
                 limit = self.task.rules.resume_within_s
                 records.note(connection, self.id, "restart", f"run {replaced.row} lay longer than {limit:g} s", now)
-            apparatus = self.task.station.apparatus(planned.finger)
+            apparatus = self.task.apparatus.record(planned.finger)
             row = records.begin_run(connection, self.id, planned, attempt, apparatus, self.sitting, self.version, now)
             study_records.change_session(connection, self.id, protocol_version_id=self.version)
         self._states[planned.position], self._tally[planned.position] = "running", (0, 0)
         self._running = self._fresh(row, planned, attempt)
         return self._running
 
-    # -- what comes in
+    # -- answers and events
 
-    def answer(self, played: records.Played, answer: records.Answer) -> Acknowledged:
+    def answer(self, played: records.PlayedTrial, answer: records.Answer) -> Acknowledged:
         """Save the answer to the trial that stands; it returns only after the commit.
 
-        BadInput for an answer that is not allowed or to another trial; StoreFault, with nothing changed, where it could
-        not be saved: the same answer may come again.
+        Raises BadInput for an answer that is not allowed or to another trial, and StoreFault, with nothing changed,
+        where it could not be saved; the same answer may then come again.
         """
         running = self._running
         number = played.trial.number
@@ -233,7 +240,7 @@ class Session:
         return Acknowledged(running.row, number, correct, told)
 
     def already(self, run: int, number: int) -> Acknowledged | None:
-        """The acknowledgement of an answer that is in the store, or None: for an answer that is sent again."""
+        """Return the acknowledgement of an answer that is in the store, for one that is sent again, or None."""
         with self.store.read() as connection:
             row = records.answer(connection, self.id, run, number)
         if row is None:
@@ -242,7 +249,7 @@ class Session:
         return Acknowledged(run, number, bool(row.correct), told, again=True)
 
     def _settle(self) -> None:
-        """Mark a run that has come to its end. Where that cannot be saved, the replay of its trials says it again.
+        """Mark a run that has come to its end; where that cannot be saved, the replay of its trials marks it again.
 
         Practice that has not met its criterion is not over: it begins again, once the experimenter says so.
         """
@@ -265,7 +272,7 @@ class Session:
         self._running, self._introduced = None, False
 
     def give_consent(self) -> None:
-        """The subject agreed, to this text, in this version of the protocol, which the session stays with."""
+        """Store consent to this text, in this version of the protocol, which the session stays with."""
         study = self.task.protocol.study
         with self.store.begin() as connection:
             study_records.change_session(
@@ -279,13 +286,13 @@ class Session:
         self._consented = True
 
     def decline(self) -> None:
-        """The subject did not agree: the session is over before it began. BadInput once there is consent."""
+        """End the session before it began, as the subject did not agree. Raises BadInput once there is consent."""
         if self.stage != "consent":
             raise BadInput(f"session is at {self.stage!r}; allowed: declining where consent is asked for")
         self._end("declined", "before the first trial")
 
     def withdraw(self, keep: bool) -> None:
-        """The subject leaves the study for good; keep: its answers so far may be used. BadInput if it has ended."""
+        """End the subject's part for good; keep: the answers so far may be used. Raises BadInput if it has ended."""
         if self._ended is not None:
             raise BadInput(f"session has ended ({self._ended}); allowed: leaving one that goes on")
         running = self._running
@@ -303,7 +310,7 @@ class Session:
         self._ended = how
 
     def end_break(self) -> None:
-        """The subject goes on. BadInput before the break has lasted as long as it has to."""
+        """End a break. Raises BadInput before the break has lasted as long as it has to."""
         left_s = self.break_left_s
         if left_s > 0.0:
             raise BadInput(f"break: {left_s:.0f} s are left; allowed: going on after them")
@@ -311,15 +318,15 @@ class Session:
         self._since_break = 0
 
     def release(self) -> None:
-        """The experimenter lets a session go on that was held."""
+        """Let a session go on that was held."""
         self.held = None
 
     def introduce(self) -> None:
-        """The subject has read what the next run is."""
+        """Remember that the subject has read what the next run is."""
         self._introduced = True
 
     def stop_run(self) -> None:
-        """The operator gives up the run that goes on, or practice that was not passed; its trials stay, marked."""
+        """Stop the run that goes on, or practice that was not passed; its trials stay, marked."""
         if self._running is None and self.held is not None:
             self._give_up_held(self.held)
             return
@@ -336,6 +343,6 @@ class Session:
         self._states[planned.position], self.held = "stopped", None
 
     def note(self, kind: str, detail: str, trials: int | None = None) -> None:
-        """Keep that something happened."""
+        """Store an event of that kind."""
         with self.store.begin() as connection:
             records.note(connection, self.id, kind, detail, self.clock.utc(), trials)

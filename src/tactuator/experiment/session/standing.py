@@ -1,4 +1,4 @@
-"""Where a session stands: the trial that comes next, an answer that is saved, how far each run is."""
+"""State of a session: the trial that comes next, an answer that is saved, the progress of each run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SAME_DB = 1e-6
 
 @dataclass(frozen=True)
 class NextTrial:
-    """run: its row in the store; seed: of the run."""
+    """The trial to present next; run: its row in the store; seed: of the run."""
 
     run: int
     planned: PlannedRun
@@ -26,9 +26,9 @@ class NextTrial:
 
 @dataclass(frozen=True)
 class Acknowledged:
-    """An answer that is in the store for good. right: the right response, where the run has feedback; again: it was
+    """An answer that is in the store.
 
-    there already.
+    right: the right response, where the run has feedback. again: True where the answer was in the store already.
     """
 
     run: int
@@ -40,7 +40,7 @@ class Acknowledged:
 
 @dataclass(frozen=True)
 class RunTally:
-    """How far a planned run is. state: as in the store, or `planned`."""
+    """Progress of a planned run; state: as in the store, or `planned`."""
 
     planned: PlannedRun
     state: str
@@ -50,7 +50,7 @@ class RunTally:
 
 @dataclass
 class Running:
-    """The run that goes on."""
+    """The run that goes on, with its course."""
 
     row: int
     planned: PlannedRun
@@ -60,7 +60,7 @@ class Running:
 
 
 def replay(course: Course, run: int, answers: Sequence[Found]) -> None:
-    """Take a course through a run's answers; BadInput where the store's trials are not those that the course has."""
+    """Take a course through a run's answers. Raises BadInput where the store's trials are not those of the course."""
     for row in answers:
         trial = course.trial()
         if trial is None or not _is_stored(trial, row):
@@ -69,7 +69,7 @@ def replay(course: Course, run: int, answers: Sequence[Found]) -> None:
 
 
 def _is_stored(trial: Trial, row: Found) -> bool:
-    """Whether a trial is the one that the store's row says."""
+    """Return whether a trial is the one in the store's row."""
     level = None if trial.placement is None else trial.placement.level_db_sl
     if level is None or row.level_db_sl is None:
         same = level is row.level_db_sl

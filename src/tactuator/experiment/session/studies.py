@@ -1,4 +1,4 @@
-"""Opens a study: a protocol of either kind at a station, its versions, and a session for every visit of a subject."""
+"""Studies: a protocol of either kind at an apparatus, its versions, and a session for every visit of a subject."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from tactuator.experiment.protocol.file import parse_any_protocol
 from tactuator.experiment.protocol.identification import IdentificationProtocol
 from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
-from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.clock import Clock
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.identification_task import IdentificationTask
 from tactuator.experiment.session.session import Session
-from tactuator.experiment.session.task import Task
+from tactuator.experiment.session.task import SessionTask
 from tactuator.experiment.store import study_records
 from tactuator.experiment.store.cells import Found, stamp
 from tactuator.experiment.store.records import Sitting, note
@@ -27,20 +27,20 @@ from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.study_records import NewSubject, Tokens
 
 
-def task_of(protocol: StudyProtocol, beside: Path, station: Station) -> Task:
-    """The protocol at the station; files that it names lie in `beside`.
+def task_of(protocol: StudyProtocol, beside: Path, apparatus: Apparatus) -> SessionTask:
+    """Return the task of the protocol at the apparatus; files that it names lie in `beside`.
 
-    Raises BadInput where the station cannot play it, or its language is not there.
+    Raises BadInput where the apparatus cannot play it, or its language is not there.
     """
     words = words_of(protocol, beside)
     if isinstance(protocol, IdentificationProtocol):
-        return IdentificationTask.load(protocol, beside, station, words)
+        return IdentificationTask.load(protocol, beside, apparatus, words)
     assert isinstance(protocol, Protocol)
-    return DetectionTask(protocol, station, words)
+    return DetectionTask(protocol, apparatus, words)
 
 
 def words_of(protocol: StudyProtocol, beside: Path) -> Words:
-    """The words of the protocol's language; BadInput where they are not there."""
+    """Return the words of the protocol's language. Raises BadInput where they are not there."""
     study = protocol.study
     if study.language_file is not None:
         return read_words(beside / study.language_file, study.language)
@@ -49,42 +49,45 @@ def words_of(protocol: StudyProtocol, beside: Path) -> Words:
 
 @dataclass
 class Study:
-    """A study in its store. id: its row; task: of the newest version; beside: the folder of the protocol's files."""
+    """A study in its store.
+
+    id: its row. task: of the newest version. beside: the folder of the protocol's files.
+    """
 
     store: Store
     id: int
-    task: Task
+    task: SessionTask
     version: int
     beside: Path
     clock: Clock
     tokens: Tokens
-    _tasks: dict[int, Task] = field(init=False, default_factory=dict)
+    _tasks: dict[int, SessionTask] = field(init=False, default_factory=dict)
 
     def sessions(self) -> list[Found]:
-        """Rows of the study's sessions, by subject and visit."""
+        """Return the rows of the study's sessions, by subject and visit."""
         with self.store.read() as connection:
             return study_records.sessions(connection, self.id)
 
     def session(self, row: Found, sitting: Sitting | None = None) -> Session:
-        """The session of that row, resumed in the version of the protocol that it began with.
+        """Return the session of that row, resumed in the version of the protocol that it began with.
 
         Raises BadInput where that version cannot be played here.
         """
         version = row.protocol_version_id or self.version
         return Session(self.store, row, self._task(version), version, self.clock, sitting)
 
-    def _task(self, version: int) -> Task:
+    def _task(self, version: int) -> SessionTask:
         if version == self.version:
             return self.task
         if version not in self._tasks:
             with self.store.read() as connection:
                 rows = study_records.versions(connection, self.id)
             text = next(row.toml for row in rows if row.id == version)
-            self._tasks[version] = task_of(parse_any_protocol(text), self.beside, self.task.station)
+            self._tasks[version] = task_of(parse_any_protocol(text), self.beside, self.task.apparatus)
         return self._tasks[version]
 
     def enrol(self, part: SubjectPart) -> None:
-        """Enrol a subject with a session for each visit; BadInput for one that is there, or facts not allowed."""
+        """Add a subject with a session for each visit. Raises BadInput for one that is there, or facts not allowed."""
         with self.store.begin() as connection:
             self._enrol(connection, part)
 
@@ -108,7 +111,7 @@ class Study:
             study_records.add_session(connection, self.task.protocol, row, token, now, part.skin_temperature_c)
 
     def add_visit(self, subject: str) -> None:
-        """A further visit of the subject of that code; BadInput where there is none."""
+        """Add a further visit of the subject of that code. Raises BadInput where there is none."""
         with self.store.begin() as connection:
             rows = [row for row in study_records.sessions(connection, self.id) if row.subject_code == subject]
             if not rows:
@@ -118,7 +121,7 @@ class Study:
             study_records.add_session(connection, self.task.protocol, who, token, self.clock.utc())
 
     def set_day(self, session: int, skin_temperature_c: float | None, preload_n: float | None) -> None:
-        """Write the data of the day of a session; what was there before is kept as an event."""
+        """Store the data of the day of a session; what was there before is kept as an event."""
         with self.store.begin() as connection:
             row, now = study_records.session(connection, session), self.clock.utc()
             before = f"skin temperature {row.skin_temperature_c} degree Celsius, contact force {row.preload_n} N before"
@@ -128,7 +131,10 @@ class Study:
             note(connection, session, "day", before, now)
 
     def claim(self, row: Found, participant_id: str) -> None:
-        """Write what others call the subject of that session; BadInput where the subject has another such id."""
+        """Store the name that others have for the subject of that session.
+
+        Raises BadInput where the subject has another such id, or it is another's.
+        """
         try:
             taken = SubjectPart(code=row.subject_code, participant_id=participant_id).participant_id
         except ValidationError:
@@ -145,19 +151,19 @@ class Study:
 
 def open_study(
     store: Store,
-    task: Task,
+    task: SessionTask,
     text: str,
     clock: Clock,
     tokens: Tokens,
     amend: str | None = None,
     beside: Path | None = None,
 ) -> Study:
-    """The study of that protocol, made if it is new; whoever is new in the protocol is enrolled.
+    """Return the study of that protocol, made if it is new; whoever is new in the protocol is enrolled.
 
-    A protocol of the same name that says something else is another version of it: where it only has more subjects it
-    is taken as that; otherwise amend says why, and BadInput is raised without. Subjects, links and sessions that are
-    there stay as they are; a session that has begun stays with its version. Raises BadInput also where the study is
-    there with other stimuli, or stands at a later version than the text's.
+    A protocol of the same name with another text is another version of it. Where it only has more subjects it is
+    accepted as that; otherwise amend gives the reason, and BadInput is raised without one. Subjects, links and sessions
+    that are there stay as they are, and a session that has begun stays with its version. Raises BadInput also where the
+    study is there with other stimuli, or has a later version than the text's.
     """
     with store.begin() as connection:
         study, version = _version(connection, task, text, clock, amend)
@@ -170,8 +176,8 @@ def open_study(
     return opened
 
 
-def _version(connection: Connection, task: Task, text: str, clock: Clock, amend: str | None) -> tuple[int, int]:
-    """Rows of the study and of the version of its protocol that the text is."""
+def _version(connection: Connection, task: SessionTask, text: str, clock: Clock, amend: str | None) -> tuple[int, int]:
+    """Return the rows of the study and of the version of its protocol that has this text."""
     name, now = task.protocol.study.name, clock.utc()
     study = study_records.study_by_version(connection, text) or study_records.study_by_name(connection, name)
     if study is None:
@@ -199,7 +205,7 @@ def _version(connection: Connection, task: Task, text: str, clock: Clock, amend:
 
 
 def open_session(study: Study, subject: str, visit: int | None = None, sitting: Sitting | None = None) -> Session:
-    """The session of the subject of that code: of that visit, or the first that is not over.
+    """Return the session of the subject of that code: of that visit, or the first that is not over.
 
     Raises BadInput where the study has none.
     """

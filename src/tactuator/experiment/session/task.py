@@ -1,21 +1,23 @@
-"""What a session has to know of the task that its subject does, be it detection or identification."""
+"""Protocols of a task in a session, be it detection or identification, and what tasks show of their trials."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Protocol
+from typing import ClassVar, Protocol
 
+import numpy as np
 from sqlalchemy import Connection
 
+from tactuator.arrays import FloatArray
 from tactuator.experiment.language.words import Words
 from tactuator.experiment.protocol.plan import PlannedRun
 from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.result.tables import ResultTable
-from tactuator.experiment.session.apparatus import Station
-from tactuator.experiment.store.records import Played
+from tactuator.experiment.session.apparatus import Apparatus
+from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.presenter import Watch
 from tactuator.experiment.trial.trial import Trial
@@ -25,55 +27,68 @@ Picture = Mapping[str, object]
 
 
 @dataclass(frozen=True)
-class Choice:
-    """A response as it is offered; keys: characters any of which gives it; codes: keys by where they are on the board
+class OfferedResponse:
+    """A response as it is offered.
 
-    (KeyboardEvent.code), whatever the layout puts there.
+    keys: characters any of which gives it. codes: physical keys that give it whatever the layout puts there
+    (KeyboardEvent.code).
     """
 
     response: str
     keys: tuple[str, ...]
-    codes: tuple[str, ...] = ()
+    codes: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "codes", _key_codes(self.keys))
 
 
-def key_codes(keys: Sequence[str]) -> tuple[str, ...]:
-    """Return the physical keys that are meant by digits: on every layout they stand in the row and on the number pad,
+def _key_codes(keys: Sequence[str]) -> tuple[str, ...]:
+    """Return the physical keys that are meant by digits: those of the upper row and of the number pad.
 
-    though an unshifted AZERTY key types another character. Letters are where the layout has them.
+    They stand there on every layout, though an unshifted AZERTY key types another character. Letters are where the
+    layout has them.
     """
     return tuple(f"{row}{key}" for key in keys if len(key) == 1 and key in "0123456789" for row in ("Digit", "Numpad"))
 
 
-SHAPE_STEP_S, NOTHING_DB_SL = 0.02, -60.0
-
-
 @dataclass(frozen=True)
-class Shape:
-    """What an interval plays, for a demonstration: the envelope, dB SL, a value each step_s; frequency_hz where it has
+class Envelope:
+    """Envelope of an interval, for a demonstration.
 
-    one.
+    envelope_db_sl: a value every step_s, dB SL. frequency_hz: None where the interval has no single one.
     """
+
+    STEP_S: ClassVar[float] = 0.02
+    SILENT_DB_SL: ClassVar[float] = -60.0
 
     envelope_db_sl: tuple[float, ...]
     step_s: float
     frequency_hz: float | None = None
 
+    @classmethod
+    def of(cls, levels_db_sl: FloatArray, frequency_hz: float | None = None) -> Envelope:
+        """Return the envelope of levels at every STEP_S, rounded to 0.1 dB."""
+        return cls(tuple(np.round(levels_db_sl, 1).tolist()), cls.STEP_S, frequency_hz)
+
 
 @dataclass(frozen=True)
 class Question:
-    """What the subject sees in every trial: the same in all, so that nothing of it tells the answer.
+    """The question of every trial, which is the same in all of them, so that nothing of it tells the answer.
 
     intervals: names of those that are shown as they play; none where the subject is not to tell them apart.
     """
 
     prompt: str
-    choices: tuple[Choice, ...]
+    choices: tuple[OfferedResponse, ...]
     intervals: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Rules:
-    """When there are breaks and how long they last at least; how long feedback stands, and an interruption may last."""
+    """Rules of a session's breaks, the duration of feedback, and the longest interruption of a run.
+
+    break_s: the least duration of a break.
+    """
 
     feedback_s: float
     break_after_trials: int | None = None
@@ -83,101 +98,106 @@ class Rules:
 
 
 @dataclass(frozen=True)
-class Stagehand:
-    """Who attends while a trial plays. watch: told of its intervals; halted: asked whether it is to end at once."""
+class PlaybackCallbacks:
+    """Functions that are called while a trial plays.
+
+    watch: told of its intervals. halted: asked whether the trial is to end at once.
+    """
 
     watch: Watch
     halted: Callable[[], bool] = lambda: False
 
 
 class Course(Protocol):
-    """A run that goes on. The same responses in the same order always lead to the same trial."""
+    """A run that goes on, in which the same responses in the same order always lead to the same trial."""
 
     @property
     def seed(self) -> tuple[int, ...]:
-        """Of the run's randomness."""
+        """Return the seed of the run."""
         ...
 
     @property
     def trials(self) -> int:
-        """Answered so far."""
+        """Return the number of trials answered so far."""
         ...
 
     @property
     def progress(self) -> float:
-        """How far the run is, 0 to 1."""
+        """Return how far the run is, from 0 to 1."""
         ...
 
     def trial(self) -> Trial | None:
-        """The trial that stands; None when the run is over. Asking twice gives the same."""
+        """Return the trial that stands, or None when the run is over. Asking twice gives the same."""
         ...
 
     @property
     def passed(self) -> bool:
-        """False for practice that is over and has not met its criterion."""
+        """Return False for practice that is over and has not met its criterion, True otherwise."""
         ...
 
-    def play(self, trial: Trial, stage: Stagehand, presented: datetime) -> Played:
-        """Play the trial. presented: now. Raises Halted where it was stopped while it played."""
+    def play(self, trial: Trial, callbacks: PlaybackCallbacks, presented: datetime) -> PlayedTrial:
+        """Play the trial. presented: the present time. Raises Halted where it was stopped while it played."""
         ...
 
-    def shape(self, trial: Trial, interval: int) -> Shape:
-        """What the interval plays."""
+    def shape(self, trial: Trial, interval: int) -> Envelope:
+        """Return the envelope of what the interval plays."""
         ...
 
     def record(self, response: str) -> None:
-        """The response to the trial that stands; BadInput if it is not allowed."""
+        """Record the response to the trial that stands. Raises BadInput if it is not allowed."""
         ...
 
     def picture(self) -> Picture:
-        """The run so far."""
+        """Return the run so far as an operator's page draws it."""
         ...
 
 
-class Task(Protocol):
-    """A protocol at a station."""
+class SessionTask(Protocol):
+    """The task of a session: a protocol at an apparatus."""
 
     @property
     def protocol(self) -> StudyProtocol:
-        """As it was read."""
+        """Return the protocol as it was read."""
         ...
 
     @property
-    def station(self) -> Station:
-        """Where it is done."""
+    def apparatus(self) -> Apparatus:
+        """Return the apparatus that plays the stimuli."""
         ...
 
     @property
     def words(self) -> Words:
-        """In the study's language."""
+        """Return the words of the study's language."""
         ...
 
     @property
     def question(self) -> Question:
-        """What subjects see."""
+        """Return the question that subjects see."""
         ...
 
     @property
     def rules(self) -> Rules:
-        """How a session goes."""
+        """Return the rules of a session."""
         ...
 
     def enrol(self, connection: Connection, study: int) -> None:
-        """Keep what a new study has besides its sessions; BadInput where a study that is there has something else."""
+        """Store what a new study has besides its sessions. Raises BadInput where the study is there with something
+        else.
+        """
         ...
 
     def runs(self, subject: int, visit: int) -> tuple[PlannedRun, ...]:
-        """Every run of a visit (from 1) of a subject (from 0): the same after any interruption."""
+        """Return every run of a visit (from 1) of a subject (from 0), which are the same after any interruption."""
         ...
 
     def course(self, planned: PlannedRun, subject: int, visit: int, attempt: int) -> Course:
-        """A planned run from its beginning."""
+        """Return the course of a planned run from its beginning."""
         ...
 
     def expected(self, planned: PlannedRun) -> tuple[float, float]:
-        """How many trials a run has, about, and how many seconds one of them plays."""
+        """Return the approximate number of trials of a run, and how many seconds one of them plays."""
         ...
 
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
-        """What the session's answers say so far; BadInput while they say nothing."""
+        """Return the results of the session's answers so far. Raises BadInput while there are none."""
         ...

@@ -1,4 +1,7 @@
-"""How good the whole-curve procedure is: many observers, loop not simulated, their curves given or drawn."""
+"""Quality of the whole-curve procedure with many simulated observers, whose curves are given or drawn.
+
+The loop of the display is not simulated.
+"""
 
 from __future__ import annotations
 
@@ -8,20 +11,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.curve_belief import CurveBelief
-from tactuator.experiment.procedure.curve_flags import CurveFlags, curve_flags
-from tactuator.experiment.procedure.curve_kind import CurveKind
 from tactuator.experiment.procedure.drift import Trials
-from tactuator.experiment.procedure.whole_curve import WholeCurveRule
+from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
+from tactuator.experiment.procedure.whole_curve.curve_flags import CurveFlags, curve_flags
+from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
+from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule
 from tactuator.experiment.simulated.procedure_quality import Setting
 from tactuator.perception.psychometric import Psychometric, Weibull, weibull_rise
 from tactuator.perception.relative_curve import RelativeCurve
 
-Floats = NDArray[np.float64]
-
 NORMAL_PEOPLE = CurveKind("normal people", offset_db=4.0, tilt_db_per_decade=2.5, wave_db=2.0, wave_decades=0.35)
-"""Whose curves are drawn where none is given: near the procedure's own idea of normal, so the figures are its best."""
+"""People whose curves are drawn where none is given. Near the procedure's prior, they show it at its best."""
 
 _BATCH = 50
 _FINE = 100
@@ -29,9 +31,11 @@ _FINE = 100
 
 @dataclass(frozen=True)
 class CurvePeople:
-    """truth: everybody's curve, or None for NORMAL_PEOPLE. guessed: share of trials that are guessed outright (1: all).
+    """Observers of a whole-curve simulation.
 
-    drift_db: how far thresholds rise from the first trial to the last, about their mean.
+    truth: everybody's curve, or None for NORMAL_PEOPLE. guessed: share of trials that are guessed outright (1: all).
+    drift_db: rise of thresholds from the first trial to the last, about their mean. Raises BadInput for values that
+    cannot be.
     """
 
     truth: RelativeCurve | None = None
@@ -47,10 +51,11 @@ class CurvePeople:
 
 @dataclass(frozen=True)
 class CurveQuality:
-    """Over the band, even in log frequency. rms_error_db: over observers and frequencies together.
+    """Quality of the procedure over the band, even in log frequency.
 
-    coverage95: share of the curve inside its 95 % band; flagged: share of runs with any flag, flags: with each;
-    people: where the observers' curves came from; trials: of every run.
+    rms_error_db, bias_db: over observers and frequencies together. rms_error_median_db: median over observers.
+    coverage95: share of the curve inside its 95 % band. flagged: share of runs with any flag. flags: share of runs with
+    each flag. trials: of every run. people: origin of the observers' curves.
     """
 
     rms_error_db: float
@@ -69,7 +74,10 @@ def simulate_curve(
     people: CurvePeople | None = None,
     told: Callable[[float], None] = lambda share: None,
 ) -> CurveQuality:
-    """Run the procedure on setting.runs observers. setting.start_db is of no meaning here. told: share that is done."""
+    """Run the procedure on setting.runs observers and judge its curves.
+
+    setting.start_db has no meaning here. told: called with the share that is done.
+    """
     people = CurvePeople() if people is None else people
     rng = np.random.default_rng(setting.seed)
     errors, inside, names = [], [], list[tuple[str, ...]]()
@@ -96,7 +104,7 @@ def simulate_curve(
 
 
 class _Batch:
-    """Some runs at once."""
+    """Several runs that are computed together."""
 
     def __init__(
         self, rule: WholeCurveRule, setting: Setting, people: CurvePeople, runs: int, rng: np.random.Generator
@@ -115,7 +123,7 @@ class _Batch:
         self._belief = CurveBelief(rule.prior, answering, runs)
 
     def run(self, told: Callable[[float], None]) -> CurveFlags:
-        """All trials; the flags they earn."""
+        """Run all trials and return the flags that they earn. told: called with the share that is done."""
         rule, rows, kept = self._rule, np.arange(self._slope.size), []
         for trial in range(rule.trials):
             point, level = self._belief.choose(rule.floor_db_sl, rule.ceiling_db_sl)
@@ -127,15 +135,15 @@ class _Batch:
         points, levels, outcomes = (np.array(column).T for column in zip(*kept, strict=True))
         return curve_flags(self._belief, Trials(points, levels, outcomes))
 
-    def _answers(self, level_db: Floats) -> NDArray[np.bool_]:
+    def _answers(self, level_db: FloatArray) -> NDArray[np.bool_]:
         model, guessed = self._model, self._people.guessed
         rise = weibull_rise(level_db, self._slope, model.at_threshold)
         chance = model.guess + (1.0 - model.guess - model.lapse) * rise
         chance = guessed * model.guess + (1.0 - guessed) * chance
         return np.asarray(self._rng.random(level_db.size) < chance)
 
-    def judged(self) -> tuple[Floats, NDArray[np.bool_]]:
-        """Errors at _FINE frequencies and whether the band holds the truth, (runs, _FINE) each."""
+    def judged(self) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return the errors at _FINE frequencies and whether the band holds the truth, (runs, _FINE) each."""
         mean, sd = self._belief.curve(self._fine_hz)
         error = mean - self._at_fine
         return error, np.abs(error) <= 1.96 * sd

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.perception.psychometric import MaxOfM, Psychometric, Weibull
@@ -17,9 +18,10 @@ class Observer:
     """A subject with a threshold curve of its own.
 
     curve: level (dB re 1 um peak) at which psi reaches its target. A Weibull or logistic observer notices each interval
-    independently with probability F (a high threshold), picks the strongest it noticed, guesses where it noticed none;
-    with the signal in one interval that is psi exactly. A MaxOfM observer takes the largest of m noisy impressions.
-    interval_bias: weights of the intervals in guesses and lapses (none: even); drift_db_per_trial: the threshold rises.
+    independently with probability F (a high threshold), picks the strongest that it noticed, and guesses where it
+    noticed none; with the signal in one interval that is psi exactly. A MaxOfM observer takes the largest of m noisy
+    impressions. interval_bias: weights of the intervals in guesses and lapses (none: even). drift_db_per_trial: rise of
+    the threshold from trial to trial. Raises BadInput for weights that cannot be.
     """
 
     name: str
@@ -34,12 +36,12 @@ class Observer:
             raise BadInput(f"observer {self.name!r}: interval_bias {list(bias)}; allowed: weights >= 0, not all zero")
 
     def respond(self, felt_db_re_1um: ArrayLike, frequency_hz: float, trial: int, rng: np.random.Generator) -> int:
-        """Index of the interval picked; felt_db_re_1um: (m,) level of each at the frequency; trial counts from 0."""
+        """Return the index of the interval picked; felt_db_re_1um: (m,) level of each; trial: counted from 0."""
         threshold = float(self.curve.level_db_re_1um_at(frequency_hz)) + self.drift_db_per_trial * trial
         level = np.asarray(felt_db_re_1um, dtype=np.float64) - threshold
         return respond(self.psychometric, level, self._weights(level.size), rng)
 
-    def _weights(self, intervals: int) -> NDArray[np.float64]:
+    def _weights(self, intervals: int) -> FloatArray:
         if self.interval_bias is None:
             return np.full(intervals, 1.0 / intervals)
         if len(self.interval_bias) != intervals:
@@ -50,12 +52,10 @@ class Observer:
         return weights / float(weights.sum())
 
 
-def respond(
-    psychometric: Psychometric, level_db: NDArray[np.float64], weights: NDArray[np.float64], rng: np.random.Generator
-) -> int:
-    """Index of the interval picked; level_db: (m,) re own threshold; weights: (m,) of guesses.
+def respond(psychometric: Psychometric, level_db: FloatArray, weights: FloatArray, rng: np.random.Generator) -> int:
+    """Return the index of the interval picked; level_db: (m,) re own threshold; weights: (m,) of guesses.
 
-    A lapse ignores what was felt with probability lapse / (1 - guess): psi then tops out at 1 - lapse.
+    A lapse ignores what was felt, with probability lapse / (1 - guess), so that the highest psi is 1 - lapse.
     """
     intervals = level_db.size
     inattentive = rng.random() < psychometric.lapse / (1.0 - psychometric.guess)
@@ -70,6 +70,6 @@ def respond(
     return int(rng.choice(intervals, p=weights)) if inattentive else picked
 
 
-def _criterion_shift(weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What is added to each impression so that preferred intervals win more often; zero for even weights."""
+def _criterion_shift(weights: FloatArray) -> FloatArray:
+    """Return what is added to each impression so that preferred intervals win more often; zero for even weights."""
     return np.asarray(np.log(np.maximum(weights, 1e-6) * weights.size))

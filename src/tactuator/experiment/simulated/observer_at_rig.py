@@ -1,4 +1,4 @@
-"""A simulated subject's finger on the display: it feels what the loop makes of the stimulus, by the finger port."""
+"""A simulated subject's finger on the display, which feels through the finger port what the loop plays."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.experiment.simulated.observer import Observer
 from tactuator.experiment.trial.matched_filter import amplitude
 from tactuator.experiment.trial.timing import Timing
@@ -20,10 +20,10 @@ _UM_PER_MM = 1000.0
 
 @dataclass
 class ObserverAtRig:
-    """An observer whose finger is on `channel`.
+    """An observer whose finger is on `channel`, with that load.
 
-    It judges each interval by the peak displacement at the stimulus's frequency, drawn out by a matched filter, hum and
-    noise and friction included: the stretches that the records of the intervals name.
+    It judges each interval by the peak displacement at the stimulus's frequency, hum, noise and friction included. A
+    matched filter takes it from the stretches that the records of the intervals name.
     """
 
     observer: Observer
@@ -32,21 +32,19 @@ class ObserverAtRig:
     timing: Timing
     seed: tuple[int, ...]
     load: str | None = None
-    _felt: list[NDArray[np.float64]] = field(init=False, default_factory=list)
+    _felt: list[FloatArray] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
         port = self.rig.finger(self.channel)
         port.touch(self.load)
         port.attach(self.feel)
 
-    def feel(self, displacement_mm: NDArray[np.float64]) -> None:
-        """Displacement of one block, shape (n,)."""
+    def feel(self, displacement_mm: FloatArray) -> None:
+        """Keep the displacement of one block, shape (n,), in millimetres."""
         self._felt.append(displacement_mm)
 
-    def levels_db_re_1um(
-        self, frequency_hz: float, intervals: Sequence[IntervalRecord], lasted_s: float
-    ) -> NDArray[np.float64]:
-        """Level felt in each interval, shape (m,), of a trial that took the last lasted_s seconds."""
+    def levels_db_re_1um(self, frequency_hz: float, intervals: Sequence[IntervalRecord], lasted_s: float) -> FloatArray:
+        """Return the level felt in each interval, shape (m,), of a trial that took the last lasted_s seconds."""
         felt, rate_hz = np.concatenate(self._felt), self.rig.rate_hz
         begins = felt.size - round(lasted_s * rate_hz)
         ramp_s, peaks_mm = self.timing.ramp_at_s(frequency_hz), []
@@ -59,14 +57,14 @@ class ObserverAtRig:
         return db(np.maximum(np.array(peaks_mm), 1e-12) * _UM_PER_MM)
 
     def answer(self, trial: Trial, frequency_hz: float, intervals: Sequence[IntervalRecord], lasted_s: float) -> str:
-        """The interval picked, as a response; what was felt so far is forgotten."""
+        """Return the interval picked, as a response, and forget what was felt so far."""
         rng = trial_rng((*self.seed, 1), trial.number)
         levels = self.levels_db_re_1um(frequency_hz, intervals, lasted_s)
         self._felt.clear()
         return trial.responses[self.observer.respond(levels, frequency_hz, trial.number, rng)]
 
     def leave(self) -> None:
-        """Take the finger off."""
+        """Take the finger off the display."""
         port = self.rig.finger(self.channel)
         port.detach(self.feel)
         port.touch(None)

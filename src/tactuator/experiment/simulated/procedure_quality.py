@@ -1,6 +1,7 @@
-"""How good a procedure is: many simulated runs against a Weibull observer with a known threshold, loop not simulated.
+"""Quality of a procedure in many simulated runs against a Weibull observer with a known threshold.
 
-Levels are relative to the true threshold (where psi, lapses included, reaches its target), so estimates are errors.
+The loop of the display is not simulated. Levels are relative to the true threshold, where psi, lapses included, reaches
+its target, so that estimates are errors.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule
 from tactuator.experiment.procedure.quest_plus_batch import run_quests
@@ -18,15 +20,17 @@ from tactuator.experiment.procedure.up_down import IMECE2004, UpDownRule
 from tactuator.experiment.procedure.up_down_batch import Tracks, run_tracks
 from tactuator.perception.psychometric import Psychometric, Weibull, weibull_rise
 
-Floats = NDArray[np.float64]
-
 _START_ABOVE_EXPECTED_DB = 20.0
 _SCATTER_DB = 5.0
 
 
 @dataclass(frozen=True)
 class Setting:
-    """runs: how many; slope: Weibull slope, or (lowest, highest) to draw each run's from; start_db above truth."""
+    """Settings of a simulation of runs.
+
+    runs: their number. slope: range of Weibull slopes, (lowest, highest), from which each run's is drawn. lapse: lapse
+    rate. start_db: level of the first trial above the truth. Raises BadInput for values that cannot be.
+    """
 
     runs: int
     slope: tuple[float, float] = (2.5, 2.5)
@@ -46,7 +50,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class RefitQuality:
-    """Of the Bayesian refit of the same trials. coverage95: share of 95 % intervals that hold the truth."""
+    """Quality of the Bayesian refit of the same trials; coverage95: share of 95 % intervals that hold the truth."""
 
     bias_db: float
     rmse_db: float
@@ -55,7 +59,7 @@ class RefitQuality:
 
 @dataclass(frozen=True)
 class Quality:
-    """Of the procedure's own estimate; unfinished: runs that reached the trial limit and have none."""
+    """Quality of the procedure's own estimate; unfinished: number of runs that reached the trial limit without one."""
 
     bias_db: float
     sd_db: float
@@ -68,7 +72,7 @@ class Quality:
 
 
 def simulate(procedure: UpDownRule | QuestPlusRule, setting: Setting) -> Quality:
-    """Run the procedure `setting.runs` times and judge its estimates."""
+    """Run the procedure `setting.runs` times and judge its estimates. Raises BadInput where no run comes to its end."""
     if isinstance(procedure, UpDownRule):
         tracks = _up_down(procedure, setting)
     else:
@@ -101,9 +105,10 @@ def _up_down(rule: UpDownRule, setting: Setting) -> Tracks:
 
 
 def _quest_plus(rule: QuestPlusRule, setting: Setting) -> Tracks:
-    """Who would start a track start_db above the threshold expects it _START_ABOVE_EXPECTED_DB below that start.
+    """Run QUEST+ against truths that scatter about what the rule expects.
 
-    So the truth lies _START_ABOVE_EXPECTED_DB - start_db above what the rule expects, and scatters about that.
+    An experimenter who starts a track start_db above the threshold expects the threshold _START_ABOVE_EXPECTED_DB below
+    that start. The truth therefore lies _START_ABOVE_EXPECTED_DB - start_db above what the rule expects, on average.
     """
     rng = np.random.default_rng(setting.seed)
     slopes = _slopes(setting, rng)
@@ -114,22 +119,22 @@ def _quest_plus(rule: QuestPlusRule, setting: Setting) -> Tracks:
     return Tracks(levels, tracks.correct, tracks.trials, tracks.estimates_db_sl - truth)
 
 
-def _slopes(setting: Setting, rng: np.random.Generator) -> Floats:
+def _slopes(setting: Setting, rng: np.random.Generator) -> FloatArray:
     return rng.uniform(*setting.slope, setting.runs)
 
 
 class _Truth:
-    """psi of every run's own observer."""
+    """Probability of a right answer of the observer of every run."""
 
-    def __init__(self, slopes: Floats, lapse: float, threshold: Floats) -> None:
+    def __init__(self, slopes: FloatArray, lapse: float, threshold: FloatArray) -> None:
         model = Psychometric(Weibull(1.0), lapse=lapse)
         self._guess, self._lapse, self._at_threshold = model.guess, lapse, model.at_threshold
         self._slopes, self._threshold = slopes, threshold
 
-    def __call__(self, level_db: Floats, numbers: NDArray[np.intp]) -> Floats:
+    def __call__(self, level_db: FloatArray, numbers: NDArray[np.intp]) -> FloatArray:
         rise = weibull_rise(level_db - self._threshold[numbers], self._slopes[numbers], self._at_threshold)
         return np.asarray(self._guess + (1.0 - self._guess - self._lapse) * rise)
 
 
 PROCEDURES: dict[str, UpDownRule] = {"imece2004": IMECE2004}
-"""Presets that have a name."""
+"""Rules of the procedures that have a name."""

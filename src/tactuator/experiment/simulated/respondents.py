@@ -1,18 +1,18 @@
-"""Simulated respondents: one who errs at a stated rate, and one who goes by what reaches the finger ports."""
+"""Simulated respondents: one that errs at a stated rate, and one that judges by what reaches the finger ports."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.description import Display
 from tactuator.errors import BadInput
 from tactuator.experiment.session.identification_plan import ABX_RESPONSES, asked_label
 from tactuator.experiment.session.respondent import Respondent
 from tactuator.experiment.session.standing import Acknowledged
-from tactuator.experiment.store.records import Played
+from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.trial.trial import Trial
 from tactuator.rig.touchable import TouchableRig
 from tactuator.signals.bands import third_octave_bands
@@ -20,7 +20,10 @@ from tactuator.signals.bands import third_octave_bands
 
 @dataclass
 class ErringRespondent(Respondent):
-    """Right with 1 - error, otherwise any other answer alike."""
+    """A respondent that is right with probability 1 - error and otherwise gives any other answer, all alike.
+
+    Raises BadInput for an error rate outside [0, 1].
+    """
 
     error: float
     rng: np.random.Generator
@@ -30,22 +33,20 @@ class ErringRespondent(Respondent):
             raise BadInput(f"error rate {self.error:g}; allowed: 0 to 1")
 
     def respond(self, trial: Trial) -> str:
-        """The right answer, or another."""
+        """Return the right answer or, at the error rate, another."""
         if self.rng.random() >= self.error:
             return trial.correct
         others = [response for response in trial.responses if response != trial.correct]
         return others[int(self.rng.integers(len(others)))]
 
 
-Pattern = NDArray[np.float64]
-
-
 @dataclass
 class FeelingRespondent(Respondent):
-    """Knows items by the levels in third octaves that reached the fingers, as far as its own noise lets it.
+    """A respondent that knows items by the levels in third octaves that reached the fingers.
 
-    In training with feedback it keeps the mean pattern of every item; then it answers the item whose pattern is
-    nearest to what it felt, noise_db (standard deviation in every band and finger) added. `listen` first.
+    In training with feedback it keeps the mean pattern of every item. Then it answers the item whose pattern is nearest
+    to what it felt, with normal noise of standard deviation noise_db added in every band and finger. Call `listen`
+    first.
     """
 
     paradigm: str
@@ -53,18 +54,18 @@ class FeelingRespondent(Respondent):
     rng: np.random.Generator
     noise_db: float = 2.0
     slices: int = 3
-    _felt: dict[str, list[Pattern]] = field(default_factory=dict)
-    _intervals: list[list[Pattern]] = field(default_factory=list)
-    _known: dict[str, list[Pattern]] = field(default_factory=dict)
+    _felt: dict[str, list[FloatArray]] = field(default_factory=dict)
+    _intervals: list[list[FloatArray]] = field(default_factory=list)
+    _known: dict[str, list[FloatArray]] = field(default_factory=dict)
 
     def listen(self, rig: TouchableRig) -> None:
-        """Put the fingers on."""
+        """Put the respondent's fingers on the finger ports of all channels."""
         for channel in self.display.channels:
-            blocks: list[Pattern] = []
+            blocks: list[FloatArray] = []
             self._felt[channel.name] = blocks
             rig.finger(channel.name).attach(blocks.append)
 
-    def presented(self, played: Played) -> None:
+    def presented(self, played: PlayedTrial) -> None:
         """Take each interval out of what was felt while the trial was played, by the rig's times."""
         rate_hz = self.display.rate_hz
         whole = [np.concatenate(blocks)[-round(played.lasted_s * rate_hz) :] for blocks in self._felt.values()]
@@ -77,7 +78,7 @@ class FeelingRespondent(Respondent):
             blocks.clear()
 
     def respond(self, trial: Trial) -> str:
-        """The nearest item; a guess where nothing was learnt."""
+        """Return the nearest item, or a guess where nothing was learnt."""
         patterns = [self._pattern(interval) for interval in self._intervals]
         if self.paradigm == "abx":
             a, b, x = patterns
@@ -89,12 +90,12 @@ class FeelingRespondent(Respondent):
         return min(self._known, key=lambda label: _distance(np.mean(self._known[label], axis=0), asked))
 
     def learn(self, trial: Trial, told: Acknowledged) -> None:
-        """Keep what was felt under the name that was told."""
+        """Keep what was felt under the item that was asked for."""
         if self.paradigm != "abx":
             self._known.setdefault(asked_label(self.paradigm, trial), []).append(self._last)
 
-    def _pattern(self, fingers: list[Pattern]) -> Pattern:
-        """Levels above threshold, dB, of (fingers, slices of time, bands), with the respondent's own noise."""
+    def _pattern(self, fingers: list[FloatArray]) -> FloatArray:
+        """Return levels above threshold, dB, of (fingers, slices of time, bands), with the respondent's own noise."""
         levels = []
         for channel, displacement in zip(self.display.channels, fingers, strict=True):
             for part in np.array_split(displacement - displacement.mean(), self.slices):
@@ -108,5 +109,5 @@ class FeelingRespondent(Respondent):
         return np.array(levels) + self.noise_db * self.rng.standard_normal(len(levels))
 
 
-def _distance(first: Pattern, second: Pattern) -> float:
+def _distance(first: FloatArray, second: FloatArray) -> float:
     return float(np.sum((first - second) ** 2))

@@ -8,19 +8,19 @@ from dataclasses import replace
 import numpy as np
 
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.curve_kind import CurveKind
+from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
 from tactuator.experiment.protocol.file import protocol_hash
 from tactuator.experiment.protocol.protocol import Protocol
-from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.clock import Clock
 from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.presented_session import Conduct
-from tactuator.experiment.session.respondent import Respondent, attend
+from tactuator.experiment.session.presented_session import PresentedSession
+from tactuator.experiment.session.respondent import Respondent, run_session
 from tactuator.experiment.session.standing import NextTrial
 from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.simulated.observer import Observer
 from tactuator.experiment.simulated.observer_at_rig import ObserverAtRig
-from tactuator.experiment.store.records import Played, Sitting
+from tactuator.experiment.store.records import PlayedTrial, Sitting
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.trial import Trial
 from tactuator.perception.curve import ThresholdCurve
@@ -35,9 +35,10 @@ LOW_RAISED_DB, HIGH_LOWERED_DB = 4.0, -5.0
 def simulated_observers(
     library: ThresholdCurve, count: int, seed: int, band_hz: tuple[float, float] = (0.4, 300.0)
 ) -> tuple[Observer, ...]:
-    """Observers whose truth is the library curve, tilted as the paper found, with differences of their own.
+    """Return observers whose truth is the library curve, tilted as the paper found, with individual differences.
 
-    Individual differences: offset sd 1.5 dB, tilt 1 dB/decade, wave 1 dB; slopes 2 to 3, lapses up to 2 %.
+    The differences are an offset of standard deviation 1.5 dB, a tilt of 1 dB/decade and a wave of 1 dB; slopes are 2
+    to 3 and lapse rates up to 2 %.
     """
     rng = np.random.default_rng([seed, 11])
     frequency_hz = np.geomspace(*band_hz, 40)
@@ -63,8 +64,7 @@ def with_truths(
     truths: Mapping[str, RelativeCurve],
     lapses: Mapping[str, float],
 ) -> tuple[Observer, ...]:
-    """Return the observers with truths of one's own: curves relative to `library` and lapse rates, by the subject's
-    code.
+    """Return the observers with given truths: curves relative to `library` and lapse rates, by the subject's code.
 
     Raises BadInput for a code that is not among `codes`, and for a lapse rate that psi cannot have.
     """
@@ -91,27 +91,28 @@ def run_study(
     store: Store,
     protocol: Protocol,
     text: str,
-    station: Station,
+    apparatus: Apparatus,
     observers: Sequence[Observer],
     clock: Clock,
     load: str | None = None,
     told: Callable[[str, float], None] = lambda name, progress: None,
 ) -> int:
-    """Every observer goes through its session (resumed if it was begun); the study's row in the store.
+    """Take every observer through its session, resumed if it was begun, and return the study's row in the store.
 
-    load: put on the display's port while an observer's finger is there. told: name of the subject and progress, 0 to 1.
+    load: put on the display's port while an observer's finger is there. told: called with the name of the subject and
+    its progress, 0 to 1. Raises BadInput where the number of observers is not that of the subjects.
     """
-    rig = touchable(station.rig, station.name)
+    rig = touchable(apparatus.rig, apparatus.name)
     if len(observers) != len(protocol.subject):
         raise BadInput(f"{len(observers)} observers for {len(protocol.subject)} subjects; allowed: as many")
-    task = DetectionTask(protocol, station)
+    task = DetectionTask(protocol, apparatus)
     mark = protocol_hash(text)[:12]
     study = open_study(store, task, text, clock, lambda code, visit: f"simulated-{mark}-{code}-{visit}")
     for subject, observer in zip(protocol.subject, observers, strict=True):
         session = open_session(study, subject.code, sitting=Sitting("simulated"))
         sitting = _Sitting(observer, task, rig, load)
         try:
-            attend(Conduct(session), sitting, lambda now, name=observer.name: told(name, now.progress))  # type: ignore[misc]
+            run_session(PresentedSession(session), sitting, lambda now, name=observer.name: told(name, now.progress))  # type: ignore[misc]
         finally:
             sitting.leave()
     return study.id
@@ -125,25 +126,25 @@ class _Sitting(Respondent):
         self._at: ObserverAtRig | None = None
 
     def begin(self, following: NextTrial) -> None:
-        """The finger goes to the run's channel."""
+        """Put the finger on the run's channel."""
         self.leave()
-        channel = self._task.station.channel(following.planned.finger).name
+        channel = self._task.apparatus.channel(following.planned.finger).name
         timing = self._task.protocol.timing.build()
         self._at = ObserverAtRig(self._observer, self._rig, channel, timing, following.seed, self._load)
 
-    def presented(self, played: Played) -> None:
-        """Remember when each interval was."""
+    def presented(self, played: PlayedTrial) -> None:
+        """Keep the trial's intervals as they were played."""
         self._played = played
 
     def respond(self, trial: Trial) -> str:
-        """The interval in which the most was felt."""
+        """Return the interval in which the most was felt."""
         assert self._at is not None
         assert trial.placement is not None
         assert trial.placement.frequency_hz is not None
         return self._at.answer(trial, trial.placement.frequency_hz, self._played.intervals, self._played.lasted_s)
 
     def leave(self) -> None:
-        """Take the finger off."""
+        """Take the finger off the display."""
         if self._at is not None:
             self._at.leave()
             self._at = None

@@ -1,4 +1,4 @@
-"""Cells of the store's rows: what is read, and instants as they are written."""
+"""Cells of the store's rows, and instants as the store writes them."""
 
 from __future__ import annotations
 
@@ -11,5 +11,5 @@ Found = Row[Any]
 
 
 def stamp(when: datetime) -> str:
-    """An instant as the store writes it: ISO 8601 with its zone, to the microsecond."""
+    """Return an instant as the store writes it: ISO 8601 with its zone, to the microsecond."""
     return when.isoformat(timespec="microseconds")

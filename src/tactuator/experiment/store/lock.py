@@ -1,4 +1,4 @@
-"""One process at a time runs the sessions of a store."""
+"""A lock that lets one process at a time run the sessions of a store."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from tactuator.errors import BadInput
 def sessions_of(store: str | Path) -> Iterator[None]:
     """Hold the sessions of the store at that path for the length of the context.
 
-    The lock is the operating system's, on a file beside the store: however the process ends, it is gone with it. Raises
-    BadInput, naming the process that has it, where another one runs the sessions.
+    The lock is the operating system's, on a file beside the store, so that it ends with the process, however that ends.
+    Raises BadInput, naming the process that has it, where another one runs the sessions.
     """
     path = Path(f"{store}.lock")
     if not path.parent.is_dir():
@@ -30,7 +30,7 @@ def sessions_of(store: str | Path) -> Iterator[None]:
 
 
 def _locked(path: Path, store: str | Path) -> int:
-    """The file at the path, open and locked: one that its last holder removed meanwhile is opened anew."""
+    """Open and lock the file at the path; one that its last holder removed meanwhile is opened anew."""
     while True:
         try:
             handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)

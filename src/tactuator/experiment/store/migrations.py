@@ -1,4 +1,4 @@
-"""How a database came to have the tables it has: one step for each version, each in a transaction of its own."""
+"""Migrations of a store from one schema version to the next, each in a transaction of its own."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ STEPS: tuple[tuple[str, ...], ...] = (steps.THRESHOLDS, steps.IDENTIFICATION, st
 
 
 def migrate(engine: Engine, upto: int = len(STEPS)) -> int:
-    """Bring the database to version `upto`; the version it had.
+    """Bring the database to version `upto` and return the version that it had.
 
-    Raises BadInput for a database of a later tool, or one that holds other tables and no version, and for rows that
-    refer to none: such a store is left as it was.
+    Raises BadInput for a database of a later tool, one that holds other tables and no version, or one with rows that
+    refer to rows that are not there; such a store is left as it was.
     """
     had = version(engine)
     if had > len(STEPS):
@@ -28,7 +28,7 @@ def migrate(engine: Engine, upto: int = len(STEPS)) -> int:
 
 
 def _take(engine: Engine, statements: tuple[str, ...], number: int) -> None:
-    """One step. Tables that are made anew are referred to by others: references are checked at its end instead."""
+    """Take one step. References are checked at its end, since tables that are made anew are referred to by others."""
     with engine.connect() as connection:
         driver: Any = connection.connection.driver_connection
         driver.execute("PRAGMA foreign_keys = OFF")
@@ -46,7 +46,7 @@ def _take(engine: Engine, statements: tuple[str, ...], number: int) -> None:
 
 
 def version(engine: Engine) -> int:
-    """Schema version, 0 of an empty database."""
+    """Return the schema version, 0 of an empty database. Raises BadInput for a database that is not of this tool."""
     names = inspect(engine).get_table_names()
     if "schema_version" not in names:
         if names:

@@ -1,4 +1,4 @@
-"""Reading and writing what happens in a session: runs, trials, responses, events."""
+"""Reading and writing of what happens in a session: runs, trials, responses, events."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from tactuator.experiment.trial.trial import IntervalRecord, Trial
 
 
 @dataclass(frozen=True)
-class Apparatus:
-    """What the stimuli are played with, stored with every run.
+class ApparatusRecord:
+    """The apparatus that plays the stimuli, as it is stored with every run.
 
-    rig_simulated: nothing can be felt there; speed: of presentation, 1 being real time, None as fast as the rig can.
+    rig_simulated: True where nothing can be felt. speed: of presentation, 1 being real time, None as fast as the rig
+    can.
     """
 
     rig: str
@@ -35,9 +36,9 @@ class Apparatus:
 
 @dataclass(frozen=True)
 class Sitting:
-    """Who answers and what of the stimuli they can see or hear, stored with every run.
+    """The respondent of a sitting and what of the stimuli they can see or hear, as stored with every run.
 
-    respondent: person, simulated or script; shown: empty, or "seen" or "seen and heard" in a demonstration.
+    respondent: person, simulated or script. shown: empty, or "seen" or "seen and heard" in a demonstration.
     """
 
     respondent: str = "person"
@@ -45,7 +46,7 @@ class Sitting:
 
 
 def latest_runs(connection: Connection, session: int) -> list[Found]:
-    """The last attempt at every position, in order."""
+    """Return the last attempt at every position, in order."""
     query = (
         select(schema.run)
         .where(schema.run.c.session_id == session)
@@ -55,7 +56,7 @@ def latest_runs(connection: Connection, session: int) -> list[Found]:
 
 
 def attempts(connection: Connection, session: int, position: int) -> int:
-    """How many attempts at a planned run there are."""
+    """Return the number of attempts at a planned run."""
     query = select(func.count()).where(schema.run.c.session_id == session, schema.run.c.position == position)
     return int(connection.execute(query).scalar_one())
 
@@ -65,12 +66,12 @@ def begin_run(
     session: int,
     planned: PlannedRun,
     attempt: int,
-    apparatus: Apparatus,
+    apparatus: ApparatusRecord,
     sitting: Sitting,
     version: int,
     now: datetime,
 ) -> int:
-    """A new attempt at a planned run under that version of the protocol; its id."""
+    """Store a new attempt at a planned run under that version of the protocol, and return its id."""
     row = {
         "session_id": session,
         "position": planned.position,
@@ -90,12 +91,12 @@ def begin_run(
 
 
 def end_run(connection: Connection, run: int, state: str, now: datetime) -> None:
-    """A run is done, restarted or stopped."""
+    """Store that a run is done, restarted or stopped."""
     connection.execute(update(schema.run).where(schema.run.c.id == run).values(state=state, ended_utc=stamp(now)))
 
 
 def answers(connection: Connection, run: int) -> list[Found]:
-    """Every trial of a run with its response, in order."""
+    """Return every trial of a run with its response, in order."""
     query = (
         select(schema.trial, schema.response)
         .join(schema.response, schema.response.c.trial_id == schema.trial.c.id)
@@ -106,7 +107,7 @@ def answers(connection: Connection, run: int) -> list[Found]:
 
 
 def tallies(connection: Connection, session: int) -> dict[int, tuple[int, int]]:
-    """Answered and right trials of the runs of a session, by the run's row."""
+    """Return the numbers of answered and of right trials of a session's runs, by the run's row."""
     query = (
         select(schema.run.c.id, func.count(), func.sum(cast(schema.response.c.correct, Integer)))
         .select_from(schema.run.join(schema.trial).join(schema.response))
@@ -117,7 +118,7 @@ def tallies(connection: Connection, session: int) -> dict[int, tuple[int, int]]:
 
 
 def answer(connection: Connection, session: int, run: int, number: int) -> Found | None:
-    """A trial of one of the session's runs with its response and the run's position, if it is there."""
+    """Return a trial of one of the session's runs with its response and the run's position, or None."""
     query = (
         select(schema.trial, schema.response, schema.run.c.position)
         .select_from(schema.response.join(schema.trial).join(schema.run))
@@ -128,9 +129,10 @@ def answer(connection: Connection, session: int, run: int, number: int) -> Found
 
 @dataclass(frozen=True)
 class Answer:
-    """A response as it arrived. Client times: milliseconds of the client's own clock; client_lit_ms: when it lit each
+    """A response as it arrived.
 
-    interval's lamp. received_s: by the server's monotonic clock, where it was taken as the response arrived.
+    client_shown_ms, client_pressed_ms: by the client's own clock. client_lit_ms: when the client lit each interval's
+    lamp, by the same clock. received_s: by the server's monotonic clock, where it was read as the response arrived.
     """
 
     response: str
@@ -142,11 +144,12 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Played:
-    """A trial that has been played; frequency and level of the curve are None where it is not at one frequency.
+class PlayedTrial:
+    """A trial that has been played.
 
-    presented, ended: when it began and was over by the server's clock (ended_s by its monotonic one); rig_tick: when it
-    began by the rig's, lasted_s: how long it took there; presentations: how often it was played until then.
+    frequency_hz, curve_level_db_re_1um: None where it is not at one frequency. presented, ended: its beginning and end
+    by the server's clock (ended_s by its monotonic one). rig_tick: its beginning by the rig's clock. lasted_s: its
+    duration there. presentations: how often it was played until then.
     """
 
     trial: Trial
@@ -161,8 +164,8 @@ class Played:
     presentations: int = 1
 
 
-def save_answer(connection: Connection, run: int, played: Played, answer: Answer) -> None:
-    """The trial, its intervals and its response: all of it or, with the transaction, nothing."""
+def save_answer(connection: Connection, run: int, played: PlayedTrial, answer: Answer) -> None:
+    """Store the trial, its intervals and its response, all of them or, with the transaction, none."""
     trial, placement = played.trial, played.trial.placement
     row = {
         "run_id": run,
@@ -196,8 +199,8 @@ def save_answer(connection: Connection, run: int, played: Played, answer: Answer
     connection.execute(insert(schema.response).values(values))
 
 
-def _after_s(played: Played, answer: Answer) -> float | None:
-    """Seconds from the end of the last interval to the response's arrival, by the server's monotonic clock."""
+def _after_s(played: PlayedTrial, answer: Answer) -> float | None:
+    """Return the seconds from the end of the last interval to the response's arrival, by a monotonic clock."""
     if played.ended_s is None or answer.received_s is None:
         return None
     return answer.received_s - played.ended_s
@@ -206,13 +209,13 @@ def _after_s(played: Played, answer: Answer) -> float | None:
 def note(
     connection: Connection, session: int | None, kind: str, detail: str, now: datetime, trials: int | None = None
 ) -> None:
-    """Something that happened."""
+    """Store an event of that kind."""
     row = {"session_id": session, "at_utc": stamp(now), "kind": kind, "detail": detail, "trials": trials}
     connection.execute(insert(schema.event).values(row))
 
 
 def last_answer_utc(connection: Connection, session: int) -> str | None:
-    """When the session's last response arrived."""
+    """Return the arrival time of the session's last response, or None without one."""
     query = (
         select(func.max(schema.response.c.server_received_utc))
         .select_from(schema.response.join(schema.trial).join(schema.run))
@@ -222,7 +225,7 @@ def last_answer_utc(connection: Connection, session: int) -> str | None:
 
 
 def last_break(connection: Connection, session: int) -> int:
-    """Trials the session had when its last break ended; 0 if there was none."""
+    """Return the number of trials that the session had when its last break ended; 0 if there was none."""
     query = select(func.max(schema.event.c.trials)).where(
         schema.event.c.session_id == session, schema.event.c.kind == "break"
     )
@@ -230,7 +233,7 @@ def last_break(connection: Connection, session: int) -> int:
 
 
 def trial_count(connection: Connection, session: int) -> int:
-    """Answered trials of the session, of runs given up as well."""
+    """Return the number of answered trials of the session, those of runs that were given up included."""
     query = (
         select(func.count())
         .select_from(schema.response.join(schema.trial).join(schema.run))

@@ -1,4 +1,4 @@
-"""The tables of an experiment's database: open and relational; every quantity a column with its unit in the name."""
+"""The tables of an experiment's database: relational, every quantity a column with its unit in the name."""
 
 from __future__ import annotations
 

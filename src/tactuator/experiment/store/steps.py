@@ -1,6 +1,6 @@
-"""The statements that brought a store from each schema version to the next, as they were: they never change again.
+"""Statements that brought a store from each schema version to the next, as they were; they never change again.
 
-What the tables are today stands in `schema`; a test compares the two.
+The tables of today are in `schema`; a test compares the two.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ IDENTIFICATION = (
 )
 
 STUDIES_THAT_LIVE = (
-    # Protocols have versions; a subject is more than one session; times of what was played.
+    # Versions of protocols, subjects with several sessions, and the times at which stimuli were played.
     """CREATE TABLE protocol_version (
         id INTEGER NOT NULL PRIMARY KEY, study_id INTEGER NOT NULL REFERENCES study (id), number INTEGER NOT NULL,
         toml VARCHAR NOT NULL, sha256 VARCHAR NOT NULL, reason VARCHAR NOT NULL, tool_version VARCHAR NOT NULL,

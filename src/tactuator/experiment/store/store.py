@@ -18,7 +18,7 @@ _BUSY_MS = 2000
 
 
 class Store:
-    """path: of the SQLite file, made if it is not there (unless must_exist).
+    """The database at a path, which is made if it is not there (unless must_exist).
 
     Raises BadInput for a file that is not a sound database of this tool, or cannot be opened.
     """
@@ -47,7 +47,10 @@ class Store:
 
     @contextmanager
     def begin(self) -> Iterator[Connection]:
-        """A transaction: committed at the end, or StoreFault and nothing of it is there."""
+        """Begin a transaction, which is committed at the end of the context.
+
+        Raises StoreFault where it cannot be; nothing of it is then in the store.
+        """
         try:
             with self.engine.begin() as connection:
                 yield connection
@@ -56,7 +59,7 @@ class Store:
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
-        """A view of the store that keeps nobody from writing."""
+        """Open a view of the store that keeps nobody from writing. Raises StoreFault where it cannot be read."""
         try:
             with self.engine.connect().execution_options(read_only=True) as connection:
                 yield connection
@@ -64,7 +67,7 @@ class Store:
             raise StoreFault(f"{self.path.name}: {_reason(error)}") from error
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the database and its file."""
         self.engine.dispose()
 
 
@@ -84,6 +87,6 @@ def _begin(connection: Connection) -> None:
 
 
 def _reason(error: BaseException) -> str:
-    """What the database said, in one line."""
+    """Return the database's own message in one line."""
     original = error.orig if isinstance(error, DatabaseError | OperationalError) else error
     return " ".join(str(original).split())

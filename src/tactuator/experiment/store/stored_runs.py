@@ -1,4 +1,4 @@
-"""Runs as they stand in the store, with their trials, ready for analysis."""
+"""Runs as they are in the store, with their trials, ready for analysis."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import Connection, select
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.protocol.protocol import Protocol
@@ -20,23 +21,24 @@ from tactuator.experiment.trial.trial import IntervalRecord
 
 @dataclass(frozen=True)
 class StoredRun:
-    """session, run: their rows; arrays (trials,); intervals: of all trials."""
+    """A stored run with its trials.
+
+    session, run: their rows. frequency_hz, levels_db_sl, curve_level_db_re_1um, correct: (trials,). intervals: of all
+    trials.
+    """
 
     session: Found
     run: Found
     protocol: Protocol
-    frequency_hz: NDArray[np.float64]
-    levels_db_sl: NDArray[np.float64]
-    curve_level_db_re_1um: NDArray[np.float64]
+    frequency_hz: FloatArray
+    levels_db_sl: FloatArray
+    curve_level_db_re_1um: FloatArray
     correct: NDArray[np.bool_]
     intervals: tuple[IntervalRecord, ...]
 
 
 def detection_runs(store: Store, state: str = "done") -> list[StoredRun]:
-    """Runs of that state in all the store's studies, practice left out.
-
-    Raises BadInput where the store has none.
-    """
+    """Return the runs of that state in all the store's studies, practice left out. Raises BadInput without any."""
     with store.read() as connection:
         asked = select(schema.stimulus.c.study_id)  # identification studies have stimuli of their own
         versions = select(schema.protocol_version).where(schema.protocol_version.c.study_id.not_in(asked))

@@ -1,4 +1,4 @@
-"""Reading and writing who takes part in what: studies, versions of their protocols, subjects, sessions."""
+"""Reading and writing of who takes part in what: studies, versions of their protocols, subjects, sessions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Tokens = Callable[[str, int], str]
 
 @dataclass(frozen=True)
 class NewSubject:
-    """Someone to enrol. facts: (value, unit) of each demographic item by its name."""
+    """A subject to enrol; facts: (value, unit) of each demographic item by its name."""
 
     code: str
     group: str = "unknown"
@@ -31,31 +31,31 @@ class NewSubject:
 
 
 def add_study(connection: Connection, name: str, now: datetime) -> int:
-    """A new study; its id."""
+    """Store a new study and return its id."""
     row = {"name": name, "created_utc": stamp(now)}
     return int(connection.execute(insert(schema.study).values(row).returning(schema.study.c.id)).scalar_one())
 
 
 def study_by_version(connection: Connection, text: str) -> int | None:
-    """The newest study that has had a protocol of exactly that text."""
+    """Return the newest study that has had a protocol of exactly that text, or None."""
     version = schema.protocol_version
     query = select(func.max(version.c.study_id)).where(version.c.sha256 == protocol_hash(text))
     return connection.execute(query).scalar()
 
 
 def study_by_name(connection: Connection, name: str) -> int | None:
-    """The newest study of that name."""
+    """Return the newest study of that name, or None."""
     return connection.execute(select(func.max(schema.study.c.id)).where(schema.study.c.name == name)).scalar()
 
 
 def versions(connection: Connection, study: int) -> list[Found]:
-    """Every version of the study's protocol, the first first."""
+    """Return every version of the study's protocol, the oldest first."""
     table = schema.protocol_version
     return list(connection.execute(select(table).where(table.c.study_id == study).order_by(table.c.number)))
 
 
 def add_version(connection: Connection, study: int, text: str, reason: str, now: datetime) -> int:
-    """A further version of the study's protocol; its id."""
+    """Store a further version of the study's protocol and return its id."""
     table = schema.protocol_version
     last = connection.execute(select(func.max(table.c.number)).where(table.c.study_id == study)).scalar() or 0
     row = {
@@ -71,13 +71,13 @@ def add_version(connection: Connection, study: int, text: str, reason: str, now:
 
 
 def subjects(connection: Connection, study: int) -> list[Found]:
-    """The study's subjects in the order in which they were enrolled."""
+    """Return the study's subjects in the order in which they were enrolled."""
     table = schema.subject
     return list(connection.execute(select(table).where(table.c.study_id == study).order_by(table.c.number)))
 
 
 def add_subject(connection: Connection, study: int, new: NewSubject, now: datetime) -> Found:
-    """Enrol a subject under the next number; the row."""
+    """Store a subject under the next number and return the row."""
     table = schema.subject
     last = connection.execute(select(func.max(table.c.number)).where(table.c.study_id == study)).scalar()
     row = {
@@ -103,7 +103,7 @@ def add_session(
     now: datetime,
     skin_temperature_c: float | None = None,
 ) -> None:
-    """The subject's next visit, under the circumstances of the protocol."""
+    """Store the subject's next visit, under the circumstances of the protocol."""
     table = schema.session
     last = connection.execute(select(func.max(table.c.visit)).where(table.c.subject_id == subject.id)).scalar() or 0
     circumstances = protocol.circumstances.model_dump()
@@ -122,7 +122,7 @@ def add_session(
 
 
 def session_query() -> Select[Any]:
-    """Rows of sessions with what is known of their subjects (subject_number, subject_code, subject_group)."""
+    """Return a query of sessions with their subjects (subject_number, subject_code, subject_group)."""
     who = schema.subject
     return select(
         schema.session,
@@ -134,22 +134,22 @@ def session_query() -> Select[Any]:
 
 
 def sessions(connection: Connection, study: int) -> list[Found]:
-    """The study's sessions in order of subjects and visits."""
+    """Return the study's sessions in order of subjects and visits."""
     query = session_query().where(schema.session.c.study_id == study)
     return list(connection.execute(query.order_by(schema.subject.c.number, schema.session.c.visit)))
 
 
 def session(connection: Connection, session: int) -> Found:
-    """The session's row."""
+    """Return the session's row with its subject."""
     return connection.execute(session_query().where(schema.session.c.id == session)).one()
 
 
 def change_session(connection: Connection, session: int, **values: Any) -> None:
-    """Write columns of a session."""
+    """Write columns of a session's row."""
     connection.execute(update(schema.session).where(schema.session.c.id == session).values(**values))
 
 
 def set_participant(connection: Connection, subject: int, participant_id: str) -> None:
-    """Write who the subject is to others."""
+    """Write the name that the subject has elsewhere."""
     table = schema.subject
     connection.execute(update(table).where(table.c.id == subject).values(participant_id=participant_id))

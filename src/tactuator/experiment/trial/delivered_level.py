@@ -1,7 +1,7 @@
-"""What the display delivered of what was commanded, by its sensor.
+"""The level that the display delivered, by its sensor, relative to the level that was commanded.
 
-Above FRICTION_HZ a display's gain does not depend on the level, and all the stimuli of a run tell it, the loudest most;
-below, friction makes it depend on the level, and only the stimuli near threshold tell.
+Above FRICTION_HZ a display's gain does not depend on the level, so all stimuli of a run contribute, the loudest most.
+Below it friction makes the gain depend on the level, and only stimuli near threshold contribute.
 """
 
 from __future__ import annotations
@@ -10,12 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.experiment.trial.trial import IntervalRecord
 from tactuator.signals.decibels import from_db
-
-Floats = NDArray[np.float64]
 
 FRICTION_HZ = 25.0
 _NEAR_DB = 4.0
@@ -23,10 +21,11 @@ _LARGEST_SD_DB = 3.0
 
 
 def delivered_offset_db(intervals: Sequence[IntervalRecord], level_db_sl: float, near_db: float = _NEAR_DB) -> float:
-    """How far the sensor's amplitude lay above the commanded one, dB, over stimuli within near_db of level_db_sl.
+    """Return by how many dB the sensor's amplitude lay above the commanded one, over stimuli within near_db of
+    level_db_sl.
 
-    Powers are averaged, and what hum and noise leave in blank intervals is taken off: near threshold the amplitude
-    alone reads too high. NaN where no stimulus was near, or noise hides them.
+    Powers are averaged, and the power that hum and noise leave in blank intervals is subtracted, since near threshold
+    the amplitude alone reads too high. NaN where no stimulus was near or noise hides them.
     """
     seen = [
         (float(from_db(one.measured_db_sl)) ** 2, one.commanded_db_sl)
@@ -48,20 +47,29 @@ def delivered_offset_db(intervals: Sequence[IntervalRecord], level_db_sl: float,
 
 @dataclass(frozen=True)
 class Delivered:
-    """offset_db: what the sensor saw above the commanded level; sd_db: its standard deviation. NaN: noise hides it."""
+    """Gain of the display in a run.
+
+    offset_db: level at the sensor above the commanded level. sd_db: its standard deviation. Both NaN where noise hides
+    it.
+    """
 
     offset_db: float
     sd_db: float
 
 
 def delivered(
-    commanded_db_sl: Floats, measured_db_sl: Floats, frequency_hz: float, level_db_sl: float, near_db: float = _NEAR_DB
+    commanded_db_sl: FloatArray,
+    measured_db_sl: FloatArray,
+    frequency_hz: float,
+    level_db_sl: float,
+    near_db: float = _NEAR_DB,
 ) -> Delivered:
-    """The display's gain at a frequency, from intervals there. commanded_db_sl: NaN in blank ones; both (intervals,).
+    """Estimate the display's gain at a frequency from intervals played there.
 
-    Power at the sensor is g^2 c + b (c: commanded, b: hum and noise, from the blank intervals) with the variance
-    b^2 + 2 g^2 c b of a sinusoid in noise; g^2 is its weighted least-squares estimate. Where the powers scatter more
-    than that, the standard deviation grows with them.
+    commanded_db_sl (NaN in blank intervals), measured_db_sl: (intervals,). level_db_sl: the threshold; near_db: how
+    near to it a stimulus must be below FRICTION_HZ. The power at the sensor is g^2 c + b (c: commanded; b: hum and
+    noise, from the blank intervals) with the variance b^2 + 2 g^2 c b of a sinusoid in noise; g^2 is its weighted
+    least-squares estimate. Where the powers scatter more than that, the standard deviation grows with them.
     """
     known = np.isfinite(measured_db_sl)
     blank = known & np.isnan(commanded_db_sl)

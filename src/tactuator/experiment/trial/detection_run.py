@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.description import Channel
 from tactuator.experiment.procedure.procedure import Estimate, Procedure
 from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
@@ -21,16 +22,16 @@ from tactuator.signals.decibels import db
 
 
 class Subject(Protocol):
-    """Someone who answers trials."""
+    """Someone who answers detection trials."""
 
     def answer(self, trial: Trial, frequency_hz: float, intervals: Sequence[IntervalRecord], lasted_s: float) -> str:
-        """The response to the trial that has just been played; intervals: when each was in its lasted_s seconds."""
+        """Return the response to the trial that was just played; intervals: when each was in its lasted_s seconds."""
         ...
 
 
 @dataclass(frozen=True)
 class TrialRecord:
-    """A trial with its answer."""
+    """A trial with its intervals as they were played and its answer."""
 
     trial: Trial
     frequency_hz: float
@@ -41,7 +42,10 @@ class TrialRecord:
 
 @dataclass(frozen=True)
 class Detection:
-    """What detection trials on one channel need. channel: the display's description of what the presenter plays on."""
+    """Settings of detection trials on one channel, and the presenter that plays them.
+
+    channel: the display's description of the channel that the presenter plays on.
+    """
 
     presenter: Presenter
     channel: Channel
@@ -52,7 +56,7 @@ class Detection:
     def play(
         self, trial: Trial, frequency_hz: float, seed: Sequence[int]
     ) -> tuple[tuple[IntervalRecord, ...], Presentation]:
-        """Play a trial; what was commanded and measured in each interval, and how it was played."""
+        """Play a trial; returns what was commanded and measured in each interval, and how the trial was played."""
         tones = self.paradigm.tones(trial, frequency_hz)
         references = [
             self._reference(tone, trial_rng((*seed, 2, index), trial.number)) for index, tone in enumerate(tones)
@@ -64,7 +68,7 @@ class Detection:
         )
         return records, shown
 
-    def _reference(self, tone: ToneInterval, rng: np.random.Generator) -> NDArray[np.float64]:
+    def _reference(self, tone: ToneInterval, rng: np.random.Generator) -> FloatArray:
         rate_hz = self.presenter.rig.rate_hz
         reference = self.presenter.on_channel(tone.wave(rate_hz, self.timing))
         if self.masker is not None:
@@ -93,7 +97,10 @@ class Detection:
 
 @dataclass(frozen=True)
 class RunRecord:
-    """A run that is over. estimate: the procedure's own, dB SL commanded; flags: what its reader must know."""
+    """A run that is over.
+
+    estimate: the procedure's own, dB SL commanded. flags: names of what a reader must know of the run.
+    """
 
     frequency_hz: float
     trials: tuple[TrialRecord, ...]
@@ -101,24 +108,27 @@ class RunRecord:
     flags: tuple[str, ...]
 
     @property
-    def levels_db_sl(self) -> NDArray[np.float64]:
-        """Commanded level of every trial, shape (trials,)."""
+    def levels_db_sl(self) -> FloatArray:
+        """Return the commanded level of every trial, shape (trials,)."""
         return np.array([one.trial.placement.level_db_sl for one in self.trials if one.trial.placement is not None])
 
     @property
     def correct(self) -> NDArray[np.bool_]:
-        """Outcome of every trial, shape (trials,)."""
+        """Return the outcome of every trial, shape (trials,)."""
         return np.array([one.correct for one in self.trials], dtype=np.bool_)
 
     def refit(self, prior: RefitPrior | None = None) -> Refit:
-        """The Bayesian refit of the run's trials."""
+        """Return the Bayesian refit of the run's trials."""
         return refit(self.levels_db_sl, self.correct, prior)
 
 
 def run_detection(
     detection: Detection, procedure: Procedure, subject: Subject, frequency_hz: float, seed: Sequence[int]
 ) -> RunRecord:
-    """Run until the procedure ends (a whole-curve procedure chooses its own frequencies: frequency_hz is ignored)."""
+    """Run trials until the procedure ends.
+
+    frequency_hz: of every trial, unless the procedure chooses frequencies itself. seed: determines every trial.
+    """
     records: list[TrialRecord] = []
     while (placement := procedure.placement()) is not None:
         frequency = frequency_hz if placement.frequency_hz is None else placement.frequency_hz

@@ -1,4 +1,4 @@
-"""Plays the intervals of a trial on a rig as one stretch, and reads back what the sensor saw and when."""
+"""Presents the intervals of a trial on a rig as one stretch, and reads back what the sensor saw and when."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.trial.marks import Marks
 from tactuator.rig.rig import Rig, Ticking
@@ -17,28 +17,30 @@ from tactuator.rig.trace import Trace, join_traces
 Watch = Callable[[int, bool], None]
 """Told (interval from 0, True) as an interval begins and (interval, False) as it ends, by the rig's own time."""
 
-Samples = NDArray[np.float64]
 _PIECE_S = 0.02
 """A reference is given to the rig in pieces of this length: a stop takes effect within one."""
 
 
 class Halted(Exception):
-    """Somebody stopped the trial while it played; the rig is at rest."""
+    """Raised where somebody stopped the trial while it played; the rig is at rest."""
 
 
 def _nobody(interval: int, begins: bool) -> None:
-    """Nobody watches."""
+    """Do nothing, as nobody watches."""
 
 
 def _never() -> bool:
-    """Nobody stops the trial."""
+    """Return False, as nobody stops the trial."""
     return False
 
 
 @dataclass(frozen=True)
 class PlayedInterval:
-    """An interval as it was played: what the sensor saw, and the rig's own times in seconds from the trial's first
-    sample. lamp_late_s: how far the rig was past the onset when the watch was told of it."""
+    """An interval as it was played.
+
+    trace: what the sensor saw. onset_s, duration_s: by the rig's clock, from the trial's first sample. lamp_late_s: how
+    far the rig was past the onset when the watch was told of it.
+    """
 
     trace: Trace
     onset_s: float
@@ -48,8 +50,11 @@ class PlayedInterval:
 
 @dataclass(frozen=True)
 class Presentation:
-    """A trial as it was played. rig_tick: of its first sample by the rig's clock, None where the rig tells none;
-    lasted_s: from the first sample to the last."""
+    """A trial as it was played.
+
+    rig_tick: tick of its first sample by the rig's clock, None where the rig tells none. lasted_s: time from the first
+    sample to the last.
+    """
 
     intervals: tuple[PlayedInterval, ...]
     rig_tick: int | None
@@ -58,9 +63,10 @@ class Presentation:
 
 @dataclass
 class Presenter:
-    """rig with its controller loaded; channel: the one that stimuli are played on.
+    """Player of trials on one channel of a rig with its controller loaded.
 
-    halted: asked after every piece; the trial ends at once where it says so. marks: announce intervals by touch.
+    watch: called as an interval begins and ends. halted: called after every piece; the trial ends at once where it
+    returns True. marks: taps that announce intervals. Raises BadInput where the rig has no such channel.
     """
 
     rig: Rig
@@ -75,20 +81,23 @@ class Presenter:
 
     @property
     def column(self) -> int:
-        """The channel's place among the rig's."""
+        """Return the channel's place among those of the rig."""
         return self.rig.channels.index(self.channel)
 
-    def on_channel(self, wave: Samples) -> Samples:
+    def on_channel(self, wave: FloatArray) -> FloatArray:
         """Return a reference of every channel, (n, channels), from the wave of one, (n,)."""
         reference = np.zeros((wave.size, len(self.rig.channels)))
         reference[:, self.column] = wave
         return reference
 
-    def present(self, references: Sequence[Samples], lead_s: float, gap_s: float, tail_s: float = 0.0) -> Presentation:
+    def present(
+        self, references: Sequence[FloatArray], lead_s: float, gap_s: float, tail_s: float = 0.0
+    ) -> Presentation:
         """Play every reference (n, channels) after silence of lead_s, with gap_s between and tail_s after the last.
 
-        All of it is one stretch of the rig's time: no gap is longer or shorter by a sample. Raises Halted where the
-        trial was stopped, BadInput where a reference has other channels than the rig, and as the rig's `stream` does.
+        All of it is one stretch of the rig's time, so that no gap is longer or shorter by a sample. Raises Halted where
+        the trial was stopped, BadInput where a reference has other channels than the rig, and as the rig's `stream`
+        does.
         """
         stretch, onsets = self._stretch(references, lead_s, gap_s, tail_s)
         edges = [(onset, interval, True) for interval, onset in enumerate(onsets)]
@@ -105,10 +114,10 @@ class Presenter:
         return Presentation(intervals, tick, len(stretch) / rate_hz)
 
     def _stretch(
-        self, references: Sequence[Samples], lead_s: float, gap_s: float, tail_s: float
-    ) -> tuple[Samples, list[int]]:
-        """The whole trial, (n, channels), and the sample at which each reference begins."""
-        parts: list[Samples] = []
+        self, references: Sequence[FloatArray], lead_s: float, gap_s: float, tail_s: float
+    ) -> tuple[FloatArray, list[int]]:
+        """Return the whole trial, (n, channels), and the sample at which each reference begins."""
+        parts: list[FloatArray] = []
         onsets: list[int] = []
         for interval, reference in enumerate(references):
             if reference.ndim != 2 or reference.shape[1] != len(self.rig.channels):
@@ -121,16 +130,18 @@ class Presenter:
             parts.append(self.marks.end(self.rig.rate_hz, self.rig.channels))
         return np.concatenate(parts), onsets
 
-    def _before(self, interval: int, silence_s: float) -> Samples:
+    def _before(self, interval: int, silence_s: float) -> FloatArray:
         if self.marks is None:
             return self._silence(silence_s)
         return self.marks.before(interval, silence_s, self.rig.rate_hz, self.rig.channels)
 
-    def _silence(self, duration_s: float) -> Samples:
+    def _silence(self, duration_s: float) -> FloatArray:
         return np.zeros((round(duration_s * self.rig.rate_hz), len(self.rig.channels)))
 
-    def _played(self, stretch: Samples, edges: Sequence[tuple[int, int, bool]], lates: list[float]) -> Iterator[Trace]:
-        """The trace in pieces; the watch is told of each edge as the rig reaches it."""
+    def _played(
+        self, stretch: FloatArray, edges: Sequence[tuple[int, int, bool]], lates: list[float]
+    ) -> Iterator[Trace]:
+        """Yield the trace in pieces, and tell the watch of each edge as the rig reaches it."""
         waiting, got = list(edges), 0
         self._tell(waiting, got, lates)
         for trace in self.rig.stream(self._pieces(stretch, [edge[0] for edge in edges])):
@@ -148,8 +159,8 @@ class Presenter:
                 lates[interval] = (got - sample) / self.rig.rate_hz
             self.watch(interval, begins)
 
-    def _pieces(self, stretch: Samples, cuts: Sequence[int]) -> Iterator[Samples]:
-        """The stretch in pieces, cut at every onset and end: a rig whose time waits stands exactly there."""
+    def _pieces(self, stretch: FloatArray, cuts: Sequence[int]) -> Iterator[FloatArray]:
+        """Yield the stretch in pieces, cut at every onset and end, where a rig whose time waits then stands exactly."""
         step = max(1, round(_PIECE_S * self.rig.rate_hz))
         places = sorted({*range(0, len(stretch), step), *cuts, len(stretch)})
         for start, stop in pairwise(places):

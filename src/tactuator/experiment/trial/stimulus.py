@@ -1,4 +1,4 @@
-"""What is played in one interval: a reference for every channel, in threshold units."""
+"""Stimuli of one interval: a reference for a channel, in threshold units."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal as scipy_signal
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.trial.timing import Timing
 from tactuator.perception.levels import COMFORT_DB_SL
@@ -18,9 +18,10 @@ from tactuator.signals.stimuli import ramps, tone
 
 @dataclass(frozen=True)
 class Masker:
-    """Played in every interval of a trial under the stimulus: a tone, or noise of one third-octave, at level_db_sl (rms
+    """Masker that is played in every interval of a trial under the stimulus: a tone, or noise of one third-octave.
 
-    of the noise: that of a sinusoid of this level). channel None: the stimulus's own.
+    level_db_sl: of the tone; noise has the rms of a sinusoid of this level. channel: None for the stimulus's own.
+    Raises BadInput for values that cannot be.
     """
 
     kind: Literal["tone", "noise"]
@@ -36,8 +37,8 @@ class Masker:
         if not self.level_db_sl <= COMFORT_DB_SL:
             raise BadInput(f"masker: level_db_sl is {self.level_db_sl:g}; allowed: {COMFORT_DB_SL:g} at most")
 
-    def wave(self, count: int, rate_hz: float, ramp_s: float, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Shape (count,), threshold units."""
+    def wave(self, count: int, rate_hz: float, ramp_s: float, rng: np.random.Generator) -> FloatArray:
+        """Return the masker's signal, shape (count,), in threshold units."""
         amplitude = float(from_db(self.level_db_sl))
         if self.kind == "tone":
             return tone(self.frequency_hz, amplitude, count / rate_hz, rate_hz, ramp_s=ramp_s)
@@ -51,7 +52,10 @@ class Masker:
 
 @dataclass(frozen=True)
 class ToneInterval:
-    """One interval of a detection trial: a tone of frequency_hz at level_db_sl, or nothing (level None)."""
+    """One interval of a detection trial: a tone of frequency_hz at level_db_sl, or nothing (level None).
+
+    Raises BadInput for a level above comfort.
+    """
 
     frequency_hz: float
     level_db_sl: float | None
@@ -60,8 +64,8 @@ class ToneInterval:
         if self.level_db_sl is not None and self.level_db_sl > COMFORT_DB_SL + 1e-9:
             raise BadInput(f"stimulus of {self.level_db_sl:g} dB SL; allowed: {COMFORT_DB_SL:g} at most")
 
-    def wave(self, rate_hz: float, timing: Timing) -> NDArray[np.float64]:
-        """Shape (n,), threshold units."""
+    def wave(self, rate_hz: float, timing: Timing) -> FloatArray:
+        """Return the interval's signal, shape (n,), in threshold units."""
         duration = timing.duration_s(self.frequency_hz)
         if self.level_db_sl is None:
             return np.zeros(round(duration * rate_hz))

@@ -1,4 +1,4 @@
-"""How long the parts of a trial last."""
+"""Durations of the parts of a trial."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from tactuator.errors import BadInput
 
 @dataclass(frozen=True)
 class Timing:
-    """stimulus_s: of each interval, or as long as `periods` of a slow tone take; ramp_s: at both its ends, inside it.
+    """Durations of the parts of a trial, in seconds.
 
-    lead_s: before the first interval; gap_s: between intervals; feedback_s: how long feedback is shown.
+    stimulus_s: of each interval, or as long as `periods` of a slow tone take. ramp_s: at both its ends, inside it.
+    lead_s: silence before the first interval. gap_s: silence between intervals. feedback_s: time for which feedback is
+    shown. Raises BadInput for durations that cannot be.
     """
 
     stimulus_s: float = 0.5
@@ -36,16 +38,16 @@ class Timing:
             raise BadInput(f"timing: ramps of {self.ramp_s:g} s in {self.stimulus_s:g} s; allowed: half of it at most")
 
     def duration_s(self, frequency_hz: float) -> float:
-        """Length of one interval at that frequency."""
+        """Return the duration of one interval at that frequency."""
         return max(self.stimulus_s, self.periods / frequency_hz)
 
     def ramp_at_s(self, frequency_hz: float) -> float:
-        """Length of each ramp: in proportion to the interval, so that a slow tone begins as gently as a fast one."""
+        """Return the duration of each ramp, in proportion to the interval: slow tones begin as gently as fast ones."""
         return self.ramp_s * self.duration_s(frequency_hz) / self.stimulus_s
 
     def clearance_hz(self, frequency_hz: float) -> float:
-        """How far from a mains line a tone has to stay: by the reciprocal of its own duration.
+        """Return the distance that a tone keeps from a mains line: the reciprocal of its duration, at least 2 Hz.
 
-        That is where the spectrum of a tone without ramps has its first zero; at least 2 Hz.
+        That is where the spectrum of a tone without ramps has its first zero.
         """
         return max(2.0, 1.0 / self.duration_s(frequency_hz))

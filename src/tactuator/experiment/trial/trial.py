@@ -14,10 +14,11 @@ from tactuator.experiment.trial.stimulus import ToneInterval
 
 @dataclass(frozen=True)
 class Trial:
-    """number counts from 0 in its run; stimuli: one label for each interval, as the stimulus table has it.
+    """One trial of a run.
 
-    responses: the allowed ones, in the order in which they are offered; correct: the right one.
-    placement: where an adaptive procedure put it, None elsewhere.
+    number: counted from 0 in its run. stimuli: one label for each interval, as in the store's stimulus table.
+    responses: the allowed ones, in the order in which they are offered. correct: the right one. placement: where an
+    adaptive procedure put the trial, None elsewhere. Raises BadInput where the right response is not an allowed one.
     """
 
     number: int
@@ -31,7 +32,7 @@ class Trial:
             raise BadInput(f"trial: correct response {self.correct!r}; allowed: {', '.join(self.responses)}")
 
     def judge(self, response: str) -> bool:
-        """Whether the response is right; BadInput if it is not among the allowed ones."""
+        """Return whether the response is right. Raises BadInput if it is not among the allowed ones."""
         if response not in self.responses:
             raise BadInput(f"response {response!r}; allowed: {', '.join(self.responses)}")
         return response == self.correct
@@ -39,11 +40,12 @@ class Trial:
 
 @dataclass(frozen=True)
 class IntervalRecord:
-    """An interval as it was played. commanded_db_sl: None where nothing was, or no one level; measured_db_sl: at the
+    """An interval of a trial as it was played.
 
-    sensor, at the stimulus's frequency; None where there is no one frequency. onset_s, duration_s: by the rig's own
-    clock, from the trial's first sample; lamp_late_s: how far the rig was past the onset when the lamp was lit. None:
-    not known (stores of before).
+    commanded_db_sl: None where nothing was played, or no one level. measured_db_sl: at the sensor, at the stimulus's
+    frequency; None where there is no one frequency. onset_s, duration_s: by the rig's own clock, from the trial's first
+    sample. lamp_late_s: how far the rig was past the onset when the lamp was lit. The times are None in stores that
+    were made before they were recorded.
     """
 
     stimulus: str
@@ -61,7 +63,9 @@ BLANK, SIGNAL, LOUD = "blank", "tone", "loud"
 
 @dataclass(frozen=True)
 class ForcedChoice:
-    """Detection in one of m intervals; the responses are "1" to str(m)."""
+    """Detection in one of m intervals; the responses are "1" to str(m). Raises BadInput for fewer than 2 or more than
+    9.
+    """
 
     intervals: int = 3
 
@@ -71,30 +75,30 @@ class ForcedChoice:
 
     @property
     def guess(self) -> float:
-        """Probability of a correct guess."""
+        """Return the probability of a correct guess."""
         return 1.0 / self.intervals
 
     @property
     def responses(self) -> tuple[str, ...]:
-        """One key for each interval."""
+        """Return one key for each interval."""
         return tuple(str(1 + interval) for interval in range(self.intervals))
 
     def trial(self, number: int, placement: Placement, seed: Sequence[int], label: str = SIGNAL) -> Trial:
-        """The trial of that number: the interval with the tone depends on the seed and the number alone.
+        """Return the trial of that number; the interval with the tone depends on the seed and the number alone.
 
-        label: of the interval that is asked for; BLANK: nothing is played in any.
+        label: of the interval that is asked for; with BLANK nothing is played in any interval.
         """
         target = int(trial_rng(seed, number).integers(self.intervals))
         stimuli = tuple(label if interval == target else BLANK for interval in range(self.intervals))
         return Trial(number, stimuli, self.responses, self.responses[target], placement)
 
     def tones(self, trial: Trial, frequency_hz: float) -> tuple[ToneInterval, ...]:
-        """What each interval plays."""
+        """Return the tone, or silence, of each interval."""
         assert trial.placement is not None
         level = trial.placement.level_db_sl
         return tuple(ToneInterval(frequency_hz, None if label == BLANK else level) for label in trial.stimuli)
 
 
 def trial_rng(seed: Sequence[int], number: int) -> np.random.Generator:
-    """Randomness of one trial: the same after any interruption, whatever came before."""
+    """Return the random generator of one trial, which is the same after any interruption."""
     return np.random.default_rng([*seed, number])

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from tactuator.display.description import Channel, Display
-from tactuator.runtime.safety_table import NEVER, NEVER_TICKS, ChannelSafety, Observer, SafetyTable
+from tactuator.runtime.safety_table import NEVER, NEVER_TICKS, ChannelSafety, SafetyTable, StateObserver
 from tactuator.signals.decibels import from_db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.synthesis.prefilter.felt_weighting import weighting_sections
@@ -27,7 +27,7 @@ STOP_SHARE, OPEN_SHARE, DISAGREEMENT_SHARE = 0.85, 1.15, 0.14
 REVERSAL_NOISES = 200.0
 """A finger that presses moves the sensor against the motor, too: at 8 a tenth of a volt's worth of it was taken for a
 reversed sensor."""
-_NOWHERE = Observer(0.0, 0.0, 0.0, 0.0, 0.0)
+_NOWHERE = StateObserver(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def safety_table(display: Display) -> SafetyTable:
@@ -65,7 +65,7 @@ def is_watched(channel: Channel) -> bool:
     return channel.quantity == "displacement" and channel.plant.poles.size == 2 and channel.plant.zeros.size == 0
 
 
-def observer(channel: Channel, rate_hz: float) -> tuple[Observer, float]:
+def observer(channel: Channel, rate_hz: float) -> tuple[StateObserver, float]:
     """Return the plant's model and its correction (both poles at exp(-OBSERVER_RAD_S / rate)), and the damping that is
     left to a motor without command: share of the velocity lost in a tick.
 
@@ -81,7 +81,7 @@ def observer(channel: Channel, rate_hz: float) -> tuple[Observer, float]:
     both = 2.0 - spring - damp - 2.0 * pole
     correct_w = pole**2 / (1.0 - damp) - 1.0 + both
     lost = -math.expm1(float(np.real(np.sum(channel.plant.poles))) / rate_hz)
-    return Observer(0.5 * drive, damp, spring, both - correct_w, correct_w), lost
+    return StateObserver(0.5 * drive, damp, spring, both - correct_w, correct_w), lost
 
 
 def frozen_ticks(channel: Channel, rate_hz: float) -> int:

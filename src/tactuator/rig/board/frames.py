@@ -33,7 +33,7 @@ class Request(IntEnum):
     BREAK = 0x33
 
 
-class Outcome(IntEnum):
+class RequestOutcome(IntEnum):
     """Outcomes of a request that a board reports (tact_outcome)."""
 
     DONE = 0

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.errors import BadInput, DeviceFault
-from tactuator.rig.board.frames import ANSWER, PAYLOAD_MAX, Frame, FrameReader, Outcome, Request, frame_bytes
+from tactuator.rig.board.frames import ANSWER, PAYLOAD_MAX, Frame, FrameReader, Request, RequestOutcome, frame_bytes
 from tactuator.rig.transport.transport import LinkDown, Transport
 from tactuator.runtime.image import REASONS, ImageRefusal
 from tactuator.runtime.safety_table import Fault, SafetyRefusal
@@ -116,7 +116,7 @@ class LinkClient:
         """Close the transport of the link."""
         self._transport.close()
 
-    def ask(self, request: Request, payload: bytes = b"", patience: float = 1.0) -> tuple[Outcome, bytes]:
+    def ask(self, request: Request, payload: bytes = b"", patience: float = 1.0) -> tuple[RequestOutcome, bytes]:
         """Send a request; return its outcome, and what the answer holds besides. Raises LinkDown if no answer comes."""
         self._sequence = (self._sequence + 1) & 0xFFFF
         frame = frame_bytes(Frame(request, self._sequence, payload))
@@ -124,7 +124,7 @@ class LinkClient:
             self._transport.send(frame)
             answer = self._answer(request, self._answer_s * patience)
             if answer is not None:
-                return Outcome(answer.payload[0]), answer.payload[1:]
+                return RequestOutcome(answer.payload[0]), answer.payload[1:]
         raise LinkDown(f"the board does not answer ({request.name.lower()}); allowed: a board that runs the firmware")
 
     def _answer(self, request: Request, timeout_s: float) -> Frame | None:
@@ -142,7 +142,7 @@ class LinkClient:
     def must(self, request: Request, payload: bytes = b"", patience: float = 1.0) -> bytes:
         """Send a request as `ask` does; raises RigFault or BadInput unless it was done."""
         outcome, rest = self.ask(request, payload, patience)
-        if outcome is Outcome.DONE:
+        if outcome is RequestOutcome.DONE:
             return rest
         status = self.status()
         if status.mode is Mode.FAULT:
@@ -153,7 +153,7 @@ class LinkClient:
     def status(self) -> Status:
         """Return the status that the board reports."""
         outcome, payload = self.ask(Request.STATUS)
-        if outcome is not Outcome.DONE or len(payload) != Status.LAYOUT.size:
+        if outcome is not RequestOutcome.DONE or len(payload) != Status.LAYOUT.size:
             raise BadInput(f"the board's link is of another version ({outcome.name.lower()}); allowed: version 1")
         return Status.parse(payload)
 
@@ -163,11 +163,11 @@ class LinkClient:
             self.must(Request.UPLOAD, struct.pack("<BI", kind, at) + content[at : at + _CHUNK_BYTES])
         crc = zlib.crc32(content[:-4])
         outcome, answer = self.ask(Request.COMMIT, struct.pack("<BII", kind, len(content), crc))
-        if outcome is Outcome.DONE:
+        if outcome is RequestOutcome.DONE:
             return
-        if outcome is Outcome.REFUSED:
+        if outcome is RequestOutcome.REFUSED:
             raise BadInput(_refusal(kind, answer[0]))
-        if outcome is Outcome.BAD_PAYLOAD:
+        if outcome is RequestOutcome.BAD_PAYLOAD:
             raise BadInput(f"image: {REASONS[ImageRefusal.CHECKSUM]}")
         raise BadInput("the board takes no image or table now; allowed: in OFF, and an image after its safety table")
 

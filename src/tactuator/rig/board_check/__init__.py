@@ -1,1 +1,1 @@
-"""Trials that compare a board with this machine: bit for bit, and while it streams."""
+"""Checks that compare a board with this machine: bit for bit, and while it streams."""

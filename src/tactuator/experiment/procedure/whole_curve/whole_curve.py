@@ -5,20 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.answering import Answering
-from tactuator.experiment.procedure.curve_belief import CurveBelief
-from tactuator.experiment.procedure.curve_prior import CurvePrior
 from tactuator.experiment.procedure.procedure import Estimate, Placement
-
-Floats = NDArray[np.float64]
+from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
+from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
 
 
 @dataclass(frozen=True)
 class WholeCurveRule:
-    """trials: how many end the run; levels stay between floor and ceiling."""
+    """Settings of a whole-curve run.
+
+    trials: number of trials in the run. prior, answering: curves and psychometric functions thought possible.
+    floor_db_sl, ceiling_db_sl: limits of the level. Raises BadInput for settings that cannot be.
+    """
 
     trials: int = 150
     prior: CurvePrior = field(default_factory=CurvePrior)
@@ -36,7 +39,10 @@ class WholeCurveRule:
 
 
 class WholeCurve:
-    """One run. belief: what is known so far; played: frequency, level and outcome of every trial."""
+    """One run of the whole-curve procedure.
+
+    belief: what is known so far. played: frequency, level and outcome of every trial.
+    """
 
     def __init__(self, rule: WholeCurveRule) -> None:
         self.rule = rule
@@ -48,21 +54,21 @@ class WholeCurve:
 
     @property
     def trials(self) -> int:
-        """Trials recorded so far."""
+        """Return the number of trials recorded so far."""
         return self._trials
 
     @property
     def progress(self) -> float:
-        """Share of the trials done."""
+        """Return the share of the trials done."""
         return self._trials / self.rule.trials
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """floor, ceiling: a trial was put at that limit."""
+        """Return `floor` or `ceiling` where a trial was put at that limit."""
         return tuple(sorted(self._limits))
 
     def placement(self) -> Placement | None:
-        """The most telling frequency and level."""
+        """Return the most telling frequency and level, or None when the run is over."""
         if self._trials >= self.rule.trials:
             return None
         if self._placed is None:
@@ -73,7 +79,7 @@ class WholeCurve:
         return Placement(level_db_sl, float(self.rule.prior.frequency_hz[point_index]))
 
     def record(self, correct: bool) -> None:
-        """Learn the outcome."""
+        """Learn the outcome of a trial. Raises BadInput once the run is over."""
         if self.placement() is None or self._placed is None:
             raise BadInput(f"the run was over after {self._trials} trials; allowed: no further response")
         point, level = self._placed
@@ -87,10 +93,10 @@ class WholeCurve:
             self._limits.add("ceiling")
 
     def estimate(self) -> Estimate | None:
-        """None: a curve is not one number; see `curve`."""
+        """Return None, as a curve is not one number; see `curve`."""
         return None
 
-    def curve(self, frequency_hz: ArrayLike) -> tuple[Floats, Floats]:
-        """Threshold in dB SL and its standard deviation at the frequencies, shape (n,) each."""
+    def curve(self, frequency_hz: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return threshold in dB SL and its standard deviation at the frequencies, shape (n,) each."""
         mean, sd = self.belief.curve(frequency_hz)
         return mean[0], sd[0]

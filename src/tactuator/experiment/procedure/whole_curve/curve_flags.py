@@ -1,18 +1,14 @@
-"""What a whole-curve run's reader must know: somebody who guessed, lapsed or drifted."""
+"""Flags of a whole-curve run: guessing, frequent lapses and drift."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from tactuator.experiment.procedure.curve_belief import CurveBelief
-from tactuator.experiment.procedure.curve_kind import CurveKind
+from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.drift import CRITICAL_Z, Drift, Trials, drift_test
 from tactuator.experiment.procedure.run_flags import LEAST_LOG_EVIDENCE
-
-Floats = NDArray[np.float64]
+from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
+from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
 
 _LAPSING = 0.05
 _LAPSE_SHARE = 0.6
@@ -20,14 +16,17 @@ _LAPSE_SHARE = 0.6
 
 @dataclass(frozen=True)
 class CurveFlags:
-    """log_bayes_factor: of the model against guessing; lapsing: probability of a lapse rate above 5 %; (runs,)."""
+    """Results of the tests on whole-curve runs, each (runs,).
 
-    log_bayes_factor: Floats
-    lapsing: Floats
+    log_bayes_factor: log evidence for the model against guessing. lapsing: probability of a lapse rate above 5 %.
+    """
+
+    log_bayes_factor: FloatArray
+    lapsing: FloatArray
     drift: Drift
 
     def names(self, run: int = 0) -> tuple[str, ...]:
-        """The flags of one run."""
+        """Return the names of the flags of one run, sorted."""
         found = {
             "chance": self.log_bayes_factor[run] < LEAST_LOG_EVIDENCE,
             "lapses": self.lapsing[run] > _LAPSE_SHARE,
@@ -37,7 +36,7 @@ class CurveFlags:
 
 
 def curve_flags(belief: CurveBelief, trials: Trials) -> CurveFlags:
-    """The flags of every run of a belief that has learnt these trials."""
+    """Test every run of a belief that has learnt these trials."""
     prior = belief.prior
     mean, _ = belief.curve(prior.frequency_hz)
     free = CurveKind("free", 1.0, 0.0, 10.0, 4.0, 0.0, rough_db=7.0)

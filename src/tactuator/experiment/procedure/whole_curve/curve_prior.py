@@ -1,8 +1,8 @@
-"""What is believed of a person's threshold curve before a trial: several kinds of curve, weighed later by evidence.
+"""Prior of a person's threshold curve: several kinds of curve, which the trials then weigh by their evidence.
 
-Normal people differ little from the display's curve; a broad loss raises all of it or tilts it; a local one is a notch,
-an edge or several steps. One kind wide enough for all of them needs many more trials for normal people, and a narrow
-one gives people with a loss a curve that is too good inside a narrow band. So all kinds run side by side.
+Normal people differ little from the display's curve. A broad loss raises or tilts all of it; a local one is a notch, an
+edge or several steps. One kind wide enough for all of them needs many more trials for normal people; a narrow one gives
+people with a loss a curve that is too good, inside a band that is too narrow. All kinds therefore run side by side.
 """
 
 from __future__ import annotations
@@ -11,12 +11,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.curve_kind import CurveKind
-
-Floats = NDArray[np.float64]
+from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
 
 _NOTCHES = 9
 
@@ -26,10 +24,11 @@ class CurvePrior:
     """Shares of the kinds, their standard deviations in dB, and the frequencies at which trials may be put.
 
     normal_*: offset, tilt (dB per decade) and smooth wave of normal curves. broad_mean_db, broad_offset_db: of a loss
-    over the whole band. uneven_db: of a curve that varies from one third of a decade to the next; steps_db: of one that
+    over the whole band. uneven_db: of a curve that varies from one third of a decade to the next. steps_db: of one that
     steps. notch_db, edge_db: of a single notch or edge in an otherwise normal curve. *_share: prior probabilities, up
-    to a common factor; a share of 0 leaves a kind out. points: frequencies even in log frequency over band_hz, kept
-    clearance_hz away from multiples of mains_hz (0: no mains), where hum is felt with the stimulus.
+    to a common factor; a share of 0 leaves a kind out. points: number of frequencies, even in log frequency over
+    band_hz and kept clearance_hz away from multiples of mains_hz (0: no mains), where hum is felt with the stimulus.
+    Raises BadInput for settings that cannot be.
     """
 
     band_hz: tuple[float, float] = (0.4, 300.0)
@@ -68,17 +67,17 @@ class CurvePrior:
 
     @property
     def middle_hz(self) -> float:
-        """The frequency about which tilts turn."""
+        """Return the frequency about which tilts turn."""
         return float(np.sqrt(self.band_hz[0] * self.band_hz[1]))
 
     @cached_property
-    def frequency_hz(self) -> Floats:
-        """Where trials may be put, shape (points,)."""
+    def frequency_hz(self) -> FloatArray:
+        """Return the frequencies at which trials may be put, shape (points,)."""
         return clear_of_mains(np.geomspace(*self.band_hz, self.points), self.mains_hz, self.clearance_hz, self.band_hz)
 
     @cached_property
     def kinds(self) -> tuple[CurveKind, ...]:
-        """Every kind of curve with a share above 0; shares sum to 1."""
+        """Return every kind of curve with a share above 0; the shares sum to 1."""
         quiet, tilt = 0.3 * self.normal_share, self.normal_tilt_db_per_decade
         kinds = [
             CurveKind("normal", quiet, 0.0, self.normal_offset_db, 0.6 * tilt, 0.4 * self.normal_wave_db, 0.5),
@@ -110,8 +109,10 @@ class CurvePrior:
         ]
 
 
-def clear_of_mains(frequency_hz: Floats, mains_hz: float, clearance_hz: float, band_hz: tuple[float, float]) -> Floats:
-    """The frequencies, those too near a multiple of mains_hz moved to clearance_hz from it (inside the band)."""
+def clear_of_mains(
+    frequency_hz: FloatArray, mains_hz: float, clearance_hz: float, band_hz: tuple[float, float]
+) -> FloatArray:
+    """Move frequencies that are too near a multiple of mains_hz to clearance_hz from it, inside the band."""
     if mains_hz == 0.0:
         return frequency_hz
     nearest = np.maximum(np.round(frequency_hz / mains_hz), 1.0) * mains_hz

@@ -1,4 +1,4 @@
-"""Trial of a board in free run: a reference streams in over its UART while its timer goes on."""
+"""Check of a board in free run: a reference streams in over its UART while its timer goes on."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Rows = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class StreamingTrial:
+class StreamingCheck:
     """What became of `samples` rows, each of all channels, streamed to a board at `instructions_per_s`.
 
     late: interrupts that began more than lateness_max of a period after their time. dry: ticks without a row. dropped:
@@ -58,14 +58,14 @@ class StreamingTrial:
 
     @property
     def holds(self) -> bool:
-        """Whether all is as it must be."""
+        """Return whether every sample came back bit-exact and nothing was late, dry or dropped."""
         return self.late == self.dry == self.dropped == 0 and self.bit_exact and self.played == self.samples
 
 
-def try_streaming(
+def check_streaming(
     board: str, controller: Controller, duration_s: float, instruction_ns: int = INSTRUCTION_NS, seed: int = 0
-) -> StreamingTrial:
-    """Noise of 26 dB SL rms, other on each channel, for duration_s of the board's time.
+) -> StreamingCheck:
+    """Stream noise of 26 dB SL rms, other on each channel, for duration_s of the board's time.
 
     The emulator's time follows the instructions, instruction_ns each, link and all; only the display's simulation takes
     none. Raises BadInput for a clock that the emulator does not have, or where it is missing.
@@ -89,7 +89,7 @@ def try_streaming(
         first = rig.fed_to - samples
         board_s = max(status.tick, 1) / rig.rate_hz
     to_board, from_board = ((late - early) / board_s for late, early in zip(after, before, strict=True))
-    return StreamingTrial(
+    return StreamingCheck(
         board, 1e9 / instruction_ns, rig.rate_hz, len(rig.channels), samples, len(trace), status.late, LATENESS_MAX,
         dry, status.dropped + client.dropped, len(trace) == samples and _is_ours(trace, controller, rows, first, seed),
         fault, to_board, from_board, board_s, host_s,

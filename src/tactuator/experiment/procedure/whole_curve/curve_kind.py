@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-
-Floats = NDArray[np.float64]
 
 _EDGE_DECADES = 0.02
 """Width of an edge's logistic: narrower than the spacing of any grid of points in use."""
@@ -26,9 +25,10 @@ _EDGE_DECADES = 0.02
 class CurveKind:
     """A kind of curve and its share of the people.
 
-    share: prior probability. mean_db, offset_db, tilt_db_per_decade: of the line; wave_db, rough_db, walk_db with their
-    lengths in decades; feature_db at feature_hz: a notch of width feature_decades (standard deviation of a Gaussian) or
-    an edge. A term of zero is absent. Raises BadInput for a negative amplitude or a length that is not positive.
+    share: prior probability. mean_db, offset_db, tilt_db_per_decade: of the line. wave_db, rough_db, walk_db:
+    amplitudes of the deviations, with their lengths in decades. feature_db: amplitude of a notch at feature_hz of width
+    feature_decades (standard deviation of a Gaussian), or of an edge there. A term of zero is absent. Raises BadInput
+    for a negative amplitude or a length that is not positive.
     """
 
     name: str
@@ -57,8 +57,10 @@ class CurveKind:
         if min(lengths) <= 0.0:
             raise BadInput(f"curves of kind {self.name!r}: a length or frequency is not positive; allowed: above 0")
 
-    def covariance(self, first_hz: ArrayLike, second_hz: ArrayLike, middle_hz: float) -> Floats:
-        """Prior covariance, dB^2, shape (first, second). middle_hz: about which the tilt turns."""
+    def covariance(self, first_hz: ArrayLike, second_hz: ArrayLike, middle_hz: float) -> FloatArray:
+        """Return the prior covariance, dB^2, shape (first, second). middle_hz: the frequency about which the tilt
+        turns.
+        """
         a = np.log10(np.asarray(first_hz, dtype=np.float64))[:, None]
         b = np.log10(np.asarray(second_hz, dtype=np.float64))[None, :]
         middle, apart = np.log10(middle_hz), np.abs(a - b)
@@ -69,7 +71,7 @@ class CurveKind:
         found = found + self.walk_db**2 * np.exp(-apart / self.walk_decades)
         return np.asarray(found + self.feature_db**2 * self._feature(a) * self._feature(b))
 
-    def _feature(self, decades: Floats) -> Floats:
+    def _feature(self, decades: FloatArray) -> FloatArray:
         beyond = decades - np.log10(self.feature_hz)
         if self.feature == "notch":
             return np.asarray(np.exp(-0.5 * (beyond / self.feature_decades) ** 2))
@@ -77,17 +79,19 @@ class CurveKind:
             return np.asarray(0.5 * (1.0 + np.tanh(0.5 * beyond / _EDGE_DECADES)))
         return np.zeros_like(beyond)
 
-    def draw(self, frequency_hz: ArrayLike, middle_hz: float, count: int, rng: np.random.Generator) -> Floats:
-        """Curves of `count` people, dB relative to the display's, shape (count, frequencies)."""
+    def draw(self, frequency_hz: ArrayLike, middle_hz: float, count: int, rng: np.random.Generator) -> FloatArray:
+        """Draw the curves of `count` people, dB relative to the display's curve, shape (count, frequencies)."""
         covariance = self.covariance(frequency_hz, frequency_hz, middle_hz)
         root = np.linalg.cholesky(covariance + 1e-8 * np.eye(len(covariance)))
         return np.asarray(self.mean_db + rng.standard_normal((count, len(covariance))) @ root.T)
 
-    def between(self, points_hz: Floats, others_hz: ArrayLike, middle_hz: float) -> tuple[Floats, Floats]:
-        """The conditional mean at others as weights of the points, (others, points), and its variance, (others,)."""
+    def between(self, points_hz: FloatArray, others_hz: ArrayLike, middle_hz: float) -> tuple[FloatArray, FloatArray]:
+        """Return the conditional mean at others as weights of the points, (others, points), and its variance,
+        (others,).
+        """
         own = self.covariance(points_hz, points_hz, middle_hz) + 1e-6 * np.eye(points_hz.size)
         across = self.covariance(points_hz, others_hz, middle_hz)
-        weights: Floats = np.asarray(np.linalg.solve(own, across).T, dtype=np.float64)
+        weights: FloatArray = np.asarray(np.linalg.solve(own, across).T, dtype=np.float64)
         others = np.asarray(others_hz, dtype=np.float64)
         alone = np.array([self.covariance([one], [one], middle_hz)[0, 0] for one in others])
         return weights, np.asarray(np.maximum(alone - np.einsum("og,go->o", weights, across), 0.0))

@@ -1,11 +1,11 @@
-"""What is believed of threshold curves between trials, and where the next trial tells most.
+"""Belief about threshold curves between trials, and the choice of the next trial that tells most.
 
-One Gaussian over the curve's points for every component: a kind of curve, a psychometric slope and a lapse rate. A
-response changes a component by moment matching (assumed-density filtering; Minka 2001): the marginal at the trial's
-frequency is multiplied by psi, its mean and variance are taken by quadrature, and the rest of the curve follows by its
-covariance; the probability of the response weighs the component. The next trial is the one that is expected to take
-most off the variance of the whole curve, disagreement between components included. Many runs at once; one is a batch of
-one.
+The belief is a mixture. Each component is one kind of curve, one psychometric slope and one lapse rate, with a Gaussian
+over the curve's points. A response changes a component by moment matching (assumed-density filtering; Minka 2001): the
+marginal at the trial's frequency is multiplied by psi, its mean and variance are taken by quadrature, and the rest of
+the curve follows by its covariance. The probability of the response weighs the component. The next trial is the one
+that is expected to take most off the variance of the whole curve, disagreement between components included. Many runs
+are computed at once; a single run is a batch of one.
 """
 
 from __future__ import annotations
@@ -15,23 +15,21 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.answering import Answering
-from tactuator.experiment.procedure.curve_prior import CurvePrior
-
-Floats = NDArray[np.float64]
-Places = NDArray[np.intp]
+from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
 
 OFFSETS_DB = (-6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0, 8.0, 11.0, 14.0)
-"""Levels worth trying, relative to the present estimate at each frequency."""
+"""Levels that are tried, relative to the present estimate at each frequency."""
 
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 _FINE_NODES, _FINE_WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
 _FINE_WEIGHTS = _FINE_WEIGHTS / _FINE_WEIGHTS.sum()
-"""For learning: psi rises within a few decibels, and a marginal may be twenty wide."""
+"""Nodes for learning are finer: psi rises within a few decibels, and a marginal may be twenty wide."""
 
 _CHOOSING = 10
-"""Components that choose a trial."""
+"""Number of components, the heaviest, that choose a trial."""
 _TEMPER = 0.5
 """Power of the weights where trials are chosen and where the band is told: a kind that is not ruled out has a say.
 
@@ -39,14 +37,15 @@ With 1, a band was the narrow one of a smooth curve too often where the truth wa
 0.85 and 0.89); with 0.5 it is 0.89 and 0.97, and normal people's estimates are 0.02 dB worse.
 """
 _KEPT = {25: 96, 50: 48, 80: 32}
-"""After so many trials so many components go on; those left out had next to no weight."""
+"""Number of components kept after that many trials; those dropped had next to no weight."""
 
 
 class CurveBelief:
-    """mean: (runs, components, points) dB SL; covariance: (runs, components, points, points); log_weight: (runs,
+    """Belief of several runs: a mixture of Gaussian components over the curve's points.
 
-    components), not normalised: with log_chance, (runs,), it carries the evidence for the model against guessing.
-    kind, slope, lapse: (runs, components), kind as an index into prior.kinds.
+    mean: (runs, components, points), dB SL. covariance: (runs, components, points, points). log_weight: (runs,
+    components), not normalised; with log_chance, (runs,), it carries the evidence for the model against guessing. kind
+    (an index into prior.kinds), slope, lapse: (runs, components).
     """
 
     def __init__(self, prior: CurvePrior, answering: Answering, runs: int = 1) -> None:
@@ -60,45 +59,46 @@ class CurveBelief:
         means = np.array([one.mean_db for one in prior.kinds])[kind]
         size = (runs, len(parts))
         self.kind = np.broadcast_to(kind, size)
-        self.slope: Floats = np.broadcast_to(slope, size)
-        self.lapse: Floats = np.broadcast_to(np.array(answering.lapses)[lapse], size)
-        self.mean: Floats = np.broadcast_to(means[:, None], (*size, frequency_hz.size)).copy()
-        self.covariance: Floats = np.broadcast_to(start[kind], (*size, *start.shape[1:])).copy()
-        self.log_weight: Floats = np.broadcast_to(np.log(shares / shares.sum()), size).copy()
-        self.log_chance: Floats = np.zeros(runs)
+        self.slope: FloatArray = np.broadcast_to(slope, size)
+        self.lapse: FloatArray = np.broadcast_to(np.array(answering.lapses)[lapse], size)
+        self.mean: FloatArray = np.broadcast_to(means[:, None], (*size, frequency_hz.size)).copy()
+        self.covariance: FloatArray = np.broadcast_to(start[kind], (*size, *start.shape[1:])).copy()
+        self.log_weight: FloatArray = np.broadcast_to(np.log(shares / shares.sum()), size).copy()
+        self.log_chance: FloatArray = np.zeros(runs)
         self.trials = 0
 
     @property
-    def weight(self) -> Floats:
-        """Probability of each component, (runs, components)."""
+    def weight(self) -> FloatArray:
+        """Return the probability of each component, (runs, components)."""
         relative = np.exp(self.log_weight - self.log_weight.max(axis=1, keepdims=True))
         return np.asarray(relative / relative.sum(axis=1, keepdims=True))
 
-    def _tempered(self) -> Floats:
+    def _tempered(self) -> FloatArray:
         tempered = self.weight**_TEMPER
         return np.asarray(tempered / tempered.sum(axis=1, keepdims=True))
 
     @property
-    def log_bayes_factor(self) -> Floats:
-        """Log evidence for a threshold curve against guessing throughout, (runs,)."""
+    def log_bayes_factor(self) -> FloatArray:
+        """Return the log evidence for a threshold curve against guessing throughout, (runs,)."""
         highest = self.log_weight.max(axis=1)
         return np.asarray(highest + np.log(np.exp(self.log_weight - highest[:, None]).sum(axis=1)) - self.log_chance)
 
-    def share_of_kinds(self) -> dict[str, Floats]:
-        """Probability of each kind of curve by name, (runs,) each."""
-        weight, found = self.weight, dict[str, Floats]()
+    def share_of_kinds(self) -> dict[str, FloatArray]:
+        """Return the probability of each kind of curve by its name, (runs,) each."""
+        weight, found = self.weight, dict[str, FloatArray]()
         for index, kind in enumerate(self.prior.kinds):
             share = np.where(self.kind == index, weight, 0.0).sum(axis=1)
             found[kind.name] = found.get(kind.name, np.zeros(self.runs)) + share
         return found
 
-    def share_of_lapses(self, above: float) -> Floats:
-        """Probability of a lapse rate above that, (runs,)."""
+    def share_of_lapses(self, above: float) -> FloatArray:
+        """Return the probability of a lapse rate above the given one, (runs,)."""
         return np.asarray(np.where(self.lapse > above, self.weight, 0.0).sum(axis=1))
 
-    def curve(self, frequency_hz: ArrayLike) -> tuple[Floats, Floats]:
-        """Mean and standard deviation at the frequencies, (runs, frequencies) each, components mixed by tempered
-        weight.
+    def curve(self, frequency_hz: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return mean and standard deviation at the frequencies, dB SL, (runs, frequencies) each.
+
+        Components are mixed by their tempered weight.
         """
         others = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
         weight = self._tempered()
@@ -118,8 +118,8 @@ class CurveBelief:
         mean, square = mean / total, square / total
         return mean, np.sqrt(np.maximum(square - mean**2, 1e-12))
 
-    def choose(self, floor_db_sl: float, ceiling_db_sl: float) -> tuple[Places, Floats]:
-        """Point and level (half dB) of the most telling trial of every run, (runs,) each."""
+    def choose(self, floor_db_sl: float, ceiling_db_sl: float) -> tuple[NDArray[np.intp], FloatArray]:
+        """Return point (index) and level (to half a dB) of the most telling trial of every run, (runs,) each."""
         tempered = self._tempered()
         chosen = min(_CHOOSING, tempered.shape[1])
         top = np.argpartition(-tempered, chosen - 1, axis=1)[:, :chosen]
@@ -132,11 +132,14 @@ class CurveBelief:
         best = np.argmax(gain, axis=1)
         return best // levels.shape[2], levels.reshape(self.runs, -1)[np.arange(self.runs), best]
 
-    def _expected_gain(self, levels: Floats, row: Places, top: Places, share: Floats) -> Floats:
-        """Expected fall of the mixture's variance summed over the curve, (runs, points, levels).
+    def _expected_gain(
+        self, levels: FloatArray, row: NDArray[np.intp], top: NDArray[np.intp], share: FloatArray
+    ) -> FloatArray:
+        """Return the expected fall of the mixture's variance summed over the curve, (runs, points, levels).
 
-        The mean of the curve after an outcome y is N_y / p_y, and the variance that is left is what all trials share
-        less the sum of |N_y|^2 / p_y: with N taken about the present mean, |N|^2 / (p (1 - p)) for a right answer's N.
+        The mean of the curve after an outcome y is N_y / p_y. The variance that is left is what all trials share less
+        the sum of |N_y|^2 / p_y; with N taken about the present mean the sum is |N|^2 / (p (1 - p)), N being that of a
+        right answer.
         """
         mean, covariance = self.mean[row, top], self.covariance[row, top]
         sd = np.sqrt(np.einsum("rkgg->rkg", covariance))
@@ -153,8 +156,8 @@ class CurveBelief:
         chance = right.sum(axis=1)
         return np.asarray((moved**2).sum(axis=1) / (chance * (1.0 - chance)))
 
-    def learn(self, point: Places, level_db_sl: Floats, correct: NDArray[np.bool_]) -> None:
-        """Take in a trial of every run; arguments (runs,)."""
+    def learn(self, point: NDArray[np.intp], level_db_sl: FloatArray, correct: NDArray[np.bool_]) -> None:
+        """Learn the outcome of one trial of every run; arguments (runs,)."""
         rows = np.arange(self.runs)
         sd = np.sqrt(self.covariance[rows, :, point, point])
         threshold = self.mean[rows, :, point][..., None] + sd[..., None] * _FINE_NODES
@@ -173,7 +176,7 @@ class CurveBelief:
             self._keep(_KEPT[self.trials])
 
     def _keep(self, count: int) -> None:
-        """Go on with the `count` heaviest components of every run."""
+        """Keep the `count` heaviest components of every run and drop the others."""
         if count >= self.log_weight.shape[1]:
             return
         top = np.argsort(-self.log_weight, axis=1, kind="stable")[:, :count]

@@ -1,0 +1,71 @@
+"""`tactuator init`, as a newcomer uses it."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tactuator.cli import main
+from tactuator.files.start.shipped import example_names
+from tactuator.files.start.template import DISPLAY_KINDS
+from tests.cli.refusals import refused
+
+
+@pytest.fixture
+def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_init__examples__copies_them_and_names_them(empty: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["init", "--examples", ".", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["written"] == list(example_names())
+    assert sorted(p.relative_to(empty).as_posix() for p in empty.rglob("*") if p.is_file()) == list(example_names())
+
+
+def test_init__display_and_protocol__are_written_and_named(empty: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["init", "--like", "voice-coil", "--protocol", "quest-plus"]) == 0
+    assert capsys.readouterr().out.split() == ["written:", "display.toml", "written:", "protocol.toml"]
+    assert "flexure" in (empty / "display.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--like", "maglev"], "'maglev' is no kind"),
+        (["--protocol", "guess"], "'guess' is no kind"),
+        (["--from", "none.json"], "none.json: No such file"),
+        (["--examples", ".", "--like", "lra"], "--examples alone"),
+        (["--out", "nowhere/display.toml"], "nowhere is not a folder"),
+    ],
+)
+def test_init__bad_input__refused(
+    arguments: list[str], words: str, empty: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    refused(["init", *arguments], words, capsys, empty)
+
+
+@pytest.mark.parametrize("there", ["display.toml", "protocol.toml"])
+def test_init__where_a_file_is_already__refused_and_left(
+    there: str, empty: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (empty / there).write_text("mine")
+    refused(["init", "--protocol", "abx"], f"{there} is there already", capsys, empty)
+    assert (empty / there).read_text() == "mine"
+
+
+@pytest.mark.slow
+def test_init__examples_then_three_commands__a_controller_that_was_checked(empty: Path) -> None:
+    assert main(["init", "--examples", "."]) == 0
+    columns = ["--input", "drive", "--output", "encoder", "--time", "t"]
+    assert main(["identify", "bench.csv", *columns, "--out", "model.json"]) == 0
+    assert main(["design", "bench.toml", "--out", "controller.json"]) == 0
+    assert main(["check", "controller.json"]) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", DISPLAY_KINDS)
+def test_init__every_kind__can_be_designed_and_meets_or_leaves_open_every_objective(kind: str, empty: Path) -> None:
+    assert main(["init", "--like", kind]) == 0
+    assert main(["design", "display.toml", "--out", "controller.json"]) == 0
+    assert main(["check", "controller.json"]) == 0
