@@ -10,7 +10,7 @@ from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.studies import open_study
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.store import Store
-from tactuator.web.app import FORBIDDEN, UNKNOWN, build_app
+from tactuator.web.app import CLOSE_FORBIDDEN, CLOSE_UNKNOWN, build_app
 from tactuator.web.lab import Lab
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, apparatus, token
 from tests.web.server import served
@@ -201,7 +201,7 @@ def test_subject__other_subject_at_the_rig__waits(client, lab) -> None:
 def test_connection__unknown_link__is_closed(client) -> None:
     with client.websocket_connect("/ws/subject/token-S9") as socket, pytest.raises(ConnectionClosed) as closed:
         socket.receive_json()
-    assert closed.value.rcvd.code == UNKNOWN
+    assert closed.value.rcvd.code == CLOSE_UNKNOWN
 
 
 @pytest.mark.parametrize("said", ["", "wrong", "token-S1", "ü"])
@@ -209,10 +209,10 @@ def test_operator__wrong_token__is_closed(client, said) -> None:
     with client.websocket_connect("/ws/operator") as socket, pytest.raises(ConnectionClosed) as closed:
         socket.send_text(said)
         socket.receive_json()
-    assert closed.value.rcvd.code == FORBIDDEN
+    assert closed.value.rcvd.code == CLOSE_FORBIDDEN
 
 
-@pytest.mark.parametrize(("path", "code"), [("/ws/operator", FORBIDDEN), ("/ws/subject/token-S1", UNKNOWN)])
+@pytest.mark.parametrize(("path", "code"), [("/ws/operator", CLOSE_FORBIDDEN), ("/ws/subject/token-S1", CLOSE_UNKNOWN)])
 def test_connection__from_another_sites_page__is_closed(client, path, code) -> None:
     with (
         client.websocket_connect(path, origin="http://elsewhere.example") as socket,

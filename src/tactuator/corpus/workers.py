@@ -18,9 +18,9 @@ from tactuator.corpus.task import CorpusOutcome, CorpusTask, do_task
 from tactuator.errors import BadInput
 
 ATTEMPTS_MAX = 3
-"""Workers that a task may lose before it counts as failed: the task itself may kill them."""
+"""Number of workers that a task may lose before it counts as failed, since the task itself may kill them."""
 TASKS_AHEAD = 4
-"""Tasks handed out for every worker, so that none waits."""
+"""Number of tasks handed out for every worker, so that none waits."""
 
 
 class Workers(Protocol):

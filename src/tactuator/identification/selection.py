@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.identification.estimate.friction_start import rubbing_fit
+from tactuator.identification.estimate.friction_start import friction_fit
 from tactuator.identification.estimate.rational_start import rational_start
 from tactuator.identification.estimate.refined import (
     Fit,
@@ -84,7 +84,7 @@ def choose_structure(
     fit = fit_with_disturbance(samples, first, model, friction=friction)
     left = plain_prediction(samples, fit)[0].cost / (samples.position.size * float(np.var(samples.position)))
     if friction and left > _POOR:
-        fit = _or_rubbing(samples, fit, order, most_poles, integrated)
+        fit = _or_friction_fit(samples, fit, order, most_poles, integrated)
     tried = []
     while True:
         tests = fit_tests(samples, fit)
@@ -169,12 +169,12 @@ def _best_extension(
     best_score = count * np.log(fit.cost)
     for structure in _extensions(fit.structure, limit, estimate_delay):
         for start in _starts(samples, response, fit, structure):
-            trial = fit_model(samples, structure, start, fit.disturbance, fit.coulomb, most=10)
-            if not trial.cost <= (1.0 - _WORTHWHILE) * fit.cost or _condition(trial) > _UNDETERMINED:
+            candidate = fit_model(samples, structure, start, fit.disturbance, fit.coulomb, most=10)
+            if not candidate.cost <= (1.0 - _WORTHWHILE) * fit.cost or _condition(candidate) > _UNDETERMINED:
                 continue
-            score = count * np.log(trial.cost) + np.log(count) * (structure.count - fit.structure.count)
+            score = count * np.log(candidate.cost) + np.log(count) * (structure.count - fit.structure.count)
             if score < best_score:
-                best, best_score = trial, score
+                best, best_score = candidate, score
     return best
 
 
@@ -188,13 +188,13 @@ def _starts(samples: Samples, response: EmpiricalResponse, fit: Fit, structure: 
     yield made
 
 
-def _or_rubbing(samples: Samples, fit: Fit, order: int | None, most_poles: int, integrated: int) -> Fit:
+def _or_friction_fit(samples: Samples, fit: Fit, order: int | None, most_poles: int, integrated: int) -> Fit:
     """The fit, or one that starts from friction among the regressors if that explains clearly more."""
     plain = plain_prediction(samples, fit)[0].cost
     for poles in [order] if order is not None else range(max(1, integrated), min(most_poles, 3) + 1):
-        rubbing = rubbing_fit(samples, poles, integrated)
-        if rubbing is not None and rubbing.cost < 0.8 * plain:
-            fit, plain = colour(samples, rubbing), rubbing.cost
+        resisted = friction_fit(samples, poles, integrated)
+        if resisted is not None and resisted.cost < 0.8 * plain:
+            fit, plain = colour(samples, resisted), resisted.cost
     return fit
 
 

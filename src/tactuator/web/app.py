@@ -19,10 +19,10 @@ from tactuator.web.sockets import receive_text
 from tactuator.web.subject import SubjectTab
 from tactuator.web.tabs import Tabs
 
-FORBIDDEN, UNKNOWN = 4003, 4004
+CLOSE_FORBIDDEN, CLOSE_UNKNOWN = 4003, 4004
 """Close codes of connections that are not allowed, or to no known session."""
 
-_PATIENCE_S = 10.0
+_TOKEN_TIMEOUT_S = 10.0
 
 
 def build_app(lab: Lab, operator_token: str) -> FastAPI:
@@ -36,7 +36,7 @@ def build_app(lab: Lab, operator_token: str) -> FastAPI:
         await socket.accept()
         row = lab.by_token(token)
         if row is None or not _same_origin(socket):
-            await socket.close(UNKNOWN)
+            await socket.close(CLOSE_UNKNOWN)
             return
         tab = SubjectTab(socket, lab, row)
         await tabs.enter(tab)
@@ -51,7 +51,7 @@ def build_app(lab: Lab, operator_token: str) -> FastAPI:
     async def operator(socket: WebSocket) -> None:
         await socket.accept()
         if not _same_origin(socket) or not await _knows(socket, operator_token):
-            await socket.close(FORBIDDEN)
+            await socket.close(CLOSE_FORBIDDEN)
             return
         page = OperatorPage(socket, lab, tabs, operators)
         operators.enter(page)
@@ -110,7 +110,7 @@ def _same_origin(socket: WebSocket) -> bool:
 async def _knows(socket: WebSocket, token: str) -> bool:
     """Return whether the first message is the operator's token."""
     try:
-        said = await asyncio.wait_for(receive_text(socket), _PATIENCE_S)
+        said = await asyncio.wait_for(receive_text(socket), _TOKEN_TIMEOUT_S)
     except (TimeoutError, WebSocketDisconnect, BadInput):
         return False
     return hmac.compare_digest(said.encode(), token.encode())

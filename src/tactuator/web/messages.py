@@ -12,7 +12,7 @@ from tactuator.experiment.protocol.study import Celsius, Code, Group, Participan
 Milliseconds = Annotated[float, Field(ge=0.0, le=1e12, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=0, lt=2**31, strict=True)]
 Short = Annotated[str, StringConstraints(max_length=200)]
-_INTERVALS = 9
+_INTERVALS_MAX = 9
 
 
 class _Message(BaseModel):
@@ -60,7 +60,7 @@ class AnswerMessage(_Message):
     response: Short
     shown_ms: Milliseconds | None = None
     pressed_ms: Milliseconds | None = None
-    lit_ms: tuple[Milliseconds | None, ...] = Field(default=(), max_length=_INTERVALS)
+    lit_ms: tuple[Milliseconds | None, ...] = Field(default=(), max_length=_INTERVALS_MAX)
 
 
 SubjectMessage = Consent | Decline | Ready | Pause | Withdraw | AnswerMessage

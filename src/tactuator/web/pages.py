@@ -37,7 +37,7 @@ _PAGE = """<!doctype html>
 </html>
 """
 _TABLES = {"subject": "page", "operator": "operator"}
-"""The table of the language file that each page is made of."""
+"""Table of the language file from which each page takes its texts."""
 
 
 def page(name: str, words: Words, scripts: Sequence[str]) -> Response:

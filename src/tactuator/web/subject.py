@@ -30,11 +30,11 @@ from tactuator.web.messages import (
 )
 from tactuator.web.sockets import first_to_end, receive_text, send
 
-ELSEWHERE = 4001
-"""Close code: the session was opened in another tab."""
+CLOSE_ELSEWHERE = 4001
+"""Close code of a connection whose session was opened in another tab."""
 
-_LOOK_AGAIN_S = 5.0
-_WAITING = 32
+_RECHECK_S = 5.0
+_MESSAGES_MAX = 32
 """Number of messages that may wait; a page that sends more is read no further until they are handled."""
 
 
@@ -60,7 +60,7 @@ class SubjectTab:
 
     def __init__(self, socket: WebSocket, lab: Lab, row: Found) -> None:
         self.socket, self.lab, self.row = socket, lab, row
-        self._messages: asyncio.Queue[_Said] = asyncio.Queue(_WAITING)
+        self._messages: asyncio.Queue[_Said] = asyncio.Queue(_MESSAGES_MAX)
 
     @property
     def session(self) -> int:
@@ -71,7 +71,7 @@ class SubjectTab:
         """Tell the page that another tab took over, and close it."""
         with suppress(WebSocketDisconnect, RuntimeError):  # it may have gone already
             await self._send(type="elsewhere")
-            await self.socket.close(ELSEWHERE)
+            await self.socket.close(CLOSE_ELSEWHERE)
 
     async def serve(self) -> None:
         """Serve the page until it closes."""
@@ -157,7 +157,7 @@ class SubjectTab:
 
     async def _until_changed(self) -> None:
         """Wait for the lab to change, and handle a message of the page that comes meanwhile."""
-        change = asyncio.create_task(self.lab.until_changed(_LOOK_AGAIN_S))
+        change = asyncio.create_task(self.lab.until_changed(_RECHECK_S))
         said = asyncio.create_task(self._messages.get())
         try:
             await asyncio.wait([change, said], return_when=asyncio.FIRST_COMPLETED)

@@ -19,7 +19,10 @@ from tactuator.experiment.export.tasks import (
 from tactuator.experiment.export.writing import cell, described, label, lines, table_text, write_json
 
 _VERSION, _MISSING = "1.10.0", "n/a"
-_ASKED = {"detection": "Which interval carries the vibration?", "identification": "Which item was it? (ABX: A or B?)"}
+_QUESTIONS = {
+    "detection": "Which interval carries the vibration?",
+    "identification": "Which item was it? (ABX: A or B?)",
+}
 _EVENTS = (
     Meaning("onset", "Onset of the interval, from the presentation of the run's first trial", "s"),
     Meaning("duration", "Duration of the interval, by the rig's own clock", "s"),
@@ -80,7 +83,7 @@ def _session(found: Exported, trials: list[TableRow], place: Path, entities: str
 
 
 def _sidecar(task: str) -> dict[str, str]:
-    return {"TaskName": task, "TaskDescription": _ASKED[task]}
+    return {"TaskName": task, "TaskDescription": _QUESTIONS[task]}
 
 
 def _events(trials: list[TableRow], played: list[TableRow]) -> str:

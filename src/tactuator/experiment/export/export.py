@@ -14,7 +14,7 @@ from tactuator.experiment.export.writing import label, lines, table_text, write_
 from tactuator.experiment.store.store import Store
 from tactuator.files.atomic import atomic_folder
 
-_OWN = frozenset(
+_OWN_NAMES = frozenset(
     [
         "trials.csv", "intervals.csv", "events.csv", "subjects.csv", "thresholds.csv", "dictionary.csv", "settings",
         "trials_dictionary.csv", "dataset_description.json", "data", "README", "README.md", "participants.tsv",
@@ -31,7 +31,7 @@ def export(store: Store, folder: Path, form: str) -> int:
     if form not in FORMS:
         raise BadInput(f"format {form!r}; allowed: {', '.join(FORMS)}")
     all_of_it = exported(store)
-    own = _OWN | {f"sub-{label(str(row['subject']))}" for row in all_of_it.subjects.rows}
+    own = _OWN_NAMES | {f"sub-{label(str(row['subject']))}" for row in all_of_it.subjects.rows}
     with atomic_folder(folder, frozenset(own)) as beside:
         FORMS[form](all_of_it, beside)
     return len(all_of_it.trials.rows)

@@ -75,14 +75,14 @@ def exported(store: Store) -> Exported:
     return Exported(trials, intervals, events, subjects, _thresholds(store), settings)
 
 
-_ANSWERED = (
+_ANSWERED_TRIALS = (
     schema.study.join(schema.subject, schema.subject.c.study_id == schema.study.c.id)
     .join(schema.session, schema.session.c.subject_id == schema.subject.c.id)
     .join(schema.run, schema.run.c.session_id == schema.session.c.id)
     .join(schema.trial, schema.trial.c.run_id == schema.run.c.id)
     .join(schema.response, schema.response.c.trial_id == schema.trial.c.id)
 )
-_KEPT = schema.session.c.ended.is_distinct_from("withdrawn-discard")
+_NOT_DISCARDED = schema.session.c.ended.is_distinct_from("withdrawn-discard")
 _ORDER = (schema.study.c.id, schema.subject.c.number, schema.session.c.visit, schema.run.c.id, schema.trial.c.number)
 
 
@@ -108,9 +108,11 @@ def _trials(connection: Connection) -> ExportTable:
             response.c.client_pressed_ms,
         )
         .select_from(
-            _ANSWERED.outerjoin(schema.protocol_version, run.c.protocol_version_id == schema.protocol_version.c.id)
+            _ANSWERED_TRIALS.outerjoin(
+                schema.protocol_version, run.c.protocol_version_id == schema.protocol_version.c.id
+            )
         )
-        .where(_KEPT)
+        .where(_NOT_DISCARDED)
         .order_by(*_ORDER)
     )
     played = _played(connection)
@@ -153,8 +155,8 @@ def _intervals(connection: Connection) -> ExportTable:
             (interval.c.position + 1).label("interval"),
             *(one for one in interval.c if one.name not in ("id", "trial_id", "position")),
         )
-        .select_from(_ANSWERED.join(interval, interval.c.trial_id == schema.trial.c.id))
-        .where(_KEPT)
+        .select_from(_ANSWERED_TRIALS.join(interval, interval.c.trial_id == schema.trial.c.id))
+        .where(_NOT_DISCARDED)
         .order_by(*_ORDER, interval.c.position)
     )
     return _table(connection.execute(query), INTERVAL_COLUMNS)

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from tactuator.errors import BadInput
 
-_SOURCE = "en"
-_LONGEST = 400
+_SOURCE_LANGUAGE = "en"
+_TEXT_LENGTH_MAX = 400
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def read_words(path: Path, language: str) -> Words:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         reason = (error.strerror if isinstance(error, OSError) else str(error)) or "cannot be read"
         raise BadInput(f"language file {path}: {reason}; allowed: TOML as the shipped files are") from None
-    amiss = difference(found, shipped_words(_SOURCE).texts)
+    amiss = difference(found, shipped_words(_SOURCE_LANGUAGE).texts)
     if amiss is not None:
         raise BadInput(f"language file {path}: {amiss}")
     return Words(language, found)
@@ -73,8 +73,8 @@ def difference(found: Mapping[str, str], source: Mapping[str, str]) -> str | Non
         wanted, got = _names(source[key]), _names(text)
         if got != wanted:
             return f"{key} puts in {_listed(got)}; allowed: {_listed(wanted)}"
-        if not 0 < len(text) <= _LONGEST:
-            return f"{key} has {len(text)} characters; allowed: 1 to {_LONGEST}"
+        if not 0 < len(text) <= _TEXT_LENGTH_MAX:
+            return f"{key} has {len(text)} characters; allowed: 1 to {_TEXT_LENGTH_MAX}"
     return None
 
 

@@ -11,7 +11,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
 
-_SURE = 1e-6
+_PROBABILITY_MARGIN = 1e-6
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Answering:
         """Return the probability of a correct response at level_db relative to threshold; arguments broadcast."""
         at_threshold = (self.target - self.guess) / (1.0 - self.guess - lapse)
         found = self.guess + (1.0 - self.guess - lapse) * weibull_rise(level_db, slope, at_threshold)
-        return np.asarray(np.clip(found, _SURE, 1.0 - _SURE))
+        return np.asarray(np.clip(found, _PROBABILITY_MARGIN, 1.0 - _PROBABILITY_MARGIN))
 
     def log_chance(self, correct: NDArray[np.bool_]) -> FloatArray:
         """Return the log probability of each answer if it was guessed."""

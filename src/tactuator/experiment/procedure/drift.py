@@ -18,13 +18,13 @@ from scipy.special import ndtr
 from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.answering import Answering
 
-DRIFT_DB = 6.0
+POWER_DRIFT_DB = 6.0
 """Drift over a run for which the power is stated."""
 CRITICAL_Z = 2.0
 """|z| above which drift is flagged: two to four runs in a hundred without any."""
 
-_STEPS = 8
-_SMALL_DB = 0.05
+_NEWTON_STEPS = 8
+_SLOPE_STEP_DB = 0.05
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Trials:
 class Drift:
     """Outcome of the test for every run, each (runs,).
 
-    z: positive where the threshold rose. power: probability that a drift of DRIFT_DB would be flagged.
+    z: positive where the threshold rose. power: probability that a drift of POWER_DRIFT_DB would be flagged.
     """
 
     z: FloatArray
@@ -67,7 +67,7 @@ def drift_test(
     lengths = np.isfinite(trials.level_db_sl).sum(axis=1)
     time = np.arange(trials.level_db_sl.shape[1]) / np.maximum(lengths - 1, 1)[:, None] - 0.5
     curve = start_db.copy()
-    for _ in range(_STEPS):
+    for _ in range(_NEWTON_STEPS):
         weight, information = _linearised(trials, curve, slope, lapse, answering)
         slack = -_by_point(trials, weight, points) - (curve - start_db) @ precision
         bend = _diagonal(_by_point(trials, information, points)) + precision
@@ -78,7 +78,7 @@ def drift_test(
     held = np.linalg.solve(bend, across[..., None])[..., 0]
     left = np.maximum((information * time**2).sum(axis=1) - (across * held).sum(axis=1), 1e-12)
     z = -(weight * time).sum(axis=1) / np.sqrt(left)
-    reach = DRIFT_DB * np.sqrt(left)
+    reach = POWER_DRIFT_DB * np.sqrt(left)
     return Drift(z, np.asarray(ndtr(reach - CRITICAL_Z) + ndtr(-reach - CRITICAL_Z)))
 
 
@@ -91,8 +91,8 @@ def _linearised(
     level = np.where(there, trials.level_db_sl - at, 0.0)
     bend, miss = slope[:, None], lapse[:, None]
     psi = answering.psi(level, bend, miss)
-    steep = answering.psi(level + _SMALL_DB, bend, miss) - answering.psi(level - _SMALL_DB, bend, miss)
-    steep = np.where(there, steep / (2.0 * _SMALL_DB), 0.0)
+    steep = answering.psi(level + _SLOPE_STEP_DB, bend, miss) - answering.psi(level - _SLOPE_STEP_DB, bend, miss)
+    steep = np.where(there, steep / (2.0 * _SLOPE_STEP_DB), 0.0)
     spread = psi * (1.0 - psi)
     return steep * (trials.correct - psi) / spread, steep**2 / spread
 

@@ -9,13 +9,15 @@ from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule, tables
 from tactuator.experiment.procedure.up_down_batch import Probability, Tracks
 
-_BATCH = 1024
+_BATCH_RUNS = 1024
 
 
 def run_quests(rule: QuestPlusRule, runs: int, probability: Probability, rng: np.random.Generator) -> Tracks:
     """Run `runs` simulated runs of QUEST+ to their ends."""
     numbers = np.arange(runs)
-    parts = [_batch(rule, numbers[first : first + _BATCH], probability, rng) for first in range(0, runs, _BATCH)]
+    parts = [
+        _batch(rule, numbers[first : first + _BATCH_RUNS], probability, rng) for first in range(0, runs, _BATCH_RUNS)
+    ]
     levels, correct, estimates = (np.concatenate(column) for column in zip(*parts, strict=True))
     return Tracks(levels, correct, np.full(runs, rule.trials), estimates)
 
@@ -47,8 +49,8 @@ def estimates(
     place = np.clip(np.round((levels_db_sl - rule.low_db_sl) / rule.step_db).astype(np.int64), 0, table.levels.size - 1)
     found = [np.empty(levels_db_sl.shape[0]), np.empty(levels_db_sl.shape[0])]
     log_right, log_wrong = np.log(table.psi), np.log1p(-table.psi)
-    for first in range(0, levels_db_sl.shape[0], _BATCH):
-        part, hit = place[first : first + _BATCH], correct[first : first + _BATCH]
+    for first in range(0, levels_db_sl.shape[0], _BATCH_RUNS):
+        part, hit = place[first : first + _BATCH_RUNS], correct[first : first + _BATCH_RUNS]
         rows = np.arange(part.shape[0])[:, None]
         right, wrong = np.zeros((2, part.shape[0], table.levels.size))
         np.add.at(right, (rows, part), hit)
@@ -57,5 +59,5 @@ def estimates(
         posterior = np.exp(log_posterior - log_posterior.max(axis=1, keepdims=True))
         posterior /= posterior.sum(axis=1, keepdims=True)
         for column, values in zip(found, table.threshold(posterior), strict=True):
-            column[first : first + _BATCH] = values
+            column[first : first + _BATCH_RUNS] = values
     return found[0], found[1]

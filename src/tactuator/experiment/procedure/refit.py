@@ -19,10 +19,10 @@ from tactuator.errors import BadInput
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
 
 _MINIMUM_TRIALS = 5
-_ANY = 0.1
+_ANY_LAPSE_SHARE = 0.1
 """Share of people whose lapse rate may be anything up to where psi no longer reaches its target."""
-_OFTEN, _SELDOM = 0.10, 0.025
-_BATCH = 1024
+_FREQUENT_LAPSE_RATE, _RARE_LAPSE_RATE = 0.10, 0.025
+_BATCH_RUNS = 1024
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,8 @@ def refit(
     if not 0.0 < coverage < 1.0:
         raise BadInput(f"coverage {coverage:g}; allowed: between 0 and 1")
     parts = [
-        _refit_batch(levels[first : first + _BATCH], outcomes[first : first + _BATCH], prior, coverage)
-        for first in range(0, levels.shape[0], _BATCH)
+        _refit_batch(levels[first : first + _BATCH_RUNS], outcomes[first : first + _BATCH_RUNS], prior, coverage)
+        for first in range(0, levels.shape[0], _BATCH_RUNS)
     ]
     return Refit(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
@@ -97,7 +97,7 @@ def _refit_batch(
     chance = right.sum(axis=1) * np.log(prior.guess) + wrong.sum(axis=1) * np.log1p(-prior.guess)
     against_chance = highest[:, 0] + np.log(posterior.sum(axis=(1, 2, 3))) - chance
     by_lapse = posterior.sum(axis=(1, 2)) / grid.lapse_prior
-    often, seldom = by_lapse[:, grid.lapses >= _OFTEN], by_lapse[:, grid.lapses <= _SELDOM]
+    often, seldom = by_lapse[:, grid.lapses >= _FREQUENT_LAPSE_RATE], by_lapse[:, grid.lapses <= _RARE_LAPSE_RATE]
     odds = np.log(np.maximum(often.mean(axis=1), 1e-300)) - np.log(np.maximum(seldom.mean(axis=1), 1e-300))
     posterior /= posterior.sum(axis=(1, 2, 3), keepdims=True)
     marginal = posterior.sum(axis=(2, 3))
@@ -155,7 +155,7 @@ class _Grid:
         self.shape = (count, self.slopes.size, self.lapses.size)
         width = np.gradient(self.lapses)
         falling = np.exp(-self.lapses / prior.lapse_mean) * width
-        self.lapse_prior = (1.0 - _ANY) * falling / falling.sum() + _ANY * width / width.sum()
+        self.lapse_prior = (1.0 - _ANY_LAPSE_SHARE) * falling / falling.sum() + _ANY_LAPSE_SHARE * width / width.sum()
         log_prior = (-0.5 * z**2 - np.log(np.exp(-0.5 * z**2).sum()))[:, None] + np.log(self.lapse_prior)
         log_prior = log_prior - np.log(count)
         self.log_prior = np.broadcast_to(log_prior, self.shape).reshape(-1)

@@ -16,18 +16,18 @@ LEAST_LOG_EVIDENCE = 3.0
 """Log Bayes factor against guessing below which a run is flagged `chance`: odds of twenty to one."""
 LAPSE_LOG_ODDS = 1.5
 """Log likelihood ratio of frequent over rare lapses above which a run is flagged `lapses`."""
-LAPSES = 0.15
+POWER_LAPSE_RATE = 0.15
 """Lapse rate for which the power is stated."""
-_FREE_DB = 30.0
-_SURE_DB = 8.0
+_PRIOR_SD_DB = 30.0
+_EASY_ABOVE_DB = 8.0
 
 
 @dataclass(frozen=True)
 class RunFlags:
     """Results of the tests on several runs, each (runs,).
 
-    log_bayes_factor, lapse_log_odds: as in Refit. lapse_power: probability that a lapse rate of LAPSES would be
-    flagged.
+    log_bayes_factor, lapse_log_odds: as in Refit. lapse_power: probability that a lapse rate of POWER_LAPSE_RATE would
+    be flagged.
     """
 
     log_bayes_factor: FloatArray
@@ -53,17 +53,17 @@ def run_flags(levels_db: FloatArray, correct: NDArray[np.bool_], fitted: Refit, 
     answering = Answering(slopes=(1.0,), lapses=(0.0,), lapse_shares=(1.0,), guess=prior.guess, target=prior.target)
     trials = Trials(np.zeros(levels_db.shape, dtype=np.intp), levels_db, correct)
     start = fitted.threshold_db[:, None]
-    drift = drift_test(trials, np.array([[_FREE_DB**2]]), start, fitted.slope, fitted.lapse, answering)
+    drift = drift_test(trials, np.array([[_PRIOR_SD_DB**2]]), start, fitted.slope, fitted.lapse, answering)
     return RunFlags(fitted.log_bayes_factor, fitted.lapse_log_odds, _lapse_power(levels_db, fitted), drift)
 
 
 def _lapse_power(levels_db: FloatArray, fitted: Refit) -> FloatArray:
     """Return the probability of two or more lapses where only a lapse explains an error.
 
-    Those are the trials that lie _SURE_DB or more above threshold.
+    Those are the trials that lie _EASY_ABOVE_DB or more above threshold.
     """
     with np.errstate(invalid="ignore"):
-        loud = np.sum(levels_db >= fitted.threshold_db[:, None] + _SURE_DB, axis=1)
-    none = (1.0 - LAPSES) ** loud
-    one = loud * LAPSES * (1.0 - LAPSES) ** np.maximum(loud - 1, 0)
+        loud = np.sum(levels_db >= fitted.threshold_db[:, None] + _EASY_ABOVE_DB, axis=1)
+    none = (1.0 - POWER_LAPSE_RATE) ** loud
+    one = loud * POWER_LAPSE_RATE * (1.0 - POWER_LAPSE_RATE) ** np.maximum(loud - 1, 0)
     return np.asarray(1.0 - none - one)

@@ -10,7 +10,7 @@ import numpy as np
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Estimate, Placement
 
-_EPSILON_DB = 1e-9  # levels are sums of steps, so a level at a limit may differ from it by rounding
+_LEVEL_TOLERANCE_DB = 1e-9  # levels are sums of steps, so a level at a limit may differ from it by rounding
 
 
 @dataclass(frozen=True)
@@ -144,9 +144,9 @@ class UpDown:
             self.reversal_levels.append(self.level_db_sl)
         self._direction, self._streak = direction, 0
         wanted = self.level_db_sl + direction * self.rule.step_db(len(self.reversal_levels))
-        if wanted < self.rule.floor_db_sl - _EPSILON_DB:
+        if wanted < self.rule.floor_db_sl - _LEVEL_TOLERANCE_DB:
             self._limits.add("floor")
-        if wanted > self.rule.ceiling_db_sl + _EPSILON_DB:
+        if wanted > self.rule.ceiling_db_sl + _LEVEL_TOLERANCE_DB:
             self._limits.add("ceiling")
         self.level_db_sl = min(max(wanted, self.rule.floor_db_sl), self.rule.ceiling_db_sl)
 

@@ -15,7 +15,7 @@ from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.protocol.study import StudyProtocol
 
 _P = TypeVar("_P", bound=StudyProtocol)
-_IDENTIFIES = {"identification", "item", "block"}
+_IDENTIFICATION_TABLES = {"identification", "item", "block"}
 _KINDS: dict[type[StudyProtocol], str] = {
     Protocol: "a detection protocol (tables procedure, conditions)",
     IdentificationProtocol: "an identification protocol (tables item, block)",
@@ -81,7 +81,7 @@ def _document(text: str, where: str) -> dict[str, Any]:
 
 
 def _kind(document: dict[str, Any]) -> type[StudyProtocol]:
-    return IdentificationProtocol if _IDENTIFIES & set(document) else Protocol
+    return IdentificationProtocol if _IDENTIFICATION_TABLES & set(document) else Protocol
 
 
 def _of_kind(text: str, where: str, form: type[_P]) -> _P:

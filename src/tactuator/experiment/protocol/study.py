@@ -13,7 +13,7 @@ Celsius = Annotated[float, Field(gt=0.0, lt=50.0)]
 Group = Literal["hearing", "hearing-impaired", "simulated", "unknown"]
 Code = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9]{1,32}$")]
 ParticipantId = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9._-]{1,64}$")]
-_NAME = r"^[a-z][a-z0-9_]{0,31}$"
+_NAME_PATTERN = r"^[a-z][a-z0-9_]{0,31}$"
 _SEED_MAX = 2**53
 
 
@@ -56,7 +56,7 @@ class Circumstances(Part):
 class Demographic(Part):
     """A fact that the laboratory notes of every subject: a number within limits, one of choices, or words."""
 
-    name: str = Field(pattern=_NAME)
+    name: str = Field(pattern=_NAME_PATTERN)
     label: str = Field(min_length=1, max_length=100)
     kind: Literal["number", "choice", "text"] = "text"
     unit: str = ""

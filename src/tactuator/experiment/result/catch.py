@@ -11,10 +11,10 @@ from scipy.stats import binom
 from tactuator.experiment.store.stored_runs import StoredRun
 from tactuator.experiment.trial.trial import LOUD, SIGNAL
 
-_RARE = 0.03
-_ERRORS = 0.02
-"""A flag needs so many errors in loud trials that their probability is below _ERRORS with a lapse rate of _RARE; or so
-many right answers in blank ones that it is below that by chance."""
+_LAPSE_RATE = 0.03
+_FALSE_ALARM_RATE = 0.02
+"""A run is flagged where the errors in loud trials have a probability below _FALSE_ALARM_RATE at a lapse rate of
+_LAPSE_RATE, or the right answers in blank ones have a probability below _FALSE_ALARM_RATE by chance."""
 
 
 def catch_kinds(run: StoredRun) -> NDArray[np.str_]:
@@ -36,8 +36,8 @@ def attention(run: StoredRun) -> tuple[str, ...]:
     kinds = catch_kinds(run)
     loud, blank = run.correct[kinds == "loud"], run.correct[kinds == "blank"]
     found = []
-    if loud.size and binom.sf(np.sum(~loud) - 1, loud.size, _RARE) < _ERRORS:
+    if loud.size and binom.sf(np.sum(~loud) - 1, loud.size, _LAPSE_RATE) < _FALSE_ALARM_RATE:
         found.append("attention")
-    if blank.size and binom.sf(np.sum(blank) - 1, blank.size, run.protocol.forced_choice().guess) < _ERRORS:
+    if blank.size and binom.sf(np.sum(blank) - 1, blank.size, run.protocol.forced_choice().guess) < _FALSE_ALARM_RATE:
         found.append("cue")
     return tuple(found)

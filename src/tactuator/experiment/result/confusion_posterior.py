@@ -20,7 +20,7 @@ from scipy.special import betaln, gammaln
 from tactuator.arrays import FloatArray
 
 _TINY = 1e-300
-_CHUNK = 64
+_CHUNK_DRAWS = 64
 
 
 def information_draws(counts: NDArray[np.int64], draws: int, rng: np.random.Generator) -> FloatArray:
@@ -33,12 +33,12 @@ def information_draws(counts: NDArray[np.int64], draws: int, rng: np.random.Gene
     errors = _error_draws(np.diag(counts).astype(np.float64), wrong.astype(np.float64), draws, rng)
     spread = _SpreadPosterior(confused, wrong.astype(np.float64))
     found = np.empty(draws)
-    for first in range(0, draws, _CHUNK):
-        some = errors[first : first + _CHUNK]
+    for first in range(0, draws, _CHUNK_DRAWS):
+        some = errors[first : first + _CHUNK_DRAWS]
         chances = np.zeros((some.shape[0], stimuli, stimuli))
         chances[:, off] = (some[..., None] * spread.draw(some.shape[0], rng)).reshape(some.shape[0], -1)
         chances[:, np.arange(stimuli), np.arange(stimuli)] = 1.0 - some
-        found[first : first + _CHUNK] = information_of(chances, presented / presented.sum())
+        found[first : first + _CHUNK_DRAWS] = information_of(chances, presented / presented.sum())
     return found
 
 

@@ -14,7 +14,7 @@ from tactuator.experiment.procedure.whole_curve.curve_flags import CurveFlags, c
 from tactuator.experiment.procedure.whole_curve.curve_prior import clear_of_mains
 from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule
 
-_POINTS = 12
+_POINT_COUNT = 12
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,8 @@ def curve_run(
     for point, level, right in zip(points, levels_db_sl, correct, strict=True):
         belief.learn(np.array([point]), np.array([level]), np.array([right]))
     flags = curve_flags(belief, Trials(points[None, :], levels_db_sl[None, :], correct[None, :]))
-    asked = clear_of_mains(np.geomspace(*prior.band_hz, _POINTS), prior.mains_hz, prior.clearance_hz, prior.band_hz)
+    asked = clear_of_mains(
+        np.geomspace(*prior.band_hz, _POINT_COUNT), prior.mains_hz, prior.clearance_hz, prior.band_hz
+    )
     mean, sd = belief.curve(asked)
     return CurveRun(asked, mean[0], sd[0], flags)

@@ -28,7 +28,7 @@ CIRCUMSTANCES = (
     "masking_sound",
     "masking_level_db_spl",
 )
-"""Columns of a session that a curve carries on."""
+"""Columns of a session that stand in the file of a curve."""
 
 
 @dataclass(frozen=True)

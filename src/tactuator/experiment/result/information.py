@@ -23,11 +23,11 @@ counted. error_rule: (1 - 2 e) log2 k, e the share of errors (Tan et al. 1999)."
 POSTERIOR = "posterior"
 """The estimate with an interval: median of the posterior of confusion_posterior."""
 
-ENOUGH = 5
+TRIALS_PER_CELL_MIN = 5
 """Trials for each cell below which estimates are not to be relied on: n >= 5 k^2 (Miller 1955)."""
 
 
-_WIDER = 1.15
+_INTERVAL_FACTOR = 1.15
 """Width of the interval over that of the posterior: without it the worst of seven kinds of errors was covered 0.83."""
 
 
@@ -164,13 +164,15 @@ def information(
 def _posterior(
     counts: NDArray[np.int64], rng: np.random.Generator, draws: int, confidence: float
 ) -> InformationEstimate:
-    """Return the posterior's median with an interval that is _WIDER times the posterior's own."""
+    """Return the posterior's median with an interval that is _INTERVAL_FACTOR times the posterior's own."""
     found = information_draws(counts, draws, rng)
     tails = (0.5 - 0.5 * confidence, 0.5, 0.5 + 0.5 * confidence)
     low, middle, high = (float(value) for value in np.quantile(found, tails))
     most = float(np.log2(counts.shape[0]))
     return InformationEstimate(
-        middle, max(middle - _WIDER * (middle - low), 0.0), min(middle + _WIDER * (high - middle), most)
+        middle,
+        max(middle - _INTERVAL_FACTOR * (middle - low), 0.0),
+        min(middle + _INTERVAL_FACTOR * (high - middle), most),
     )
 
 
@@ -188,7 +190,7 @@ def _no_interval(counts: NDArray[np.int64]) -> str | None:
 
 def _warning(counts: NDArray[np.int64]) -> str | None:
     stimuli, responses, trials = int(_stimuli(counts)), counts.shape[1], int(counts.sum())
-    wanted = ENOUGH * stimuli * responses
+    wanted = TRIALS_PER_CELL_MIN * stimuli * responses
     if trials >= wanted:
         return None
     return f"{trials} trials for {stimuli} x {responses} cells; below {wanted} (5 a cell) these estimates are biased"

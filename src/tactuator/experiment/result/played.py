@@ -13,10 +13,10 @@ from tactuator.experiment.trial.timing import Timing
 from tactuator.signals.decibels import from_db
 
 _MAINS_HZ = (50.0, 60.0)
-_FELT_DB = -10.0
-_STEADY = 0.5
-"""Standard deviation over mean of a hum's power from interval to interval, at most; that of noise is 1."""
-_SIMULATED = ("simulated", "in-process", "emulated")
+_FELT_RE_THRESHOLD_DB = -10.0
+_STEADY_VARIATION_MAX = 0.5
+"""Largest standard deviation over mean of a hum's power from interval to interval; that of noise is 1."""
+_SIMULATED_RIGS = ("simulated", "in-process", "emulated")
 
 
 @dataclass(frozen=True)
@@ -61,11 +61,11 @@ def hum_is_felt(seen: PlayedIntervals, frequency_hz: float, timing: Timing, thre
         return True
     powers = from_db(blank) ** 2
     power = float(np.mean(powers))
-    steady = float(np.std(powers)) < _STEADY * power
-    return steady and bool(10.0 * np.log10(max(power, 1e-30)) >= threshold_db_sl + _FELT_DB)
+    steady = float(np.std(powers)) < _STEADY_VARIATION_MAX * power
+    return steady and bool(10.0 * np.log10(max(power, 1e-30)) >= threshold_db_sl + _FELT_RE_THRESHOLD_DB)
 
 
 def is_simulated(run: StoredRun) -> bool:
     """Return whether nobody felt the run, because the rig's display or the subject was simulated."""
     nobody = run.run.respondent in ("simulated", "script") or run.session.subject_group == "simulated"
-    return nobody or bool(run.run.rig_simulated) or str(run.run.rig).partition(":")[0] in _SIMULATED
+    return nobody or bool(run.run.rig_simulated) or str(run.run.rig).partition(":")[0] in _SIMULATED_RIGS

@@ -10,7 +10,7 @@ from tactuator.experiment.result.information import Information
 from tactuator.experiment.result.thresholds import MeasuredThreshold
 
 _BOUNDS = {"": "", ">=": "≥ ", "<=": "≤ "}
-_ENOUGH_POWER = 0.5
+_POWER_MIN = 0.5
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,13 @@ def threshold_table(found: Sequence[MeasuredThreshold]) -> ResultTable:
     notes = [f"at {points} correct, lapses included, by procedure and refit alike"]
     if any(one.simulated for one in found):
         notes.append("simulated: nobody felt this")
-    blind = [one for one in found if one.lapse_power is not None and one.lapse_power < _ENOUGH_POWER]
+    blind = [one for one in found if one.lapse_power is not None and one.lapse_power < _POWER_MIN]
     if blind:
         notes.append(
             f"lapses: not judged in {len(blind)} of {len(found)} (a rate of 15 % would show in under half); "
             "loud catch trials would help"
         )
-    still = [one for one in found if one.drift_power is not None and one.drift_power < _ENOUGH_POWER]
+    still = [one for one in found if one.drift_power is not None and one.drift_power < _POWER_MIN]
     if still:
         notes.append(
             f"drift: not judged in {len(still)} of {len(found)} (6 dB would show in under half); longer runs would help"

@@ -33,10 +33,10 @@ from tactuator.experiment.trial.trial import BLANK, LOUD, SIGNAL, Trial, trial_r
 from tactuator.perception.levels import COMFORT_DB_SL
 from tactuator.signals.stimuli import ramps
 
-_TRIALS_A_REVERSAL, _TRIALS = 5.3, 80.0
+_TRIALS_PER_REVERSAL, _TYPICAL_TRIALS = 5.3, 80.0
 """Trials for a reversal of the paper's procedure, by simulation (79 for 15), and of a run of unknown length."""
 
-_PICTURED, _JUDGED = 60, 40
+_PICTURE_POINTS, _JUDGED_TRIALS_MIN = 60, 40
 
 
 def keep_off_mains(frequency_hz: float, mains_hz: float, timing: Timing) -> None:
@@ -110,9 +110,9 @@ class DetectionTask:
         if planned.practice:
             trials = float(protocol.session.practice_trials)
         elif isinstance(procedure, UpDown):
-            trials = _TRIALS_A_REVERSAL * procedure.rule.reversals
+            trials = _TRIALS_PER_REVERSAL * procedure.rule.reversals
         else:
-            trials = float(getattr(protocol.procedure, "trials", _TRIALS))
+            trials = float(getattr(protocol.procedure, "trials", _TYPICAL_TRIALS))
         timing, intervals = protocol.timing.build(), protocol.paradigm.intervals
         frequency = planned.frequency_hz or math.sqrt(self.apparatus.band_hz[0] * self.apparatus.band_hz[1])
         played_s = timing.lead_s + intervals * timing.duration_s(frequency) + (intervals - 1) * timing.gap_s
@@ -141,7 +141,7 @@ class DetectionTask:
 def curve_picture(procedure: WholeCurve, title: str) -> Picture:
     """Return a whole-curve run as an operator's page draws it: the curve in dB SL and its 95 % band."""
     low, high = procedure.rule.prior.band_hz
-    frequency_hz = np.geomspace(low, high, _PICTURED)
+    frequency_hz = np.geomspace(low, high, _PICTURE_POINTS)
     mean, sd = procedure.curve(frequency_hz)
     floor, ceiling = procedure.rule.floor_db_sl, procedure.rule.ceiling_db_sl
     return {
@@ -152,7 +152,9 @@ def curve_picture(procedure: WholeCurve, title: str) -> Picture:
         "low_db_sl": [round(float(value), 2) for value in np.clip(mean - 1.96 * sd, floor, ceiling)],
         "high_db_sl": [round(float(value), 2) for value in np.clip(mean + 1.96 * sd, floor, ceiling)],
         "trials": [[round(hertz, 3), level, right] for hertz, level, right in procedure.played],
-        "chance": bool(procedure.trials >= _JUDGED and procedure.belief.log_bayes_factor[0] < LEAST_LOG_EVIDENCE),
+        "chance": bool(
+            procedure.trials >= _JUDGED_TRIALS_MIN and procedure.belief.log_bayes_factor[0] < LEAST_LOG_EVIDENCE
+        ),
     }
 
 

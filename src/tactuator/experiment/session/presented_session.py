@@ -13,8 +13,8 @@ from tactuator.experiment.store.records import Answer, PlayedTrial
 from tactuator.experiment.trial.presenter import Watch
 from tactuator.rig.board.stream import StreamDry
 
-_TRIES = 3
-"""How often a trial is played whose timing the rig has missed, before that is a fault of the rig."""
+_ATTEMPTS_MAX = 3
+"""Number of times that a trial is played whose timing the rig misses, before that is a fault of the rig."""
 
 
 def _never() -> bool:
@@ -39,13 +39,13 @@ class PresentedSession:
         following = self.session.next_trial()
         course, clock = self.session.course, self.session.clock
         assert course is not None
-        for attempt in range(_TRIES):
+        for attempt in range(_ATTEMPTS_MAX):
             presentations = self._count(following)
             try:
                 played = course.play(following.trial, PlaybackCallbacks(watch, halted), clock.utc())
             except StreamDry as missed:
                 self.session.note("timing-missed", f"run {following.run}, trial {following.trial.number}: {missed}")
-                if attempt + 1 == _TRIES:
+                if attempt + 1 == _ATTEMPTS_MAX:
                     raise
                 continue
             ended, ended_s = clock.utc(), clock.monotonic_s()

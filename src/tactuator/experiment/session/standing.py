@@ -11,7 +11,7 @@ from tactuator.experiment.session.task import Course
 from tactuator.experiment.store.cells import Found
 from tactuator.experiment.trial.trial import Trial
 
-_SAME_DB = 1e-6
+_LEVEL_TOLERANCE_DB = 1e-6
 
 
 @dataclass(frozen=True)
@@ -74,5 +74,5 @@ def _is_stored(trial: Trial, row: Found) -> bool:
     if level is None or row.level_db_sl is None:
         same = level is row.level_db_sl
     else:
-        same = abs(level - row.level_db_sl) <= _SAME_DB
+        same = abs(level - row.level_db_sl) <= _LEVEL_TOLERANCE_DB
     return same and trial.correct == row.correct_response

@@ -25,8 +25,8 @@ from tactuator.perception.relative_curve import RelativeCurve
 NORMAL_PEOPLE = CurveKind("normal people", offset_db=4.0, tilt_db_per_decade=2.5, wave_db=2.0, wave_decades=0.35)
 """People whose curves are drawn where none is given. Near the procedure's prior, they show it at its best."""
 
-_BATCH = 50
-_FINE = 100
+_BATCH_RUNS = 50
+_GRID_POINTS = 100
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,8 @@ def simulate_curve(
     people = CurvePeople() if people is None else people
     rng = np.random.default_rng(setting.seed)
     errors, inside, names = [], [], list[tuple[str, ...]]()
-    for first in range(0, setting.runs, _BATCH):
-        count = min(_BATCH, setting.runs - first)
+    for first in range(0, setting.runs, _BATCH_RUNS):
+        count = min(_BATCH_RUNS, setting.runs - first)
         part = _Batch(rule, setting, people, count, rng)
         flags = part.run(lambda share, done=first, more=count: told((done + share * more) / setting.runs))  # type: ignore[misc]
         error, within = part.judged()
@@ -110,7 +110,7 @@ class _Batch:
         self, rule: WholeCurveRule, setting: Setting, people: CurvePeople, runs: int, rng: np.random.Generator
     ) -> None:
         self._rule, self._people, self._rng = rule, people, rng
-        self._fine_hz = np.geomspace(*rule.prior.band_hz, _FINE)
+        self._fine_hz = np.geomspace(*rule.prior.band_hz, _GRID_POINTS)
         both = np.concatenate([rule.prior.frequency_hz, self._fine_hz])
         if people.truth is None:
             truth = NORMAL_PEOPLE.draw(both, rule.prior.middle_hz, runs, rng)
@@ -143,7 +143,7 @@ class _Batch:
         return np.asarray(self._rng.random(level_db.size) < chance)
 
     def judged(self) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return the errors at _FINE frequencies and whether the band holds the truth, (runs, _FINE) each."""
+        """Return errors and whether the band holds the truth, (runs, _GRID_POINTS) each, over the band."""
         mean, sd = self._belief.curve(self._fine_hz)
         error = mean - self._at_fine
         return error, np.abs(error) <= 1.96 * sd

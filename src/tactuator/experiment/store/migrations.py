@@ -9,7 +9,7 @@ from sqlalchemy import Engine, inspect, select
 from tactuator.errors import BadInput
 from tactuator.experiment.store import schema, steps
 
-STEPS: tuple[tuple[str, ...], ...] = (steps.THRESHOLDS, steps.IDENTIFICATION, steps.STUDIES_THAT_LIVE)
+STEPS: tuple[tuple[str, ...], ...] = (steps.THRESHOLDS, steps.IDENTIFICATION, steps.PROTOCOL_VERSIONS)
 """Statements of each version, the first making an empty database into version 1."""
 
 

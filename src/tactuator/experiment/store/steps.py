@@ -52,7 +52,7 @@ IDENTIFICATION = (
         label VARCHAR NOT NULL, "key" VARCHAR NOT NULL, UNIQUE (study_id, label), UNIQUE (study_id, "key"))""",
 )
 
-STUDIES_THAT_LIVE = (
+PROTOCOL_VERSIONS = (
     # Versions of protocols, subjects with several sessions, and the times at which stimuli were played.
     """CREATE TABLE protocol_version (
         id INTEGER NOT NULL PRIMARY KEY, study_id INTEGER NOT NULL REFERENCES study (id), number INTEGER NOT NULL,

@@ -14,7 +14,7 @@ from sqlalchemy.exc import DatabaseError, OperationalError
 from tactuator.errors import BadInput, StoreFault
 from tactuator.experiment.store.migrations import migrate
 
-_BUSY_MS = 2000
+_BUSY_TIMEOUT_MS = 2000
 
 
 class Store:
@@ -74,7 +74,7 @@ class Store:
 def _prepare(connection: Any, record: Any) -> None:
     connection.isolation_level = None  # transactions are begun in `_begin`, not by the driver's guess
     cursor = connection.cursor()
-    cursor.execute(f"PRAGMA busy_timeout = {_BUSY_MS}")
+    cursor.execute(f"PRAGMA busy_timeout = {_BUSY_TIMEOUT_MS}")
     cursor.execute("PRAGMA journal_mode = WAL")
     cursor.execute("PRAGMA synchronous = FULL")
     cursor.execute("PRAGMA foreign_keys = ON")

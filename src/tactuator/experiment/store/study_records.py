@@ -16,7 +16,7 @@ from tactuator.experiment.store import schema
 from tactuator.experiment.store.cells import Found, stamp
 
 Tokens = Callable[[str, int], str]
-"""Makes the token of a link, told the subject's code and the number of the visit."""
+"""A function of the subject's code and the number of the visit that returns the token of a link."""
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,13 @@ from tactuator.experiment.trial.trial import IntervalRecord
 from tactuator.signals.decibels import from_db
 
 FRICTION_HZ = 25.0
-_NEAR_DB = 4.0
+_NEAR_THRESHOLD_DB = 4.0
 _LARGEST_SD_DB = 3.0
 
 
-def delivered_offset_db(intervals: Sequence[IntervalRecord], level_db_sl: float, near_db: float = _NEAR_DB) -> float:
+def delivered_offset_db(
+    intervals: Sequence[IntervalRecord], level_db_sl: float, near_db: float = _NEAR_THRESHOLD_DB
+) -> float:
     """Return by how many dB the sensor's amplitude lay above the commanded one, over stimuli within near_db of
     level_db_sl.
 
@@ -62,7 +64,7 @@ def delivered(
     measured_db_sl: FloatArray,
     frequency_hz: float,
     level_db_sl: float,
-    near_db: float = _NEAR_DB,
+    near_db: float = _NEAR_THRESHOLD_DB,
 ) -> Delivered:
     """Estimate the display's gain at a frequency from intervals played there.
 

@@ -15,10 +15,10 @@ from tactuator.rig.rig import Rig, Ticking
 from tactuator.rig.trace import Trace, join_traces
 
 Watch = Callable[[int, bool], None]
-"""Told (interval from 0, True) as an interval begins and (interval, False) as it ends, by the rig's own time."""
+"""A function called with (interval from 0, True) as it begins and (interval, False) as it ends, by the rig's time."""
 
 _PIECE_S = 0.02
-"""A reference is given to the rig in pieces of this length: a stop takes effect within one."""
+"""Length of the pieces in which a reference is given to the rig; a stop takes effect within one."""
 
 
 class Halted(Exception):

@@ -58,7 +58,7 @@ class IntervalRecord:
 
 
 BLANK, SIGNAL, LOUD = "blank", "tone", "loud"
-"""Labels of the stimuli of a detection trial; loud: of a catch trial that anyone attentive gets right."""
+"""Labels of the stimuli of a detection trial; LOUD is that of a catch trial that anyone attentive gets right."""
 
 
 @dataclass(frozen=True)

@@ -41,24 +41,24 @@ def descend(
     for _ in range(most):
         if not np.isfinite(now.cost):
             break
-        trial = _downhill(problem, structure, theta, coulomb, now, damping)
-        if trial is None:
+        candidate = _downhill(problem, structure, theta, coulomb, now, damping)
+        if candidate is None:
             converged = True
             break
         count = max(problem.position.size - problem.skip - now.gradient.size, 1)
         spread = np.sqrt(np.maximum(np.diag(_inverse(now.gram)), 0.0) * now.cost / count)
-        gain = (now.cost - trial.normal.cost) / max(now.cost, 1e-300)
-        theta, coulomb, now = trial.theta, trial.coulomb, trial.normal
-        damping = max(trial.damping / 10.0, 1e-9)
+        gain = (now.cost - candidate.normal.cost) / max(now.cost, 1e-300)
+        theta, coulomb, now = candidate.theta, candidate.coulomb, candidate.normal
+        damping = max(candidate.damping / 10.0, 1e-9)
         size = np.abs(np.append(theta, coulomb) if with_friction else theta)
-        if np.all(np.abs(trial.step) <= np.maximum(0.03 * spread, tolerance * size)) or abs(gain) < 1e-9:
+        if np.all(np.abs(candidate.step) <= np.maximum(0.03 * spread, tolerance * size)) or abs(gain) < 1e-9:
             converged = True
             break
     return Minimum(theta, coulomb, predict(problem, structure, theta, coulomb), converged)
 
 
 @dataclass(frozen=True, eq=False)
-class _Trial:
+class _Candidate:
     theta: Array
     coulomb: float
     step: Array
@@ -68,14 +68,14 @@ class _Trial:
 
 def _downhill(
     problem: Problem, structure: Structure, theta: Array, coulomb: float, now: Normal, damping: float
-) -> _Trial | None:
+) -> _Candidate | None:
     """A step that does not raise the cost, more and more careful; None where there is none."""
     for _ in range(12):
         step = _step(now.gram, now.gradient, damping)
         moved, level = _moved(structure, theta, coulomb, step, problem.friction is not None)
         ahead = normal_equations(problem, structure, moved, level, now.level)
         if ahead.cost <= now.cost * (1.0 + 1e-10):
-            return _Trial(moved, level, step, ahead, damping)
+            return _Candidate(moved, level, step, ahead, damping)
         damping = max(damping * 8.0, 1e-4)
     return None
 
@@ -99,7 +99,7 @@ def _sizes(gram: Array) -> Array:
 
 def _moved(structure: Structure, theta: Array, coulomb: float, step: Array, with_friction: bool) -> tuple[Array, float]:
     level = coulomb + float(step[-1]) if with_friction else coulomb
-    trial = theta + (step[:-1] if with_friction else step)
+    candidate = theta + (step[:-1] if with_friction else step)
     if structure.dead_time:
-        trial[-1] = max(trial[-1], 0.0)
-    return trial, max(level, 0.0)
+        candidate[-1] = max(candidate[-1], 0.0)
+    return candidate, max(level, 0.0)

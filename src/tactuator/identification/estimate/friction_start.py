@@ -19,7 +19,7 @@ from tactuator.identification.estimate.structure import RationalModel, Structure
 Array = NDArray[np.float64]
 
 
-def rubbing_fit(samples: Samples, poles: int, integrated: int = 0) -> Fit | None:
+def friction_fit(samples: Samples, poles: int, integrated: int = 0) -> Fit | None:
     """A fit of `poles` poles and no zeros with friction, or None where the regression finds no positive friction."""
     best: Fit | None = None
     for corner, sharper in itertools.product(_corners(samples), (1.0, 5.0, 25.0)):

@@ -75,8 +75,8 @@ def _gather(model: Model, level: Array | None) -> tuple[Array, int]:
         if model.resisting is not None:
             states = states - model.coulomb * model.resisting.states[rows]
             acting = acting - model.coulomb * model.resisting.acting[rows]
-            rubbing = model.resisting.states[rows] @ main[:, 0] + main_direct[0] * model.resisting.acting[rows]
-            part[:, beside + count - 1] = -rubbing
+            friction = model.resisting.states[rows] @ main[:, 0] + main_direct[0] * model.resisting.acting[rows]
+            part[:, beside + count - 1] = -friction
         made = states @ main
         if np.any(main_direct):
             made += acting[:, None] * main_direct

@@ -28,15 +28,15 @@ _FINE_NODES, _FINE_WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
 _FINE_WEIGHTS = _FINE_WEIGHTS / _FINE_WEIGHTS.sum()
 """Nodes for learning are finer: psi rises within a few decibels, and a marginal may be twenty wide."""
 
-_CHOOSING = 10
+_CHOOSING_COMPONENTS = 10
 """Number of components, the heaviest, that choose a trial."""
-_TEMPER = 0.5
-"""Power of the weights where trials are chosen and where the band is told: a kind that is not ruled out has a say.
+_TEMPERING_POWER = 0.5
+"""Power of the weights where trials are chosen and the band is computed, so that a kind not ruled out still counts.
 
 With 1, a band was the narrow one of a smooth curve too often where the truth was wavy or the person lapsed (coverage
 0.85 and 0.89); with 0.5 it is 0.89 and 0.97, and normal people's estimates are 0.02 dB worse.
 """
-_KEPT = {25: 96, 50: 48, 80: 32}
+_COMPONENTS_KEPT = {25: 96, 50: 48, 80: 32}
 """Number of components kept after that many trials; those dropped had next to no weight."""
 
 
@@ -74,7 +74,7 @@ class CurveBelief:
         return np.asarray(relative / relative.sum(axis=1, keepdims=True))
 
     def _tempered(self) -> FloatArray:
-        tempered = self.weight**_TEMPER
+        tempered = self.weight**_TEMPERING_POWER
         return np.asarray(tempered / tempered.sum(axis=1, keepdims=True))
 
     @property
@@ -121,7 +121,7 @@ class CurveBelief:
     def choose(self, floor_db_sl: float, ceiling_db_sl: float) -> tuple[NDArray[np.intp], FloatArray]:
         """Return point (index) and level (to half a dB) of the most telling trial of every run, (runs,) each."""
         tempered = self._tempered()
-        chosen = min(_CHOOSING, tempered.shape[1])
+        chosen = min(_CHOOSING_COMPONENTS, tempered.shape[1])
         top = np.argpartition(-tempered, chosen - 1, axis=1)[:, :chosen]
         row = np.arange(self.runs)[:, None]
         share = tempered[row, top] / tempered[row, top].sum(axis=1, keepdims=True)
@@ -172,8 +172,8 @@ class CurveBelief:
         self.mean = self.mean + along * shift[..., None]
         self.covariance -= (along * (1.0 - left)[..., None])[..., :, None] * along[..., None, :]
         self.trials += 1
-        if self.trials in _KEPT:
-            self._keep(_KEPT[self.trials])
+        if self.trials in _COMPONENTS_KEPT:
+            self._keep(_COMPONENTS_KEPT[self.trials])
 
     def _keep(self, count: int) -> None:
         """Keep the `count` heaviest components of every run and drop the others."""

@@ -10,8 +10,8 @@ from tactuator.experiment.procedure.run_flags import LEAST_LOG_EVIDENCE
 from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
 from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
 
-_LAPSING = 0.05
-_LAPSE_SHARE = 0.6
+_FLAGGED_LAPSE_RATE = 0.05
+_LAPSE_PROBABILITY_MIN = 0.6
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class CurveFlags:
         """Return the names of the flags of one run, sorted."""
         found = {
             "chance": self.log_bayes_factor[run] < LEAST_LOG_EVIDENCE,
-            "lapses": self.lapsing[run] > _LAPSE_SHARE,
+            "lapses": self.lapsing[run] > _LAPSE_PROBABILITY_MIN,
             "drift": abs(self.drift.z[run]) > CRITICAL_Z,
         }
         return tuple(sorted(name for name, true in found.items() if true))
@@ -44,4 +44,4 @@ def curve_flags(belief: CurveBelief, trials: Trials) -> CurveFlags:
     slope, lapse = (weight * belief.slope).sum(axis=1), (weight * belief.lapse).sum(axis=1)
     covariance = free.covariance(prior.frequency_hz, prior.frequency_hz, prior.middle_hz)
     found = drift_test(trials, covariance, mean, slope, lapse, belief.answering)
-    return CurveFlags(belief.log_bayes_factor, belief.share_of_lapses(_LAPSING), found)
+    return CurveFlags(belief.log_bayes_factor, belief.share_of_lapses(_FLAGGED_LAPSE_RATE), found)

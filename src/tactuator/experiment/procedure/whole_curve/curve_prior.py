@@ -16,7 +16,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
 
-_NOTCHES = 9
+_NOTCH_COUNT = 9
 
 
 @dataclass(frozen=True)
@@ -95,8 +95,8 @@ class CurvePrior:
         edges = np.sqrt(self.frequency_hz[1:] * self.frequency_hz[:-1])[1:-1]
         edges = edges if edges.size else np.array([self.middle_hz])
         base = (0.0, self.normal_offset_db, 0.8 * self.normal_tilt_db_per_decade, 0.6 * self.normal_wave_db, 0.35, 0.7)
-        notch, edge = self.notch_share / _NOTCHES, self.edge_share / edges.size
-        places = np.geomspace(1.25 * low, high / 1.15, _NOTCHES).tolist()
+        notch, edge = self.notch_share / _NOTCH_COUNT, self.edge_share / edges.size
+        places = np.geomspace(1.25 * low, high / 1.15, _NOTCH_COUNT).tolist()
         return [
             *(
                 CurveKind("notch", notch, *base, feature="notch", feature_db=self.notch_db, feature_hz=f)
