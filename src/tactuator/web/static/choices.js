@@ -1,7 +1,7 @@
 "use strict";
-// The responses as buttons, laid out so that they fit; and lamps for intervals that are no responses.
+// Shows the responses as buttons that fit the page, and lamps for intervals that are no responses.
 const LARGEST_PX = [260, 200], FONTS_PX = [88, 72, 60, 48, 40, 34, 28, 24, 21, 19, 17, 16, 15, 14, 13, 12];
-const SPACINGS_PX = [{ gap: 8, least: 44, margin: 18 }, { gap: 4, least: 38, margin: 14 }]; // the second where many must fit
+const SPACINGS_PX = [{ gap: 8, least: 44, margin: 18 }, { gap: 4, least: 38, margin: 14 }]; // the second is for many responses
 
 class Choices {
   // choices: {response, keys, codes}; intervals: names of those that are told apart; chosen: called with a response.
@@ -10,7 +10,7 @@ class Choices {
     this.choices = choices;
     this.buttons = new Map(choices.map((choice) => [choice.response, this.button(choice, chosen)]));
     const own = intervals.length > 0 && intervals.every((name) => this.buttons.has(name));
-    this.inRow = own || choices.length === 2; // in the order of time, or the first to the left
+    this.inRow = own || choices.length === 2; // responses in the order of time, or two of them
     this.lamps = (own ? [] : intervals.length ? intervals : [""]).map((name) => make("span", { class: "lamp" }, name));
     this.intervals = own ? intervals.map((name) => this.buttons.get(name)) : intervals.length ? this.lamps : [];
     box.replaceChildren(...this.buttons.values());
@@ -31,19 +31,19 @@ class Choices {
     return button;
   }
 
-  // The response that a key gives, by where it stands or by what it types, or undefined. Digits go by place: what an
-  // unshifted AZERTY key types is another character.
+  // Returns the response of a key, by its place or by the character that it types, or undefined. Digits go by place,
+  // since an unshifted AZERTY key types another character.
   byKey(code, key) {
     const found = this.choices.find((choice) => choice.codes.includes(code)) || this.choices.find((choice) => choice.keys.includes(key));
     return (found || {}).response;
   }
 
-  // Whether an answer is asked for: told to those who cannot see it; buttons keep their focus.
+  // Marks the buttons as enabled or not for those who cannot see it; they keep their focus.
   open(yes) { for (const button of this.buttons.values()) button.setAttribute("aria-disabled", String(!yes)); }
 
   light(interval) { this.intervals.forEach((lamp, index) => lamp.classList.toggle("lit", index === interval)); }
 
-  // Lit while a trial plays whose intervals are not told apart.
+  // Lights the lamp while a trial plays whose intervals are not told apart.
   playing(on) { if (this.intervals.length === 0) for (const lamp of this.lamps) lamp.classList.toggle("lit", on); }
 
   mark(response, name) { this.buttons.get(response).classList.add(name); }
@@ -52,7 +52,7 @@ class Choices {
 
   hasFocus() { return this.box.contains(document.activeElement) && document.activeElement !== this.box; }
 
-  // The focus goes to the neighbour in that direction.
+  // Moves the focus to the neighbour in that direction.
   move(columns, rows) {
     const buttons = [...this.buttons.values()];
     const at = buttons.indexOf(document.activeElement);
@@ -60,8 +60,8 @@ class Choices {
     if (to >= 0 && to < buttons.length) buttons[to].focus();
   }
 
-  // The largest letters with which every label stands in a cell on one line and all cells are on the page; among the
-  // numbers of columns that allow it, the one with cells nearest to 3 : 2.
+  // Chooses the largest letters with which every label is on one line of its cell and all cells are on the page; among
+  // the numbers of columns that allow it, the one whose cells are nearest to 3 : 2.
   fit() {
     if (this.box.hidden) return;
     const main = this.box.parentElement, style = getComputedStyle(main);
@@ -101,14 +101,14 @@ class Choices {
     return best;
   }
 
-  // Nothing fits: as many columns as the labels allow (the longest wrap), and the page scrolls.
+  // Where nothing fits: returns as many columns as the labels allow (the longest wrap); the page then scrolls.
   scrolling({ width, widest }) {
     const [{ gap, least, margin }] = SPACINGS_PX, font = 14, cell = Math.min(widest * font + margin, width);
     const columns = Math.max(1, Math.min(this.buttons.size, Math.floor((width + gap) / (cell + gap))));
     return { columns, font, gap, width: Math.floor((width - gap * (columns - 1)) / columns), height: least };
   }
 
-  // Width of the widest label in letters' heights.
+  // Returns the width of the widest label in heights of its letters.
   widest() {
     const pen = document.createElement("canvas").getContext("2d");
     pen.font = `600 100px ${getComputedStyle(this.box).fontFamily}`;

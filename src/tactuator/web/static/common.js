@@ -1,5 +1,5 @@
 "use strict";
-// What both pages need.
+// Functions that both pages use.
 const el = (id) => document.getElementById(id);
 const banner = (text) => { el("banner").hidden = text === ""; el("banner").textContent = text; };
 
@@ -10,8 +10,8 @@ function make(name, attributes = {}, ...content) {
   return node;
 }
 
-// A connection that comes back by itself. take: called with every message; opened, closed (told the code; whether to try
-// again): as it comes and goes.
+// A connection that is opened again when it closes. take: called with every message. opened: called when it opens.
+// closed: called with the close code; returns whether to try again.
 class Link {
   constructor(path, take, opened, closed) { Object.assign(this, { path, take, opened, closed }); this.connect(); }
 

@@ -1,6 +1,6 @@
 "use strict";
-// On a simulated display nothing can be felt: the stimulus is drawn instead, as large as it would be felt, and sounded
-// where that is wished. envelope_db_sl: a value each step_s; frequency_hz where there is one.
+// Draws the stimulus of a simulated display, where nothing can be felt, as large as it would be felt, and plays it as
+// sound where that is wished. envelope_db_sl: a value each step_s; frequency_hz where there is one.
 class Demonstration {
   constructor(canvas, sound) {
     Object.assign(this, { canvas, sound, shape: null, began: 0, context: null });
@@ -14,7 +14,7 @@ class Demonstration {
     this.sound.textContent = word(on ? "sound_off" : "sound_on");
   }
 
-  // What an interval plays, from now on.
+  // Starts to show what an interval plays.
   play(shape) {
     Object.assign(this, { shape, began: performance.now() });
     if (this.context !== null) this.tone(shape);
@@ -33,14 +33,14 @@ class Demonstration {
     if (level !== null) requestAnimationFrame(() => this.step());
   }
 
-  // Pixels: about one at threshold, so that it is as hard to see there as it would be to feel; full height at 50 dB SL.
+  // Returns pixels: about one at threshold, where it is as hard to see as it would be to feel; full height at 50 dB SL.
   static height(level) { return Math.min(56, Math.pow(10, level / 28)); }
 
   draw(height, seconds = 0) {
     const pen = this.canvas.getContext("2d"), { width, height: tall } = this.canvas;
     pen.clearRect(0, 0, width, tall);
     pen.strokeStyle = getComputedStyle(this.canvas).color;
-    pen.lineWidth = 2 * Math.max(1, width / Math.max(1, this.canvas.clientWidth)); // as thick on a phone
+    pen.lineWidth = 2 * Math.max(1, width / Math.max(1, this.canvas.clientWidth)); // the same thickness on a phone
     pen.beginPath();
     const waves = 3 + 3 * Math.log10(Math.max(1, this.shape === null ? 1 : this.shape.frequency_hz || 50));
     for (let x = 0; x <= width; x += 2) {

@@ -17,7 +17,7 @@ function enrolment(form) {
   return participant === "" ? message : { ...message, participant_id: participant };
 }
 
-// The data of the day of a session, in a row of its own below it; saved: called with the message.
+// Shows the data of the day of a session in a row below it; saved: called with the message.
 function dayForm(session, saved) {
   const number = (name, value) => make("input", { name, type: "number", step: "any", min: 0, ...(value === null ? {} : { value }) });
   const temperature = number("skin_temperature_c", session.skin_temperature_c), force = number("preload_n", session.preload_n);

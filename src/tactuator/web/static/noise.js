@@ -1,5 +1,6 @@
 "use strict";
-// Masking sound: noise made here, looped, from the first key press on (browsers ask for one). kind: none, white, pink.
+// Masking sound: noise made in the page and looped, from the first key press on, without which browsers play no sound.
+// kind: none, white, pink.
 class MaskingNoise {
   constructor(kind) { this.kind = kind; this.context = null; }
 
@@ -25,7 +26,7 @@ class MaskingNoise {
     for (let i = 0; i < data.length; i++) data[i] = 0.2 * (2 * Math.random() - 1);
   }
 
-  // Voss's way: rows of random numbers, row k renewed every 2^k samples, summed.
+  // Voss's method: the sum of rows of random numbers, of which row k is renewed every 2^k samples.
   static pink(data) {
     const rows = new Array(12).fill(0);
     let sum = 0;

@@ -1,5 +1,5 @@
 "use strict";
-// The operator's page. The token stands in the address after the # and never leaves the page but to its own server.
+// The operator's page. The token is in the address after the #, and is sent to the page's own server only.
 let shown = "", asks = "", dayOf = null;
 
 const link = new Link(
@@ -52,7 +52,7 @@ function sessionRows(session, snapshot) {
 const runRow = (run) => row(run.title, named("state", run.state),
   run.of === null ? String(run.answered) : word("of", { done: run.answered, count: run.of }), percent(run.share_correct));
 
-// How each kind of run is drawn.
+// Functions that draw each kind of run.
 const pictures = {
   track(picture) { drawTrack(el("track"), picture.levels_db_sl, picture.correct); },
   curve(picture) { drawCurve(el("curve"), picture); },
@@ -85,7 +85,7 @@ function controls(snapshot) {
   el("state").textContent = word(there ? (snapshot.paused ? "paused" : "running") : "nobody");
 }
 
-// Made anew only where something changed; the focus stays where it was.
+// Renders again only where something changed, so that the focus stays where it was.
 function sessions(snapshot) {
   const stands = JSON.stringify([snapshot.sessions, snapshot.active, snapshot.control]);
   if (stands === shown || (dayOf !== null && el("sessions").querySelector("form") !== null && shown !== "")) return;

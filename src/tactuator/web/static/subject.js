@@ -1,5 +1,5 @@
 "use strict";
-// The subject's page. What it shows follows from what the server says; an answer stays here until it is acknowledged.
+// The subject's page. It shows what the server's messages say, and keeps an answer until it is acknowledged.
 // going: the subject has begun; asked: and has told the server so; standing: the trial that waits for an answer;
 // litAt: when each interval's lamp was lit; leaving: the subject is asked how to leave.
 const page = {
@@ -25,7 +25,7 @@ const link = new Link(
 const handlers = {
   hello(message) {
     page.about = message;
-    page.asked = false; // whatever was asked for was asked of another connection
+    page.asked = false; // what was asked for came from the connection before
     el("study").textContent = message.study;
     el("who").textContent = message.subject;
     simulated(message);
@@ -80,7 +80,7 @@ const handlers = {
   fault(message) {
     banner(message.message);
     if (page.unsaved !== null) setTimeout(() => page.unsaved !== null && link.send(page.unsaved), 1500);
-    else { page.going = false; page.asked = false; stand(null); show(); } // the rig failed: the subject says when to go on
+    else { page.going = false; page.asked = false; stand(null); show(); } // the rig failed, and the subject says when to go on
   },
   refused() { page.unsaved = null; page.asked = false; stand(null); },
   elsewhere() {
@@ -124,7 +124,7 @@ function rest() {
 
 const restLeft = () => Math.max(0, Math.ceil((page.restUntil - performance.now()) / 1000));
 
-// What a stage shows before the subject goes on: [status, text, button, other buttons].
+// Returns what a stage shows before the subject goes on: [status, text, button, other buttons].
 const before = {
   consent: () => [word("before"), page.about.consent, word("agree"), [[word("decline"), () => link.send({ type: "decline" })]]],
   break: () => [word("break"), "", restLeft() > 0 ? word("break_wait", { seconds: restLeft() }) : word("go_on"), leave()],
