@@ -4,20 +4,11 @@ import json
 import time
 
 import pytest
-from sqlalchemy import func, select
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.studies import open_study
-from tactuator.experiment.store import schema
-from tactuator.experiment.store.store import Store
-from tactuator.web.app import build_app
-from tactuator.web.lab import Lab
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, apparatus, token
-from tests.web.server import served
-
-TOKEN = "the operator's own"
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, opened_study
+from tests.web.labs import TOKEN, begun, client, make_lab, response_count, until  # noqa: F401
 
 
 class Running(ObedientClock):
@@ -28,38 +19,8 @@ class Running(ObedientClock):
 
 
 @pytest.fixture
-def lab(tmp_path):
-    store, protocol = Store(tmp_path / "lab.db"), parse_protocol(PROTOCOL)
-    made = Lab(open_study(store, DetectionTask(protocol, apparatus()), PROTOCOL, Running(), token), auto_start=True)
-    yield made
-    made.close()
-    store.close()
-
-
-@pytest.fixture
-def client(lab):
-    with served(build_app(lab, TOKEN)) as made:
-        yield made
-
-
-def until(socket, kind):
-    while True:
-        message = socket.receive_json()
-        if message["type"] == kind:
-            return message
-
-
-def begun(socket):
-    until(socket, "stage")
-    socket.send_json({"type": "consent"})
-    until(socket, "stage")
-    socket.send_json({"type": "ready", "stage": "trial"})
-    return until(socket, "answer-now")
-
-
-def answered(lab) -> int:
-    with lab.store.read() as connection:
-        return int(connection.execute(select(func.count()).select_from(schema.response)).scalar_one())
+def lab(make_lab):
+    return make_lab(lambda store: opened_study(store, Running()))
 
 
 BAD = [
@@ -114,10 +75,10 @@ def test_answer__that_cannot_be__is_refused_the_session_goes_on_and_nobody_else_
             until(socket, "refused")
         socket._connection.send(b"\x00\xff\x00")
         assert "binary" in until(socket, "refused")["message"]
-        assert answered(lab) == 0
+        assert response_count(lab) == 0
         socket.send_json(good)
         assert until(socket, "ack")["number"] == 0
-        assert (answered(lab), lab.fault, lab.paused) == (1, None, False)
+        assert (response_count(lab), lab.fault, lab.paused) == (1, None, False)
         while (snapshot := until(operator, "snapshot"))["sessions"][0]["trials"] != 1:
             pass
         assert snapshot["fault"] is None
@@ -135,7 +96,7 @@ def test_answer__before_its_last_interval_has_ended__is_refused_and_asked_for_ag
         refused = until(socket, "refused")["message"]
         assert "allowed: after it" in refused or "allowed: to the trial that stands" in refused
         assert until(socket, "answer-now")["number"] == 0
-        assert answered(lab) == 0
+        assert response_count(lab) == 0
         socket.send_json(early)
         assert until(socket, "ack")["number"] == 0
 
@@ -158,7 +119,7 @@ def test_answer__played_for_as_long_as_it_lasts__is_refused_until_the_trial_has_
         until(socket, "interval")
         socket.send_json({"type": "answer", "run": 1, "number": 0, "response": "1"})
         assert "before its last interval had ended" in until(socket, "refused")["message"]
-        assert answered(lab) == 0
+        assert response_count(lab) == 0
 
 
 def test_defect__in_saving_an_answer__leaves_the_rig_and_other_sessions_alone(client, lab, monkeypatch) -> None:

@@ -5,47 +5,29 @@ import json
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from sqlalchemy import func, select
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_identification
 from tactuator.experiment.session.identification_plan import block_trials
-from tactuator.experiment.store import schema
-from tactuator.experiment.store.store import Store
 from tactuator.web.app import build_app
-from tactuator.web.lab import Lab
 from tests.experiment.session.apparatuses import ObedientClock
 from tests.experiment.session.identifying import THREE, Opened, controller, items, opened_apparatus, protocol_text  # noqa: F401
+from tests.web.labs import TOKEN, make_lab, response_count, until  # noqa: F401
 from tests.web.server import served
-
-TOKEN = "the operator's own"
 
 
 @pytest.fixture
-def make(tmp_path, items, controller):
-    """Makes a lab of a protocol text; all of them closed at the end."""
-    made = []
+def make(make_lab, items, controller):
+    """Makes a lab of a protocol text."""
 
     def lab(text, auto_start=True):
-        store = Store(tmp_path / "lab.db")
-        study = Opened(parse_identification(text), text, items, opened_apparatus(controller), store, ObedientClock())
-        made.append(Lab(study.study, auto_start))
-        return made[-1]
+        apparatus = opened_apparatus(controller)
+        return make_lab(
+            lambda store: Opened(parse_identification(text), text, items, apparatus, store, ObedientClock()).study,
+            auto_start,
+        )
 
-    yield lab
-    for one in made:
-        one.close()
-        one.store.close()
-
-
-def until(socket, kind, heard=None):
-    """The next message of that kind; the others before it go to `heard`."""
-    while True:
-        message = socket.receive_json()
-        if message["type"] == kind:
-            return message
-        if heard is not None:
-            heard.append(message)
+    return lab
 
 
 def go_on(socket, stage):
@@ -68,11 +50,6 @@ def respond(socket, asked, response):
 
 def planned(text, block):
     return block_trials(parse_identification(text), 0, block)
-
-
-def count(lab) -> int:
-    with lab.store.read() as connection:
-        return int(connection.execute(select(func.count()).select_from(schema.response)).scalar_one())
 
 
 def test_subject__hello__offers_the_labels_with_their_keys(make) -> None:
@@ -128,7 +105,7 @@ def test_subject__feedback__comes_with_the_acknowledgement_and_only_in_training(
         asked = begun(socket)
         respond(socket, asked, "M-index")
         assert until(socket, "ack")["right"] is None
-        assert count(lab) == 4
+        assert response_count(lab) == 4
 
 
 @pytest.mark.parametrize(
@@ -150,10 +127,10 @@ def test_subject__answer_that_is_no_choice__is_refused(make, paradigm, response)
         asked = begun(socket)
         respond(socket, asked, response)
         assert "allowed" in until(socket, "refused")["message"]
-        assert count(lab) == 0
+        assert response_count(lab) == 0
         respond(socket, asked, "A" if paradigm == "abx" else "M-index")
         until(socket, "ack")
-        assert count(lab) == 1
+        assert response_count(lab) == 1
 
 
 def test_subject__ready_said_twice__skips_no_break(make) -> None:
@@ -205,7 +182,7 @@ def test_subject__second_tab__plays_the_same_trial_and_it_counts_once(make) -> N
             until(second, "ack")
             respond(second, asked, "C-index")  # the first tab's, say, come late
             assert until(second, "ack")["number"] == asked["number"]
-        assert count(lab) == 1
+        assert response_count(lab) == 1
 
 
 @pytest.mark.parametrize("error", [OSError("the board is gone"), BadInput("the board's guard ended the run: travel")])
@@ -238,7 +215,7 @@ def test_rig__fails__is_told_and_stays_at_rest_until_the_operator_resumes(make, 
         assert until(socket, "stage")["waiting"] is True
         operator.send_json({"type": "resume"})
         assert until(socket, "answer-now")["number"] == 0
-        assert count(lab) == 0
+        assert response_count(lab) == 0
 
 
 def failing(error):
@@ -309,7 +286,7 @@ def test_operator__results__come_also_to_one_who_looks_on(make) -> None:
         told = until(second, "results")
         assert told["subject"] == "S1"
         assert [table["rows"][0][0] for table in told["tables"]] == ["M-index", "plug in"]
-        assert count(lab) == 3
+        assert response_count(lab) == 3
 
 
 @pytest.mark.parametrize(("session", "message"), [(99, "not of this study"), (None, "results without a session")])

@@ -1,58 +1,19 @@
 """The server without a browser: who gets which page, what each connection may say, and what is acknowledged."""
 
 import pytest
-from sqlalchemy import func, select
+from sqlalchemy import select
 from websockets.exceptions import ConnectionClosed
 
 from tactuator.errors import StoreFault
-from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.studies import open_study
 from tactuator.experiment.store import records, schema
-from tactuator.experiment.store.store import Store
-from tactuator.web.app import CLOSE_FORBIDDEN, CLOSE_UNKNOWN, build_app
-from tactuator.web.lab import Lab
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, apparatus, token
-from tests.web.server import served
-
-TOKEN = "the operator's own"
+from tactuator.web.app import CLOSE_FORBIDDEN, CLOSE_UNKNOWN
+from tests.experiment.session.apparatuses import ObedientClock, opened_study
+from tests.web.labs import TOKEN, begun, client, make_lab, response_count, until  # noqa: F401
 
 
 @pytest.fixture
-def lab(tmp_path):
-    clock, store, protocol = ObedientClock(), Store(tmp_path / "lab.db"), parse_protocol(PROTOCOL)
-    task = DetectionTask(protocol, apparatus())
-    made = Lab(open_study(store, task, PROTOCOL, clock, token), auto_start=True)
-    yield made
-    made.close()
-    store.close()
-
-
-@pytest.fixture
-def client(lab):
-    with served(build_app(lab, TOKEN)) as made:
-        yield made
-
-
-def count(lab) -> int:
-    with lab.store.read() as connection:
-        return int(connection.execute(select(func.count()).select_from(schema.response)).scalar_one())
-
-
-def until(socket, kind: str) -> dict:
-    while True:
-        message = socket.receive_json()
-        if message["type"] == kind:
-            return message
-
-
-def begun(socket) -> dict:
-    """Up to the first answer that is asked for."""
-    until(socket, "stage")
-    socket.send_json({"type": "consent"})
-    until(socket, "stage")
-    socket.send_json({"type": "ready", "stage": "trial"})
-    return until(socket, "answer-now")
+def lab(make_lab):
+    return make_lab(lambda store: opened_study(store, ObedientClock()))
 
 
 @pytest.mark.parametrize(
@@ -86,10 +47,10 @@ def test_page__every_part__comes_from_this_server(client, path) -> None:
 def test_subject__trial_answered__is_acknowledged_after_it_is_stored(client, lab) -> None:
     with client.websocket_connect("/ws/subject/token-S1") as socket:
         asked = begun(socket)
-        assert count(lab) == 0
+        assert response_count(lab) == 0
         socket.send_json({"type": "answer", "run": asked["run"], "number": asked["number"], "response": "2"})
         acknowledged = until(socket, "ack")
-        assert count(lab) == 1
+        assert response_count(lab) == 1
         assert (acknowledged["run"], acknowledged["number"]) == (asked["run"], asked["number"])
         assert acknowledged["right"] in ("1", "2", "3")
         assert until(socket, "answer-now")["number"] == asked["number"] + 1
@@ -114,7 +75,7 @@ def test_subject__answer_that_is_not_allowed__is_refused(client, lab, response) 
         asked = begun(socket)
         socket.send_json({"type": "answer", "run": asked["run"], "number": asked["number"], "response": response})
         assert "allowed" in until(socket, "refused")["message"]
-        assert count(lab) == 0
+        assert response_count(lab) == 0
 
 
 @pytest.mark.parametrize(
@@ -136,7 +97,7 @@ def test_subject__answer_to_another_trial__is_refused(client, lab) -> None:
         asked = begun(socket)
         socket.send_json({"type": "answer", "run": asked["run"], "number": 7, "response": "1"})
         assert "trial that stands" in until(socket, "refused")["message"]
-        assert count(lab) == 0
+        assert response_count(lab) == 0
 
 
 def test_subject__lost_acknowledgement__answer_sent_again_counts_once(client, lab) -> None:
@@ -149,7 +110,7 @@ def test_subject__lost_acknowledgement__answer_sent_again_counts_once(client, la
         until(socket, "stage")
         socket.send_json(message)
         assert until(socket, "ack")["right"] == first["right"]
-        assert count(lab) == 1
+        assert response_count(lab) == 1
         socket.send_json({"type": "ready", "stage": "trial"})
         assert until(socket, "answer-now")["number"] == 1
 
@@ -164,7 +125,7 @@ def test_subject__second_tab__takes_over_and_the_first_is_told(client, lab) -> N
             asked = until(second, "answer-now")
             second.send_json({"type": "answer", "run": asked["run"], "number": 0, "response": "3"})
             until(second, "ack")
-    assert count(lab) == 1
+    assert response_count(lab) == 1
 
 
 def test_subject__store_fails__is_told_and_the_answer_may_come_again(client, lab, monkeypatch) -> None:
@@ -179,11 +140,11 @@ def test_subject__store_fails__is_told_and_the_answer_may_come_again(client, lab
             broken.setattr(records, "save_answer", full)
             socket.send_json(message)
             assert "full" in until(socket, "fault")["detail"]
-            assert count(lab) == 0
+            assert response_count(lab) == 0
         assert lab.fault == "lab.db: database or disk is full"
         socket.send_json(message)
         until(socket, "ack")
-        assert count(lab) == 1
+        assert response_count(lab) == 1
         assert lab.fault is None
 
 

@@ -5,44 +5,22 @@ from itertools import pairwise
 import pytest
 from sqlalchemy import select
 
-from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.studies import open_study
 from tactuator.experiment.store import schema, study_records
-from tactuator.experiment.store.store import Store
 from tactuator.web.app import build_app
-from tactuator.web.lab import Lab
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, apparatus, response_of, token
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, opened_study, response_of
+from tests.web.labs import TOKEN, make_lab, until  # noqa: F401
 from tests.web.server import served
 
-TOKEN = "the operator's own"
 RESTS = PROTOCOL.replace("break_after_trials = 20", "break_after_trials = 2\nbreak_s = 30")
 PRACTISES = PROTOCOL.replace("practice_trials = 2", "practice_trials = 2\npractice_correct = 2\npractice_limit = 3")
 
 
 @pytest.fixture
-def make(tmp_path):
-    made = []
-
+def make(make_lab):
     def lab(text=PROTOCOL, auto_start=True, shown=""):
-        store = Store(tmp_path / "lab.db")
-        study = open_study(store, DetectionTask(parse_protocol(text), apparatus()), text, ObedientClock(), token)
-        made.append(Lab(study, auto_start, shown))
-        return made[-1]
+        return make_lab(lambda store: opened_study(store, ObedientClock(), text), auto_start, shown)
 
-    yield lab
-    for one in made:
-        one.close()
-        one.store.close()
-
-
-def until(socket, kind, heard=None):
-    while True:
-        message = socket.receive_json()
-        if heard is not None:
-            heard.append(message)
-        if message["type"] == kind:
-            return message
+    return lab
 
 
 def stage(socket, name):

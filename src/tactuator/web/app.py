@@ -50,7 +50,7 @@ def build_app(lab: Lab, operator_token: str) -> FastAPI:
     @app.websocket("/ws/operator")
     async def operator(socket: WebSocket) -> None:
         await socket.accept()
-        if not _same_origin(socket) or not await _knows(socket, operator_token):
+        if not _same_origin(socket) or not await _has_operator_token(socket, operator_token):
             await socket.close(CLOSE_FORBIDDEN)
             return
         page = OperatorPage(socket, lab, tabs, operators)
@@ -107,10 +107,10 @@ def _same_origin(socket: WebSocket) -> bool:
     return origin is None or urlsplit(origin).netloc == socket.headers.get("host")
 
 
-async def _knows(socket: WebSocket, token: str) -> bool:
+async def _has_operator_token(socket: WebSocket, token: str) -> bool:
     """Return whether the first message is the operator's token."""
     try:
-        said = await asyncio.wait_for(receive_text(socket), _TOKEN_TIMEOUT_S)
+        received = await asyncio.wait_for(receive_text(socket), _TOKEN_TIMEOUT_S)
     except (TimeoutError, WebSocketDisconnect, BadInput):
         return False
-    return hmac.compare_digest(said.encode(), token.encode())
+    return hmac.compare_digest(received.encode(), token.encode())

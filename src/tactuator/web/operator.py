@@ -57,9 +57,9 @@ class OperatorPage:
         for row in self.lab.sessions:
             with suppress(BadInput):  # of a version that cannot be played here; the subject's page says so
                 await self.lab.presented(row)
-        await first_to_end(self._show(), self._obey())
+        await first_to_end(self._send_snapshots(), self._handle_commands())
 
-    async def _show(self) -> None:
+    async def _send_snapshots(self) -> None:
         while True:
             await send(self.socket, self.snapshot())
             await self.lab.until_changed(_REFRESH_S)
@@ -68,14 +68,14 @@ class OperatorPage:
             except LabFault:
                 continue  # the lab keeps the fault, and the next snapshot shows it
 
-    async def _obey(self) -> None:
+    async def _handle_commands(self) -> None:
         while True:
             try:
-                await self._take(operator_message(await receive_text(self.socket)))
+                await self._handle(operator_message(await receive_text(self.socket)))
             except (BadInput, LabFault) as error:
                 await send(self.socket, {"type": "refused", "message": str(error)})
 
-    async def _take(self, message: OperatorMessage) -> None:
+    async def _handle(self, message: OperatorMessage) -> None:
         if isinstance(message, Command):
             await self._command(message)
             return

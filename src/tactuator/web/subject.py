@@ -39,7 +39,7 @@ _MESSAGES_MAX = 32
 
 
 @dataclass(frozen=True)
-class _Said:
+class _Incoming:
     """A message and its time of arrival by the server's two clocks."""
 
     message: SubjectMessage
@@ -60,7 +60,7 @@ class SubjectTab:
 
     def __init__(self, socket: WebSocket, lab: Lab, row: Found) -> None:
         self.socket, self.lab, self.row = socket, lab, row
-        self._messages: asyncio.Queue[_Said] = asyncio.Queue(_MESSAGES_MAX)
+        self._messages: asyncio.Queue[_Incoming] = asyncio.Queue(_MESSAGES_MAX)
 
     @property
     def session(self) -> int:
@@ -76,8 +76,8 @@ class SubjectTab:
     async def serve(self) -> None:
         """Serve the page until it closes."""
         presented = await self.lab.presented(self.row)
-        await self._send(type="hello", **self._about(presented))
-        await first_to_end(self._read(), self._flow(presented))
+        await self._send(type="hello", **self._hello(presented))
+        await first_to_end(self._read(), self._run_stages(presented))
 
     async def _read(self) -> None:
         while True:
@@ -89,9 +89,9 @@ class SubjectTab:
             if isinstance(message, Pause | Withdraw):
                 self.lab.halt(self.session)
             clock = self.lab.clock
-            await self._messages.put(_Said(message, clock.utc(), clock.monotonic_s()))
+            await self._messages.put(_Incoming(message, clock.utc(), clock.monotonic_s()))
 
-    async def _flow(self, presented: PresentedSession) -> None:
+    async def _run_stages(self, presented: PresentedSession) -> None:
         """Go through one stage after another until the subject interrupts; then handle the interruption.
 
         A pause may be interrupted in its turn by a subject who leaves.
@@ -100,30 +100,30 @@ class SubjectTab:
         while True:
             try:
                 if interruption is None:
-                    await self._step(presented)
+                    await self._run_stage(presented)
                 else:
                     now, interruption = interruption, None
                     await self._interrupted(presented, now)
             except _Interrupted as interrupted:
                 interruption = interrupted.message
 
-    async def _step(self, presented: PresentedSession) -> None:
+    async def _run_stage(self, presented: PresentedSession) -> None:
         session = presented.session
         stage = session.stage
         await self._stage(presented)
         if stage in ("done", "ended"):
             self.lab.release(self.session)
-            await self._answered()
+            await self._await_answer()
         elif stage == "consent":
-            await self._agreed(presented)
+            await self._await_consent(presented)
         else:
-            await self._ready(stage)
+            await self._await_ready(stage)
             if stage == "trial":
-                await self._trials(presented)
+                await self._run_trials(presented)
             elif session.stage == stage:  # the operator may have given up the run meanwhile
-                await self._saved({"break": session.end_break, "introduction": session.introduce}[stage])
+                await self._save_or_report({"break": session.end_break, "introduction": session.introduce}[stage])
 
-    async def _trials(self, presented: PresentedSession) -> None:
+    async def _run_trials(self, presented: PresentedSession) -> None:
         """Play trial after trial until the stage changes, or something fails: then the subject says when to go on."""
         session = presented.session
         while session.stage == "trial":
@@ -143,7 +143,7 @@ class SubjectTab:
                 return
             self.lab.notify()
             await self._send(type="answer-now", run=stands.run, number=stands.trial.number)
-            await self._answered(presented)
+            await self._await_answer(presented)
             await asyncio.sleep(session.task.rules.feedback_s)
 
     def _next_interruption(self) -> None:
@@ -158,48 +158,48 @@ class SubjectTab:
     async def _until_changed(self) -> None:
         """Wait for the lab to change, and handle a message of the page that comes meanwhile."""
         change = asyncio.create_task(self.lab.until_changed(_RECHECK_S))
-        said = asyncio.create_task(self._messages.get())
+        incoming = asyncio.create_task(self._messages.get())
         try:
-            await asyncio.wait([change, said], return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait([change, incoming], return_when=asyncio.FIRST_COMPLETED)
         finally:
             change.cancel()
-            if not said.done():
-                said.cancel()
-        if said.done() and not said.cancelled():
-            await self._take(said.result())
+            if not incoming.done():
+                incoming.cancel()
+        if incoming.done() and not incoming.cancelled():
+            await self._take(incoming.result())
 
-    async def _agreed(self, presented: PresentedSession) -> None:
+    async def _await_consent(self, presented: PresentedSession) -> None:
         while True:
-            message = await self._next()
+            message = await self._next_message()
             if isinstance(message, Consent):
-                await self._saved(presented.session.give_consent)
+                await self._save_or_report(presented.session.give_consent)
                 return
             if isinstance(message, Decline):
-                await self._saved(presented.session.decline)
+                await self._save_or_report(presented.session.decline)
                 return
 
-    async def _ready(self, stage: str) -> None:
+    async def _await_ready(self, stage: str) -> None:
         """Wait until the subject goes on from that stage; what was said of another one came late and is ignored."""
         while True:
-            message = await self._next()
+            message = await self._next_message()
             if isinstance(message, Ready) and message.stage == stage:
                 return
 
-    async def _answered(self, presented: PresentedSession | None = None) -> None:
+    async def _await_answer(self, presented: PresentedSession | None = None) -> None:
         """Wait for the answer to what was played, or, without a presented session, for ever."""
         while presented is None or presented.pending is not None:
-            await self._next()
+            await self._next_message()
 
-    async def _next(self) -> SubjectMessage:
+    async def _next_message(self) -> SubjectMessage:
         """Return the next message; answers, also those that are sent again, are saved and acknowledged at any time."""
         return await self._take(await self._messages.get())
 
-    async def _take(self, said: _Said) -> SubjectMessage:
-        if isinstance(said.message, AnswerMessage):
-            await self._answer(await self.lab.presented(self.row), said.message, said)
-        if isinstance(said.message, Pause | Withdraw):
-            raise _Interrupted(said.message)
-        return said.message
+    async def _take(self, incoming: _Incoming) -> SubjectMessage:
+        if isinstance(incoming.message, AnswerMessage):
+            await self._answer(await self.lab.presented(self.row), incoming.message, incoming)
+        if isinstance(incoming.message, Pause | Withdraw):
+            raise _Interrupted(incoming.message)
+        return incoming.message
 
     async def _interrupted(self, presented: PresentedSession, message: Pause | Withdraw) -> None:
         """Hold the session until the subject goes on, stop it for today, or end it for good."""
@@ -208,25 +208,30 @@ class SubjectTab:
             return
         presented.pending = None  # a trial that was played and not answered is played again
         if isinstance(message, Withdraw):
-            await self._saved(lambda: presented.withdraw(message.keep))
+            await self._save_or_report(lambda: presented.withdraw(message.keep))
             self.lab.calls[self.session] = self.lab.words("operator.subject_withdrawn", subject=code)
             self.lab.release(self.session)
             return
         stage = "paused" if message.type == "pause" else "stopped"
-        await self._saved(lambda: session.note(message.type, f"by the subject, at {session.stage}"))
+        await self._save_or_report(lambda: session.note(message.type, f"by the subject, at {session.stage}"))
         self.lab.calls[self.session] = self.lab.words(f"operator.subject_{stage}", subject=code)
         if stage == "stopped":
             self.lab.release(self.session)
         self.lab.notify()
         await self._stage(presented, stage)
-        await self._ready(stage)
+        await self._await_ready(stage)
         self.lab.calls.pop(self.session, None)
-        await self._saved(lambda: session.note("resume", "by the subject"))
+        await self._save_or_report(lambda: session.note("resume", "by the subject"))
 
-    async def _answer(self, presented: PresentedSession, message: AnswerMessage, said: _Said) -> None:
+    async def _answer(self, presented: PresentedSession, message: AnswerMessage, incoming: _Incoming) -> None:
         """Save an answer and acknowledge it, or say why it is refused."""
         answer = records.Answer(
-            message.response, said.received, message.shown_ms, message.pressed_ms, message.lit_ms, said.received_s
+            message.response,
+            incoming.received,
+            message.shown_ms,
+            message.pressed_ms,
+            message.lit_ms,
+            incoming.received_s,
         )
         try:
             acknowledged = await self.lab.work(lambda: self._save(presented, message, answer))
@@ -260,7 +265,7 @@ class SubjectTab:
             raise BadInput(f"answer to trial {message.number} of run {message.run}; allowed: to the trial that stands")
         return before
 
-    async def _saved(self, job: Callable[[], None]) -> None:
+    async def _save_or_report(self, job: Callable[[], None]) -> None:
         try:
             await self.lab.work(job)
         except BadInput as error:
@@ -277,16 +282,18 @@ class SubjectTab:
 
         def watch(interval: int, begins: bool) -> None:
             if interval < lit:
-                asyncio.run_coroutine_threadsafe(self._quietly(type="interval", interval=interval, on=begins), loop)
+                asyncio.run_coroutine_threadsafe(
+                    self._send_if_open(type="interval", interval=interval, on=begins), loop
+                )
             course = session.course
             trial = None if course is None else course.trial()
             if self.lab.shown and begins and course is not None and trial is not None:
                 shape = asdict(course.shape(trial, interval))
-                asyncio.run_coroutine_threadsafe(self._quietly(type="shape", **shape), loop)
+                asyncio.run_coroutine_threadsafe(self._send_if_open(type="shape", **shape), loop)
 
         return watch
 
-    async def _quietly(self, **message: Any) -> None:
+    async def _send_if_open(self, **message: Any) -> None:
         try:
             await self._send(**message)
         except (WebSocketDisconnect, RuntimeError):
@@ -312,7 +319,7 @@ class SubjectTab:
             break_left_s=session.break_left_s,
         )
 
-    def _about(self, presented: PresentedSession) -> dict[str, Any]:
+    def _hello(self, presented: PresentedSession) -> dict[str, Any]:
         task = presented.session.task
         study, question = task.protocol.study, task.question
         return {

@@ -15,21 +15,21 @@ class Meaning:
     unit: str = ""
 
 
-_WHO = (
+_IDENTITY = (
     Meaning("study", "Name of the study"),
     Meaning("subject", "Code of the subject"),
     Meaning("visit", "Number of the visit, from 1"),
 )
 _RUN = Meaning("run", "Number of the run in the store")
 _TRIAL = Meaning("trial", "Number of the trial in its run, from 0")
-_MARKED = (
+_PRESENTATION = (
     Meaning("respondent", "Who answered: person, simulated (an observer of the program), script, or unknown"),
     Meaning("rig_simulated", "1 where the display was simulated: nothing could be felt by a person there"),
     Meaning("shown", "What of the stimuli a person could see or hear in a demonstration; empty: nothing"),
 )
 
 TRIAL_COLUMNS: tuple[Meaning, ...] = (
-    *_WHO,
+    *_IDENTITY,
     Meaning("subject_group", "hearing, hearing-impaired, simulated or unknown"),
     Meaning("experimenter", "Who ran the session"),
     Meaning("site", "Place on the finger that was stimulated"),
@@ -49,7 +49,7 @@ TRIAL_COLUMNS: tuple[Meaning, ...] = (
     Meaning("paradigm", "What the subject was asked"),
     Meaning("procedure", "What placed the trials"),
     Meaning("finger", "Finger that was stimulated"),
-    *_MARKED,
+    *_PRESENTATION,
     Meaning("rig", "What played the stimuli"),
     Meaning("rig_rate_hz", "Rate of the rig's clock", "Hz"),
     Meaning("speed", "Speed of presentation: 1 is real time, empty as fast as the rig goes"),
@@ -77,7 +77,7 @@ TRIAL_COLUMNS: tuple[Meaning, ...] = (
 """One row for each answered trial."""
 
 INTERVAL_COLUMNS: tuple[Meaning, ...] = (
-    *_WHO,
+    *_IDENTITY,
     _RUN,
     _TRIAL,
     Meaning("interval", "Place of the interval in the trial, from 1"),
@@ -93,7 +93,7 @@ INTERVAL_COLUMNS: tuple[Meaning, ...] = (
 """One row for each interval of an answered trial."""
 
 EVENT_COLUMNS: tuple[Meaning, ...] = (
-    *_WHO,
+    *_IDENTITY,
     Meaning("at_utc", "When it happened, server's clock, ISO 8601"),
     Meaning("kind", "break, pause, stop, resume, withdrawn, declined, restart, timing-missed, amended, day, ..."),
     Meaning("trials", "Answered trials of the session by then, where that counts"),
@@ -102,7 +102,7 @@ EVENT_COLUMNS: tuple[Meaning, ...] = (
 """One row for each event."""
 
 SUBJECT_COLUMNS: tuple[Meaning, ...] = (
-    *_WHO[:2],
+    *_IDENTITY[:2],
     Meaning("subject_group", "hearing, hearing-impaired, simulated or unknown"),
     Meaning("outside_id", "What others call the subject"),
     Meaning("enrolled_utc", "When the subject was enrolled, ISO 8601"),
@@ -110,7 +110,7 @@ SUBJECT_COLUMNS: tuple[Meaning, ...] = (
 """One row for each subject, with a column more for each demographic item of the protocol."""
 
 THRESHOLD_COLUMNS: tuple[Meaning, ...] = (
-    *_WHO,
+    *_IDENTITY,
     Meaning("group", "hearing, hearing-impaired, simulated or unknown"),
     Meaning("finger", "Finger that was stimulated"),
     Meaning("frequency_hz", "Frequency of the stimulus", "Hz"),
@@ -128,7 +128,7 @@ THRESHOLD_COLUMNS: tuple[Meaning, ...] = (
     Meaning("level_db_re_1um", "The refit's threshold as displacement, delivered", "dB re 1 um peak"),
     Meaning("curve", "Threshold curve that 0 dB SL stands for"),
     Meaning("flags", "What a reader has to know of the run, joined by a vertical bar"),
-    *_MARKED,
+    *_PRESENTATION,
 )
 """One row for each threshold of a finished run."""
 

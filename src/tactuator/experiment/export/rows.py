@@ -92,7 +92,7 @@ def _trials(connection: Connection) -> ExportTable:
     run, trial, response, session = schema.run, schema.trial, schema.response, schema.session
     query: Select[Any] = (
         select(
-            *_who(),
+            *_identity(),
             session.c.ended.label("session_ended"),
             schema.protocol_version.c.number.label("protocol_version"),
             run.c.id.label("run"),
@@ -102,7 +102,11 @@ def _trials(connection: Connection) -> ExportTable:
             response.c.server_received_utc.label("received_utc"),
             response.c.server_after_end_s.label("server_response_time"),
             schema.subject.c.subject_group,
-            *(one for one in (*session.c, *run.c, *trial.c, *response.c) if one.name in names - taken - _WHO_NAMES),
+            *(
+                one
+                for one in (*session.c, *run.c, *trial.c, *response.c)
+                if one.name in names - taken - _IDENTITY_NAMES
+            ),
             trial.c.id.label("trial_key"),
             response.c.client_shown_ms,
             response.c.client_pressed_ms,
@@ -127,10 +131,10 @@ def _trials(connection: Connection) -> ExportTable:
     return ExportTable(TRIAL_COLUMNS, tuple(rows))
 
 
-_WHO_NAMES = {"study", "subject", "visit"}
+_IDENTITY_NAMES = {"study", "subject", "visit"}
 
 
-def _who() -> tuple[Any, ...]:
+def _identity() -> tuple[Any, ...]:
     return (schema.study.c.name.label("study"), schema.subject.c.code.label("subject"), schema.session.c.visit)
 
 
@@ -149,7 +153,7 @@ def _intervals(connection: Connection) -> ExportTable:
     interval = schema.interval
     query = (
         select(
-            *_who(),
+            *_identity(),
             schema.run.c.id.label("run"),
             schema.trial.c.number.label("trial"),
             (interval.c.position + 1).label("interval"),
@@ -165,7 +169,7 @@ def _intervals(connection: Connection) -> ExportTable:
 def _events(connection: Connection) -> ExportTable:
     event, session, subject, study = schema.event, schema.session, schema.subject, schema.study
     query = (
-        select(*_who(), event.c.at_utc, event.c.kind, event.c.trials, event.c.detail)
+        select(*_identity(), event.c.at_utc, event.c.kind, event.c.trials, event.c.detail)
         .select_from(
             event.outerjoin(session, session.c.id == event.c.session_id)
             .outerjoin(subject, subject.c.id == session.c.subject_id)

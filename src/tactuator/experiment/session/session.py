@@ -77,15 +77,15 @@ class Session:
         self._tally = {run.position: tallies.get(run.id, (0, 0)) for run in runs}
         if going is not None:
             self._running = self._replay(going, answers)
-            self._age(going, answers)
-            self._settle()
+            self._count_interruption(going, answers)
+            self._end_finished_run()
 
     def _replay(self, run: Found, answers: list[Found]) -> Running:
-        running = self._fresh(run.id, self.runs[run.position], run.attempt)
+        running = self._new_running(run.id, self.runs[run.position], run.attempt)
         replay(running.course, run.id, answers)
         return running
 
-    def _age(self, run: Found, answers: list[Found]) -> None:
+    def _count_interruption(self, run: Found, answers: list[Found]) -> None:
         """Count how long the run has lain there already by the wall clock, which is all that is known after a crash."""
         gap_s = self._since_s(answers[-1].server_received_utc if answers else run.started_utc)
         if gap_s < 0.0:
@@ -96,7 +96,7 @@ class Session:
     def _since_s(self, stamped: str) -> float:
         return (self.clock.utc() - datetime.fromisoformat(stamped)).total_seconds()
 
-    def _fresh(self, row: int, planned: PlannedRun, attempt: int) -> Running:
+    def _new_running(self, row: int, planned: PlannedRun, attempt: int) -> Running:
         course = self.task.course(planned, *self._who, attempt)
         return Running(row, planned, attempt, course, self.clock.monotonic_s())
 
@@ -210,7 +210,7 @@ class Session:
             row = records.begin_run(connection, self.id, planned, attempt, apparatus, self.sitting, self.version, now)
             study_records.change_session(connection, self.id, protocol_version_id=self.version)
         self._states[planned.position], self._tally[planned.position] = "running", (0, 0)
-        self._running = self._fresh(row, planned, attempt)
+        self._running = self._new_running(row, planned, attempt)
         return self._running
 
     # -- answers and events
@@ -235,7 +235,7 @@ class Session:
         self._tally[running.planned.position] = (answered + 1, right + correct)
         self.trials += 1
         self._since_break += 1
-        self._settle()
+        self._end_finished_run()
         told = played.trial.correct if running.planned.feedback else None
         return Acknowledged(running.row, number, correct, told)
 
@@ -248,7 +248,7 @@ class Session:
         told = row.correct_response if self.runs[row.position].feedback else None
         return Acknowledged(run, number, bool(row.correct), told, again=True)
 
-    def _settle(self) -> None:
+    def _end_finished_run(self) -> None:
         """Mark a run that has come to its end; where that cannot be saved, the replay of its trials marks it again.
 
         Practice that has not met its criterion is not over: it begins again, once the experimenter says so.
@@ -257,7 +257,7 @@ class Session:
         if running is None or running.course.trial() is not None:
             return
         state = "done" if running.course.passed else "restarted"
-        self._over(state)
+        self._leave_run(state)
         with suppress(StoreFault), self.store.begin() as connection:
             now = self.clock.utc()
             records.end_run(connection, running.row, state, now)
@@ -266,7 +266,7 @@ class Session:
                 detail = f"run {running.row}: {running.course.trials} trials"
                 records.note(connection, self.id, "practice-not-passed", detail, now)
 
-    def _over(self, state: str) -> None:
+    def _leave_run(self, state: str) -> None:
         assert self._running is not None
         self._states[self._running.planned.position] = state
         self._running, self._introduced = None, False
@@ -299,7 +299,7 @@ class Session:
         if running is not None:
             with self.store.begin() as connection:
                 records.end_run(connection, running.row, "stopped", self.clock.utc())
-            self._over("stopped")
+            self._leave_run("stopped")
         self._end("withdrawn" if keep else "withdrawn-discard", "answers kept" if keep else "answers not to be used")
 
     def _end(self, how: str, detail: str) -> None:
@@ -334,7 +334,7 @@ class Session:
             raise BadInput("no run goes on; allowed: stopping one that does")
         with self.store.begin() as connection:
             records.end_run(connection, self._running.row, "stopped", self.clock.utc())
-        self._over("stopped")
+        self._leave_run("stopped")
 
     def _give_up_held(self, planned: PlannedRun) -> None:
         with self.store.begin() as connection:

@@ -23,11 +23,11 @@ def migrate(engine: Engine, upto: int = len(STEPS)) -> int:
     if had > len(STEPS):
         raise BadInput(f"store has schema version {had}; allowed: up to {len(STEPS)} (a later tactuator wrote it)")
     for number in range(had, upto):
-        _take(engine, STEPS[number], number + 1)
+        _apply(engine, STEPS[number], number + 1)
     return had
 
 
-def _take(engine: Engine, statements: tuple[str, ...], number: int) -> None:
+def _apply(engine: Engine, statements: tuple[str, ...], number: int) -> None:
     """Take one step. References are checked at its end, since tables that are made anew are referred to by others."""
     with engine.connect() as connection:
         driver: Any = connection.connection.driver_connection

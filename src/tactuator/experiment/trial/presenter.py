@@ -143,16 +143,16 @@ class Presenter:
     ) -> Iterator[Trace]:
         """Yield the trace in pieces, and tell the watch of each edge as the rig reaches it."""
         waiting, got = list(edges), 0
-        self._tell(waiting, got, lates)
+        self._notify_watch(waiting, got, lates)
         for trace in self.rig.stream(self._pieces(stretch, [edge[0] for edge in edges])):
             got += len(trace)
-            self._tell(waiting, got, lates)
+            self._notify_watch(waiting, got, lates)
             yield trace
             if self.halted():
                 self.rig.rest()
                 raise Halted
 
-    def _tell(self, waiting: list[tuple[int, int, bool]], got: int, lates: list[float]) -> None:
+    def _notify_watch(self, waiting: list[tuple[int, int, bool]], got: int, lates: list[float]) -> None:
         while waiting and waiting[0][0] <= got:
             sample, interval, begins = waiting.pop(0)
             if begins:

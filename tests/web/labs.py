@@ -1,0 +1,62 @@
+"""Labs that are closed at the end of a test, and what their sockets and stores hold."""
+
+from collections.abc import Callable, Iterator
+
+import pytest
+from sqlalchemy import func, select
+
+from tactuator.experiment.session.studies import Study
+from tactuator.experiment.store import schema
+from tactuator.experiment.store.store import Store
+from tactuator.web.app import build_app
+from tactuator.web.lab import Lab
+from tests.web.server import Client, Socket, served
+
+TOKEN = "the operator's own"
+
+
+@pytest.fixture
+def make_lab(tmp_path) -> Iterator[Callable[..., Lab]]:
+    """Makes a lab from a function of its store that opens a study; all of them closed at the end."""
+    made: list[Lab] = []
+
+    def lab(opened: Callable[[Store], Study], auto_start: bool = True, shown: str = "") -> Lab:
+        made.append(Lab(opened(Store(tmp_path / "lab.db")), auto_start, shown))
+        return made[-1]
+
+    yield lab
+    for one in made:
+        one.close()
+        one.store.close()
+
+
+@pytest.fixture
+def client(lab) -> Iterator[Client]:
+    """A client of the lab's server."""
+    with served(build_app(lab, TOKEN)) as made:
+        yield made
+
+
+def until(socket: Socket, kind: str, heard: list[dict] | None = None) -> dict:
+    """The next message of that kind; the others before it go to `heard`."""
+    while True:
+        message = socket.receive_json()
+        if message["type"] == kind:
+            return message
+        if heard is not None:
+            heard.append(message)
+
+
+def begun(socket: Socket) -> dict:
+    """Past consent, to the first answer that is asked for."""
+    until(socket, "stage")
+    socket.send_json({"type": "consent"})
+    until(socket, "stage")
+    socket.send_json({"type": "ready", "stage": "trial"})
+    return until(socket, "answer-now")
+
+
+def response_count(lab: Lab) -> int:
+    """How many responses the lab's store has."""
+    with lab.store.read() as connection:
+        return int(connection.execute(select(func.count()).select_from(schema.response)).scalar_one())
