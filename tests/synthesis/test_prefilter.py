@@ -16,13 +16,15 @@ from tactuator.perception.curve import ThresholdCurve
 from tactuator.perception.library import curve
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear
+from tactuator.signals.magnitude.fit import fit_magnitude
+from tactuator.signals.magnitude.fractions import fraction_roots
+from tactuator.signals.magnitude.goal import MagnitudeGoal
 from tactuator.signals.sections import sections_response
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis.family import sampled_plant
 from tactuator.synthesis.prefilter import fit
 from tactuator.synthesis.prefilter.fit import PrefilterFit, fit_prefilter, response_error_db
-from tactuator.synthesis.prefilter.magnitude_fit import MagnitudeGoal, _fraction_roots, fit_magnitude
 from tests.synthesis.displays import channel, three_finger_controller, three_fingers
 
 MORIOKA = Threshold(curve("morioka-griffin-2006"), (8.0, 315.0))
@@ -156,7 +158,7 @@ def test_fraction_roots__one_root_all_but_infinite__the_small_ones_stay(lead: fl
         lead * (-a - far) * np.prod(-a - known) / np.prod(np.delete(corners, index) - a)
         for index, a in enumerate(corners)
     ]
-    found = _fraction_roots(np.append(lead, np.array(residues) / corners), corners)
+    found = fraction_roots(np.append(lead, np.array(residues) / corners), corners)
     assert found[np.argsort(np.abs(found))][:5] == pytest.approx(known, rel=1e-6)
 
 

@@ -19,6 +19,8 @@ from tactuator.loop.feedback import FeedbackLoop
 from tactuator.loop.stability import closed_poles
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
+_NEAR = 0.9
+
 
 @dataclass(frozen=True)
 class Peak:
@@ -148,7 +150,8 @@ def _peak(magnitude: Callable[[FloatArray], FloatArray], grid: FloatArray, value
     best = int(np.argmax(values))
     found, at = float(values[best]), float(grid[best])
     inner = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])) + 1
-    for index in inner[np.argsort(-values[inner])][:3]:
+    near = inner[values[inner] >= _NEAR * found]  # the grid is too dense for a lower one to win
+    for index in near[np.argsort(-values[near])][:3]:
         bounds = np.log(grid[[index - 1, index + 1]])
         result = optimize.minimize_scalar(
             lambda x: -float(magnitude(np.exp(np.array([x])))[0]),

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.display.requirements import FeedbackRequirements
 from tactuator.signals.sections import backward_difference
 from tactuator.synthesis.family import Member
@@ -99,55 +98,85 @@ class LoopProblem:
 
     def at(self, parameters: FloatArray) -> Point:
         """Return the values and derivatives of everything at one parameter vector."""
-        log_controller, slope = self.structure.log_response(parameters, self._difference)
-        controller = np.exp(log_controller)
-        means, mean_slopes, excesses, excess_slopes = [], [], [], []
-        for plant in self._plants:
-            loop = controller * plant
-            sensitivity = 1.0 / (1.0 + loop)
-            log_s, log_t = np.log(np.abs(sensitivity)), np.log(np.abs(loop * sensitivity))
-            by_s = -np.real(loop * sensitivity * slope)
-            by_t = np.real(sensitivity * slope)
-            means.append(DB * float(log_s[self._band] @ self._band_weight))
-            mean_slopes.append(DB * (by_s[:, self._band] @ self._band_weight))
-            for excess, excess_slope in self._excesses(loop, controller * sensitivity, log_s, log_t, by_s, by_t, slope):
-                excesses.append(excess)
-                excess_slopes.append(excess_slope)
-        total = np.array(excesses) + self.tighten
-        return Point(np.array(means), np.array(mean_slopes), total, np.array(excess_slopes).reshape(-1, COUNT))
+        controller, slope = self.structure.response_and_slope(parameters, self._difference)
+        loop = controller * self._plants
+        sensitivity = 1.0 / (1.0 + loop)
+        complement = loop * sensitivity
+        log_s, log_t = np.log(np.abs(sensitivity)), np.log(np.abs(complement))
+        rows = _Rows(self._plants.shape)
+        rows.add(DB * (log_s[:, self._band] @ self._band_weight), self._band, -DB * complement, self._band_weight)
+        self._add_lines(rows, log_s, log_t, sensitivity, complement)
+        self._add_peaks(rows, loop, log_s, log_t, sensitivity, complement, controller)
+        values, slopes = rows.evaluated(slope)
+        total = values[:, 1:].reshape(-1) + self.tighten
+        return Point(values[:, 0], slopes[:, 0], total, slopes[:, 1:].reshape(-1, COUNT))
 
-    def _excesses(
+    def _add_lines(
         self,
-        loop: NDArray[np.complex128],
-        command: NDArray[np.complex128],
+        rows: _Rows,
         log_s: FloatArray,
         log_t: FloatArray,
-        by_s: FloatArray,
-        by_t: FloatArray,
-        slope: NDArray[np.complex128],
-    ) -> list[tuple[float, FloatArray]]:
+        sensitivity: ComplexArray,
+        complement: ComplexArray,
+    ) -> None:
         asked = self.requirements
-        rows: list[tuple[float, FloatArray]] = []
-        for place, logs, slopes, limits in (
-            (self._mains, log_t, by_t, asked.mains_max_db),
-            (self._rejection, log_s, by_s, asked.rejection_max_db),
+        for place, logs, weights, limits in (
+            (self._mains, log_t, sensitivity, asked.mains_max_db),
+            (self._rejection, log_s, -complement, asked.rejection_max_db),
         ):
             for index, limit in zip(range(place.start, place.stop), limits, strict=True):
-                rows.append((DB * float(logs[index]) - limit, DB * slopes[:, index]))
+                rows.add(DB * logs[:, index] - limit, slice(index, index + 1), DB * weights, np.ones(1))
+
+    def _add_peaks(
+        self,
+        rows: _Rows,
+        loop: ComplexArray,
+        log_s: FloatArray,
+        log_t: FloatArray,
+        sensitivity: ComplexArray,
+        complement: ComplexArray,
+        controller: ComplexArray,
+    ) -> None:
+        asked = self.requirements
         if asked.sensitivity_peak is not None:
-            peak, share = _smooth_maximum(log_s[self._peaks])
-            rows.append((DB * (peak - np.log(asked.sensitivity_peak)), DB * (by_s[:, self._peaks] @ share)))
+            peak, share = _smooth_maximum(log_s[:, self._peaks])
+            rows.add(DB * (peak - np.log(asked.sensitivity_peak)), self._peaks, -DB * complement, share)
         if asked.phase_margin_deg is not None:
-            margin, by_margin = _phase_margin_deg(loop[self._peaks], slope[:, self._peaks])
-            rows.append(((asked.phase_margin_deg - margin) / DEGREES_PER_DB, -by_margin / DEGREES_PER_DB))
+            margin, weights = _phase_margin_deg(loop[:, self._peaks])
+            values = (asked.phase_margin_deg - margin) / DEGREES_PER_DB
+            rows.add_weighted(values, self._peaks, -weights / DEGREES_PER_DB)
         if asked.command_noise_gain_max is not None:
-            power = self._noise_weight * np.abs(command[self._noise]) ** 2
-            total = float(np.sum(power))
-            by_power = 2.0 * (by_t[:, self._noise] @ power) / total
-            rows.append((0.5 * DB * np.log(total) - DB * np.log(asked.command_noise_gain_max), 0.5 * DB * by_power))
-        peak, share = _smooth_maximum(log_t[self._peaks])
-        rows.append((DB * (peak - np.log(self.resonance_peak)), DB * (by_t[:, self._peaks] @ share)))
-        return rows
+            power = self._noise_weight * np.abs(controller[self._noise] * sensitivity[:, self._noise]) ** 2
+            total = np.sum(power, axis=1)
+            values = 0.5 * DB * np.log(total) - DB * np.log(asked.command_noise_gain_max)
+            rows.add(values, self._noise, DB * sensitivity, power / total[:, None])
+        peak, share = _smooth_maximum(log_t[:, self._peaks])
+        rows.add(DB * (peak - np.log(self.resonance_peak)), self._peaks, DB * sensitivity, share)
+
+
+class _Rows:
+    """Values of every member, and the weights w with which each follows C: its derivative is Re(sum w dlogC)."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self._shape = shape
+        self._values: list[FloatArray] = []
+        self._weights: list[ComplexArray] = []
+
+    def add(self, values: FloatArray, place: slice, by_log: ComplexArray, share: FloatArray) -> None:
+        """Add a row: values (m,), the derivative of each summand by log C over the grid (m, g), shares at `place`."""
+        self.add_weighted(values, place, by_log[:, place] * share)
+
+    def add_weighted(self, values: FloatArray, place: slice, weights: ComplexArray) -> None:
+        """Add a row: values (m,), weights at `place`, (m, size)."""
+        whole = np.zeros(self._shape, dtype=np.complex128)
+        whole[:, place] = weights
+        self._values.append(values)
+        self._weights.append(whole)
+
+    def evaluated(self, slope: ComplexArray) -> tuple[FloatArray, FloatArray]:
+        """Return the values, (m, rows), and their derivatives, (m, rows, COUNT); slope: of log C, (COUNT, g)."""
+        weights = np.stack(self._weights, axis=1)
+        return np.stack(self._values, axis=1), np.real(weights @ slope.T)
 
 
 def _peak_grid_hz(family: Sequence[Member], low_hz: float, rate_hz: float) -> FloatArray:
@@ -163,29 +192,31 @@ def _peak_grid_hz(family: Sequence[Member], low_hz: float, rate_hz: float) -> Fl
     return grid[(grid >= low_hz) & (grid <= 0.49 * rate_hz)]
 
 
-def _smooth_maximum(values: FloatArray) -> tuple[float, FloatArray]:
-    """Return the log-sum-exp, slightly above the maximum, and the share that each value has in it."""
-    top = float(np.max(values))
+def _smooth_maximum(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the log-sum-exp along each row, slightly above the maximum, and the share that each value has in it."""
+    top = np.max(values, axis=1, keepdims=True)
     weights = np.exp(_SHARPNESS * (values - top))
-    total = float(np.sum(weights))
-    return top + np.log(total) / _SHARPNESS, weights / total
+    total = np.sum(weights, axis=1, keepdims=True)
+    return (top + np.log(total) / _SHARPNESS)[:, 0], weights / total
 
 
-def _phase_margin_deg(loop: NDArray[np.complex128], slope: NDArray[np.complex128]) -> tuple[float, FloatArray]:
-    """Return the least phase margin on the grid, log|L| and phase linear between its points, and its derivatives."""
-    level = np.log(np.abs(loop))
-    phase = np.degrees(np.angle(-loop))  # zero at -180 degrees
-    crossings = np.flatnonzero(np.signbit(level[1:]) != np.signbit(level[:-1]))
-    if crossings.size == 0:
-        return 180.0, np.zeros(COUNT)
-    i = crossings
-    rise = level[i + 1] - level[i]
-    share = -level[i] / rise
-    turn = (phase[i + 1] - phase[i] + 180.0) % 360.0 - 180.0
-    margins = phase[i] + turn * share
-    worst = int(np.argmin(np.abs(margins)))
-    j, tau = i[worst], share[worst]
-    by_level, by_phase = slope.real, np.degrees(slope.imag)
-    by_tau = -(by_level[:, j] * (1.0 - tau) + by_level[:, j + 1] * tau) / rise[worst]
-    by_margin = by_phase[:, j] * (1.0 - tau) + by_phase[:, j + 1] * tau + turn[worst] * by_tau
-    return float(margins[worst]), by_margin
+def _phase_margin_deg(loops: ComplexArray) -> tuple[FloatArray, ComplexArray]:
+    """Return each row's least phase margin, log|L| and phase linear between the points of its grid, and the weights
+    with which it follows log C, (m, g)."""
+    margins, weights = np.full(loops.shape[0], 180.0), np.zeros(loops.shape, dtype=np.complex128)
+    for row, loop in enumerate(loops):
+        level = np.log(np.abs(loop))
+        i = np.flatnonzero(np.signbit(level[1:]) != np.signbit(level[:-1]))
+        if i.size == 0:
+            continue
+        before, after = np.degrees(np.angle(-loop[i])), np.degrees(np.angle(-loop[i + 1]))  # zero at -180 degrees
+        rise = level[i + 1] - level[i]
+        share = -level[i] / rise
+        turn = (after - before + 180.0) % 360.0 - 180.0
+        found = before + turn * share
+        worst = int(np.argmin(np.abs(found)))
+        j, tau = int(i[worst]), float(share[worst])
+        by_log = -float(turn[worst] / rise[worst]) - 1j * np.degrees(1.0)  # of a level (real), of a phase (imaginary)
+        margins[row] = found[worst]
+        weights[row, j], weights[row, j + 1] = by_log * (1.0 - tau), by_log * tau
+    return margins, weights

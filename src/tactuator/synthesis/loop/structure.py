@@ -11,6 +11,7 @@ is not needed ends as a pair that cancels, or nearly.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import exp, expm1, sin, sinh, sqrt
 
 import numpy as np
 
@@ -34,18 +35,18 @@ class LoopStructure:
 
     rate_hz: float
 
-    def log_response(self, parameters: FloatArray, difference: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return log C, shape (n,), and its derivatives, shape (COUNT, n), at difference = z - 1, shape (n,)."""
-        value = parameters[0] - np.log(difference)
+    def response_and_slope(self, parameters: FloatArray, difference: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """Return C, shape (n,), and the derivatives of log C, shape (COUNT, n), at difference = z - 1, shape (n,)."""
+        value: ComplexArray = np.exp(parameters[0]) / difference
         slope = np.zeros((COUNT, difference.size), dtype=np.complex128)
         slope[0] = 1.0
         for index, sign in _PAIRS:
-            log_factor, by_frequency, by_damping = _pair(parameters[index], parameters[index + 1], difference)
-            value = value + sign * log_factor
+            factor, by_frequency, by_damping = _pair(float(parameters[index]), float(parameters[index + 1]), difference)
+            value = value * factor if sign > 0 else value / factor
             slope[index], slope[index + 1] = sign * by_frequency, sign * by_damping
-        log_factor, by_frequency = _single(parameters[_POLE], difference)
+        factor, by_frequency = _single(float(parameters[_POLE]), difference)
         slope[_POLE] = -by_frequency
-        return value - log_factor, slope
+        return value / factor, slope
 
     def responses(self, parameters: FloatArray, difference: ComplexArray) -> ComplexArray:
         """Return C of many parameter vectors, (n, COUNT), at difference = z - 1, shape (f,): shape (n, f)."""
@@ -70,29 +71,42 @@ class LoopStructure:
 
 def _coefficients(log_frequency: float, log_damping: float) -> tuple[float, float]:
     """Return (c1, c0) of a pair, without cancellation at high rates."""
-    frequency, damping = np.exp(log_frequency), np.exp(log_damping)
+    frequency, damping = exp(log_frequency), exp(log_damping)
     decay = damping * frequency
     inner = frequency**2 * (1.0 - damping**2)  # square of the angle; negative when overdamped
-    half = np.sqrt(abs(inner)) / 2.0
-    square = np.sin(half) ** 2 if inner >= 0.0 else -(np.sinh(half) ** 2)
-    c0 = np.expm1(-decay) ** 2 + 4.0 * np.exp(-decay) * square
-    return float(c0 - np.expm1(-2.0 * decay)), float(c0)
+    half = sqrt(abs(inner)) / 2.0
+    square = sin(half) ** 2 if inner >= 0.0 else -(sinh(half) ** 2)
+    c0 = expm1(-decay) ** 2 + 4.0 * exp(-decay) * square
+    return c0 - expm1(-2.0 * decay), c0
+
+
+def _coefficient_slopes(
+    log_frequency: float, log_damping: float, c0: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the derivatives of (c1, c0) by log frequency and by log damping."""
+    frequency, damping = exp(log_frequency), exp(log_damping)
+    decay = damping * frequency
+    inner = frequency**2 * (1.0 - damping**2)
+    angle = sqrt(abs(inner))
+    by_inner = 1.0 if angle < 1e-8 else (sin(angle) if inner >= 0.0 else sinh(angle)) / angle
+    rest = c0 - expm1(-decay) ** 2  # 4 exp(-decay) square, which falls with the decay too
+    slopes = []
+    for inner_slope in (2.0 * inner, -2.0 * decay**2):
+        by_c0 = -2.0 * expm1(-decay) * exp(-decay) * decay - rest * decay + exp(-decay) * by_inner * inner_slope
+        slopes.append((by_c0 + 2.0 * exp(-2.0 * decay) * decay, by_c0))
+    return slopes[0], slopes[1]
 
 
 def _pair(
     log_frequency: float, log_damping: float, difference: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """Return the logarithm of a pair of unit gain at rest, and its derivatives by log frequency and log damping."""
+    """Return a pair of unit gain at rest, and the derivatives of its logarithm by log frequency and log damping."""
     c1, c0 = _coefficients(log_frequency, log_damping)
     polynomial = difference * (difference + c1) + c0
-    slopes = []
-    step = 1e-5
-    for by in ((step, 0.0), (0.0, step)):
-        up = _coefficients(log_frequency + by[0], log_damping + by[1])
-        down = _coefficients(log_frequency - by[0], log_damping - by[1])
-        d1, d0 = (up[0] - down[0]) / (2.0 * step), (up[1] - down[1]) / (2.0 * step)
-        slopes.append((d1 * difference + d0) / polynomial - d0 / c0)
-    return np.log(polynomial / c0), slopes[0], slopes[1]
+    inverse = 1.0 / polynomial
+    along = difference * inverse
+    slopes = [d1 * along + d0 * inverse - d0 / c0 for d1, d0 in _coefficient_slopes(log_frequency, log_damping, c0)]
+    return polynomial / c0, slopes[0], slopes[1]
 
 
 def _pairs(log_frequency: FloatArray, log_damping: FloatArray, difference: ComplexArray) -> ComplexArray:
@@ -113,10 +127,10 @@ def _singles(log_frequency: FloatArray, difference: ComplexArray) -> ComplexArra
 
 
 def _single(log_frequency: float, difference: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    frequency = np.exp(log_frequency)
-    c0 = -np.expm1(-frequency)
-    slope = frequency * np.exp(-frequency)
-    return np.log((difference + c0) / c0), slope / (difference + c0) - slope / c0
+    frequency = exp(log_frequency)
+    c0 = -expm1(-frequency)
+    slope = frequency * exp(-frequency)
+    return (difference + c0) / c0, slope / (difference + c0) - slope / c0
 
 
 def _roots(log_frequency: float, log_damping: float) -> tuple[list[complex], float]:

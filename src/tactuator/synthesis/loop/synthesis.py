@@ -13,6 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from heapq import merge
+from itertools import chain
 
 import numpy as np
 
@@ -66,13 +68,17 @@ def synthesise(task: Task) -> Iterator[Found]:
     blocks = list(shapes(task.family[0].continuous, task.rate_hz))
     held = _witnesses(task, blocks[:1])
     found = _improved(task, [one for one, _ in held], classical=True)
-    if not found and not held:
+    best = next(found, None)
+    if best is None and not held:
         held = _witnesses(task, blocks[1:])
         found = _improved(task, [one for one, _ in held], classical=False)
-    if not found and not held:
+        best = next(found, None)
+    if best is None and not held:
         found = _improved(task, nearest(task, blocks), classical=False, shares=(1.0,))
-    yield from sorted([*found, *(kept for _, kept in held)], key=lambda one: one[0])
-    if found or held:
+        best = next(found, None)
+    optima = found if best is None else chain([best], found)
+    yield from merge(optima, sorted((kept for _, kept in held), key=_mean_db), key=_mean_db)
+    if best is not None or held:
         yield from _all_candidates(task, blocks)
 
 
@@ -132,34 +138,45 @@ def judged(task: Task, feedback: SampledSystem, resonance_peak: float) -> Found 
     return max(one.mean_rejection_db for one in assessments), feedback
 
 
+def _mean_db(found: Found) -> float:
+    return found[0]
+
+
 def _improved(
     task: Task, starts: Sequence[FloatArray], classical: bool, shares: Sequence[float] = _RESONANCE_SHARES
-) -> list[Found]:
-    """Return local optima that keep every requirement, all different, the best first."""
+) -> Iterator[Found]:
+    """Yield local optima that keep every requirement, all different, the best first."""
     for share in shares:
-        found = sorted(_settled(task, share, starts, classical), key=lambda one: one[0])
+        found = False
+        for one in _settled(task, share, starts, classical):
+            found = True
+            yield one
         if found:
-            return found
-    return []
+            return
 
 
 def _settled(task: Task, share: float, starts: Sequence[FloatArray], classical: bool) -> Iterator[Found]:
-    """Yield local optima that keep every requirement, start by start."""
+    """Yield local optima that keep every requirement, the best first.
+
+    An optimum is settled only once it may be the next: settling makes its mean worse, if anything.
+    """
     problem = LoopProblem(task.family, task.requirements, task.rate_hz, task.peak(share))
     limits = bounds(problem, task.family[0].continuous)
     begin = [*starts, *(classical_starts(problem, task.family[0], task.rate_hz) if classical else [])]
+    solutions = [one for one in (solve(problem, start, limits) for start in begin) if one is not None]
     means: list[float] = []
-    for start in begin:
+    ready: list[Found] = []
+    for solution in sorted(solutions, key=lambda one: one.mean_db):
+        if solution.excess_db > _FEASIBLE_DB or any(abs(solution.mean_db - mean) < _SAME_DB for mean in means):
+            continue
+        while ready and ready[0][0] <= solution.mean_db:
+            yield ready.pop(0)
         problem.tighten = np.zeros(len(problem.labels))
-        solution = solve(problem, start, limits)
-        if solution is None or solution.excess_db > _FEASIBLE_DB:
-            continue
-        if any(abs(solution.mean_db - mean) < _SAME_DB for mean in means):
-            continue
         settled = _settle(task, problem, solution)
         if settled is not None:
             means.append(solution.mean_db)
-            yield settled
+            ready = sorted([*ready, settled], key=_mean_db)
+    yield from ready
 
 
 def _settle(task: Task, problem: LoopProblem, solution: Solution) -> Found | None:

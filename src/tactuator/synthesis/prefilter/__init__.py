@@ -1,1 +1,1 @@
-"""The prefilter: magnitude fit, cascade of sections, felt weighting."""
+"""The prefilter: fit to the threshold curve, cascade of sections, felt weighting."""

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.display.description import Channel
 from tactuator.signals.decibels import db
+from tactuator.signals.magnitude.fit import fit_magnitude
+from tactuator.signals.magnitude.goal import MagnitudeGoal
 from tactuator.synthesis.prefilter.cascade import cascade
-from tactuator.synthesis.prefilter.magnitude_fit import MagnitudeGoal, fit_magnitude
 
 POLES = 4
 _RISE_ABOVE_BAND_DB = 6.0

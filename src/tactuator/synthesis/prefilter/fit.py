@@ -17,12 +17,13 @@ from tactuator.errors import BadInput
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.loop.stability import System
 from tactuator.signals.decibels import db
+from tactuator.signals.magnitude.fit import fit_magnitude
+from tactuator.signals.magnitude.goal import MagnitudeGoal
 from tactuator.signals.sections import sections_response
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.family import sampled_plant
 from tactuator.synthesis.friction_loss import friction_loss_db
 from tactuator.synthesis.prefilter.cascade import cascade
-from tactuator.synthesis.prefilter.magnitude_fit import MagnitudeGoal, fit_magnitude
 
 MOST_POLES = 16
 _BELOW_BAND_ALLOWANCE_DB = 1.0

@@ -1,107 +1,37 @@
-"""Sampled filters of a given magnitude: the least possible maximum error in dB, stable and minimum phase.
-
-On the unit circle |F|^2 is a ratio N(x)/D(x) of polynomials in x = tan^2(pi f / rate), x from 0 to infinity; any ratio
-positive there is the squared magnitude of one stable, minimum-phase filter. "The error is at most e dB" is linear in
-the coefficients of N and D, so that a bisection over linear programs finds the least e, globally. (Rabiner, Graham &
-Helms 1974, "Linear programming design of IIR digital filters with arbitrary magnitude function", IEEE Trans. ASSP 22.)
-
-Powers of x over six decades would be hopeless to compute with. N and D are written as partial fractions instead, 1 and
-a_k/(x + a_k) with a_k even in log frequency: the same functions, and well conditioned. For goals of more than 60 dB
-from end to end N gets fractions of its own, 1 and b_k/(x + b_k), such that prod(x + b_k)/prod(x + a_k) already has the
-goal's rough shape; the better of both is taken.
-"""
+"""The linear programs of a magnitude fit: one goal, one order, and the least common error by bracketing."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, optimize
+from scipy import optimize
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.signals.decibels import db
+from tactuator.signals.magnitude.fractions import fraction_roots, fractions, off_the_axis, shaping_corners
+from tactuator.signals.magnitude.goal import MagnitudeGoal
 from tactuator.signals.systems import SampledSystem
 
 Coefficients = tuple[FloatArray, FloatArray]
 
-_WIDEST_DB = 30.0
+_WIDEST_DB = 16.0
 _PRECISION = 0.01
-_STEEP_DB = 60.0
+_LEAST_DB = 1e-3
+_TYPICAL_DB = 12.0
+"""The least error times the square of the order, for threshold curves: where the search for it begins."""
 _BETWEEN_DB = 6.0
-_REFINED_ORDER, _REFINED_DB = 8, (0.22, 0.45, 0.45)
 _EXCESS_DB = 0.05
 _MOST_NARROWED_DB, _FINE_DB, _COARSE_DB = 0.19, 0.235, 0.5
-_LEAST_DAMPING = 0.005
 
 
-@dataclass(frozen=True)
-class MagnitudeGoal:
-    """Goal of a filter's magnitude.
-
-    frequency_hz, level_db: shape (n,), ascending, zero allowed: the level wanted. allowance_db: shape (n,), how far
-    beyond the common error each point may be off (0 in the band proper). ceiling_db: the greatest level of the band;
-    at above_hz, shape (m,), and at every frequency beyond, no more than what the filter reaches there. floor_db: shape
-    (n,), no error is to be lower than this, where that narrows the tolerance by little (0.19 dB of an error of 0.2 dB,
-    nothing of one of 0.5 dB or more); None: no floor. falls_above_hz: from the band to here the ceiling is 6 dB higher.
-    """
-
-    frequency_hz: FloatArray
-    level_db: FloatArray
-    allowance_db: FloatArray
-    above_hz: FloatArray
-    ceiling_db: float
-    floor_db: FloatArray | None = None
-    falls_above_hz: float = 0.0
-
-
-def fit_magnitude(goal: MagnitudeGoal, rate_hz: float, order: int) -> SampledSystem:
-    """Return the stable, minimum-phase filter of `order` poles (and as many zeros) nearest to the goal, in maximum dB.
-
-    The common error is within 3 % of the least possible: a little is given up for poles and zeros that keep away from
-    the unit circle. Raises BadInput if no filter of that order is within 30 dB.
-    """
-    steep = float(np.ptp(goal.level_db)) > _STEEP_DB
-    failed: BadInput | None = None
-    found: list[_Program] = []
-    for shaped in (False, True) if steep else (False,):
-        try:
-            found.append(_Program(goal, rate_hz, order, shaped))
-        except BadInput as error:
-            failed = error
-    if not found:
-        assert failed is not None
-        raise failed
-    return _refined(min(found, key=_off_db)).filter()
-
-
-def _refined(best: _Program) -> _Program:
-    """Solve the program again in a basis of its own solution's roots, as long as it is poor and that helps."""
-    for enough_db in _REFINED_DB:
-        if best.excess_db == 0.0 and (best.order < _REFINED_ORDER or best.error_db <= enough_db):
-            break
-        try:
-            again = best.again()
-        except BadInput:
-            break
-        if _off_db(again) >= _off_db(best):
-            break
-        best = again
-    return best
-
-
-def _off_db(program: _Program) -> float:
-    """Return the error of the program's filter from its goal, dB: in the band and, above it, beyond the ceiling."""
-    return program.error_db + program.excess_db
-
-
-class _Program:
+class Program:
     """The linear program of one goal and order; constraints may be added where the grid overlooked something."""
 
     def __init__(
-        self, goal: MagnitudeGoal, rate_hz: float, order: int, shaped: bool, former: _Program | None = None
+        self, goal: MagnitudeGoal, rate_hz: float, order: int, shaped: bool, former: Program | None = None
     ) -> None:
         self._goal, self._rate_hz, self.order = goal, rate_hz, order
         inside = goal.frequency_hz[goal.allowance_db == 0.0]
@@ -111,16 +41,17 @@ class _Program:
         ratio = 10.0 ** ((goal.level_db - self._middle_db) / 10.0)
         self._corners = np.geomspace(low, 4.0 * high, order) / self._unit
         squares = self._squares(goal.frequency_hz)
-        self._zero_corners = _shaping_corners(self._corners, squares, ratio) if shaped else self._corners
+        self._zero_corners = shaping_corners(self._corners, squares, ratio) if shaped else self._corners
         self._sized_by: NDArray[np.complex128] | None = None
         if former is not None:
             self._corners, self._zero_corners = former.root_corners()
             self._sized_by = former.denominator_roots
-        self._basis = _fractions(squares, self._corners)
+        self._basis = fractions(squares, self._corners)
         self._target = self._numerators(goal.frequency_hz) / ratio[:, None]
         self._scale = np.max(np.abs(self._target), axis=0)
         self._above = np.append(goal.above_hz, 0.5 * rate_hz)
-        self._lower_bound_db = 0.0
+        self._lower_bound_db, self._presolve = 0.0, former is not None or shaped
+        self._guess_db, self._step = (_TYPICAL_DB / order**2, 1.4) if former is None else (former.least_db, 1.1)
         self._coefficients = self.best()
         for _ in range(6):
             missed = self.violations(self._coefficients)
@@ -147,15 +78,20 @@ class _Program:
         return excess if excess > _EXCESS_DB else 0.0
 
     @property
+    def least_db(self) -> float:
+        """Return the common error of the program, dB: the least that it found possible."""
+        return self._guess_db
+
+    @property
     def denominator_roots(self) -> NDArray[np.complex128]:
         """Return the roots in x of D."""
-        return _fraction_roots(self._coefficients[1], self._corners)
+        return fraction_roots(self._coefficients[1], self._corners)
 
-    def again(self) -> _Program:
+    def again(self) -> Program:
         """Return a program of the same goal in the basis of this solution's roots, every constraint in proportion to
         this solution's D.
         """
-        return _Program(self._goal, self._rate_hz, self.order, False, self)
+        return Program(self._goal, self._rate_hz, self.order, False, self)
 
     def filter(self) -> SampledSystem:
         """Return the filter of the solution."""
@@ -165,7 +101,7 @@ class _Program:
         """Return the corners at the sizes of the solution's poles and zeros, kept apart: a basis that fits closely."""
         sizes = []
         for part, corners in zip(self._coefficients[::-1], (self._corners, self._zero_corners), strict=True):
-            logs = np.sort(np.log(np.clip(np.abs(_fraction_roots(part, corners)), 1e-6, 1e6)))
+            logs = np.sort(np.log(np.clip(np.abs(fraction_roots(part, corners)), 1e-6, 1e6)))
             for index in range(1, logs.size):
                 logs[index] = max(logs[index], logs[index - 1] + 0.2)
             sizes.append(np.exp(logs))
@@ -182,7 +118,7 @@ class _Program:
         """Return the fractions of N times the rough shape, shape (n, order + 1)."""
         square = self._squares(frequency_hz)
         logs = np.log(square[:, None] + self._zero_corners) - np.log(square[:, None] + self._corners)
-        return np.asarray(_fractions(square, self._zero_corners) * np.exp(np.sum(logs, axis=1))[:, None])
+        return np.asarray(fractions(square, self._zero_corners) * np.exp(np.sum(logs, axis=1))[:, None])
 
     def _sizes(self, frequency_hz: FloatArray) -> FloatArray:
         """Return the size of D that the former solution suggests (1 without one), shape (n, 1): what constraints are
@@ -195,25 +131,38 @@ class _Program:
         return np.asarray(np.exp(np.maximum(logs - np.max(logs), -20.0)))
 
     def best(self) -> Coefficients:
-        """Return the coefficients for an error slightly above the least possible (found by bisection)."""
-        low = self._lower_bound_db
-        high = 1.05 * low if low > 0.0 else 4.0
-        while self._solve(high) is None:
-            low, high = high, 2.0 * high
-            if high > _WIDEST_DB:
-                raise BadInput(
-                    f"no prefilter of {self.order} poles follows the curve within {_WIDEST_DB:g} dB; "
-                    "allowed: more poles"
-                )
-        while high - low > _PRECISION * max(low, 0.05):
-            middle = float(np.sqrt(low * high)) if low > 0.0 else 0.5 * high
+        """Return the coefficients for an error slightly above the least possible.
+
+        It is bracketed from the first guess in growing steps, then bisected.
+        """
+        low, high = self._bracket()
+        while high - low > _PRECISION * max(low, 0.05) and high >= _LEAST_DB:
+            middle = float(np.sqrt(low * high))
             low, high = (low, middle) if self._solve(middle) is not None else (middle, high)
-            if high < 1e-3:
-                break
-        self._lower_bound_db = low
+        self._lower_bound_db, self._guess_db = low, high
         found = self._solve(1.01 * high + 0.002) or self._solve(high)
         assert found is not None
         return found
+
+    def _bracket(self) -> tuple[float, float]:
+        """Return an error that is impossible, or next to zero, and one that is possible, dB."""
+        low, high, step = self._lower_bound_db, max(self._guess_db, 1.05 * self._lower_bound_db), self._step
+        if self._solve(high) is None:
+            while high < _WIDEST_DB:
+                low, high, step = high, min(high * step, _WIDEST_DB), step**1.5
+                if self._solve(high) is not None:
+                    return low, high
+            raise BadInput(
+                f"no prefilter of {self.order} poles follows the curve within {_WIDEST_DB:g} dB; allowed: more poles"
+            )
+        while high >= _LEAST_DB:
+            below = high / step
+            if below <= low:
+                return low, high
+            if self._solve(below) is None:
+                return below, high
+            high, step = below, step**1.5
+        return low, high
 
     def _solve(self, error_db: float) -> Coefficients | None:
         """Find coefficients (of N, of D) that keep the error, as far inside the constraints as can be, or None."""
@@ -226,7 +175,7 @@ class _Program:
         least = 10.0 ** (lowest[:, None] / 20.0)
         ceiling = self._ceiling(self._above, error_db)[:, None]
         sizes, outside = self._sizes(self._goal.frequency_hz), self._sizes(self._above)
-        above = _fractions(self._squares(self._above), self._corners) / outside
+        above = fractions(self._squares(self._above), self._corners) / outside
         over = self._numerators(self._above) / outside
         none = np.zeros_like(above)
         n, m = self._basis.shape[0], above.shape[0]
@@ -243,7 +192,9 @@ class _Program:
         size = self.order + 1
         cost = np.append(np.zeros(2 * size), -1.0)
         bounds = [(-1.0, 1.0)] * (2 * size) + [(0.0, None)]
-        result = optimize.linprog(cost, rows, np.zeros(rows.shape[0]), bounds=bounds, method="highs-ds")
+        result = optimize.linprog(
+            cost, rows, np.zeros(rows.shape[0]), bounds=bounds, method="highs-ds", options={"presolve": self._presolve}
+        )
         if result.status != 0 or result.x[-1] <= 1e-7:
             return None
         return result.x[:size] / self._scale, result.x[size : 2 * size]
@@ -258,7 +209,7 @@ class _Program:
         low, top = self._goal.frequency_hz[self._goal.allowance_db == 0.0][[0, -1]]
         dense = np.concatenate([np.geomspace(low / 30.0, low, 1000), np.geomspace(top, 0.4999 * self._rate_hz, 4000)])
         numerator = self._numerators(dense) @ coefficients[0]
-        denominator = _fractions(self._squares(dense), self._corners) @ coefficients[1]
+        denominator = fractions(self._squares(dense), self._corners) @ coefficients[1]
         ceiling = self._ceiling(dense, self._lower_bound_db)
         reach = self._goal.above_hz[0]
         room = np.minimum(denominator / np.max(np.abs(denominator)), numerator / np.max(np.abs(numerator)))
@@ -283,61 +234,5 @@ class _Program:
 
     def _roots(self, coefficients: FloatArray, corners: FloatArray) -> NDArray[np.complex128]:
         """Return z-plane roots, |z| < 1, of c_0 + sum c_k a_k/(x + a_k), as eigenvalues: diagonal plus rank one."""
-        s = -np.sqrt(-_off_the_axis(_fraction_roots(coefficients, corners)) * self._unit)
+        s = -np.sqrt(-off_the_axis(fraction_roots(coefficients, corners)) * self._unit)
         return np.asarray((1.0 + s) / (1.0 - s), dtype=np.complex128)
-
-
-def _fractions(square: FloatArray, corners: FloatArray) -> FloatArray:
-    """Return the fractions 1 and a_k/(x + a_k), shape (n, order + 1)."""
-    return np.hstack([np.ones((square.size, 1)), corners / (square[:, None] + corners)])
-
-
-def _fraction_roots(coefficients: FloatArray, corners: FloatArray) -> NDArray[np.complex128]:
-    """Return the roots in x of c_0 + sum c_k a_k/(x + a_k), shape (order,): generalised eigenvalues of a bordered
-    diagonal.
-
-    The small ones stay right where c_0 is next to nothing and one root is all but infinite; no size is beyond 1e12.
-    """
-    weights = coefficients * np.append(1.0, corners) / np.max(np.abs(coefficients))
-    rows = 1.0 / (1.0 + corners)
-    fixed = np.block([[weights[:1, None], weights[None, 1:]], [-rows[:, None], np.diag(corners * rows)]])
-    top, bottom = linalg.eigvals(fixed, -np.diag(np.append(0.0, rows)), homogeneous_eigvals=True)
-    finite = np.argsort(np.abs(bottom) / (np.abs(top) + np.abs(bottom)))[1:]
-    top, bottom = top[finite], bottom[finite]
-    far = np.abs(bottom) < 1e-12 * np.abs(top)
-    return np.asarray(np.where(far, -1e12, top / np.where(far, 1.0, bottom)), dtype=np.complex128)
-
-
-def _shaping_corners(corners: FloatArray, square: FloatArray, ratio: FloatArray) -> FloatArray:
-    """Return corners b_k such that prod (x + b_k)/(x + a_k) rises and falls about as `ratio` does from one a_k to the
-    next.
-
-    A factor changes by a/b as x passes: b_k = a_k / (the change of the ratio around a_k), all different.
-    """
-    inside = square > 0.0
-    x, level = np.log(square[inside]), np.log(ratio[inside])
-    middles = np.log(corners)
-    half = 0.5 * (middles[1] - middles[0]) if corners.size > 1 else 1.0
-    edges = np.append(middles - half, middles[-1] + half)
-    change = np.diff(np.interp(edges, x, level))
-    found = np.sort(np.log(corners) - np.clip(change, -9.0, 9.0))
-    least = 0.05 * (middles[-1] - middles[0]) / corners.size if corners.size > 1 else 0.0
-    for index in range(1, found.size):
-        found[index] = max(found[index], found[index - 1] + least)
-    return np.asarray(np.exp(found))
-
-
-def _off_the_axis(roots: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return the roots in x with those on or beside the positive axis (where a magnitude touches zero) moved off it,
-    two by two, to the least damping allowed: x = w^2 exp(+/- 2j asin(damping)).
-    """
-    angle = 2.0 * np.arcsin(_LEAST_DAMPING)
-    upper = roots[roots.imag > 0.0]
-    near = (upper.real > 0.0) & (upper.imag < upper.real * np.tan(angle))
-    upper = np.where(near, np.abs(upper) * np.exp(1j * angle), upper)
-    real = np.sort(roots.real[roots.imag == 0.0])
-    touching = real[real > 0.0]
-    pairs = np.sqrt(touching[0::2][: touching.size // 2] * touching[1::2]) * np.exp(1j * angle)
-    single = -touching[-1:] if touching.size % 2 else np.empty(0)
-    upper = np.concatenate([upper, pairs])
-    return np.concatenate([upper, np.conj(upper), real[real <= 0.0], single]).astype(np.complex128)
