@@ -17,10 +17,9 @@ import numpy as np
 
 from tactuator.errors import BadInput
 from tactuator.signals.magnitude.goal import MagnitudeGoal
-from tactuator.signals.magnitude.program import Program
+from tactuator.signals.magnitude.program import STEEP_DB, Program
 from tactuator.signals.systems import SampledSystem
 
-_STEEP_DB = 60.0
 _REFINED_ORDER, _REFINED_DB = 8, (0.22, 0.45, 0.45)
 
 
@@ -30,7 +29,7 @@ def fit_magnitude(goal: MagnitudeGoal, rate_hz: float, order: int) -> SampledSys
     The common error is within 3 % of the least possible: a little is given up for poles and zeros that keep away from
     the unit circle. Raises BadInput if no filter of that order is within 16 dB.
     """
-    steep = float(np.ptp(goal.level_db)) > _STEEP_DB
+    steep = float(np.ptp(goal.level_db)) > STEEP_DB
     failed: BadInput | None = None
     found: list[Program] = []
     for shaped in (False, True) if steep else (False,):

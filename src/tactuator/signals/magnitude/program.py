@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +18,12 @@ from tactuator.signals.systems import SampledSystem
 
 Coefficients = tuple[FloatArray, FloatArray]
 
+STEEP_DB = 60.0
+"""Range of a goal from which on a linear program comes near its solver's tolerance."""
 _WIDEST_DB = 16.0
 _PRECISION = 0.01
 _LEAST_DB = 1e-3
+_QUICK = {"simplex_dual_edge_weight_strategy": "devex"}
 _TYPICAL_DB = 12.0
 """The least error times the square of the order, for threshold curves: where the search for it begins."""
 _BETWEEN_DB = 6.0
@@ -38,6 +42,7 @@ class Program:
         low, high = np.tan(np.pi * inside[[0, -1]] / rate_hz) ** 2
         self._unit = float(np.sqrt(low * high))
         self._middle_db = 0.5 * float(np.max(goal.level_db) + np.min(goal.level_db))
+        steep = float(np.ptp(goal.level_db)) > STEEP_DB
         ratio = 10.0 ** ((goal.level_db - self._middle_db) / 10.0)
         self._corners = np.geomspace(low, 4.0 * high, order) / self._unit
         squares = self._squares(goal.frequency_hz)
@@ -50,7 +55,7 @@ class Program:
         self._target = self._numerators(goal.frequency_hz) / ratio[:, None]
         self._scale = np.max(np.abs(self._target), axis=0)
         self._above = np.append(goal.above_hz, 0.5 * rate_hz)
-        self._lower_bound_db, self._presolve = 0.0, former is not None or shaped
+        self._lower_bound_db, self._is_delicate = 0.0, former is not None or steep
         self._guess_db, self._step = (_TYPICAL_DB / order**2, 1.4) if former is None else (former.least_db, 1.1)
         self._coefficients = self.best()
         for _ in range(6):
@@ -138,7 +143,7 @@ class Program:
         low, high = self._bracket()
         while high - low > _PRECISION * max(low, 0.05) and high >= _LEAST_DB:
             middle = float(np.sqrt(low * high))
-            low, high = (low, middle) if self._solve(middle) is not None else (middle, high)
+            low, high = (low, middle) if self._is_possible(middle) else (middle, high)
         self._lower_bound_db, self._guess_db = low, high
         found = self._solve(1.01 * high + 0.002) or self._solve(high)
         assert found is not None
@@ -147,10 +152,10 @@ class Program:
     def _bracket(self) -> tuple[float, float]:
         """Return an error that is impossible, or next to zero, and one that is possible, dB."""
         low, high, step = self._lower_bound_db, max(self._guess_db, 1.05 * self._lower_bound_db), self._step
-        if self._solve(high) is None:
+        if not self._is_possible(high):
             while high < _WIDEST_DB:
                 low, high, step = high, min(high * step, _WIDEST_DB), step**1.5
-                if self._solve(high) is not None:
+                if self._is_possible(high):
                     return low, high
             raise BadInput(
                 f"no prefilter of {self.order} poles follows the curve within {_WIDEST_DB:g} dB; allowed: more poles"
@@ -159,12 +164,16 @@ class Program:
             below = high / step
             if below <= low:
                 return low, high
-            if self._solve(below) is None:
+            if not self._is_possible(below):
                 return below, high
             high, step = below, step**1.5
         return low, high
 
-    def _solve(self, error_db: float) -> Coefficients | None:
+    def _is_possible(self, error_db: float) -> bool:
+        """Tell whether the linear program at that error has a solution, by the quickest rule of pivoting."""
+        return self._solve(error_db, {} if self._is_delicate else _QUICK) is not None
+
+    def _solve(self, error_db: float, options: dict[str, Any] | None = None) -> Coefficients | None:
         """Find coefficients (of N, of D) that keep the error, as far inside the constraints as can be, or None."""
         floor = -np.inf if self._goal.floor_db is None else self._goal.floor_db
         spare = max(0.0, 1.0 - max(0.0, error_db - _FINE_DB) / (_COARSE_DB - _FINE_DB))
@@ -192,9 +201,8 @@ class Program:
         size = self.order + 1
         cost = np.append(np.zeros(2 * size), -1.0)
         bounds = [(-1.0, 1.0)] * (2 * size) + [(0.0, None)]
-        result = optimize.linprog(
-            cost, rows, np.zeros(rows.shape[0]), bounds=bounds, method="highs-ds", options={"presolve": self._presolve}
-        )
+        asked = {"presolve": self._is_delicate, **(options or {})}
+        result = optimize.linprog(cost, rows, np.zeros(rows.shape[0]), bounds=bounds, method="highs-ds", options=asked)
         if result.status != 0 or result.x[-1] <= 1e-7:
             return None
         return result.x[:size] / self._scale, result.x[size : 2 * size]

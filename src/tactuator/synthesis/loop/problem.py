@@ -99,84 +99,68 @@ class LoopProblem:
     def at(self, parameters: FloatArray) -> Point:
         """Return the values and derivatives of everything at one parameter vector."""
         controller, slope = self.structure.response_and_slope(parameters, self._difference)
-        loop = controller * self._plants
-        sensitivity = 1.0 / (1.0 + loop)
-        complement = loop * sensitivity
-        log_s, log_t = np.log(np.abs(sensitivity)), np.log(np.abs(complement))
-        rows = _Rows(self._plants.shape)
-        rows.add(DB * (log_s[:, self._band] @ self._band_weight), self._band, -DB * complement, self._band_weight)
-        self._add_lines(rows, log_s, log_t, sensitivity, complement)
-        self._add_peaks(rows, loop, log_s, log_t, sensitivity, complement, controller)
-        values, slopes = rows.evaluated(slope)
+        loops = _Loops(controller, controller * self._plants)
+        rows = _Rows(slope)
+        mean = DB * (loops.log_s[:, self._band] @ self._band_weight)
+        rows.add(mean, self._band, -DB * loops.complementary[:, self._band] * self._band_weight)
+        self._add_lines(rows, loops)
+        self._add_peaks(rows, loops)
+        values, slopes = np.concatenate(rows.values, axis=1), np.concatenate(rows.slopes, axis=1)
         total = values[:, 1:].reshape(-1) + self.tighten
         return Point(values[:, 0], slopes[:, 0], total, slopes[:, 1:].reshape(-1, COUNT))
 
-    def _add_lines(
-        self,
-        rows: _Rows,
-        log_s: FloatArray,
-        log_t: FloatArray,
-        sensitivity: ComplexArray,
-        complement: ComplexArray,
-    ) -> None:
+    def _add_lines(self, rows: _Rows, loops: _Loops) -> None:
         asked = self.requirements
-        for place, logs, weights, limits in (
-            (self._mains, log_t, sensitivity, asked.mains_max_db),
-            (self._rejection, log_s, -complement, asked.rejection_max_db),
-        ):
-            for index, limit in zip(range(place.start, place.stop), limits, strict=True):
-                rows.add(DB * logs[:, index] - limit, slice(index, index + 1), DB * weights, np.ones(1))
+        rows.add_each(DB * loops.log_t[:, self._mains] - asked.mains_max_db, self._mains, DB * loops.sensitivity)
+        levels = DB * loops.log_s[:, self._rejection] - asked.rejection_max_db
+        rows.add_each(levels, self._rejection, -DB * loops.complementary)
 
-    def _add_peaks(
-        self,
-        rows: _Rows,
-        loop: ComplexArray,
-        log_s: FloatArray,
-        log_t: FloatArray,
-        sensitivity: ComplexArray,
-        complement: ComplexArray,
-        controller: ComplexArray,
-    ) -> None:
-        asked = self.requirements
+    def _add_peaks(self, rows: _Rows, loops: _Loops) -> None:
+        asked, at = self.requirements, self._peaks
         if asked.sensitivity_peak is not None:
-            peak, share = _smooth_maximum(log_s[:, self._peaks])
-            rows.add(DB * (peak - np.log(asked.sensitivity_peak)), self._peaks, -DB * complement, share)
+            peak, share = _smooth_maximum(loops.log_s[:, at])
+            rows.add(DB * (peak - np.log(asked.sensitivity_peak)), at, -DB * loops.complementary[:, at] * share)
         if asked.phase_margin_deg is not None:
-            margin, weights = _phase_margin_deg(loop[:, self._peaks])
-            values = (asked.phase_margin_deg - margin) / DEGREES_PER_DB
-            rows.add_weighted(values, self._peaks, -weights / DEGREES_PER_DB)
+            margin, weights = _phase_margin_deg(loops.loop[:, at], loops.log_l[:, at])
+            rows.add((asked.phase_margin_deg - margin) / DEGREES_PER_DB, at, -weights / DEGREES_PER_DB)
         if asked.command_noise_gain_max is not None:
-            power = self._noise_weight * np.abs(controller[self._noise] * sensitivity[:, self._noise]) ** 2
+            sensitivity = loops.sensitivity[:, self._noise]
+            power = self._noise_weight * np.abs(loops.controller[self._noise] * sensitivity) ** 2
             total = np.sum(power, axis=1)
             values = 0.5 * DB * np.log(total) - DB * np.log(asked.command_noise_gain_max)
-            rows.add(values, self._noise, DB * sensitivity, power / total[:, None])
-        peak, share = _smooth_maximum(log_t[:, self._peaks])
-        rows.add(DB * (peak - np.log(self.resonance_peak)), self._peaks, DB * sensitivity, share)
+            rows.add(values, self._noise, DB * sensitivity * power / total[:, None])
+        peak, share = _smooth_maximum(loops.log_t[:, at])
+        rows.add(DB * (peak - np.log(self.resonance_peak)), at, DB * loops.sensitivity[:, at] * share)
+
+
+class _Loops:
+    """C, (g,), and every member's L, S, T and the logarithms of their sizes, (m, g)."""
+
+    def __init__(self, controller: ComplexArray, loop: ComplexArray) -> None:
+        self.controller, self.loop = controller, loop
+        self.sensitivity = 1.0 / (1.0 + loop)
+        self.complementary = loop * self.sensitivity
+        self.log_l, self.log_s = np.log(np.abs(loop)), np.log(np.abs(self.sensitivity))
+        self.log_t = self.log_l + self.log_s
 
 
 class _Rows:
-    """Values of every member, and the weights w with which each follows C: its derivative is Re(sum w dlogC)."""
+    """Values of every member, (m, k), and derivatives, (m, k, COUNT): Re(sum w dlogC) for weights w on the grid."""
 
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        self._shape = shape
-        self._values: list[FloatArray] = []
-        self._weights: list[ComplexArray] = []
+    def __init__(self, slope: ComplexArray) -> None:
+        self._slope = np.ascontiguousarray(slope.T)
+        self.values: list[FloatArray] = []
+        self.slopes: list[FloatArray] = []
 
-    def add(self, values: FloatArray, place: slice, by_log: ComplexArray, share: FloatArray) -> None:
-        """Add a row: values (m,), the derivative of each summand by log C over the grid (m, g), shares at `place`."""
-        self.add_weighted(values, place, by_log[:, place] * share)
+    def add(self, values: FloatArray, place: slice, weights: ComplexArray) -> None:
+        """Add one row: values (m,), weights at `place`, (m, size)."""
+        self.values.append(values[:, None])
+        self.slopes.append(np.real(weights @ self._slope[place])[:, None])
 
-    def add_weighted(self, values: FloatArray, place: slice, weights: ComplexArray) -> None:
-        """Add a row: values (m,), weights at `place`, (m, size)."""
-        whole = np.zeros(self._shape, dtype=np.complex128)
-        whole[:, place] = weights
-        self._values.append(values)
-        self._weights.append(whole)
-
-    def evaluated(self, slope: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        """Return the values, (m, rows), and their derivatives, (m, rows, COUNT); slope: of log C, (COUNT, g)."""
-        weights = np.stack(self._weights, axis=1)
-        return np.stack(self._values, axis=1), np.real(weights @ slope.T)
+    def add_each(self, values: FloatArray, place: slice, weights: ComplexArray) -> None:
+        """Add a row for every point of `place`: values (m, size); weights on the whole grid, (m, g)."""
+        self.values.append(values)
+        self.slopes.append(np.real(weights[:, place, None] * self._slope[place]))
 
 
 def _peak_grid_hz(family: Sequence[Member], low_hz: float, rate_hz: float) -> FloatArray:
@@ -200,12 +184,11 @@ def _smooth_maximum(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     return (top + np.log(total) / _SHARPNESS)[:, 0], weights / total
 
 
-def _phase_margin_deg(loops: ComplexArray) -> tuple[FloatArray, ComplexArray]:
-    """Return each row's least phase margin, log|L| and phase linear between the points of its grid, and the weights
-    with which it follows log C, (m, g)."""
+def _phase_margin_deg(loops: ComplexArray, levels: FloatArray) -> tuple[FloatArray, ComplexArray]:
+    """Return each row's least phase margin, log|L| (`levels`) and phase linear between the points of its grid, and the
+    weights with which it follows log C, (m, g)."""
     margins, weights = np.full(loops.shape[0], 180.0), np.zeros(loops.shape, dtype=np.complex128)
-    for row, loop in enumerate(loops):
-        level = np.log(np.abs(loop))
+    for row, (loop, level) in enumerate(zip(loops, levels, strict=True)):
         i = np.flatnonzero(np.signbit(level[1:]) != np.signbit(level[:-1]))
         if i.size == 0:
             continue

@@ -15,7 +15,7 @@ from tactuator.synthesis.loop.structure import COUNT, FREQUENCIES, POLE_DAMPINGS
 _SLOWEST_ZEROS_HZ = 1.0
 _ZERO_DAMPING = (0.7, 4.0)
 _POLE_DAMPING = (0.9, 2.0)
-_STARTS = ((1.0, 1.0), (2.0, 1.0), (3.0, 1.0), (1.5, 0.5), (2.0, 2.0))
+_STARTS = ((1.0, 1.0), (3.0, 1.0), (1.5, 0.5), (2.0, 0.35), (2.0, 2.0))
 """(crossover over the rejection band's upper edge, corner of the lead over the crossover)."""
 
 
