@@ -1,14 +1,17 @@
-"""Identification: a minute's record at 4 kHz, beside an output-error fit written with scipy; and the recursion alone.
+"""Identification: a minute's records at 4 kHz, beside an output-error fit written with scipy; and the recursion alone.
 
 The record is of the simulated display's motor (friction, hum, noise, converters). The peer fits the same three
 coefficients to the same record by `scipy.optimize.least_squares` around `scipy.signal.lfilter`, without friction, hum,
-order or confidence. Times are of this process's own work (processor time); set OPENBLAS_NUM_THREADS=1 for one core.
+order or confidence. Two more records, of a resonator whose command is held or band-limited, are identified with the
+hold known, with the hold left to the data, and with eight poles; beside their seconds stands the ratio to the peer's
+for three parameters. Times are of this process's own work (processor time); set OPENBLAS_NUM_THREADS=1 for one core.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,6 +28,8 @@ from tactuator.signals.systems import ContinuousSystem
 
 RATE_HZ = 4000.0
 MOTOR = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])
+RESONATOR = ContinuousSystem.from_polynomials([4e5], [1.0, 85.0, 1.9e5])
+GUESS = np.array([2500.0, 80.0, 250.0])
 BAND_HZ = np.geomspace(0.4, 300.0, 500)
 
 
@@ -33,6 +38,44 @@ def record() -> Record:
     command = paper_mix(60.0, RATE_HZ, 10.0, np.random.default_rng(0), plant=MOTOR, travel_v=2.4)
     trace = SimulatedRig(Display("paper", RATE_HZ, 1, (channel,)), 3).drive(command[:, None])
     return Record(RATE_HZ, trace.command_v[:, 0], trace.position_v[:, 0])
+
+
+def resonator(between: str) -> Record:
+    """A minute of a resonator at 69 Hz under white noise, its command held or band-limited, with noise 40 dB down."""
+    rng = np.random.default_rng(5)
+    count = round(60.0 * RATE_HZ)
+    command = rng.standard_normal(count)
+    frequency = np.fft.rfftfreq(count, 1.0 / RATE_HZ)
+    if between == "band-limited":
+        lines = np.fft.rfft(command) * (frequency < 0.4 * RATE_HZ)
+        command = np.fft.irfft(lines, count)
+        position = np.fft.irfft(lines * RESONATOR.response(frequency), count)
+    else:
+        b, a, _ = signal.cont2discrete(RESONATOR.polynomials(), 1.0 / RATE_HZ)
+        position = signal.lfilter(b[0], a, command)
+    return Record(RATE_HZ, command, position + 0.01 * np.std(position) * rng.standard_normal(count))
+
+
+def spectral() -> dict[str, object]:
+    """Return processor seconds of each way to identify the two resonators, and over the peer's."""
+    figures: dict[str, object] = {}
+    for between in ("zero-order", "band-limited"):
+        taken = resonator(between)
+        peer_s, _ = best_cpu_s(partial(peer, taken, np.array([4e5, 80.0, 1.8e5])), 1)
+        ways: dict[str, dict[str, Any]] = {
+            "known": {"hold": between},
+            "told": {},
+            "eight": {"hold": between, "order": 8},
+        }
+        for name, wishes in ways.items():
+            own_s, found = best_cpu_s(partial(identify, taken, **wishes), 2)
+            value = found.model.response(BAND_HZ) / RESONATOR.response(BAND_HZ)
+            figures[f"{between}.{name}"] = {
+                "seconds": own_s,
+                "over_peer": own_s / peer_s,
+                "worst_error_db": float(np.max(np.abs(20.0 * np.log10(np.abs(value))))),
+            }
+    return figures
 
 
 def best_cpu_s(work: Callable[[], Any], repeats: int) -> tuple[float, Any]:
@@ -45,9 +88,10 @@ def best_cpu_s(work: Callable[[], Any], repeats: int) -> tuple[float, Any]:
     return min(times), result
 
 
-def peer(taken: Record) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def peer(
+    taken: Record, guess: np.ndarray[tuple[int], np.dtype[np.float64]] = GUESS
+) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """Output error with scipy: num, a1, a0."""
-    guess = np.array([2500.0, 80.0, 250.0])
 
     def residual(theta: Any) -> Any:
         b, a, _ = signal.cont2discrete(
@@ -77,6 +121,7 @@ def run() -> dict[str, object]:
         "refined": {"seconds": refined_s, "worst_error_db": worst_db(found.model.num, found.model.den)},
         "recursive": {"seconds": rls_s, "worst_error_db": worst_db(plain.model.num, plain.model.den)},
         "scipy_output_error": {"seconds": peer_s, "worst_error_db": worst_db(theta[:1], np.append(1.0, theta[1:]))},
+        "spectral": spectral(),
         "friction_v": found.friction.coulomb if found.friction is not None else 0.0,
         "recursion_million_samples_per_s": 1.0 / recursion_s,
         "goals": {"seconds": 2.0, "recursion_million_samples_per_s": 2.0},

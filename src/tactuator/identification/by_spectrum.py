@@ -23,7 +23,7 @@ from tactuator.identification.spectral.between import Between
 from tactuator.identification.spectral.estimate import SpectralEstimate, estimate
 from tactuator.identification.spectral.likelihood import Fit, information
 from tactuator.identification.spectral.lines import Spectrum
-from tactuator.identification.spectral.record_residual import Residual, record_residual
+from tactuator.identification.spectral.record_residual import Residual
 from tactuator.identification.spectral.search import Choice, Known
 from tactuator.identification.spectral.uncertainty import (
     fed_back,
@@ -52,10 +52,9 @@ def spectral_estimate(
     return estimate(signals, common.samples.rate_hz, holds, known, note)
 
 
-def friction_shows(common: Prepared, found: SpectralEstimate) -> bool:
+def friction_shows(found: SpectralEstimate, residuals: Sequence[Residual]) -> bool:
     """Return true where a friction along the model's own path explains more of the residual than chance ever would."""
     fit = found.chosen.fit
-    residuals = record_residual(found.chosen, found.spectra)
     motion = max(float(np.std(left.simulated)) for left in residuals)
     for presliding in np.geomspace(1e-3, 1.0, 4) * motion:
         size = along = 0.0
@@ -71,7 +70,9 @@ def friction_shows(common: Prepared, found: SpectralEstimate) -> bool:
 
 
 @np.errstate(all="ignore")
-def identification(common: Prepared, found: SpectralEstimate, between: BetweenSamples) -> Identification:
+def identification(
+    common: Prepared, found: SpectralEstimate, residuals: Sequence[Residual], between: BetweenSamples
+) -> Identification:
     """Return the identification by the chosen fit, its band wide enough for the other hold where none is certain."""
     chosen, to_unit, to_position = found.chosen, *common.scale
     gain = to_position / to_unit
@@ -88,7 +89,6 @@ def identification(common: Prepared, found: SpectralEstimate, between: BetweenSa
             f"{found.advantage:.2g}): taken as {between.hold}, the band holds both; --hold says which it is"
         )
     model = replace(model, valid_hz=_valid(model, found))
-    residuals = record_residual(chosen, found.spectra)
     tests = _tests(common, found, residuals)
     poles = chosen.fit.poles_rad_s
     remarks += check_length(poles, _slow_pole_error(chosen), common.longest_s)

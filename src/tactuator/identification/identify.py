@@ -22,6 +22,7 @@ from tactuator.identification.evidence.excitation import excitation_report, requ
 from tactuator.identification.result import BetweenSamples, Identification
 from tactuator.identification.selection import choose_structure
 from tactuator.identification.spectral.between import HOLDS, Between
+from tactuator.identification.spectral.record_residual import record_residual
 from tactuator.identification.trust import distrusted
 from tactuator.signals.record import Record
 
@@ -158,10 +159,11 @@ def _by_spectrum(common: Prepared, asked: Asked, note: Callable[[str], None]) ->
     known = by_spectrum.known_of(asked.quantity, asked.order, asked.zeros, asked.integrators, asked.delay_s)
     found = by_spectrum.spectral_estimate(common, holds, known, note)
     between = BetweenSamples(found.chosen.hold, source, source != "data" or found.certain, found.advantage)
+    residuals = record_residual(found.chosen, found.spectra)
     may_be_held = between.hold != "band-limited" or not between.certain
     if asked.friction and may_be_held and asked.is_free and (asked.order or 1) <= 6:
         note("looking for friction")
-        shows = by_spectrum.friction_shows(common, found)
+        shows = by_spectrum.friction_shows(found, residuals)
         if shows and common.others:
             said = "friction shows; its level is told from one record alone, and the band holds what it does here"
             common = replace(common, remarks=(*common.remarks, said))
@@ -169,7 +171,7 @@ def _by_spectrum(common: Prepared, asked: Asked, note: Callable[[str], None]) ->
             made = _by_prediction(common, asked, note)
             if made.friction is not None:
                 return by_spectrum.with_doubt(made, found, between)
-    return by_spectrum.identification(common, found, between)
+    return by_spectrum.identification(common, found, residuals, between)
 
 
 def _holds(record: Record, asked: Asked) -> tuple[tuple[Between, ...], str]:

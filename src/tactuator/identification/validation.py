@@ -20,7 +20,7 @@ from tactuator.identification.evidence.residuals import ResidualTests
 from tactuator.identification.result import Identification, Validation
 from tactuator.identification.spectral.between import HOLDS, Between
 from tactuator.identification.spectral.likelihood import Fit, Problem
-from tactuator.identification.spectral.lines import LocalResponse, equations, local_response, spectrum
+from tactuator.identification.spectral.lines import LocalResponse, Spectrum, equations, local_response, spectrum
 from tactuator.identification.spectral.noise import weights
 from tactuator.identification.spectral.of_model import fit_of_model
 from tactuator.identification.spectral.record_residual import Residual, line_residual
@@ -65,7 +65,7 @@ def validate(found: Identification, record: Record, name: str = "") -> Validatio
     fit = fit_of_model(model, record.rate_hz, hold, scale[1] / scale[0])
     command = (record.command - record.command.mean()) / scale[0]
     samples = Samples(command, (record.position - record.position.mean()) / scale[1], record.rate_hz)
-    left = _left(fit, samples)
+    taken, left = _left(fit, samples)
     if model.friction:
         for path in ("measured", "simulated"):
             along = (samples.position if path == "measured" else left.simulated) * scale[1]
@@ -73,9 +73,9 @@ def validate(found: Identification, record: Record, name: str = "") -> Validatio
             rest = samples.command.size - pull.size
             pulled = np.concatenate([pull, np.full(rest, pull[-1])]) * model.friction["coulomb"] / scale[0]
             moving = replace(samples, command=command - pulled)
-            left = _left(fit, moving)
+            taken, left = _left(fit, moving)
         samples = moving
-    return _judged(found, called, fit, samples, left, remarks)
+    return _judged(found, called, fit, samples, taken, left, remarks)
 
 
 def _units(command: str, position: str) -> str:
@@ -87,8 +87,8 @@ def _hold(found: Identification, record: Record) -> Between:
     return next((hold for hold in HOLDS if hold == said), "zero-order")
 
 
-def _left(fit: Fit, samples: Samples) -> Residual:
-    """Return what the fit leaves of the record, weighted by its own spectrum."""
+def _left(fit: Fit, samples: Samples) -> tuple[Spectrum, Residual]:
+    """Return the record's lines and what the fit leaves of them, weighted by its own spectrum."""
     shift = min(max(int(fit.delay_s * samples.rate_hz + 1e-3) - 1, 0), samples.command.size // 4)
     taken = spectrum(samples.command, samples.position, samples.rate_hz, shift)
     given = equations(taken, 0.0, 0.5 * samples.rate_hz)
@@ -96,14 +96,18 @@ def _left(fit: Fit, samples: Samples) -> Residual:
     highest = 0.47 * samples.rate_hz
     problem = Problem(given, np.where(given.of_hz <= highest, 1.0, 0.0), grid)
     problem = problem.with_weight(weights(given, problem.residual(fit), highest))
-    return line_residual(fit, given, problem.weight, taken)
+    return taken, line_residual(fit, given, problem.weight, taken)
 
 
 def _judged(
-    found: Identification, name: str, fit: Fit, samples: Samples, left: Residual, remarks: tuple[str, ...]
+    found: Identification,
+    name: str,
+    fit: Fit,
+    samples: Samples,
+    taken: Spectrum,
+    left: Residual,
+    remarks: tuple[str, ...],
 ) -> Validation:
-    shift = samples.command.size - left.measured.size
-    taken = spectrum(samples.command, samples.position, samples.rate_hz, shift)
     tests = residual_tests(samples, left, fit, taken, fitted=False)
     residual = float(np.mean((left.measured - left.simulated) ** 2))
     percent = 100.0 * (1.0 - float(np.sqrt(residual / np.mean(left.measured**2))))

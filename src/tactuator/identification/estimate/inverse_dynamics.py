@@ -14,8 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 
 _SLOW = 0.2
 """Share of the velocity's deviation below which a motor may stick."""
@@ -23,6 +24,8 @@ _APART = 0.6
 """Time kept off a slow passage, over the low-pass filter's 1/corner."""
 _LAGS = 12
 _FEWEST = 60
+_HOPELESS = 0.3
+"""Share of the command left unexplained from which on the record is no motor's, and nothing more is tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +56,11 @@ def motor_estimate(command: FloatArray, position: FloatArray, rate_hz: float, *,
     The confidence holds what another corner of the low-pass filter changes.
     """
     corner = 0.7 * motion_corner(position, rate_hz)
-    found, other = (_estimate(command, position, rate_hz, one, is_held) for one in (corner, 0.7 * corner))
-    if found is None or other is None:
+    found = _estimate(command, position, rate_hz, corner, is_held)
+    if found is None or found.unexplained > _HOPELESS:
+        return found
+    other = _estimate(command, position, rate_hz, 0.7 * corner, is_held)
+    if other is None:
         return None
     change = np.array([getattr(found, name) - getattr(other, name) for name in _NAMES])
     found.covariance[...] += np.diag(change**2)
@@ -128,10 +134,9 @@ def _equation(
     if is_held:
         # a held command acts half a sample later than its own time
         acting[1:] = 0.5 * (command[1:] + command[:-1])
-    velocity = _low_passed(position, rate_hz, corner, 1)
+    acceleration, velocity = _derivatives(position, rate_hz, corner)
     sign = _low_passed(np.sign(velocity), rate_hz, corner, 0, even=True)
     goal = _low_passed(acting, rate_hz, corner, 0, even=True)
-    acceleration = _low_passed(position, rate_hz, corner, 2)
     columns = np.stack([acceleration, velocity, sign, np.ones(sign.size)], axis=1)
     return columns, goal, _moving(velocity, rate_hz, corner)
 
@@ -148,13 +153,35 @@ def _moving(velocity: FloatArray, rate_hz: float, corner: float) -> NDArray[np.i
 
 def _low_passed(values: FloatArray, rate_hz: float, corner: float, order: int, *, even: bool = False) -> FloatArray:
     """Gaussian low-pass without phase, differentiated `order` times; ends mirrored (even) or turned round."""
-    n = values.size
-    mirrored = values[::-1]
-    before, after = (mirrored, mirrored) if even else (2.0 * values[0] - mirrored, 2.0 * values[-1] - mirrored)
-    whole = np.concatenate([before, values, after])
-    frequency = np.fft.rfftfreq(whole.size, 1.0 / rate_hz)
-    passed = np.exp(-0.35 * (frequency / corner) ** 2) * (2j * np.pi * frequency) ** order
-    return np.asarray(np.fft.irfft(np.fft.rfft(whole) * passed, whole.size)[n : 2 * n])
+    lines, s, size = _passed_lines(values, rate_hz, corner, even=even)
+    begin = (size - values.size) // 2
+    return np.asarray(np.fft.irfft(lines * s**order, size)[begin : begin + values.size])
+
+
+def _derivatives(values: FloatArray, rate_hz: float, corner: float) -> tuple[FloatArray, FloatArray]:
+    """Return the second and the first derivative of the low-passed values, (n,) each."""
+    lines, s, size = _passed_lines(values, rate_hz, corner, even=False)
+    begin = (size - values.size) // 2
+    made = [np.fft.irfft(lines * s**order, size)[begin : begin + values.size] for order in (2, 1)]
+    return made[0], made[1]
+
+
+def _passed_lines(
+    values: FloatArray, rate_hz: float, corner: float, *, even: bool
+) -> tuple[ComplexArray, ComplexArray, int]:
+    """Return low-passed lines of the values (n,) and their turned ends, i omega of each, and how many samples."""
+    # the low-pass rings over a few of its own periods: no more than those is turned round at either end
+    ends = min(values.size - 1, int(6.0 * rate_hz / corner))
+    size = int(fft.next_fast_len(values.size + 2 * ends, real=True))
+    before = (size - values.size) // 2
+    ends_by = (before, size - values.size - before)
+    if even:
+        turned = np.pad(values, ends_by, mode="symmetric")
+    else:
+        turned = np.pad(values, ends_by, mode="reflect", reflect_type="odd")
+    frequency = np.fft.rfftfreq(size, 1.0 / rate_hz)
+    passed = np.exp(-0.35 * (frequency / corner) ** 2)
+    return np.asarray(np.fft.rfft(turned) * passed), np.asarray(2j * np.pi * frequency), size
 
 
 def _regress(columns: FloatArray, goal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

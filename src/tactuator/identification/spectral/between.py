@@ -135,6 +135,14 @@ def edge_columns(grid: Grid) -> Complex:
     return np.stack([*made, 1.0 / grid.step], axis=1)
 
 
+def edge_lines(weights: Array, samples: int) -> Complex:
+    """Return the sum of `edge_columns` with weights (k,) on all lines of a record, (samples // 2 + 1,)."""
+    made = weights[-1] * (1.0 - np.arange(1.0, samples + 1.0) / samples)
+    for k, weight in zip(range(-_EDGE, _EDGE + 1), weights[:-1], strict=True):
+        made[k % samples] += weight
+    return np.asarray(np.fft.rfft(made))
+
+
 def transient_columns(grid: Grid, theta: Array, form: Form) -> Complex:
     """Return what the state before the record may add to the position's lines: a decay of each pole, (m, poles)."""
     poles = separated(all_poles(theta, form))

@@ -122,7 +122,7 @@ def ladder(theta: Array, form: Form) -> Ladder:
         made.append((done, 0))
         if section.size == 3:
             made.append((done, 1))
-        done = np.polymul(done, section)
+        done = np.convolve(done, section)
     made.append((done, 0))
     return tuple(made)
 
@@ -154,5 +154,5 @@ def denominator_polynomial(theta: Array, form: Form) -> Array:
     """Return the denominator as one monic polynomial, descending."""
     made = np.append(1.0, np.zeros(form.integrators))
     for section in section_list(theta, form):
-        made = np.polymul(made, section)
+        made = np.convolve(made, section)
     return made

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 
 Array = NDArray[np.float64]
 Complex = NDArray[Any]
@@ -23,6 +24,7 @@ _FEWEST = 9
 """Lines below which a band is kept line by line."""
 _WIDEST = 1.0 / 1200.0
 """Widest band over the sampling rate: a dead time of 150 samples turns the phase by less than a radian in it."""
+_LONG = 20_000
 _WIDEST_TURNED_BACK = 1.0 / 150.0
 """The same where the dead time is taken off beforehand."""
 
@@ -49,8 +51,15 @@ class Spectrum:
 
 
 def spectrum(command: Array, position: Array, rate_hz: float, shift: int = 0) -> Spectrum:
-    """Return the lines of a record (n,) whose position is read `shift` samples later, means taken off."""
-    late, early = position[shift:], command[: command.size - shift]
+    """Return the lines of a record (n,) whose position is read `shift` samples later, means taken off.
+
+    Of a long record the last few samples may be left out.
+    """
+    count = command.size - shift
+    if count > _LONG:
+        # a length with a large prime factor takes the transform many times as long
+        count = int(fft.prev_fast_len(count, real=True))
+    late, early = position[shift : shift + count], command[:count]
     root = np.sqrt(late.size)
     lines = [np.fft.rfft(one - one.mean()) / root for one in (early, late)]
     return Spectrum(lines[0], lines[1], rate_hz, late.size, shift)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.identification.spectral.between import edge_lines, transient_columns
 from tactuator.identification.spectral.joined import equation_slices
 from tactuator.identification.spectral.likelihood import Fit, beside_columns, fitted_beside
 from tactuator.identification.spectral.lines import Equations, Spectrum
@@ -47,8 +48,9 @@ def line_residual(fit: Fit, given: Equations, weight: Array, taken: Spectrum) ->
     own = response_of_rows(fit, given.frequency_hz)
     own = own * np.exp(2j * np.pi * given.frequency_hz * given.shift / given.rate_hz)
     weights = fitted_beside(columns, given.goal - given.response_of(own[:, None])[:, 0], weight)
-    everywhere = replace(grid, frequency_hz=hertz)
-    moved = moved + beside_columns(everywhere, fit.theta, fit.form) @ weights
+    decays = transient_columns(replace(grid, frequency_hz=hertz), fit.theta, fit.form)
+    first = decays.shape[1]
+    moved = moved + decays @ weights[:first] + edge_lines(weights[first:], taken.samples)[1:]
     left = np.concatenate([[0.0], taken.position[1:] - moved])
     whole = np.concatenate([[0.0], moved])
     order = np.argsort(given.of_hz, kind="stable")

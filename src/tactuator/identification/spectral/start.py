@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.spectral.between import Between, Grid
 from tactuator.identification.spectral.form import (
     Form,
@@ -23,8 +24,6 @@ from tactuator.identification.spectral.form import (
 from tactuator.identification.spectral.likelihood import Fit, Problem
 from tactuator.identification.spectral.lines import LocalResponse, points
 
-Array = NDArray[np.float64]
-Complex = NDArray[Any]
 _FLOOR = 3e-3
 """Relative error of a point that is not believed to be smaller: curvature within its band."""
 _MOST_DELAYS = 40
@@ -87,21 +86,45 @@ class Starter:
             step = max(0.3 / top, 0.4 / self._rate_hz)
             near = [lag + k * step for lag in best for k in range(-4, 5)]
             lags = [lag for lag in near or step * np.arange(1, _MOST_DELAYS) if 0.0 < lag < longest] or [step]
-            quick = []
-            for lag in sorted({round(lag * self._rate_hz, 6) / self._rate_hz for lag in lags}):
-                poles = self._relocated(form, lag * self._scale, chosen, 4)
-                quick.append((self._linear_cost(form, lag * self._scale, poles, chosen), lag))
-            best = [lag for _, lag in sorted(quick)[:3]]
+            tried = np.array(sorted({round(lag * self._rate_hz, 6) / self._rate_hz for lag in lags}))
+            if form.free == form.poles <= 2:
+                costs = self._low_costs(form, tried * self._scale, chosen)
+            else:
+                costs = np.array([self._cost(form, lag * self._scale, chosen) for lag in tried])
+            best = tried[np.argsort(costs, kind="stable")[:3]].tolist()
         return [lag * self._scale for lag in best] or [0.5 * self._scale / self._rate_hz]
 
-    def _linear_cost(self, form: Form, lag: float, poles: Complex, chosen: NDArray[np.int64]) -> float:
+    def _cost(self, form: Form, lag: float, chosen: NDArray[np.int64]) -> float:
+        return self._linear_cost(form, lag, self._relocated(form, lag, chosen, 4), chosen)
+
+    def _low_costs(self, form: Form, lags: FloatArray, chosen: NDArray[np.int64]) -> FloatArray:
+        """Return the misfit at all dead times (k,) at once for one or two poles, where coefficients are no trouble.
+
+        The linear fit is weighted by its last denominator (Sanathanan and Koerner, 1963).
+        """
+        s, weight = self.problem.grid.s[chosen], self.problem.weight[chosen]
+        goal = self._target[chosen] * np.exp(s * lags[:, None])
+        top = s[:, None] ** np.arange(form.origin_zeros, form.zeros + 1)
+        low = s[:, None] ** np.arange(form.poles)
+        leading = s**form.poles
+        under = np.polyval(np.poly(self._first_poles(form)), s) * np.ones((lags.size, 1))
+        for _ in range(4):
+            scaled = (weight / under)[:, :, None]
+            columns = np.concatenate([np.broadcast_to(top, (lags.size, *top.shape)), -goal[:, :, None] * low], axis=2)
+            solution, _ = _least_squares_of_all(columns * scaled, goal * leading * scaled[:, :, 0])
+            # mirrored into the left half plane
+            coefficients = np.abs(solution[:, top.shape[1] :])
+            under = coefficients @ low.T + leading
+        return _least_squares_of_all(top * (weight / under)[:, :, None], goal * weight)[1]
+
+    def _linear_cost(self, form: Form, lag: float, poles: ComplexArray, chosen: NDArray[np.int64]) -> float:
         s, weight = self.problem.grid.s[chosen], self.problem.weight[chosen]
         theta = sections_of(poles)
         columns = numerator_values(ladder(theta, form), s, form)
         columns = columns * (weight * np.exp(-s * lag) / denominator_values(theta, form, s))[:, None]
         return _least_squares(columns, self._target[chosen] * weight)[1]
 
-    def _relocated(self, form: Form, lag: float, chosen: NDArray[np.int64], rounds: int) -> Complex:
+    def _relocated(self, form: Form, lag: float, chosen: NDArray[np.int64], rounds: int) -> ComplexArray:
         """Poles after `rounds` of fitting numerator/A and sigma = 1 + sum r/(s - p), whose zeros are the next poles."""
         s, weight = self.problem.grid.s[chosen], self.problem.weight[chosen]
         target = self._target[chosen] * np.exp(s * lag)
@@ -116,7 +139,7 @@ class Starter:
             poles = _mirrored(_zeros_of_sigma(poles, solution[top.shape[1] :]))
         return poles
 
-    def _first_poles(self, form: Form) -> Complex:
+    def _first_poles(self, form: Form) -> ComplexArray:
         """Lightly damped pairs over what the response shows, and a real pole in the middle for an odd number."""
         scale = 2.0 * np.pi / self.problem.grid.scale_rad_s
         pairs = np.geomspace(self.low_hz, self.high_hz, form.free // 2 + 2)[1:-1] * scale
@@ -126,7 +149,7 @@ class Starter:
         return np.array(made, dtype=np.complex128)
 
 
-def _least_squares(columns: Complex, goal: Complex) -> tuple[Array, float]:
+def _least_squares(columns: NDArray[Any], goal: NDArray[Any]) -> tuple[FloatArray, float]:
     matrix = np.concatenate([columns.real, columns.imag])
     values = np.concatenate([goal.real, goal.imag])
     size = np.linalg.norm(matrix, axis=0)
@@ -137,7 +160,20 @@ def _least_squares(columns: Complex, goal: Complex) -> tuple[Array, float]:
     return solution / size, float(np.sum((values - matrix @ (solution / size)) ** 2))
 
 
-def _fractions(s: Complex, poles: Complex) -> Complex:
+def _least_squares_of_all(columns: NDArray[Any], goal: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
+    """Return the real weights (k, c) of columns (k, m, c) that fit goals (k, m) best, and what they leave, (k,)."""
+    matrix = np.concatenate([columns.real, columns.imag], axis=1)
+    values = np.concatenate([goal.real, goal.imag], axis=1)[:, :, None]
+    size = np.maximum(np.linalg.norm(matrix, axis=1), 1e-300)
+    matrix = matrix / size[:, None, :]
+    turned = matrix.transpose(0, 2, 1)
+    gram = turned @ matrix + 1e-12 * np.eye(matrix.shape[2])
+    solution = np.linalg.solve(gram, turned @ values)
+    left = np.sum((values - matrix @ solution) ** 2, axis=(1, 2))
+    return solution[:, :, 0] / size, np.where(np.isfinite(left), left, np.inf)
+
+
+def _fractions(s: ComplexArray, poles: ComplexArray) -> ComplexArray:
     """1/(s - p) with real coefficients: sum and difference of each conjugate pair, (m, n)."""
     made = []
     for pole in poles[poles.imag >= -1e-13]:
@@ -150,7 +186,7 @@ def _fractions(s: Complex, poles: Complex) -> Complex:
     return np.stack(made, axis=1)
 
 
-def _zeros_of_sigma(poles: Complex, weights: Array) -> Complex:
+def _zeros_of_sigma(poles: ComplexArray, weights: FloatArray) -> ComplexArray:
     upper = poles[poles.imag >= -1e-13]
     n = poles.size
     a, b, i = np.zeros((n, n)), np.zeros(n), 0
@@ -166,7 +202,7 @@ def _zeros_of_sigma(poles: Complex, weights: Array) -> Complex:
     return np.asarray(np.linalg.eigvals(moved) if np.all(np.isfinite(moved)) else poles, dtype=np.complex128)
 
 
-def _mirrored(poles: Complex) -> Complex:
+def _mirrored(poles: ComplexArray) -> ComplexArray:
     """Into the left half plane, and off the axis."""
     made = np.where(poles.real > 0.0, -np.conj(poles), poles)
     made = np.where(np.abs(made.real) < 1e-4 * np.abs(made), -1e-3 * np.abs(made) + 1j * made.imag, made)
