@@ -1,1 +1,1 @@
-"""Work on many files by many workers: the same job for each, whatever computes it."""
+"""Work on many files by many workers, each of which does the same job."""

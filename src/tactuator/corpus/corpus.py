@@ -1,4 +1,4 @@
-"""A corpus rendered: restartable, with a manifest that does not depend on who did the work."""
+"""Rendering of a corpus, which can be restarted, with a manifest that does not depend on who did the work."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _make(out: Path) -> None:
 
 
 def _sweep(out: Path) -> None:
-    """Remove what killed workers left half-written beside its place."""
+    """Remove half-written files that killed workers left."""
     for path in out.rglob(".*-*"):
         if path.is_file() and path.suffix in (*SUFFIXES, ".json"):
             path.unlink(missing_ok=True)

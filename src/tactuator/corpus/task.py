@@ -1,4 +1,4 @@
-"""The work on one file, in whatever process it is done: the task holds everything it needs, the outcome all it says."""
+"""The work on one file, in any process: the task holds everything it needs, the outcome all that came of it."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ from tactuator.speech.job import RenderJob, render_file
 
 @dataclass(frozen=True)
 class CorpusTask:
-    """Work on one file. source, out: paths as the worker sees them; item: the source's name in the corpus. controller,
-    coding: JSON.
+    """The work on one file of a corpus.
+
+    source, out: paths as the worker sees them. item: the source's name in the corpus. controller, coding: JSON.
     """
 
     item: str
@@ -34,7 +35,10 @@ class CorpusTask:
 
 @dataclass(frozen=True)
 class CorpusOutcome:
-    """Outcome of a task. figures: what came of the file, plain JSON; error: one line, where nothing came of it."""
+    """Outcome of the work on one file.
+
+    figures: the figures of the rendered file, plain JSON. error: one line, where nothing came of it.
+    """
 
     item: str
     source_sha256: str | None
@@ -43,7 +47,7 @@ class CorpusOutcome:
 
 
 def do_task(task: CorpusTask) -> CorpusOutcome:
-    """Render one file. What is wrong with the file, or with writing its reference, is told and not raised."""
+    """Render one file. Faults of the file, or of writing its reference, are in the outcome and are not raised."""
     try:
         digest = file_sha256(task.source)
         out = Path(task.out)

@@ -24,7 +24,7 @@ TASKS_AHEAD = 4
 
 
 class Workers(Protocol):
-    """Protocol of whatever does tasks."""
+    """Protocol of an executor of tasks."""
 
     def outcomes(self, tasks: Sequence[CorpusTask]) -> Iterator[CorpusOutcome]:
         """Yield one outcome for every task, as the tasks are done."""

@@ -15,7 +15,7 @@ from tactuator.experiment.session.clock import SystemClock
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
-from tactuator.experiment.trial.delivered_level import delivered
+from tactuator.experiment.trial.delivered_level import delivered_level
 from tactuator.perception import library
 from tactuator.perception.relative_curve import RelativeCurve
 from tactuator.report.plates.felt.psychometric import psychometric_plate
@@ -132,7 +132,7 @@ def test_delivered__display_a_decibel_low_in_noise__is_found_with_its_error(freq
         gain = 10 ** ((level - 1.0) / 20)
         seen = 20 * np.log10(np.hypot(gain + hum[0, level.size :], hum[1, level.size :]))
         commanded = np.concatenate([np.full(level.size, np.nan), level])
-        found = delivered(commanded, np.concatenate([blank, seen]), frequency_hz, -4.0)
+        found = delivered_level(commanded, np.concatenate([blank, seen]), frequency_hz, -4.0)
         errors.append(found.offset_db + 1.0)
         stated.append(found.sd_db)
     assert float(np.std(errors)) <= limit_db
@@ -141,8 +141,8 @@ def test_delivered__display_a_decibel_low_in_noise__is_found_with_its_error(freq
 
 
 def test_delivered__nothing_near_or_only_noise__is_unknown() -> None:
-    assert np.isnan(delivered(np.array([np.nan, 30.0]), np.array([0.0, 30.0]), 10.0, 0.0).offset_db)
-    assert np.isnan(delivered(np.array([np.nan]), np.array([0.0]), 100.0, 0.0).offset_db)
+    assert np.isnan(delivered_level(np.array([np.nan, 30.0]), np.array([0.0, 30.0]), 10.0, 0.0).offset_db)
+    assert np.isnan(delivered_level(np.array([np.nan]), np.array([0.0]), 100.0, 0.0).offset_db)
 
 
 def test_threshold__is_a_named_point(study) -> None:

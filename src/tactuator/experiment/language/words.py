@@ -20,7 +20,7 @@ _TEXT_LENGTH_MAX = 400
 class Words:
     """Texts of pages in one language.
 
-    language: its tag (BCP 47), as a page's `lang`. texts: by key, with {names} of what is put in.
+    language: its tag (BCP 47), as a page's `lang`. texts: by key; a {name} in a text marks a value that is put in.
     """
 
     language: str

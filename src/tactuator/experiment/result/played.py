@@ -1,4 +1,4 @@
-"""Intervals of a stored run as arrays: what was played and what the sensor saw, and faults of the playing."""
+"""Intervals of a stored run as arrays: levels played and levels at the sensor, and faults of the playing."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from tactuator.experiment.result.catch import attention, catch_kinds
 from tactuator.experiment.result.curve_runs import curve_run
 from tactuator.experiment.result.played import PlayedIntervals, hum_is_felt, is_simulated, played
 from tactuator.experiment.store.stored_runs import StoredRun
-from tactuator.experiment.trial.delivered_level import Delivered, delivered
+from tactuator.experiment.trial.delivered_level import DeliveredLevel, delivered_level
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP
 
 DISQUALIFYING = frozenset({"attention", "chance", "drift", "lapses", "mains", "out-of-range", "trial-limit"})
@@ -150,7 +150,7 @@ def _one(run: StoredRun, procedure: Procedure, fit: Refit, flags: RunFlags, row:
     level, sd, low, high = (float(value) for value in fitted)
     at = _Level.clipped(level, sd, low, high, float(levels.min()), float(levels.max()))
     seen, hertz = played(run), float(run.run.frequency_hz)
-    gain = delivered(seen.commanded_db_sl, seen.measured_db_sl, hertz, at.level)
+    gain = delivered_level(seen.commanded_db_sl, seen.measured_db_sl, hertz, at.level)
     names = [*procedure.flags, *flags.names(row), *attention(run)]
     if hum_is_felt(seen, hertz, run.protocol.timing.build(), at.level):
         names.append("mains")
@@ -178,14 +178,16 @@ def _whole_curve(run: StoredRun, procedure: WholeCurve) -> list[MeasuredThreshol
         low, high = level - _NORMAL_95 * sd, level + _NORMAL_95 * sd
         at = _Level.clipped(level, float(sd), low, high, float(levels.min()), float(levels.max()))
         near = np.abs(np.log10(run.frequency_hz / frequency))[seen.trial] <= _NEAR_DECADES
-        gain = delivered(seen.commanded_db_sl[near], seen.measured_db_sl[near], float(frequency), at.level, _NEAR_DB)
+        gain = delivered_level(
+            seen.commanded_db_sl[near], seen.measured_db_sl[near], float(frequency), at.level, _NEAR_DB
+        )
         names = [*common, *_of_playing(seen, at, gain)]
         point = procedure.rule.answering.target
         found.append(_threshold(run, float(frequency), at, gain, float(zero), names, point, None, (None, power)))
     return found
 
 
-def _of_playing(seen: PlayedIntervals, at: _Level, gain: Delivered) -> list[str]:
+def _of_playing(seen: PlayedIntervals, at: _Level, gain: DeliveredLevel) -> list[str]:
     found = {
         "out-of-range": bool(at.bound),
         "saturated": bool(seen.saturated.any()),
@@ -195,8 +197,8 @@ def _of_playing(seen: PlayedIntervals, at: _Level, gain: Delivered) -> list[str]
 
 
 def _threshold(
-    run: StoredRun, frequency_hz: float, at: _Level, gain: Delivered, base: float, flags: Sequence[str], point: float,
-    own: tuple[float, float | None] | None, power: tuple[float | None, float | None],
+    run: StoredRun, frequency_hz: float, at: _Level, gain: DeliveredLevel, base: float, flags: Sequence[str],
+    point: float, own: tuple[float, float | None] | None, power: tuple[float | None, float | None],
 ) -> MeasuredThreshold:  # fmt: skip
     known = not np.isnan(gain.offset_db)
     shift, shift_sd = (gain.offset_db, gain.sd_db) if known else (0.0, 0.0)

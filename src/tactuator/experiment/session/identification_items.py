@@ -54,7 +54,7 @@ def load_items(protocol: IdentificationProtocol, beside: Path, rig: Rig) -> Mapp
 def keep_items(
     connection: Connection, study: int, protocol: IdentificationProtocol, items: Mapping[str, LoadedItem]
 ) -> None:
-    """Store the items that are new to the study. Raises BadInput where one of them, or its key, is not what it was."""
+    """Store the items that are new to the study. Raises BadInput where one of them, or its key, has changed."""
     stored = list(connection.execute(select(schema.stimulus).where(schema.stimulus.c.study_id == study)))
     for row in stored:
         if row.label in items and items[row.label].sha256 != row.sha256:

@@ -102,7 +102,7 @@ class IdentificationTask:
         return (*(table for pair in tables for table in pair), *map(abx_table, abx))
 
     def play(self, trial: Trial, callbacks: PlaybackCallbacks) -> tuple[tuple[IntervalRecord, ...], Presentation]:
-        """Play the items of a trial on every channel; returns what was played, and how.
+        """Play the items of a trial on every channel, and return the records of its intervals and the presentation.
 
         A trial always takes as long as the longest items would, and in ABX so does each of its intervals: how long
         something takes on the subject's page then says nothing of what it was.

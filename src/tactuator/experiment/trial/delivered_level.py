@@ -48,7 +48,7 @@ def delivered_offset_db(
 
 
 @dataclass(frozen=True)
-class Delivered:
+class DeliveredLevel:
     """Gain of the display in a run.
 
     offset_db: level at the sensor above the commanded level. sd_db: its standard deviation. Both NaN where noise hides
@@ -59,13 +59,13 @@ class Delivered:
     sd_db: float
 
 
-def delivered(
+def delivered_level(
     commanded_db_sl: FloatArray,
     measured_db_sl: FloatArray,
     frequency_hz: float,
     level_db_sl: float,
     near_db: float = _NEAR_THRESHOLD_DB,
-) -> Delivered:
+) -> DeliveredLevel:
     """Estimate the display's gain at a frequency from intervals played there.
 
     commanded_db_sl (NaN in blank intervals), measured_db_sl: (intervals,). level_db_sl: the threshold; near_db: how
@@ -79,7 +79,7 @@ def delivered(
     if frequency_hz < FRICTION_HZ:
         with np.errstate(invalid="ignore"):
             played &= np.abs(commanded_db_sl - level_db_sl) <= near_db
-    nothing = Delivered(float("nan"), float("nan"))
+    nothing = DeliveredLevel(float("nan"), float("nan"))
     if not played.any():
         return nothing
     hum = from_db(measured_db_sl[blank]) ** 2
@@ -95,4 +95,4 @@ def delivered(
     sd_db = float(10.0 / np.log(10.0) * np.sqrt(scatter * max(excess, 1.0)) / gain)
     if not sd_db <= _LARGEST_SD_DB:
         return nothing
-    return Delivered(float(10.0 * np.log10(gain)), sd_db)
+    return DeliveredLevel(float(10.0 * np.log10(gain)), sd_db)

@@ -56,7 +56,7 @@ class Detection:
     def play(
         self, trial: Trial, frequency_hz: float, seed: Sequence[int]
     ) -> tuple[tuple[IntervalRecord, ...], Presentation]:
-        """Play a trial; returns what was commanded and measured in each interval, and how the trial was played."""
+        """Play a trial, and return the records of its intervals and the presentation."""
         tones = self.paradigm.tones(trial, frequency_hz)
         references = [
             self._reference(tone, trial_rng((*seed, 2, index), trial.number)) for index, tone in enumerate(tones)
