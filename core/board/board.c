@@ -67,9 +67,15 @@ static int32_t way_out(int32_t fault)
     return fault == TACT_FAULT_COMFORT ? TACT_RAMPS_QUICKLY : TACT_CUT;
 }
 
+static int is_of_sensor_or_travel(int32_t fault)
+{
+    return fault >= TACT_FAULT_TRAVEL && fault <= TACT_FAULT_SENSOR_JUMPS;
+}
+
 static void fail(tact_board *board, int32_t fault, int32_t channel)
 {
     if (board->mode != TACT_FAULT) {
+        board->sensor_faults += (uint32_t)is_of_sensor_or_travel(fault);
         if (board->mode == TACT_ARMED) {
             board->ending = TACT_CUT;
             board->command_fade = 0.0f;
@@ -90,7 +96,7 @@ void tact_board_fail(tact_board *board, uint32_t faults, int32_t channel)
     if (board->mode == TACT_OFF)
         return;
     if (board->mode == TACT_ARMED) /* no command: what moves now is moved by hand */
-        faults &= ~(1u << TACT_FAULT_TRAVEL | 1u << TACT_FAULT_COMFORT);
+        faults &= ~(1u << TACT_FAULT_TRAVEL | 1u << TACT_FAULT_COMFORT | 1u << TACT_FAULT_SENSOR_STUCK);
     for (int32_t fault = TACT_FAULT_LAST; fault > TACT_FAULT_NONE; fault--)
         if (faults & (1u << fault))
             fail(board, fault, channel);
@@ -145,7 +151,7 @@ int tact_board_arm(tact_board *board)
 {
     if (board->mode == TACT_ARMED || board->mode == TACT_RUNNING)
         return 1;
-    if (board->mode != TACT_OFF || board->safety.channels == 0)
+    if (board->mode != TACT_OFF || board->safety.channels == 0 || tact_board_is_locked(board))
         return 0;
     board->fault = TACT_FAULT_NONE;
     board->ending = TACT_STAYS;
@@ -169,7 +175,9 @@ int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t dr
         else
             tact_controller_reset(&board->channel[c].controller.single);
         tact_stimulus_rewind(&board->stimulus[c]);
+        tact_guard_begin(&board->channel[c].guard);
         board->channel[c].is_cut = 0;
+        board->channel[c].slow = 0.0f;
     }
     board->cuts = 0;
     empty_queues(board);
@@ -203,40 +211,34 @@ int tact_board_off(tact_board *board)
     return board->mode == TACT_OFF;
 }
 
+uint32_t tact_board_locked_ticks(const tact_board *board)
+{
+    const uint32_t passed = board->ticks - board->fault_tick, whole = (uint32_t)board->safety.lock_ticks;
+    return board->mode == TACT_FAULT && is_of_sensor_or_travel(board->fault) && passed < whole ? whole - passed : 0;
+}
+
+int tact_board_is_locked(const tact_board *board)
+{
+    return board->sensor_faults - board->acknowledged >= (uint32_t)board->safety.lock_faults;
+}
+
+int tact_board_acknowledge(tact_board *board, uint32_t count)
+{
+    if (count > board->sensor_faults)
+        return 0;
+    board->acknowledged = count > board->acknowledged ? count : board->acknowledged;
+    return 1;
+}
+
 int tact_board_clear(tact_board *board)
 {
-    if (board->mode == TACT_FAULT && board->command_fade == 0.0f) {
+    if (board->mode == TACT_FAULT && board->command_fade == 0.0f && tact_board_locked_ticks(board) == 0) {
         board->mode = TACT_OFF;
         board->ending = TACT_STAYS;
         for (int32_t c = 0; c < board->channels; c++)
             board->channel[c].guard.means.first = board->channel[c].guard.means.second = 0.0f;
     }
     return board->mode != TACT_FAULT;
-}
-
-static void take_row(const tact_board *board, float *to, const float *row)
-{
-    for (int32_t c = 0; c < board->channels; c++)
-        to[c] = board->drives ? row[c] : tact_board_within(row[c], board->safety.channel[c].reference_max);
-}
-
-uint32_t tact_board_stream(tact_board *board, uint32_t first, const float *rows, uint32_t count)
-{
-    const uint32_t width = (uint32_t)board->channels;
-    if (board->mode != TACT_RUNNING || board->source != TACT_STREAM)
-        return board->stream_end;
-    if (board->tick - board->stream_end < 0x80000000u && first - board->tick < 0x40000000u)
-        board->stream_at = board->stream_end = first; /* dry: a new stretch may begin now or later */
-    for (uint32_t i = 0; i < count; i++) {
-        const uint32_t end = board->stream_end;
-        if (first + i != end)
-            continue;
-        if (end - board->tick >= board->stream_capacity)
-            break;
-        take_row(board, board->stream + (end & (board->stream_capacity - 1)) * width, rows + i * width);
-        board->stream_end = end + 1;
-    }
-    return board->stream_end;
 }
 
 /* The command's limit, drawn in to where the D/A still follows. */

@@ -9,7 +9,8 @@
  * comfort), the answer is clamped and becomes a code, delay_samples later put out. Sensor and travel faults and
  * arithmetic that broke cut that channel's command at the next latch; comfort fades all out in quick_ticks; a late
  * interrupt, a silent link, a stop and another channel's cut fade the reference out, then the command. The first fault
- * latches and is named.
+ * latches and is named. After a sensor or travel fault CLEAR is refused until lock_ticks have passed, and ARM after
+ * lock_faults of them until a person has acknowledged them: a sensor that lies must not drive the motor on by clearing.
  *
  * The reference comes from a stream (samples for given ticks of the run, kept in a ring), from the stimulus on the
  * board, or is zero. With `hold` the run waits, without time passing, while the stream is dry: for boards whose
@@ -57,6 +58,7 @@ typedef struct {
     int32_t rest_code;
     int32_t broken;                    /* the command was no number, and nobody has seen to it */
     int32_t is_cut;                    /* until the next run: nothing is put out any more */
+    float slow;                        /* part of the reference, within travel_max */
     const tact_safety_channel *safety; /* in the board's table */
     const tact_controller *single;     /* in the board's image */
     const tact_controller_q31 *q31;
@@ -70,6 +72,7 @@ typedef struct {
     uint32_t ticks;       /* since the board began */
     uint32_t silence;     /* ticks since the link was heard */
     uint32_t fault_tick;
+    uint32_t sensor_faults, acknowledged; /* faults of a sensor or of travel since the board began; those that a person knows of */
     uint32_t late;        /* interrupts that came too late */
     uint32_t taken;       /* safety tables and images, since the board began */
     float fade, command_fade; /* of the reference, of the command */
@@ -110,6 +113,18 @@ int tact_board_stop(tact_board *board);
 int tact_board_off(tact_board *board);
 int tact_board_clear(tact_board *board);
 
+/* A person knows of `count` sensor and travel faults since the board began: 1 if there were so many. */
+int tact_board_acknowledge(tact_board *board, uint32_t count);
+
+/* Ticks until a fault may be cleared; 0: now. */
+uint32_t tact_board_locked_ticks(const tact_board *board);
+
+/* Whether the board stays in OFF until its faults are acknowledged. */
+int tact_board_is_locked(const tact_board *board);
+
+/* A reference within comfort, its slow part within the travel. */
+float tact_board_limit(const tact_safety *safety, int32_t channel, tact_board_channel *state, float want);
+
 /* The command at zero and no transition under way. */
 int tact_board_is_at_rest(const tact_board *board);
 
@@ -123,7 +138,7 @@ void tact_board_fail(tact_board *board, uint32_t faults, int32_t channel);
 void tact_board_fade(tact_board *board);
 
 /* count samples (rows) for the ticks from `first` on; gives the tick up to which samples are there now. What was there
- * stays; what does not follow on is left out. References are limited to comfort here, where they come in. */
+ * stays; what does not follow on is left out. References are limited to comfort and travel here, where they come in. */
 uint32_t tact_board_stream(tact_board *board, uint32_t first, const float *rows, uint32_t count);
 
 /* New table or image, only in OFF: 1 if taken. */

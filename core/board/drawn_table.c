@@ -49,6 +49,10 @@ static void draw_channel(tact_safety_channel *channel, tact_noise *noise)
     channel->reference_max = limit(channel->reference_max, 1e5f, noise);
     channel->comfort_max = limit(channel->comfort_max, 1e5f, noise);
     channel->disagreement_v = limit(channel->disagreement_v, 1e6f, noise);
+    channel->still_codes = (int32_t)tact_drawn_of(noise, 24);
+    channel->stray_max_v = limit(channel->stray_max_v, 1e6f, noise);
+    channel->jump_v = limit(channel->jump_v, 1e6f, noise);
+    channel->travel_max = limit(channel->travel_max, 1e5f, noise);
     channel->reversal_power = limit(channel->reversal_power, 1e6f, noise);
 }
 
@@ -61,6 +65,7 @@ void tact_drawn_safety(tact_safety *safety, const tact_safety *from, tact_noise 
     safety->fade_ticks = ticks(safety->fade_ticks, noise);
     safety->ramp_ticks = ticks(safety->ramp_ticks, noise);
     safety->quick_ticks = ticks(safety->quick_ticks, noise);
+    safety->lock_ticks = (int32_t)tact_drawn_of(noise, FEW_TICKS);
     if (tact_drawn_of(noise, 2)) {
         safety->delay_samples = 1 + (int32_t)tact_drawn_of(noise, 8);
         safety->turns = 1 + (int32_t)tact_drawn_of(noise, 4);

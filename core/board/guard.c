@@ -9,6 +9,8 @@ extern inline float tact_section_awake(float b0, float b1, float b2, float a1, f
 extern inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *state, int32_t code,
                                      float motor_v, uint32_t tick, int *violated);
 extern inline float tact_guard_weigh(const tact_guard_table *table, tact_section_state *state, float y);
+extern inline int tact_guard_stray(const tact_guard_table *table, tact_guard_state *state, int32_t code,
+                                   float unexplained);
 extern inline uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick);
 
 static tact_float_pair pair(float first, float second)
@@ -20,15 +22,20 @@ static tact_float_pair pair(float first, float second)
 void tact_guard_make(tact_guard_table *table, const tact_safety_channel *safety, int32_t turns)
 {
     const float step_v = safety->converter.step_v_single, ticks = (float)turns;
-    /* The motion since the last turn is the model's, ticks w, and the sensor's, step_v times codes. */
-    const float share = REVERSED_SHARE * ticks / step_v;
+    const float share = REVERSED_SHARE * ticks;
     const float power = safety->reversal_power / ((1.0f - TACT_GUARD_KEPT) * ticks * ticks);
+    const float whole = 1.0f / (1.0f - safety->correct_x); /* nu, per volt that tact_guard_compare() finds */
     table->reading = pair(step_v, safety->drive);
     table->returning = pair(1.0f - safety->damp, safety->spring);
     table->correcting = pair(safety->correct_w, safety->correct_x);
     table->resting = pair(safety->stop_lead, safety->stop_max_v);
     table->differing = pair(safety->disagreement_v, safety->comfort_max);
     table->reversing = pair(share * power, power);
+    table->jumping = pair(safety->jump_share * ticks, safety->jump_v);
+    table->staying = pair(1.0f - ticks * safety->damp, ticks * ticks * safety->spring);
+    table->uncorrecting = pair(ticks * ticks * whole * (safety->correct_w + safety->damp * safety->correct_x), whole);
+    table->still_codes = safety->still_codes;
+    table->stray_max_v = safety->stray_max_v;
     table->reversed_share = share;
     for (int i = 0; i < TACT_WEIGHTING_COUNT; i++) {
         const tact_section *from = &safety->weighting[i];
@@ -41,12 +48,21 @@ void tact_guard_make(tact_guard_table *table, const tact_safety_channel *safety,
 
 void tact_guard_reset(tact_guard_state *state, uint32_t tick)
 {
-    state->model = state->means = pair(0.0f, 0.0f);
+    state->model = state->means = state->strayed = pair(0.0f, 0.0f);
+    state->balance = state->compared_v = state->unexplained = state->jump = 0.0f;
+    state->apart_before[0] = state->apart_before[1] = state->w_before[0] = state->w_before[1] = 0.0f;
+    tact_guard_begin(state);
     state->motor_before_v = state->place = state->apart = 0.0f;
-    state->last_code = state->compared_code = state->violated = 0;
+    state->last_code = state->violated = 0;
     state->changed_tick = tick;
     for (int i = 0; i < TACT_WEIGHTING_COUNT; i++)
         state->weighting[i].s1 = state->weighting[i].s2 = 0.0f;
+}
+
+void tact_guard_begin(tact_guard_state *state)
+{
+    state->lowest = INT32_MIN / 2; /* the next reading is beyond what stands still */
+    state->highest = INT32_MAX / 2;
 }
 
 static uint32_t stuck(const tact_guard_state *state)
@@ -84,8 +100,8 @@ static void settle(tact_section_state *state)
         state[i].s1 = state[i].s2 = 0.0f;
 }
 
-uint32_t tact_guard_confirm(const tact_guard_table *table, tact_guard_state *state, float felt,
-                                uint32_t same_ticks)
+uint32_t tact_guard_confirm(const tact_guard_table *table, tact_guard_state *state, float felt, uint32_t same_ticks,
+                            int strays)
 {
     uint32_t faults = 0;
     if (state->last_code == 0)
@@ -95,6 +111,10 @@ uint32_t tact_guard_confirm(const tact_guard_table *table, tact_guard_state *sta
     if (state->means.second > table->reversing.second &&
         state->means.first < table->reversed_share * state->means.second)
         faults |= 1u << TACT_FAULT_SENSOR_REVERSED;
+    if (strays)
+        faults |= 1u << TACT_FAULT_SENSOR_STUCK;
+    if (!(state->jump <= table->jumping.second))
+        faults |= 1u << TACT_FAULT_SENSOR_JUMPS;
     if (same_ticks >= table->frozen_ticks)
         faults |= stuck(state);
     return faults;

@@ -14,8 +14,11 @@
  *
  * What needs no answer within the tick is looked at by tact_guard_compare(), for some of the channels each tick, in
  * turn: the felt reference, at a rate of at least four times the band's end (faster, no motor reaches comfort); a
- * reading that stays the same for frozen_ticks (frozen; at zero: shorted); and a reversed sensor on a loop that does
- * not run away, from the sign of the motion: mean of w dy against the mean of w^2, over some 30 ms.
+ * reading that stays the same for frozen_ticks (frozen; at zero: shorted); a reversed sensor on a loop that does not run
+ * away, from the sign of the motion: mean of w dy against the mean of w^2, over some 30 ms; a reading that jumps, more
+ * than any force makes it; and one that stands still, but for noise, while the command asks for motion (stuck). Under a
+ * steady finger a reading stands still as well, and the loop's integrator holds the finger's force: so it is motion by
+ * the command's change since then that counts.
  *
  * The compiler's own __builtin_fabsf is one instruction, and no call.
  *
@@ -43,6 +46,8 @@ typedef enum {
     TACT_FAULT_SENSOR_FROZEN,
     TACT_FAULT_SENSOR_REVERSED,
     TACT_FAULT_SENSOR_DISAGREES,
+    TACT_FAULT_SENSOR_STUCK,
+    TACT_FAULT_SENSOR_JUMPS,
     TACT_FAULT_NOT_A_NUMBER,
     TACT_FAULT_LATE,
     TACT_FAULT_SILENCE,
@@ -58,19 +63,30 @@ typedef struct {
     tact_float_pair differing;  /* disagreement_v | comfort_max */
     tact_float_pair reversing;  /* agreement below which the power is looked at | least power */
     float weighting[5 * TACT_WEIGHTING_COUNT];
-    float reversed_share; /* agreement in the power of a reversed sensor */
+    tact_float_pair jumping; /* share of the model's own change of motion, per its w | most that remains, volts of y */
+    tact_float_pair staying;      /* of the motion that a still reading hides, in a turn: what stays | per its place */
+    tact_float_pair uncorrecting; /* per volt of nu since then: taken from its velocity | and from its place */
+    float reversed_share;     /* agreement in the power of a reversed sensor */
     uint32_t frozen_ticks;
+    int32_t still_codes;      /* a reading within so many codes stands still */
+    float stray_max_v;        /* most that it may come to, volts of y */
 } tact_guard_table;
 
 typedef struct {
     tact_float_pair model; /* x | w: position and velocity */
     tact_float_pair means; /* agreement | power: w dy in volts and codes, w^2; sums, each term fading over some 40 turns */
+    tact_float_pair strayed; /* of a still reading: what it has corrected since then, place | velocity a turn */
     tact_section_state weighting[TACT_WEIGHTING_COUNT];
     float motor_before_v;             /* in the period before this one */
     float place, apart;               /* of the last violation: predicted place of rest, and |nu|, by size */
     int32_t violated;                 /* a limit is, and nobody has seen to it */
-    int32_t last_code, compared_code; /* of the last tick, and of the last comparison */
+    int32_t last_code;                /* of the last tick */
     uint32_t changed_tick;            /* since when the reading is last_code */
+    int32_t lowest, highest;          /* of the reading since it stands still */
+    float balance;                    /* unexplained when that began: a finger's steady force */
+    float compared_v, unexplained;    /* at the last comparison: y; nu, but for a share of it */
+    float apart_before[2], w_before[2]; /* at the last two: motion that the model does not explain; w */
+    float jump;                       /* change of that motion from two turns ago, less the share allowed */
 } tact_guard_state;
 
 /* The table of a channel that is compared every `turns` ticks. */
@@ -79,12 +95,15 @@ void tact_guard_make(tact_guard_table *table, const tact_safety_channel *safety,
 /* At rest at zero. tick: any count of ticks, here and below the same. */
 void tact_guard_reset(tact_guard_state *state, uint32_t tick);
 
+/* A run begins: what moved before says nothing of a sensor that stands still. */
+void tact_guard_begin(tact_guard_state *state);
+
 /* 1 << fault for each fault that the last reading shows; when tact_guard_sense() found a limit violated. */
 uint32_t tact_guard_name(const tact_safety_channel *safety, const tact_guard_state *state, uint32_t tick);
 
 /* What tact_guard_compare() suspects, told: 1 << fault for each fault found. Weighting at rest where all is quiet. */
-uint32_t tact_guard_confirm(const tact_guard_table *table, tact_guard_state *state, float felt,
-                                uint32_t same_ticks);
+uint32_t tact_guard_confirm(const tact_guard_table *table, tact_guard_state *state, float felt, uint32_t same_ticks,
+                            int strays);
 
 /* tact_section_step() of a section whose input is not silent: nothing comes to rest. */
 inline float tact_section_awake(float b0, float b1, float b2, float a1, float a2, tact_section_state *state, float x)
@@ -137,24 +156,60 @@ inline float tact_guard_weigh(const tact_guard_table *table, tact_section_state 
     return tact_section_awake(a2b0.second, b1b2.first, b1b2.second, a1a2.first, a1a2.second, &state[1], value);
 }
 
+/* How far the motor would have come if the reading, which stands still, were a lie: the observer's place, less all that
+ * the reading has corrected it by since then, but for what it was corrected by when that began. Gives 1 where that is
+ * too far. */
+inline int tact_guard_stray(const tact_guard_table *table, tact_guard_state *state, int32_t code, float unexplained)
+{
+    const int32_t lowest = code < state->lowest ? code : state->lowest;
+    const int32_t highest = code > state->highest ? code : state->highest;
+    if (highest - lowest > table->still_codes) {
+        state->lowest = state->highest = code;
+        state->balance = unexplained;
+        state->strayed.first = state->strayed.second = 0.0f;
+        return 0;
+    }
+    const tact_float_pair staying = tact_float_pair_get(&table->staying), strayed = tact_float_pair_get(&state->strayed);
+    const tact_float_pair uncorrecting = tact_float_pair_get(&table->uncorrecting);
+    const float change = unexplained - state->balance;
+    const float velocity = staying.first * strayed.second - (staying.second * strayed.first + uncorrecting.first * change);
+    const float place = strayed.first + velocity;
+    state->lowest = lowest;
+    state->highest = highest;
+    state->strayed.first = place;
+    state->strayed.second = velocity;
+    return !(__builtin_fabsf(place - uncorrecting.second * change) <= table->stray_max_v);
+}
+
 /* The slow part, for a channel whose turn it is, every so many ticks: 1 << fault for each fault found. */
 inline uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick)
 {
     const int32_t code = state->last_code;
     const uint32_t same_ticks = tick - state->changed_tick;
-    const float moved = (float)(code - state->compared_code), w = state->model.second;
+    const float y = (float)code * table->reading.first, w = state->model.second;
     const tact_float_pair means = tact_float_pair_get(&state->means);
-    const float agreement = TACT_GUARD_KEPT * means.first + w * moved;
-    const float felt = tact_guard_weigh(table, state->weighting, (float)code * table->reading.first);
+    const float agreement = TACT_GUARD_KEPT * means.first + w * (y - state->compared_v);
+    const float felt = tact_guard_weigh(table, state->weighting, y);
+    const float unexplained = (y + w) - state->model.first, apart = unexplained - state->unexplained;
+    const tact_float_pair jumping = tact_float_pair_get(&table->jumping);
+    const float jump = __builtin_fabsf(apart - state->apart_before[1]) - 
+                       jumping.first * __builtin_fabsf(w - state->w_before[1]);
     state->means.first = agreement;
     state->means.second = TACT_GUARD_KEPT * means.second + w * w;
-    state->compared_code = code;
+    state->compared_v = y;
+    state->unexplained = unexplained;
+    state->apart_before[1] = state->apart_before[0];
+    state->apart_before[0] = apart;
+    state->w_before[1] = state->w_before[0];
+    state->w_before[0] = w;
+    state->jump = jump;
+    const int strays = tact_guard_stray(table, state, code, unexplained);
     const int is_quiet = code == 0 && __builtin_fabsf(state->weighting[0].s1) < TACT_TINY;
     /* A reversed sensor agrees less than the least power would ask for, and more power asks for less still. */
-    if (!is_quiet && __builtin_fabsf(felt) <= table->differing.second && !(agreement < table->reversing.first) &&
-        same_ticks < table->frozen_ticks)
+    if (!is_quiet && !strays && jump <= jumping.second && __builtin_fabsf(felt) <= table->differing.second &&
+        !(agreement < table->reversing.first) && same_ticks < table->frozen_ticks)
         return 0;
-    return tact_guard_confirm(table, state, felt, same_ticks);
+    return tact_guard_confirm(table, state, felt, same_ticks, strays);
 }
 
 #endif

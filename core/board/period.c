@@ -222,7 +222,7 @@ SELDOM void ask(tact_board *board, float *wants)
     for (int32_t c = 0; c < board->channels; c++) {
         const float want =
             board->source == TACT_STIMULUS ? tact_stimulus_next(&board->stimulus[c], board->tick) : 0.0f;
-        wants[c] = board->drives ? want : tact_board_within(want, board->safety.channel[c].reference_max);
+        wants[c] = board->drives ? want : tact_board_limit(&board->safety, c, &board->channel[c], want);
     }
 }
 

@@ -178,6 +178,8 @@ static void transition(tact_period_check *check, const tact_board *like)
         swap(check, like);
     if (ask < 2)
         digest(check, (uint32_t)tact_board_off(board));
+    else if (tact_board_is_locked(board) && ask < 32)
+        digest(check, (uint32_t)tact_board_acknowledge(board, board->sensor_faults + (ask & 1u)));
     else if (board->mode == TACT_OFF)
         digest(check, (uint32_t)tact_board_arm(board));
     else if (board->mode == TACT_ARMED && ask < 900)
@@ -216,6 +218,9 @@ static void digest_guard(tact_period_check *check, const tact_guard_state *guard
     digest_float(check, guard->model.second);
     digest_float(check, guard->means.first);
     digest_float(check, guard->means.second);
+    digest_float(check, guard->strayed.first);
+    digest_float(check, guard->strayed.second);
+    digest_float(check, guard->jump);
     for (int32_t i = 0; i < TACT_WEIGHTING_COUNT; i++) {
         digest_float(check, guard->weighting[i].s1);
         digest_float(check, guard->weighting[i].s2);
@@ -229,6 +234,8 @@ static void look_inside(tact_period_check *check)
     const tact_board *board = &check->board;
     const tact_board_channel *channel = &board->channel[board->ticks % (uint32_t)board->channels];
     digest_float(check, channel->delayed_v[board->delay_at]);
+    digest_float(check, channel->slow);
+    digest(check, tact_board_locked_ticks(board));
     if ((board->ticks & 3u) == 0 && board->image.format != 0) {
         digest_guard(check, &channel->guard);
         digest_controller(check, board->image.format, channel);

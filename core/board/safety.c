@@ -51,6 +51,11 @@ static void read_channel(tact_reader *reader, tact_safety_channel *channel, int 
     channel->spring = number(reader, bad, 0.0f, 1.0f);
     channel->correct_x = number(reader, bad, -2.0f, 2.0f);
     channel->correct_w = number(reader, bad, -2.0f, 2.0f);
+    channel->still_codes = integer(reader, bad, 0, 1 << 24);
+    channel->stray_max_v = number(reader, bad, 0.0f, 1e6f);
+    channel->jump_v = number(reader, bad, 0.0f, 1e6f);
+    channel->jump_share = number(reader, bad, 0.0f, 1e3f);
+    channel->travel_max = number(reader, bad, 0.0f, 1e5f);
     for (int32_t i = 0; i < TACT_WEIGHTING_COUNT; i++) {
         tact_section *section = &channel->weighting[i];
         section->b0 = number(reader, bad, -1e8f, 1e8f);
@@ -102,6 +107,10 @@ int32_t tact_safety_parse(tact_safety *table, const uint8_t *bytes, size_t size,
     table->ramp_ticks = integer(&reader, &bad, 1, TICKS_MAX);
     table->quick_ticks = integer(&reader, &bad, 1, TICKS_MAX);
     table->turns = integer(&reader, &bad, 1, 64);
+    table->travel_share = number(&reader, &bad, 1e-6f, 1.0f);
+    table->per_travel_share = bad ? 1.0f : 1.0f / table->travel_share;
+    table->lock_ticks = integer(&reader, &bad, 0, TICKS_MAX);
+    table->lock_faults = integer(&reader, &bad, 1, TICKS_MAX);
     for (int32_t c = 0; c < table->channels; c++)
         read_channel(&reader, &table->channel[c], &bad);
     if (reader.overrun || reader.at != size - 4)

@@ -1,7 +1,8 @@
 /* Safety table: what the guard holds every image to. The board's own, checksummed, written only in OFF.
  *
- *     magic "TACS" | version 1 | channels, delay | length | rate_hz | lateness_max | silence, soft start, fade, ramp,
- *     quick ramp (ticks) | turns | then for each channel the fields of tact_safety_channel in order | CRC-32 of all before
+ *     magic "TACS" | version 2 | channels, delay | length | rate_hz | lateness_max | silence, soft start, fade, ramp,
+ *     quick ramp (ticks) | turns | travel_share |
+ *     lock ticks, lock faults | then for each channel the fields of tact_safety_channel in order | CRC-32 of all before
  *
  * Little-endian; integers 32 bits, numbers float32, sections b0 b1 b2 a1 a2 in delta form. Nothing in an image and no
  * frame of the link changes a table while anything moves: a subject's prefilter is a download that leaves it alone.
@@ -23,7 +24,7 @@
 #include "board/image.h"
 #include "arithmetic/section.h"
 
-enum { TACT_SAFETY_VERSION = 1, TACT_SAFETY_MAGIC = 0x53434154, TACT_SAFETY_MAX = 1024, TACT_WEIGHTING_COUNT = 2 };
+enum { TACT_SAFETY_VERSION = 2, TACT_SAFETY_MAGIC = 0x53434154, TACT_SAFETY_MAX = 1024, TACT_WEIGHTING_COUNT = 2 };
 enum { TACT_SAFETY_NEVER = 1 << 20 }; /* ticks */
 
 typedef enum {
@@ -48,6 +49,11 @@ typedef struct {
     float disagreement_v;      /* |nu| beyond it: the sensor disagrees with the plant */
     float reversal_power;      /* mean square of w, above which motion is compared with the plant's */
     float drive, damp, spring, correct_x, correct_w;
+    int32_t still_codes;       /* a reading within so many codes stands still; it is stuck if the motor should have */
+    float stray_max_v;         /* moved by so much meanwhile, volts of y */
+    float jump_v;              /* most that the reading's unexplained motion changes by, from one turn to the next but one, */
+    float jump_share;          /* besides this share of the model's own change */
+    float travel_max;          /* of the reference's slow part, threshold units */
     tact_section weighting[TACT_WEIGHTING_COUNT]; /* y to felt reference: the designed H, inverted up to the band's end */
 } tact_safety_channel;
 
@@ -58,6 +64,9 @@ typedef struct {
     int32_t lateness_max; /* 1/256 of a period */
     int32_t silence_ticks, soft_start_ticks, fade_ticks, ramp_ticks, quick_ticks;
     int32_t turns; /* each channel is compared every so many ticks, and its weighting runs at that rate */
+    float travel_share;         /* of the reference, into its slow part, a tick: the rest stays */
+    float per_travel_share;     /* 1 / travel_share */
+    int32_t lock_ticks, lock_faults; /* after a sensor or travel fault no clear for so long; after so many no arm */
     uint32_t crc;
     tact_safety_channel channel[TACT_CHANNELS_MAX];
 } tact_safety;

@@ -110,15 +110,23 @@ static int take(void *context, const uint8_t *bytes, size_t size, int32_t channe
     return tact_simulated_board_parse(context, bytes, size, channels);
 }
 
+/* The same fault again goes on: the request may have come twice. */
+static void break_sensor(tact_sensor_fault *fault, int32_t kind, float value, int32_t code)
+{
+    if (fault->kind != kind || !(fault->value == value || (fault->value != fault->value && value != value)))
+        tact_sensor_fault_set(fault, kind, value, code);
+}
+
 static int32_t touch_or_break(void *context, uint8_t type, tact_reader *in)
 {
     tact_simulated_board *simulated = context;
     const uint32_t channel = tact_read_u8(in);
     const int32_t what = tact_read_u8(in);
+    const float value = type == TACT_ASK_BREAK ? tact_read_f32(in) : 0.0f;
     if (in->overrun || in->at != in->size || channel >= (uint32_t)simulated->channels)
         return TACT_BAD_PAYLOAD;
-    if (type == TACT_ASK_BREAK && what <= TACT_SENSOR_REVERSED)
-        simulated->sensor[channel] = what;
+    if (type == TACT_ASK_BREAK && what <= TACT_SENSOR_LAST)
+        break_sensor(&simulated->sensor[channel], what, value, simulated->code[channel]);
     else if (type == TACT_ASK_TOUCH && what < simulated->table[channel].plant_count)
         simulated->state[channel].touched = what;
     else
@@ -135,33 +143,21 @@ void tact_simulated_board_join(tact_simulated_board *simulated, tact_link *link)
 
 void tact_simulated_board_latch(tact_simulated_board *simulated, const int32_t *codes)
 {
-    for (int32_t c = 0; c < simulated->channels; c++)
-        (void)tact_display_latch(&simulated->table[c], &simulated->state[c], codes[c], (double)simulated->force_v[c]);
-}
-
-static int32_t through_sensor(tact_simulated_board *simulated, int32_t channel, int32_t code)
-{
-    const tact_converter *converter = &simulated->table[channel].converter;
-    switch (simulated->sensor[channel]) {
-    case TACT_SENSOR_OPEN:
-        return converter->code_max;
-    case TACT_SENSOR_SHORTED:
-        return 0;
-    case TACT_SENSOR_FROZEN:
-        return simulated->code[channel];
-    case TACT_SENSOR_REVERSED:
-        return -code > converter->code_max ? converter->code_max : -code;
-    default:
-        return code;
+    for (int32_t c = 0; c < simulated->channels; c++) {
+        tact_display_state *state = &simulated->state[c];
+        const double stop_v = tact_sensor_fault_force_v(&simulated->sensor[c], state->displacement_mm);
+        (void)tact_display_latch(&simulated->table[c], state, codes[c], (double)simulated->force_v[c] + stop_v);
     }
 }
 
 void tact_simulated_board_read(tact_simulated_board *simulated, int32_t *codes)
 {
-    for (int32_t c = 0; c < simulated->channels; c++) {
-        const int32_t code = tact_display_read(&simulated->table[c], &simulated->state[c]);
-        codes[c] = simulated->code[c] = through_sensor(simulated, c, code);
-    }
+    int32_t sound[TACT_CHANNELS_MAX];
+    for (int32_t c = 0; c < simulated->channels; c++)
+        sound[c] = tact_display_read(&simulated->table[c], &simulated->state[c]);
+    for (int32_t c = 0; c < simulated->channels; c++)
+        codes[c] = simulated->code[c] = tact_sensor_fault_apply(
+            &simulated->sensor[c], &simulated->table[c].converter, sound, simulated->channels, c);
 }
 
 void tact_simulated_board_advance(tact_simulated_board *simulated)

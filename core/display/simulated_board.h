@@ -21,10 +21,10 @@
 
 #include "board/board.h"
 #include "display/display.h"
+#include "display/sensor_fault.h"
 #include "link/link.h"
 
 enum { TACT_SIMULATED_BOARD_MAGIC = 0x57434154, TACT_SIMULATED_BOARD_VERSION = 1, TACT_SIMULATED_BOARD_MAX = TACT_UPLOAD_SIZE, TACT_SIMULATED_BOARD_PLANTS_MAX = 4 };
-enum { TACT_SENSOR_SOUND = 0, TACT_SENSOR_OPEN, TACT_SENSOR_SHORTED, TACT_SENSOR_FROZEN, TACT_SENSOR_REVERSED };
 
 typedef struct {
     int32_t channels; /* 0: none is described */
@@ -32,7 +32,7 @@ typedef struct {
     tact_display table[TACT_CHANNELS_MAX];
     tact_plant plant[TACT_CHANNELS_MAX][TACT_SIMULATED_BOARD_PLANTS_MAX];
     tact_display_state state[TACT_CHANNELS_MAX];
-    int32_t sensor[TACT_CHANNELS_MAX]; /* TACT_SENSOR_..., what has happened to it */
+    tact_sensor_fault sensor[TACT_CHANNELS_MAX];
     int32_t code[TACT_CHANNELS_MAX];   /* the last reading */
     float force_v[TACT_CHANNELS_MAX];  /* from outside, in this period */
     float *force;                      /* ring beside the board's stream */

@@ -205,6 +205,14 @@ static int32_t start(tact_link *link, tact_reader *in)
     return tact_board_start(link->board, run, source, drives, holds) ? TACT_DONE : TACT_NOT_IN_THIS_MODE;
 }
 
+static int32_t acknowledge(tact_board *board, tact_reader *in)
+{
+    const uint32_t count = tact_read_u32(in);
+    if (in->overrun || in->at != in->size || !tact_board_acknowledge(board, count))
+        return TACT_BAD_PAYLOAD;
+    return TACT_DONE;
+}
+
 static int32_t move(tact_link *link, uint8_t type, tact_reader *in, tact_writer *out)
 {
     tact_board *board = link->board;
@@ -212,6 +220,8 @@ static int32_t move(tact_link *link, uint8_t type, tact_reader *in, tact_writer 
     const uint32_t before = keep_out(link);
     if (type == TACT_ASK_START)
         outcome = start(link, in);
+    else if (type == TACT_ASK_ACKNOWLEDGE)
+        outcome = acknowledge(board, in);
     else if (in->size != in->at)
         outcome = TACT_BAD_PAYLOAD;
     else {
@@ -219,7 +229,9 @@ static int32_t move(tact_link *link, uint8_t type, tact_reader *in, tact_writer 
                          : type == TACT_ASK_STOP ? tact_board_stop(board)
                          : type == TACT_ASK_OFF  ? tact_board_off(board)
                                                  : tact_board_clear(board);
-        outcome = done ? TACT_DONE : TACT_NOT_IN_THIS_MODE;
+        const int locked = (type == TACT_ASK_ARM && board->mode == TACT_OFF && tact_board_is_locked(board)) ||
+                           (type == TACT_ASK_CLEAR && tact_board_locked_ticks(board) != 0);
+        outcome = done ? TACT_DONE : locked ? TACT_LOCKED : TACT_NOT_IN_THIS_MODE;
     }
     let_in(link, before);
     tact_write_u8(out, (uint8_t)board->mode);
@@ -280,6 +292,7 @@ static int32_t carry_out(tact_link *link, const tact_frame *frame, tact_writer *
     case TACT_ASK_STOP:
     case TACT_ASK_OFF:
     case TACT_ASK_CLEAR:
+    case TACT_ASK_ACKNOWLEDGE:
         return move(link, frame->type, &in, out);
     case TACT_ASK_STREAM:
         return take_stream(link, &in, out);

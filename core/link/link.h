@@ -11,6 +11,7 @@
  *     UPLOAD             kind u8, offset u32, bytes                           -
  *     COMMIT             kind u8, size u32, CRC-32 u32                        refusal u8 (tact_image_refusal, ...)
  *     ARM STOP OFF CLEAR -                                                    mode u8
+ *     ACKNOWLEDGE        sensor faults u32                                    mode u8
  *     START              run u32, source u8, drives u8, holds u8              mode u8
  *     STREAM             run u32, first u32, count u16, forces u8, rows f32   end u32, tick u32
  *     STIMULUS           channel u8, count u8, tones                          -
@@ -18,7 +19,7 @@
  *     PERIOD_CHECK       seed u32, ticks u32                                  digest, running, starts, faults (u32)
  *     BENCH              samples u32                                          least, most, sum (u32), samples u32
  *     TOUCH              channel u8, load u8                                  -
- *     BREAK              channel u8, sensor u8                                -
+ *     BREAK              channel u8, sensor u8, value f32                     -
  *
  * A check begins anew with every request. TOUCH and BREAK are for boards whose display is simulated, which registers itself in `display`. Memory is bounded at both ends: a frame is at
  * most TACT_FRAME_MAX bytes, the stream and the trace are the board's rings.
@@ -47,6 +48,7 @@ typedef enum {
     TACT_ASK_STOP,
     TACT_ASK_OFF,
     TACT_ASK_CLEAR,
+    TACT_ASK_ACKNOWLEDGE,
     TACT_ASK_STREAM = 0x20,
     TACT_ASK_STIMULUS,
     TACT_ASK_TRACE,
@@ -64,7 +66,8 @@ typedef enum {
     TACT_NOT_IN_THIS_MODE,
     TACT_REFUSED,
     TACT_OTHER_RUN,
-    TACT_NOT_HERE
+    TACT_NOT_HERE,
+    TACT_LOCKED /* after sensor or travel faults: board.h */
 } tact_outcome;
 
 enum { TACT_UPLOAD_IMAGE = 1, TACT_UPLOAD_SAFETY, TACT_UPLOAD_DISPLAY };

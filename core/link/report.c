@@ -27,6 +27,9 @@ int32_t tact_report_status(const tact_link *link, tact_writer *out)
     tact_write_u32(out, link->heard);
     tact_write_u32(out, link->dropped);
     tact_write_u32(out, board->fault_tick);
+    tact_write_u32(out, board->sensor_faults);
+    tact_write_u32(out, board->acknowledged);
+    tact_write_u32(out, tact_board_locked_ticks(board));
     return TACT_DONE;
 }
 

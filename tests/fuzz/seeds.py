@@ -78,7 +78,7 @@ def conversations() -> dict[str, bytes]:
                 )  # fmt: skip
                 made[f"broken-{name}"] = (
                     ready + frame(Request.START, start.pack(1, SILENT, 0, 0)) + frame(Request.TOUCH, bytes([0, 1]))
-                    + frame(Request.BREAK, bytes([0, 1])) + status * 30 + clear + off
+                    + frame(Request.BREAK, struct.pack("<BBf", 0, 1, 0.0)) + status * 30 + clear + off
                     + frame(Request.PERIOD_CHECK, struct.pack("<II", 1, 100))
                 )  # fmt: skip
         check = frame(Request.PERIOD_CHECK, struct.pack("<II", 1, 200))

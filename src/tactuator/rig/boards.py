@@ -52,8 +52,7 @@ def serial_rig(url: str, display: Display, seed: int = 0) -> BoardRig:
     """Return the rig of `display` on the board at `url`, a serial port or socket://host:port. A board whose display is
     simulated gets this one, with `seed`.
     """
-    transport: Transport = connect(url) if url.startswith(SCHEME) else SerialPort(url)
-    client = LinkClient(transport, _SERIAL_ANSWER_S)
+    client = _at(url)
     try:
         rig = BoardRig(client, display)
         rig.off()  # whoever was here before may have left it running
@@ -63,3 +62,17 @@ def serial_rig(url: str, display: Display, seed: int = 0) -> BoardRig:
         client.close()
         raise
     return rig
+
+
+def acknowledge_faults(url: str) -> int:
+    """Tell the board at `url` that a person knows of its sensor and travel faults; give how many there were."""
+    client = _at(url)
+    try:
+        return client.acknowledge()
+    finally:
+        client.close()
+
+
+def _at(url: str) -> LinkClient:
+    transport: Transport = connect(url) if url.startswith(SCHEME) else SerialPort(url)
+    return LinkClient(transport, _SERIAL_ANSWER_S)

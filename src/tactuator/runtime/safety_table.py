@@ -32,9 +32,11 @@ class Fault(IntEnum):
     SENSOR_FROZEN = 5
     SENSOR_REVERSED = 6
     SENSOR_DISAGREES = 7
-    NOT_A_NUMBER = 8
-    LATE = 9
-    SILENCE = 10
+    SENSOR_STUCK = 8
+    SENSOR_JUMPS = 9
+    NOT_A_NUMBER = 10
+    LATE = 11
+    SILENCE = 12
 
     @property
     def words(self) -> str:
@@ -73,6 +75,25 @@ class StateObserver:
     correct_w: float
 
 
+@dataclass(frozen=True)
+class Standstill:
+    """When a reading that stands still, within so many codes, is taken for stuck: once the command since then should
+    have moved the motor by stray_max_v (volts of y)."""
+
+    codes: int
+    stray_max_v: float
+
+
+@dataclass(frozen=True)
+class Jump:
+    """The change of the reading's motion, from one comparison to the next but one, that no force of a finger explains:
+    least_v (volts of y) and a share of the motion's change by the plant's model.
+    """
+
+    least_v: float
+    share: float
+
+
 @dataclass(frozen=True, eq=False)
 class ChannelSafety:
     """Limits, weighting and plant of one channel; units as in core/board/safety.h. weighting_sos: (2, 6)."""
@@ -88,13 +109,17 @@ class ChannelSafety:
     disagreement_v: float
     reversal_power: float
     observer: StateObserver
+    standstill: Standstill
+    jump: Jump
+    travel_max: float
     weighting_sos: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class SafetyTable:
     """Of a whole board. lateness_max: share of a period, up to 1; the ramps in ticks; each channel is compared
-    (and weighed) every `turns` ticks."""
+    (and weighed) every `turns` ticks; travel_share: of the reference into its slow part, a tick; lock_ticks: how long a
+    sensor or travel fault keeps from a clear; lock_faults: how many of them keep from another run."""
 
     rate_hz: float
     delay_samples: int
@@ -105,6 +130,9 @@ class SafetyTable:
     ramp_ticks: int
     quick_ticks: int
     turns: int
+    travel_share: float
+    lock_ticks: int
+    lock_faults: int
     channels: tuple[ChannelSafety, ...]
 
 
@@ -115,7 +143,7 @@ def safety_bytes(table: SafetyTable) -> bytes:
     if not 1 <= table.delay_samples <= lib.TACT_BOARD_DELAY_MAX:
         raise BadInput(f"delay_samples is {table.delay_samples}; allowed on a board: 1 to {lib.TACT_BOARD_DELAY_MAX}")
     body = struct.pack(
-        "<fiiiiiii",
+        "<fiiiiiiifii",
         table.rate_hz,
         max(1, min(255, round(256.0 * table.lateness_max))),
         table.silence_ticks,
@@ -124,8 +152,11 @@ def safety_bytes(table: SafetyTable) -> bytes:
         table.ramp_ticks,
         table.quick_ticks,
         table.turns,
+        table.travel_share,
+        table.lock_ticks,
+        table.lock_faults,
     ) + b"".join(_channel_bytes(channel) for channel in table.channels)
-    head = struct.pack("<4sHBBI", b"TACS", 1, len(table.channels), table.delay_samples, 12 + len(body) + 4)
+    head = struct.pack("<4sHBBI", b"TACS", 2, len(table.channels), table.delay_samples, 12 + len(body) + 4)
     content = sealed(head + body)
     refusal = check_safety(content, len(table.channels))
     if refusal is not SafetyRefusal.GOOD:
@@ -161,6 +192,14 @@ def _channel_bytes(channel: ChannelSafety) -> bytes:
             observer.spring,
             observer.correct_x,
             observer.correct_w,
+        )
+        + struct.pack(
+            "<iffff",
+            channel.standstill.codes,
+            channel.standstill.stray_max_v,
+            channel.jump.least_v,
+            channel.jump.share,
+            channel.travel_max,
         )
         + sections.astype("<f4").tobytes()
     )

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.paper.plan import paper_display
+from tactuator.rig.board.finger import SENSOR_FAULTS
 from tactuator.rig.board.frames import Request
 from tactuator.rig.board.link import IMAGE, STREAM, LinkClient, Mode
 from tactuator.rig.board.rig import BoardRig
@@ -20,7 +21,7 @@ from tactuator.runtime.safety_table import Fault
 from tactuator.runtime.simulated_board import simulated_board_bytes
 from tactuator.synthesis.design import design_controller
 
-SENSORS = ("sound", "open", "shorted", "frozen", "reversed")
+SENSORS = SENSOR_FAULTS[:5]
 _made: dict[str, Controller] = {}
 
 
@@ -98,9 +99,10 @@ class Guarded:
         for channel in range(3):
             self.simulated.state[channel].touched = int(yes)
 
-    def break_sensor(self, what: str, channel: int = 0) -> None:
+    def break_sensor(self, what: str, channel: int = 0, value: float = 0.0) -> None:
         """What happens to one channel's sensor."""
-        self.simulated.sensor[channel] = SENSORS.index(what)
+        fault = ffi.addressof(self.simulated.sensor[channel])
+        lib.tact_sensor_fault_set(fault, SENSOR_FAULTS.index(what), value, self.simulated.code[channel])
 
     def run(self, rows: NDArray[np.float64], lateness: int = 0, heard: bool = True) -> Run:
         """One tick for each row of the reference (n, 3)."""

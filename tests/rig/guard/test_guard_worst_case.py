@@ -111,6 +111,18 @@ def observed(y: Rows, volts: Rows) -> tuple[Rows, Rows]:
     return place, apart
 
 
+def slow_parts(course: Course, ticks: range) -> Rows:
+    """The reference's slow part at every tick, (length, len(ticks)), to a unit of it at each of `ticks`."""
+    slow, share = np.zeros((course.length, len(ticks))), safety_table(designed().display).travel_share
+    state = np.zeros(len(ticks))
+    for tick in range(course.length):
+        state = np.zeros(len(ticks)) if tick in course.starts else (1.0 - share) * state
+        if tick in ticks:
+            state[ticks.index(tick)] += share
+        slow[tick] = state
+    return slow
+
+
 def worst_reference(course: Course, tick: int) -> tuple[Rows, float]:
     """The reference (length,) and what is felt at `tick` by it, in dB SL, by the linear model."""
     table = safety_table(designed().display)
@@ -120,7 +132,7 @@ def worst_reference(course: Course, tick: int) -> tuple[Rows, float]:
     judge = FeltReference(designed(), CHANNEL)
     seen = np.fft.irfft(np.fft.rfft(y, SIZE, axis=0) * judge.inverse[:, None], SIZE, axis=0)
     place, apart = observed(y, volts)
-    bounds = [(volts[: tick + 60], 9.9)]
+    bounds = [(volts[: tick + 60], 9.9), (slow_parts(course, ticks), safety.travel_max)]
     bounds += [((place + sign * apart)[:tick], 0.98 * safety.stop_max_v) for sign in (1.0, -1.0)]
     bounds += [(apart[:tick], 0.93 * safety.disagreement_v)]
     for turn in range(turns):

@@ -21,6 +21,7 @@ from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board_check.period_check import check_period
 from tactuator.rig.board_check.period_cost import count_instructions
 from tactuator.rig.board_check.streaming_check import INSTRUCTION_NS, StreamingCheck, check_streaming
+from tactuator.rig.boards import acknowledge_faults
 from tactuator.rig.open import open_rig
 from tactuator.rig.program import BOARDS, build_firmware, find_board, form_of, memory_used, write_program
 from tactuator.runtime.image import FORMATS
@@ -33,7 +34,7 @@ def register(app: typer.Typer) -> None:
     """Add the verb and what it can do."""
     firmware = typer.Typer(help="Programs for boards: build them, compare their bits, count their instructions.")
     app.add_typer(firmware, name="firmware")
-    for add in (_add_program, _add_verify, _add_stream, _add_bench):
+    for add in (_add_program, _add_verify, _add_stream, _add_bench, _add_acknowledge):
         add(firmware)
 
 
@@ -72,8 +73,8 @@ def _add_verify(firmware: typer.Typer) -> None:
         as_json: AsJson = False,
     ) -> None:
         """Compare what a board's interrupt does with this machine's, bit for bit; exit status 1 if they differ."""
-        if rig is not None and not rig.startswith("board:"):
-            raise BadInput(f"rig {rig!r} is no connected board; allowed: board:PORT, board:URL, or --board")
+        if rig is not None:
+            _require_board(rig)
         made = _controller(controller)
         name = rig or f"emulated:{find_board(board).name}"
         with cast(BoardRig, open_rig(name, made.display)) as target:
@@ -119,6 +120,23 @@ def _add_bench(firmware: typer.Typer) -> None:
             table.add_row(cost.board, cost.format, *(str(cost.cases[case]) for case in cases), share)
         rows = [asdict(cost) for cost in costs]
         answer(cast(Mapping[str, object], rows), as_json, table)  # a list, one object for each
+
+
+def _add_acknowledge(firmware: typer.Typer) -> None:
+    @firmware.command()
+    def acknowledge(
+        rig: Annotated[str, typer.Option("--rig", help="The board: board:PORT or board:URL.")],
+        as_json: AsJson = False,
+    ) -> None:
+        """Tell a board that its sensor faults are known: after three of them it stays off until then."""
+        _require_board(rig)
+        count = acknowledge_faults(rig.removeprefix("board:"))
+        answer({"rig": rig, "sensor_faults": count}, as_json, f"{rig}: {count} sensor and travel faults acknowledged")
+
+
+def _require_board(rig: str) -> None:
+    if not rig.startswith("board:"):
+        raise BadInput(f"rig {rig!r} is no connected board; allowed: board:PORT or board:URL")
 
 
 def _streaming_table(found: StreamingCheck) -> Table:

@@ -7,11 +7,12 @@ they are what they are: docs/safety.md.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from tactuator.display.description import Channel, Display
-from tactuator.runtime.safety_table import NEVER, NEVER_TICKS, ChannelSafety, SafetyTable, StateObserver
+from tactuator.runtime.safety_table import NEVER, NEVER_TICKS, ChannelSafety, Jump, SafetyTable, Standstill, StateObserver
 from tactuator.signals.decibels import from_db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.synthesis.prefilter.felt_weighting import weighting_sections
@@ -24,9 +25,22 @@ LIFTED_DB = 0.5
 OBSERVER_RAD_S = 125.0
 FROZEN_S, FROZEN_MOST_S, FROZEN_CHANCE = 0.0125, 0.05, 1e-12
 STOP_SHARE, OPEN_SHARE, DISAGREEMENT_SHARE = 0.85, 1.15, 0.14
-REVERSAL_NOISES = 200.0
+REVERSAL_NOISES = 400.0
 """A finger that presses moves the sensor against the motor, too: at 8 a tenth of a volt's worth of it was taken for a
 reversed sensor."""
+STILL_CODES, STRAY_SHARE = 8, 0.12
+"""A sensor that is stuck within four codes of noise is told once the command should have moved the motor by 12 % of its
+travel: three times what presses of a finger bring about (docs/safety.md)."""
+STILL_HUM_CODES = 3.0
+"""Least hum, at its peak: a quieter sensor stands still by itself while the loop holds a finger, and is not judged."""
+JUMP_FORCE_V, JUMP_NOISES, JUMP_SHARE = 1.0, 12.0, 0.1
+"""A finger's force that sets in at once, in volts of command; the sensor's noise (rms); the model's own error. Lawful
+play came to two thirds of what is allowed (docs/safety.md)."""
+TRAVEL_HZ, TRAVEL_SHARE = 8.0, 0.55
+"""A sinusoid within the reference's limit takes no more of the travel; above some 9 Hz comfort is the lower limit."""
+TRAVEL_NEVER = 1e5
+"""Threshold units: no slow part is limited."""
+LOCK_S, LOCK_FAULTS = 1.0, 3
 _NOWHERE = StateObserver(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -41,8 +55,9 @@ def safety_table(display: Display) -> SafetyTable:
     ticks = (round(duration * rate) for duration in (SILENCE_S, SOFT_START_S, FADE_S, RAMP_S, QUICK_S))
     silence, soft_start, fade, ramp, quick = ticks
     return SafetyTable(
-        rate, display.delay_samples, LATENESS_MAX, silence, soft_start, fade, ramp, quick, turns(display), channels
-    )
+        rate, display.delay_samples, LATENESS_MAX, silence, soft_start, fade, ramp, quick, turns(display),
+        travel_share(rate), round(LOCK_S * rate), LOCK_FAULTS, channels,
+    )  # fmt: skip
 
 
 def soft_ticks(rate_hz: float) -> int:
@@ -58,6 +73,44 @@ def turns(display: Display) -> int:
     """
     highest_hz = max(channel.threshold.band_hz[1] for channel in display.channels)
     return max(1, min(len(display.channels), int(display.rate_hz / (4.0 * highest_hz))))
+
+
+def travel_share(rate_hz: float) -> float:
+    """Of the reference, into its slow part, a tick: a first-order low pass at TRAVEL_HZ."""
+    return -math.expm1(-2.0 * math.pi * TRAVEL_HZ / rate_hz)
+
+
+def travel_max(channel: Channel, reference_max: float) -> float:
+    """Most that the reference's slow part may come to, in threshold units, so that no sinusoid within the limits takes
+    more than TRAVEL_SHARE of the channel's travel; TRAVEL_NEVER where comfort sees to that."""
+    frequency_hz = np.geomspace(*channel.threshold.band_hz, 400)
+    displacement_mm = channel.threshold_voltage(frequency_hz) / channel.sensor_gain_v_per_mm
+    allowed = TRAVEL_SHARE * channel.travel_mm / displacement_mm
+    limited = allowed < reference_max
+    slow = allowed / np.hypot(1.0, frequency_hz / TRAVEL_HZ)
+    return float(np.min(slow[limited], initial=TRAVEL_NEVER))
+
+
+def standstill(channel: Channel) -> Standstill:
+    """Return the limits for a sensor that is stuck; NEVER for one so quiet that it stands still when it is sound. They
+    are not reached without a model of the plant.
+    """
+    hum_codes = sum(channel.environment.hum_v_peak) / channel.converter.step_v
+    stray_max_v = STRAY_SHARE * channel.travel_mm * channel.sensor_gain_v_per_mm
+    return Standstill(STILL_CODES, stray_max_v if hum_codes >= STILL_HUM_CODES else NEVER)
+
+
+def jump(channel: Channel, rate_hz: float, turns: int) -> Jump:
+    """Return the limits for a sensor that jumps, compared every `turns` ticks.
+
+    A force of JUMP_FORCE_V changes the motion of two turns by the plant's drive alone; a load changes the drive by its
+    mass, as a share of the motion that the model expects.
+    """
+    model, _ = observer(channel, rate_hz)
+    forced_v = 4.0 * abs(model.drive) * turns**2 * JUMP_FORCE_V
+    loaded = [replace(channel, plant=channel.loaded_plant(load)) for load in channel.loads]
+    drives = [abs(observer(each, rate_hz)[0].drive / model.drive - 1.0) for each in loaded]
+    return Jump(forced_v + JUMP_NOISES * channel.environment.noise_v_rms, JUMP_SHARE + max(drives, default=0.0))
 
 
 def is_watched(channel: Channel) -> bool:
@@ -115,6 +168,7 @@ def _channel(display: Display, channel: Channel) -> ChannelSafety:
     code_max = 2 ** (converter.bits - 1) - 1
     comfort = float(from_db(display.objectives.comfort_db_sl))
     watched = is_watched(channel)
+    reference_max = comfort / float(from_db(LIFTED_DB))
     model, lost = observer(channel, rate) if watched else (_NOWHERE, 1.0)
     return ChannelSafety(
         converter=converter,
@@ -125,10 +179,13 @@ def _channel(display: Display, channel: Channel) -> ChannelSafety:
         stop_max_v=STOP_SHARE * travel_v if watched else code_max * converter.step_v,
         stop_lead=1.0 / lost if watched else 0.0,
         command_max_v=converter.range_v,
-        reference_max=comfort / float(from_db(LIFTED_DB)),
+        reference_max=reference_max,
         comfort_max=comfort * float(from_db(COMFORT_TOLERANCE_DB)),
         disagreement_v=DISAGREEMENT_SHARE * travel_v if watched else NEVER,
         reversal_power=reversal_power(channel, rate / turns(display)) if watched else NEVER,
         observer=model,
+        standstill=standstill(channel),
+        jump=jump(channel, rate, turns(display)) if watched else Jump(NEVER, 0.0),
+        travel_max=travel_max(channel, reference_max),
         weighting_sos=weighting_sections(channel, rate / turns(display)),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 
 from tactuator.errors import BadInput
@@ -9,7 +10,11 @@ from tactuator.rig.board.frames import Request
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.finger import Finger
 
-SENSOR_FAULTS = ("sound", "open", "shorted", "frozen", "reversed")
+SENSOR_FAULTS = (
+    "sound", "open", "shorted", "frozen", "reversed", "stuck", "offset", "drift", "gain", "lag", "swapped", "bit",
+    "end stop",
+)  # fmt: skip
+"""What may happen to a simulated sensor (core/display/sensor_fault.h)."""
 
 
 class BoardFinger(Finger):
@@ -26,8 +31,16 @@ class BoardFinger(Finger):
             raise BadInput(f"load {load!r} is not described; allowed: {allowed}")
         self._client.must(Request.TOUCH, struct.pack("<BB", self._channel, self._loads.index(load)))
 
-    def break_sensor(self, what: str) -> None:
-        """Let the channel's sensor fail: "open", "shorted", "frozen", "reversed"; "sound" mends it."""
+    def break_sensor(self, what: str, value: float = math.nan) -> None:
+        """Let the channel's sensor fail in one of the ways of SENSOR_FAULTS; "sound" mends it.
+
+        value: the code about which it is "stuck", within two codes (where it is, if none is given); volts of an
+        "offset"; volts a tick of a "drift"; the factor of a "gain"; ticks of a "lag"; the number of the channel that it
+        is "swapped" with; the number of the "bit" that is turned over; mm of an "end stop" (not the sensor's fault).
+        Raises BadInput for another fault, and where a value is missing.
+        """
         if what not in SENSOR_FAULTS:
             raise BadInput(f"sensor fault {what!r}; allowed: {', '.join(SENSOR_FAULTS)}")
-        self._client.must(Request.BREAK, struct.pack("<BB", self._channel, SENSOR_FAULTS.index(what)))
+        if math.isnan(value) and what in SENSOR_FAULTS[SENSOR_FAULTS.index("offset") :]:
+            raise BadInput(f"sensor fault {what!r} without a value; allowed: a number")
+        self._client.must(Request.BREAK, struct.pack("<BBf", self._channel, SENSOR_FAULTS.index(what), value))

@@ -24,6 +24,7 @@ class Request(IntEnum):
     STOP = 0x12
     OFF = 0x13
     CLEAR = 0x14
+    ACKNOWLEDGE = 0x15
     STREAM = 0x20
     STIMULUS = 0x21
     TRACE = 0x22
@@ -44,6 +45,7 @@ class RequestOutcome(IntEnum):
     REFUSED = 5
     OTHER_RUN = 6
     NOT_HERE = 7
+    LOCKED = 8
 
 
 @dataclass(frozen=True)

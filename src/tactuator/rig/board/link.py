@@ -42,6 +42,16 @@ class RigFault(DeviceFault):
         self.fault, self.channel = fault, channel
 
 
+class RigLocked(DeviceFault):
+    """Too many sensor or travel faults in a row: the board stays in OFF until somebody acknowledges them."""
+
+    def __init__(self, faults: int) -> None:
+        super().__init__(
+            f"the board is locked after {faults} sensor or travel faults; allowed: look at the sensor, then "
+            "acknowledge them (`tactuator firmware acknowledge`)"
+        )
+
+
 @dataclass(frozen=True)
 class Status:
     """Status that a board reports (core/link/report.h)."""
@@ -69,8 +79,11 @@ class Status:
     heard: int
     dropped: int
     fault_tick: int
+    sensor_faults: int
+    acknowledged: int
+    locked_ticks: int
 
-    LAYOUT = struct.Struct("<16s8Bf13I")
+    LAYOUT = struct.Struct("<16s8Bf16I")
 
     @classmethod
     def parse(cls, payload: bytes) -> Status:
@@ -147,6 +160,8 @@ class LinkClient:
         status = self.status()
         if status.mode is Mode.FAULT:
             raise RigFault(status.fault, status.fault_channel)
+        if outcome is Outcome.LOCKED:
+            raise RigLocked(status.sensor_faults - status.acknowledged)
         what, how = request.name.lower(), outcome.name.lower().replace("_", " ")
         raise BadInput(f"the board refused to {what}: {how}; it is {status.mode.name}")
 
@@ -156,6 +171,12 @@ class LinkClient:
         if outcome is not RequestOutcome.DONE or len(payload) != Status.LAYOUT.size:
             raise BadInput(f"the board's link is of another version ({outcome.name.lower()}); allowed: version 1")
         return Status.parse(payload)
+
+    def acknowledge(self) -> int:
+        """Acknowledge the board's sensor and travel faults, and give how many there were since it began."""
+        count = self.status().sensor_faults
+        self.must(Request.ACKNOWLEDGE, struct.pack("<I", count))
+        return count
 
     def upload(self, kind: int, content: bytes) -> None:
         """Bring an image, a table or a simulated display onto the board. BadInput, with the reason, if refused."""

@@ -224,9 +224,15 @@ class BoardRig(ClosingRig):
         status = self._client.status()
         if status.mode is Mode.FAULT:
             again = status.ticks + round(_RECOVERY_S * self.rate_hz)
-            self._wait(lambda now: now.ticks >= again)
+            self._wait(lambda now: now.ticks >= again and now.locked_ticks == 0)
             self._client.must(Request.CLEAR)
         self._client.must(Request.OFF)
+
+    def acknowledge(self) -> int:
+        """Tell the board that a person knows of its sensor and travel faults, and give how many there were since it
+        began: after three that nobody knows of it stays in OFF.
+        """
+        return self._client.acknowledge()
 
     def close(self) -> None:
         """Bring the output to rest as far as the board can be reached, and close the transport."""

@@ -208,6 +208,7 @@ def _play_broken(rig: BoardRig) -> Played:
     finally:
         finger.break_sensor("sound")
         rig.off()
+        rig.acknowledge()
     return traces, "", 0
 
 

@@ -89,7 +89,7 @@ class _Bench:
         """Return the cost where all sensors fail at once in the middle of all those tones, and of what follows."""
         self._play_tones(self._soft + _TICKS // 2, rests=False)
         for channel in range(len(self._names)):
-            self._client.must(Request.BREAK, struct.pack("<2B", channel, _SENSOR_OPEN))
+            self._client.must(Request.BREAK, struct.pack("<2Bf", channel, _SENSOR_OPEN, 0.0))
         return self.most(_TICKS)
 
     def _waves(self) -> Rows:

@@ -1,0 +1,39 @@
+#include "board/board.h"
+
+/* The slow part goes travel_share of the way to the reference each tick: that bounds the reference, too. */
+float tact_board_limit(const tact_safety *safety, int32_t channel, tact_board_channel *state, float want)
+{
+    const float most = safety->channel[channel].travel_max, per_share = safety->per_travel_share;
+    const float high = state->slow + (most - state->slow) * per_share;
+    const float low = state->slow - (most + state->slow) * per_share;
+    const float comfortable = tact_board_within(want, safety->channel[channel].reference_max);
+    const float below = comfortable > high ? high : comfortable;
+    const float limited = below < low ? low : below;
+    state->slow += safety->travel_share * (limited - state->slow);
+    return limited;
+}
+
+static void take_row(tact_board *board, float *to, const float *row)
+{
+    for (int32_t c = 0; c < board->channels; c++)
+        to[c] = board->drives ? row[c] : tact_board_limit(&board->safety, c, &board->channel[c], row[c]);
+}
+
+uint32_t tact_board_stream(tact_board *board, uint32_t first, const float *rows, uint32_t count)
+{
+    const uint32_t width = (uint32_t)board->channels;
+    if (board->mode != TACT_RUNNING || board->source != TACT_STREAM)
+        return board->stream_end;
+    if (board->tick - board->stream_end < 0x80000000u && first - board->tick < 0x40000000u)
+        board->stream_at = board->stream_end = first; /* dry: a new stretch may begin now or later */
+    for (uint32_t i = 0; i < count; i++) {
+        const uint32_t end = board->stream_end;
+        if (first + i != end)
+            continue;
+        if (end - board->tick >= board->stream_capacity)
+            break;
+        take_row(board, board->stream + (end & (board->stream_capacity - 1)) * width, rows + i * width);
+        board->stream_end = end + 1;
+    }
+    return board->stream_end;
+}

@@ -1,0 +1,213 @@
+/* The path that runs in production, tact_period_step(), under whatever happens: readings, references, lateness, silence,
+ * transitions and swapped tables by the bytes of an input. Aborts where an invariant of what is put out does not hold.
+ *
+ *     input: | operation | its bytes | operation | ...          tables.h, written by test_period_fuzz.py: designed tables
+ */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "board/drawn_display.h"
+#include "board/drawn_table.h"
+#include "board/period.h"
+#include "tables.h"
+
+enum { ROWS = 64, CHANNELS = 3 };
+enum { CLEAR, ARM, START, STOP, OFF, ACKNOWLEDGE, STREAM, RUN, NOISE, SILENT, LATE, IMAGE, SAFETY, TONES, EVENT, RAW };
+
+typedef struct {
+    const uint8_t *bytes;
+    size_t left;
+} input;
+
+static tact_board board;
+static tact_drawn_display display;
+static tact_noise noise;
+static tact_safety designed, safety;
+static tact_image images[3], image;
+static float stream[ROWS * CHANNELS];
+static int32_t trace[ROWS * CHANNELS * 2];
+static uint32_t resting, fading;
+static unsigned long long steps;
+
+int LLVMFuzzerInitialize(int *count, char ***arguments);
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+#define MUST(what)                                                                                                     \
+    do {                                                                                                               \
+        if (!(what)) {                                                                                                 \
+            fprintf(stderr, "does not hold: %s\n", #what);                                                             \
+            abort();                                                                                                   \
+        }                                                                                                              \
+    } while (0)
+
+static void tell(void)
+{
+    fprintf(stderr, "steps of the period: %llu\n", steps);
+}
+
+int LLVMFuzzerInitialize(int *count, char ***arguments)
+{
+    (void)count;
+    (void)arguments;
+    MUST(tact_safety_parse(&designed, SAFETY_TABLE, sizeof SAFETY_TABLE, CHANNELS) == TACT_SAFETY_GOOD);
+    MUST(tact_image_parse(&images[0], IMAGE_SINGLE, sizeof IMAGE_SINGLE, designed.rate_hz, 1, CHANNELS) == 0);
+    MUST(tact_image_parse(&images[1], IMAGE_Q31, sizeof IMAGE_Q31, designed.rate_hz, 1, CHANNELS) == 0);
+    MUST(tact_image_parse(&images[2], IMAGE_OTHER, sizeof IMAGE_OTHER, designed.rate_hz, 1, CHANNELS) == 0);
+    atexit(tell);
+    return 0;
+}
+
+static uint8_t next(input *in)
+{
+    if (in->left == 0)
+        return 0;
+    in->left--;
+    return *in->bytes++;
+}
+
+/* What is put out, before anything else happens. */
+static void judge_codes(const int32_t *codes)
+{
+    for (int32_t c = 0; c < board.safety.channels; c++) {
+        const tact_board_channel *channel = &board.channel[c];
+        const tact_converter *converter = &channel->safety->converter;
+        MUST(codes[c] >= converter->code_min && codes[c] <= converter->code_max);
+        MUST(!channel->is_cut || codes[c] == channel->rest_code);
+        MUST(resting <= (uint32_t)board.safety.delay_samples || codes[c] == channel->rest_code);
+    }
+}
+
+static void judge_board(int32_t mode_before)
+{
+    const tact_safety *table = &board.safety;
+    MUST(board.fade >= 0.0f && board.fade <= 1.0f && board.command_fade >= 0.0f && board.command_fade <= 1.0f);
+    MUST(mode_before != TACT_FAULT || board.mode == TACT_FAULT);
+    MUST(board.mode != TACT_FAULT || board.fault != TACT_FAULT_NONE);
+    for (int32_t c = 0; c < table->channels; c++) {
+        const tact_board_channel *channel = &board.channel[c];
+        for (int32_t d = 0; d < table->delay_samples; d++)
+            MUST(fabsf(channel->delayed_v[d]) <= table->channel[c].command_max_v);
+        MUST(board.drives || board.mode != TACT_RUNNING || fabsf(channel->slow) <= table->channel[c].travel_max * 1.001f + 1e-3f);
+    }
+    resting = board.mode == TACT_OFF || board.mode == TACT_ARMED ? resting + 1 : 0;
+    fading = board.mode == TACT_FAULT && board.command_fade > 0.0f ? fading + 1 : 0;
+    MUST(fading <= (uint32_t)(table->fade_ticks + table->ramp_ticks + table->quick_ticks + table->soft_start_ticks) + 8u);
+}
+
+static void tick(uint32_t lateness, int heard, int noisy)
+{
+    int32_t out[TACT_CHANNELS_MAX] = {0}, in[TACT_CHANNELS_MAX] = {0};
+    const int32_t before = board.mode;
+    if (heard)
+        board.silence = 0;
+    tact_period_latch(&board, out);
+    judge_codes(out);
+    if (board.safety.channels)
+        tact_drawn_codes(&display, &board.safety, out, in, &noise);
+    for (int c = 0; noisy && c < board.channels; c++)
+        in[c] = (int32_t)tact_noise_bits(&noise) >> 16;
+    tact_period_step(&board, in, lateness);
+    judge_board(before);
+    steps++;
+}
+
+static void give_rows(input *in, int raw)
+{
+    float rows[16 * CHANNELS];
+    const float level = ldexpf(1.0f, (int)(next(in) % 24) - 8);
+    const uint8_t kind = next(in);
+    for (int i = 0; i < 16 * CHANNELS; i++) {
+        const uint32_t bits = raw ? (uint32_t)next(in) << 24 | (uint32_t)next(in) << 16 : tact_noise_bits(&noise);
+        const union {
+            uint32_t bits;
+            float value;
+        } any = {bits};
+        rows[i] = raw ? any.value : kind & 1 ? level : kind & 2 ? level * (tact_drawn_share(&noise) - 0.5f) : 0.0f;
+    }
+    const uint32_t first = kind & 4 ? board.tick + 1 : kind & 8 ? board.tick - 3 : board.stream_end;
+    (void)tact_board_stream(&board, first, rows, 16);
+    for (uint32_t t = board.tick; board.mode == TACT_RUNNING && !board.drives && board.stream_end - t - 1 < ROWS; t++)
+        for (int c = 0; c < board.channels; c++)
+            MUST(t - board.stream_at >= board.stream_end - board.stream_at ||
+                 fabsf(stream[(t & (ROWS - 1)) * (uint32_t)board.channels + (uint32_t)c]) <=
+                     board.safety.channel[c].reference_max);
+}
+
+static void give_tones(input *in)
+{
+    for (int c = 0; c < board.channels && board.mode != TACT_RUNNING; c++) {
+        const float t = (float)next(in) / 512.0f, r = 0.05f;
+        const uint32_t length = 2u + next(in);
+        const tact_tone tone = {next(in), length, length / 3u, 4.0f * (float)next(in),
+                                (1.0f - t * t) / (1.0f + t * t), 2.0f * t / (1.0f + t * t),
+                                (1.0f - r * r) / (1.0f + r * r), 2.0f * r / (1.0f + r * r)};
+        board.stimulus[c].count = 1;
+        board.stimulus[c].tone[0] = tone;
+    }
+}
+
+/* Transitions, tables: what a host asks for. */
+static void ask(input *in, uint8_t operation)
+{
+    const uint8_t byte = next(in);
+    const uint32_t locked = tact_board_locked_ticks(&board);
+    const int32_t before = board.mode;
+    if (operation == CLEAR)
+        MUST(!tact_board_clear(&board) || before != TACT_FAULT || locked == 0);
+    else if (operation == ARM)
+        MUST(!tact_board_arm(&board) || before != TACT_OFF || !tact_board_is_locked(&board));
+    else if (operation == START)
+        (void)tact_board_start(&board, board.run + 1u + (byte >> 6), byte % 3, byte >> 2 & byte >> 3 & 1, 0);
+    else if (operation == STOP)
+        (void)tact_board_stop(&board);
+    else if (operation == OFF)
+        (void)tact_board_off(&board);
+    else if (operation == ACKNOWLEDGE)
+        (void)tact_board_acknowledge(&board, board.sensor_faults + (byte & 1u));
+    else if (operation == IMAGE) {
+        image = images[byte % 3];
+        if (byte & 128)
+            tact_drawn_image(&image, &images[byte % 3], &noise);
+        (void)(board.safety.channels && tact_board_take_image(&board, &image));
+    } else if (operation == SAFETY) {
+        safety = designed;
+        if (byte & 1)
+            tact_drawn_safety(&safety, &designed, &noise);
+        if (tact_board_take_safety(&board, &safety))
+            resting = 0;
+    }
+}
+
+static void act(input *in, uint8_t operation)
+{
+    const uint32_t count = operation == RUN || operation == SILENT ? 4u * next(in) : operation >= RUN ? next(in) : 0;
+    if (operation == STREAM || operation == RAW)
+        give_rows(in, operation == RAW);
+    else if (operation == TONES)
+        give_tones(in);
+    else if (operation == EVENT)
+        tact_drawn_event(&display, &designed, &noise);
+    else if (operation == RUN || operation == NOISE || operation == SILENT)
+        for (uint32_t k = 0; k < count; k++)
+            tick(0, operation != SILENT, operation == NOISE);
+    else if (operation == LATE)
+        tick(2u * count, 1, 0);
+    else
+        ask(in, operation);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    input in = {data, size};
+    tact_board_reset(&board, CHANNELS, stream, ROWS, trace, ROWS);
+    tact_noise_seed(&noise, 1u + next(&in), 0);
+    tact_drawn_rest(&display);
+    resting = fading = 0;
+    tick(0, 1, 0); /* without a table */
+    MUST(tact_board_take_safety(&board, &designed));
+    MUST(tact_board_take_image(&board, &images[next(&in) % 3]));
+    while (in.left)
+        act(&in, next(&in) & 15);
+    return 0;
+}

@@ -1,0 +1,212 @@
+/* Lawful play, counted: a simulated board plays whatever a reference may be, while fingers press, tap, tremble, come and
+ * go. Its sensors are sound, so that every fault of a sensor is a false one; each is told with its moment.
+ *
+ *     seed --> tones, noise, steps, silence --> board --> simulated display <-- presses, taps, tremor, loads
+ *
+ *     lawful_play SEED SECONDS          tables.h, written by lawful_play.py: designed tables and a display
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "board/drawn_table.h"
+#include "display/simulated_board.h"
+#include "tables.h"
+
+enum { ROWS = 256, BLOCK = 64, CHANNELS = 3, TONES = 3, LAST_KIND = 6 };
+
+typedef struct {
+    double cosine, sine, re, im;
+} rotation;
+
+typedef struct {
+    int kind;
+    float level, want;
+    rotation tone[TONES];
+    int tones;
+    double push_v, pushed_v, force_v, per_tick; /* what the finger goes for; two low passes on the way to it */
+    rotation tremor;
+    double tap_v;
+    int tap_ticks, tap_at;
+} player;
+
+static tact_board board;
+static tact_simulated_board simulated;
+static float stream[ROWS * CHANNELS], force[ROWS * CHANNELS], felt_mm[ROWS * CHANNELS];
+static int32_t trace[ROWS * CHANNELS * 2];
+static player players[CHANNELS];
+static tact_noise noise;
+static unsigned long long faults[TACT_FAULT_LAST + 1], ticks, running, starts;
+
+static void check(int holds, const char *what)
+{
+    if (!holds) {
+        fprintf(stderr, "lawful_play: %s\n", what);
+        exit(2);
+    }
+}
+
+static double uniform(void)
+{
+    return 2.0 * (double)tact_drawn_share(&noise) - 1.0;
+}
+
+/* most, halved up to `halvings` times: as often small as large. */
+static double spread(double most, uint32_t halvings)
+{
+    const double share = 0.5 + 0.5 * (double)tact_drawn_share(&noise);
+    return most * share / (double)(1u << tact_drawn_of(&noise, halvings + 1));
+}
+
+/* A rational point of the circle near that frequency. */
+static rotation turning(double hertz, double amplitude)
+{
+    const double t = 3.14159265 * hertz / (double)board.safety.rate_hz;
+    const rotation made = {(1.0 - t * t) / (1.0 + t * t), 2.0 * t / (1.0 + t * t), amplitude, 0.0};
+    return made;
+}
+
+static double turn(rotation *r)
+{
+    const double re = r->cosine * r->re - r->sine * r->im;
+    r->im = r->sine * r->re + r->cosine * r->im;
+    r->re = re;
+    return r->im;
+}
+
+static void draw_reference(player *p, float most)
+{
+    p->kind = (int)tact_drawn_of(&noise, LAST_KIND + 1);
+    p->level = (float)spread(1.0, 10) * most;
+    p->want = 0.0f;
+    if (p->kind == 4 || p->kind == 5) /* with a finger's force at the worst moment, more would be stopped for its travel */
+        p->level *= 0.5f;
+    p->tones = p->kind < 3 ? 1 + (int)tact_drawn_of(&noise, TONES) : 0;
+    for (int i = 0; i < p->tones; i++)
+        p->tone[i] = turning(spread(300.0, 9), p->level / (float)p->tones);
+}
+
+static void draw_finger(player *p)
+{
+    const uint32_t kind = tact_drawn_of(&noise, 8);
+    const double sign = tact_drawn_of(&noise, 2) ? 1.0 : -1.0;
+    p->push_v = kind < 3 ? 0.0 : sign * spread(0.7, 6);
+    p->per_tick = 1.0 / spread(0.3 * (double)board.safety.rate_hz, 6); /* 2.5 to 300 ms, twice */
+    p->tremor = turning(8.0 + 4.0 * (double)tact_drawn_share(&noise), kind == 7 || kind == 2 ? spread(0.1, 4) : 0.0);
+    if (tact_drawn_of(&noise, 4) == 0) {
+        p->tap_v = sign * spread(0.7, 4);
+        p->tap_ticks = 12 + (int)tact_drawn_of(&noise, 80);
+        p->tap_at = 0;
+    }
+}
+
+static float reference(player *p)
+{
+    double sum = 0.0;
+    for (int i = 0; i < p->tones; i++)
+        sum += turn(&p->tone[i]);
+    if (p->kind == 3)
+        sum = p->level * uniform();
+    if (p->kind == 4) /* from one side to the other, now and then */
+        sum = p->want = tact_drawn_of(&noise, 200) == 0 ? (p->want > 0.0f ? -p->level : p->level) : p->want;
+    if (p->kind == 5) /* wandering */
+        sum = p->want = 0.999f * p->want + 0.05f * p->level * (float)uniform();
+    return (float)sum;
+}
+
+static float pressed(player *p)
+{
+    double tap_v = 0.0;
+    p->pushed_v += p->per_tick * (p->push_v - p->pushed_v);
+    p->force_v += p->per_tick * (p->pushed_v - p->force_v);
+    if (p->tap_at < p->tap_ticks) {
+        const double x = (double)p->tap_at++ / (double)p->tap_ticks;
+        tap_v = 4.0 * x * (1.0 - x) * p->tap_v;
+    }
+    return (float)(p->force_v + tap_v + turn(&p->tremor));
+}
+
+static void draw_event(void)
+{
+    const uint32_t c = tact_drawn_of(&noise, CHANNELS), kind = tact_drawn_of(&noise, 5);
+    if (kind < 2)
+        draw_reference(&players[c], board.safety.channel[c].reference_max);
+    else if (kind < 4)
+        draw_finger(&players[c]);
+    else
+        simulated.state[c].touched = (int32_t)tact_drawn_of(&noise, (uint32_t)simulated.table[c].plant_count);
+}
+
+/* From whatever is, back to a run. */
+static void begin(void)
+{
+    (void)tact_board_acknowledge(&board, board.sensor_faults);
+    (void)tact_board_clear(&board);
+    (void)tact_board_arm(&board);
+    starts += board.mode == TACT_ARMED && tact_board_start(&board, board.run + 1, TACT_STREAM, 0, 0);
+}
+
+static void play_block(void)
+{
+    float rows[BLOCK * CHANNELS];
+    const uint32_t first = board.tick;
+    for (int i = 0; i < BLOCK; i++)
+        for (int c = 0; c < CHANNELS; c++) {
+            const uint32_t row = (first + (uint32_t)i) & (ROWS - 1);
+            rows[i * CHANNELS + c] = reference(&players[c]);
+            force[row * CHANNELS + (uint32_t)c] = pressed(&players[c]);
+        }
+    (void)tact_board_stream(&board, first, rows, BLOCK);
+    for (int i = 0; i < BLOCK; i++) {
+        const int32_t before = board.mode;
+        board.silence = 0;
+        (void)tact_simulated_board_period(&simulated, &board, 0);
+        ticks++;
+        running += board.mode == TACT_RUNNING;
+#ifdef WATCH
+        WATCH
+#endif
+        if (board.mode == TACT_FAULT && before != TACT_FAULT) {
+            if (faults[board.fault]++ < 3)
+                printf("fault %d channel %d tick %llu kind %d level %.4g force %.4g touched %d\n", board.fault,
+                       board.fault_channel, ticks, players[board.fault_channel].kind,
+                       (double)players[board.fault_channel].level, players[board.fault_channel].force_v,
+                       simulated.state[board.fault_channel].touched);
+        }
+    }
+}
+
+int main(int count, char **arguments)
+{
+    check(count == 3, "allowed: lawful_play SEED SECONDS");
+    tact_noise_seed(&noise, (uint32_t)strtoul(arguments[1], NULL, 10), 77);
+    tact_board_reset(&board, CHANNELS, stream, ROWS, trace, ROWS);
+    tact_simulated_board_reset(&simulated, force, felt_mm);
+    static tact_safety safety;
+    static tact_image image;
+    check(tact_safety_parse(&safety, SAFETY_TABLE, sizeof SAFETY_TABLE, CHANNELS) == TACT_SAFETY_GOOD, "safety table");
+    check(tact_image_parse(&image, IMAGE_SINGLE, sizeof IMAGE_SINGLE, safety.rate_hz, 1, CHANNELS) == 0, "image");
+    check(tact_simulated_board_parse(&simulated, DISPLAY, sizeof DISPLAY, CHANNELS), "display");
+    check(tact_board_take_safety(&board, &safety) && tact_board_take_image(&board, &image), "tables not taken");
+    for (int c = 0; c < CHANNELS; c++)
+        draw_reference(&players[c], 0.0f);
+    const double wanted = strtod(arguments[2], NULL) * (double)safety.rate_hz;
+    while ((double)ticks < wanted) {
+        if (board.mode != TACT_RUNNING)
+            begin();
+        else if (tact_drawn_of(&noise, 600) == 0)
+            (void)tact_board_stop(&board);
+        if (tact_drawn_of(&noise, 6) == 0)
+            draw_event();
+        play_block();
+    }
+    printf("seconds %.6g running %.6g runs %llu", (double)ticks / (double)safety.rate_hz,
+           (double)running / (double)safety.rate_hz, starts);
+    for (int f = 1; f <= TACT_FAULT_LAST; f++)
+        printf(" %llu", faults[f]);
+    printf("\n");
+#ifdef WATCH
+    TELL
+#endif
+    return 0;
+}

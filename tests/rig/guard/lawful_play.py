@@ -1,0 +1,55 @@
+"""Builds and runs lawful_play.c: how often the guard takes a sound sensor for a false one, counted over any time."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+from tactuator.rig.board.commissioning import safety_table
+from tactuator.runtime.image import build_image
+from tactuator.runtime.safety_table import Fault, safety_bytes
+from tactuator.runtime.simulated_board import simulated_board_bytes
+from tests.rig.guard.guarded import designed
+
+ROOT = Path(__file__).resolve().parents[3]
+_PARTS = ("arithmetic", "board", "control", "display", "link", "wire")
+_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror")
+
+
+@dataclass(frozen=True)
+class Lawful:
+    """Seconds simulated and those of them in a run, runs begun, and how often each fault occurred."""
+
+    seconds: float
+    running_s: float
+    runs: int
+    faults: dict[str, int]
+
+
+def build(folder: Path) -> Path:
+    """Compile the program with the example display's tables into `folder` and return its path."""
+    controller = designed()
+    contents = {
+        "SAFETY_TABLE": safety_bytes(safety_table(controller.display)),
+        "IMAGE_SINGLE": build_image(controller, "float32", "0" * 64),
+        "DISPLAY": simulated_board_bytes(controller.display, 1)[0],
+    }
+    arrays = (f"static const uint8_t {name}[] = {{{','.join(map(str, of))}}};\n" for name, of in contents.items())
+    (folder / "tables.h").write_text("".join(arrays))
+    sources = [str(path) for part in _PARTS for path in sorted((ROOT / "core" / part).glob("*.c"))]
+    program = folder / "lawful-play"
+    command = ["cc", *_FLAGS, f"-I{ROOT / 'core'}", f"-I{folder}", str(Path(__file__).with_suffix(".c")), *sources]
+    subprocess.run([*command, "-o", str(program)], check=True)
+    return program
+
+
+def play(program: Path, seed: int, seconds: float) -> Lawful:
+    """Run the program for so many simulated seconds; the same seed plays the same."""
+    said = subprocess.run([program, str(seed), str(seconds)], capture_output=True, text=True, check=True).stdout
+    found = re.search(r"seconds (\S+) running (\S+) runs (\d+)((?: \d+)+)", said)
+    assert found, said
+    counts = map(int, found[4].split())
+    faults = {fault.words: count for fault, count in zip(list(Fault)[1:], counts, strict=True) if count}
+    return Lawful(float(found[1]), float(found[2]), int(found[3]), faults)

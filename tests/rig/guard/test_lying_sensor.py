@@ -1,0 +1,180 @@
+"""The guard against a sensor that lies: stuck but noisy, or jumping; its lock-out; the reference within travel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.rig.board.commissioning import LOCK_FAULTS, LOCK_S, TRAVEL_SHARE
+from tactuator.rig.board.frames import Outcome, Request
+from tactuator.rig.board.link import Mode, RigFault, RigLocked
+from tactuator.rig.boards import in_process_rig
+from tactuator.runtime._core import lib
+from tactuator.runtime.safety_table import Fault
+from tests.rig.guard.felt_reference import FeltReference
+from tests.rig.guard.guarded import Guarded, designed
+from tests.rig.guard.lawful_play import build, play
+from tests.rig.guard.lying_sensor import DOCS, LIES, SITUATIONS, table, try_lie
+
+TRAVEL_MM, LOUDEST_DB_SL, RATE, SOFT = 12.5, 56.0, 4000, 410
+CODES = (2, -10, 60, -200, 700, -1350, 3000, -6422, 20000)
+
+
+def reset(guarded: Guarded) -> list[np.ndarray]:
+    """Clear, acknowledge and start again as soon as the board lets us; what moved until then."""
+    moved = []
+    for _ in range(100):
+        moved.append(guarded.run(np.zeros((100, 3))).displacement_mm)
+        if lib.tact_board_clear(guarded.board):
+            break
+    lib.tact_board_acknowledge(guarded.board, guarded.board.sensor_faults)
+    assert lib.tact_board_arm(guarded.board)
+    guarded.start()
+    return moved
+
+
+def judge_stuck(code: int, resets: int, ticks: int) -> None:
+    guarded = Guarded(designed(), seed=abs(code) + 1)
+    moved, notices = [guarded.run(np.zeros((900, 3))).displacement_mm], []
+    guarded.break_sensor("stuck", 0, float(code))
+    for _ in range(resets):
+        run = guarded.run(np.zeros((ticks, 3)))
+        if run.fault_at is not None:
+            notices.append(sum(map(len, moved)) + run.fault_at)
+        moved.append(run.displacement_mm)
+        if guarded.mode is not Mode.FAULT:
+            break
+        moved += reset(guarded)
+    displacement = np.concatenate(moved)[:, 0]
+    assert notices
+    assert np.max(np.abs(displacement)) < TRAVEL_MM
+    judge = FeltReference(designed(), 0)
+    for at in notices[:3]:
+        since = max(0, at - 9000)
+        felt = np.abs(judge.of(displacement[since : at + 3000]))[at + 1 - since :]
+        assert 20.0 * np.log10(np.max(felt)) < LOUDEST_DB_SL
+
+
+@pytest.mark.parametrize("code", CODES)
+def test_stuck_sensor__reset_again_and_again__motor_stays_within_travel_and_comfort(code: int) -> None:
+    judge_stuck(code, 2, 3000)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("code", sorted({sign * round(10**x) for x in np.linspace(0.3, 4.5, 60) for sign in (1, -1)}))
+def test_stuck_sensor__any_code_thirty_resets__motor_stays_within_travel_and_comfort(code: int) -> None:
+    judge_stuck(code, 30, 12_000)
+
+
+@pytest.mark.parametrize("hertz", [0.4, 1.0, 2.0, 5.0, 12.0])
+def test_reference__as_loud_as_may_be__takes_its_share_of_travel_and_no_more(hertz: float) -> None:
+    guarded = Guarded(designed())
+    time_s = np.arange(SOFT + round(RATE * max(1.0, 1.2 / hertz))) / RATE
+    run = guarded.run(np.repeat(1e4 * np.sin(2.0 * np.pi * hertz * time_s)[:, None], 3, axis=1))
+    assert run.fault is Fault.NONE
+    furthest = np.max(np.abs(run.displacement_mm))
+    assert furthest < 1.3 * TRAVEL_SHARE * TRAVEL_MM  # a clipped sinusoid; 0.85 of the travel would be a fault
+    assert furthest > 0.2 * TRAVEL_MM
+
+
+def test_reference__faster_than_travel_matters__is_limited_by_comfort_alone() -> None:
+    guarded = Guarded(designed())
+    row = np.empty(3, dtype=np.float32)
+    time_s = np.arange(2000) / RATE
+    for asked in 1e4 * np.sign(np.sin(2.0 * np.pi * 60.0 * time_s)):
+        row[:] = asked
+        guarded.run(row[None, :])
+    board = guarded.board
+    last = board.stream[((board.stream_end - 1) & (board.stream_capacity - 1)) * 3]
+    assert abs(last) == pytest.approx(board.safety.channel[0].reference_max)
+
+
+def test_lock_out__sensor_fault__is_cleared_after_a_second_and_three_are_acknowledged() -> None:
+    with in_process_rig(designed().display, 1) as rig:
+        rig.load(designed())
+        for count in range(1, LOCK_FAULTS + 1):
+            rig.finger("index").break_sensor("open")
+            with pytest.raises(RigFault):
+                rig.play(np.zeros((200, 3)))
+            assert rig.status().sensor_faults == count
+            rig.finger("index").break_sensor("sound")
+            rig.off()
+        with pytest.raises(RigLocked, match="locked after 3 sensor or travel faults"):
+            rig.play(np.zeros((20, 3)))
+        assert rig.status().mode is Mode.OFF
+        assert rig.client.ask(Request.ACKNOWLEDGE, (99).to_bytes(4, "little"))[0] is Outcome.BAD_PAYLOAD
+        assert rig.acknowledge() == rig.acknowledge() == LOCK_FAULTS
+        assert len(rig.play(np.zeros((20, 3)))) == 20
+
+
+def test_lock_out__sensor_fault__is_not_cleared_within_a_second() -> None:
+    guarded = Guarded(designed())
+    guarded.run(np.zeros((SOFT, 3)))
+    guarded.break_sensor("open")
+    run = guarded.run(np.zeros((200, 3)))
+    assert run.fault is Fault.SENSOR_OPEN
+    passed = 200 - run.fault_at
+    while not lib.tact_board_clear(guarded.board):
+        guarded.run(np.zeros((1, 3)))
+        passed += 1
+    assert passed == pytest.approx(LOCK_S * RATE, abs=3)
+
+
+def test_lock_out__late_interrupt__is_none() -> None:
+    guarded = Guarded(designed())
+    guarded.run(np.zeros((SOFT, 3)))
+    assert guarded.run(np.zeros((900, 3)), lateness=200).fault is Fault.LATE
+    assert lib.tact_board_clear(guarded.board)
+    assert guarded.board.sensor_faults == 0
+
+
+@pytest.mark.parametrize(
+    ("lie", "situation", "names", "within_ms"),
+    [
+        ("stuck at code 1000, ±2", "silence", {"jumps"}, 2.0),
+        ("stuck where it is, ±2 codes", "2 Hz, 40 dB SL", {"stuck"}, 120.0),
+        ("offset, step of 50 mV", "30 Hz, 40 dB SL", {"jumps"}, 2.0),
+        ("bit 10 turned over", "2 Hz, 40 dB SL", {"jumps"}, 2.0),
+    ],
+)
+def test_lying_sensor__as_promised__is_named_in_time(
+    lie: str, situation: str, names: set[str], within_ms: float
+) -> None:
+    found = try_lie(next(each for each in LIES if each[0] == lie), situation)
+    assert set(found.names) <= names | {"disagrees"}
+    assert found.count
+    assert found.slowest_ms <= within_ms
+
+
+def test_break_sensor__unknown_or_without_its_value__is_refused() -> None:
+    with in_process_rig(designed().display, 1) as rig:
+        with pytest.raises(BadInput, match="sensor fault 'drunk'; allowed: sound, open"):
+            rig.finger("index").break_sensor("drunk")
+        with pytest.raises(BadInput, match="sensor fault 'drift' without a value"):
+            rig.finger("index").break_sensor("drift")
+
+
+@pytest.mark.soak
+def test_documentation__table_of_lies__is_what_a_run_gives() -> None:
+    assert table() in DOCS.read_text(encoding="utf-8")
+    assert all(name in table() for name in SITUATIONS)
+
+
+@pytest.fixture(scope="module")
+def lawful(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(tmp_path_factory.mktemp("lawful"))
+
+
+def test_lawful_play__two_thousand_seconds_of_sound_sensors__trip_nothing(lawful: Path) -> None:
+    """Before the guard took every tick's command into account, white noise was a stuck sensor once in 50 s."""
+    found = play(lawful, 1, 2000.0)
+    assert found.faults == {}
+    assert found.running_s > 1980.0
+
+
+@pytest.mark.soak
+def test_lawful_play__million_seconds_of_sound_sensors__trip_nothing(lawful: Path) -> None:
+    assert play(lawful, 2, 1e6).faults == {}
