@@ -77,7 +77,7 @@ class StateObserver:
 
 @dataclass(frozen=True)
 class Standstill:
-    """When a reading that stands still, within so many codes, is taken for stuck: once the command since then should
+    """The limits for a reading that stands still within so many codes: it is stuck once the command since then should
     have moved the motor by stray_max_v (volts of y)."""
 
     codes: int

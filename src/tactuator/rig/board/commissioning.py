@@ -76,13 +76,14 @@ def turns(display: Display) -> int:
 
 
 def travel_share(rate_hz: float) -> float:
-    """Of the reference, into its slow part, a tick: a first-order low pass at TRAVEL_HZ."""
+    """Return the share of the reference that goes into its slow part in a tick: a first-order low pass at TRAVEL_HZ."""
     return -math.expm1(-2.0 * math.pi * TRAVEL_HZ / rate_hz)
 
 
 def travel_max(channel: Channel, reference_max: float) -> float:
-    """Most that the reference's slow part may come to, in threshold units, so that no sinusoid within the limits takes
-    more than TRAVEL_SHARE of the channel's travel; TRAVEL_NEVER where comfort sees to that."""
+    """Return the most that the reference's slow part may come to, in threshold units, so that no sinusoid within the
+    limits takes more than TRAVEL_SHARE of the channel's travel; TRAVEL_NEVER where comfort sees to that.
+    """
     frequency_hz = np.geomspace(*channel.threshold.band_hz, 400)
     displacement_mm = channel.threshold_voltage(frequency_hz) / channel.sensor_gain_v_per_mm
     allowed = TRAVEL_SHARE * channel.travel_mm / displacement_mm

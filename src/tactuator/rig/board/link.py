@@ -173,7 +173,7 @@ class LinkClient:
         return Status.parse(payload)
 
     def acknowledge(self) -> int:
-        """Acknowledge the board's sensor and travel faults, and give how many there were since it began."""
+        """Tell the board that its sensor and travel faults are known, and return how many there were since it began."""
         count = self.status().sensor_faults
         self.must(Request.ACKNOWLEDGE, struct.pack("<I", count))
         return count

@@ -102,13 +102,13 @@ def _require_table(target: BoardRig, controller: Controller) -> None:
 
 
 def _stretches(ticks: int, seed: int) -> Iterator[tuple[int, int]]:
-    """Seed and length of one stretch after another."""
+    """Yield the seed and the length of one stretch after another."""
     for index, at in enumerate(range(0, ticks, STRETCH_TICKS)):
         yield (seed + index) & 0xFFFFFFFF, min(STRETCH_TICKS, ticks - at)
 
 
 def _ask(rig: BoardRig, seed: int, ticks: int) -> tuple[int, int, int, int]:
-    """Digest, ticks with a command, starts, and faults as bits of a stretch from its beginning."""
+    """Return digest, ticks with a command, starts, and faults as bits of a stretch from its beginning."""
     answer = rig.client.must(Request.PERIOD_CHECK, struct.pack("<II", seed, ticks), patience=_PATIENCE)
     digest, running, starts, faults = _ANSWER.unpack(answer)
     return digest, running, starts, faults
@@ -132,7 +132,7 @@ def _compare(
 
 
 def _first_difference(target: BoardRig, host: BoardRig, seed: int, ticks: int) -> int:
-    """The first tick of a stretch that differs, by bisection: a digest that differs once differs from then on."""
+    """Find the first tick of a stretch that differs, by bisection: a digest that differs once differs from then on."""
     same, differs = 0, ticks
     while differs - same > 1:
         middle = (same + differs) // 2
@@ -144,7 +144,9 @@ def _first_difference(target: BoardRig, host: BoardRig, seed: int, ticks: int) -
 
 
 def _compare_play(target: BoardRig, host: BoardRig, tally: _Tally) -> str:
-    """What boards with a simulated display play through their own timers and links; "" where it is the same."""
+    """Compare what boards with a simulated display play through their own timers and links; return "" where it is the
+    same.
+    """
     if not target.status().allows_hold:
         return ""
     for name, act in _ACTS.items():
@@ -178,7 +180,7 @@ def _play(rig: BoardRig) -> Played:
 
 
 def _play_touched(rig: BoardRig) -> Played:
-    """A finger comes and goes while the loop runs."""
+    """Play noise while a finger comes and goes."""
     finger = rig.finger(rig.channels[0])
     loads = [load.name for load in rig.display.channels[0].loads]
     traces = []
@@ -194,7 +196,7 @@ def _play_tones(rig: BoardRig) -> Played:
 
 
 def _play_broken(rig: BoardRig) -> Played:
-    """A sensor fails in mid-run: the fault, its channel, and that the output comes to rest."""
+    """Play until a sensor fails in mid-run; return the fault and its channel, once the output has come to rest."""
     finger = rig.finger(rig.channels[-1])
     traces: list[Trace] = []
     try:

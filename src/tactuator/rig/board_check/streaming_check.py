@@ -32,7 +32,7 @@ Rows = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class StreamingCheck:
-    """What became of `samples` rows, each of all channels, streamed to a board at `instructions_per_s`.
+    """The outcome of `samples` rows, each of all channels, streamed to a board at `instructions_per_s`.
 
     late: interrupts that began more than lateness_max of a period after their time. dry: ticks without a row. dropped:
     spoilt frames. played: samples that came back; bit_exact: the command and reading of every one are this machine's,
@@ -97,7 +97,7 @@ def check_streaming(
 
 
 def _streamed(rig: BoardRig, rows: Rows) -> tuple[Trace, int, str]:
-    """What came back, how many ticks had no row, and the guard's fault."""
+    """Return what came back, how many ticks had no row, and the guard's fault."""
     traces: list[Trace] = []
     dry, fault = 0, "none"
     try:
