@@ -9,7 +9,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.rig.board.commissioning import LOCK_FAULTS, LOCK_S, TRAVEL_SHARE
-from tactuator.rig.board.frames import Outcome, Request
+from tactuator.rig.board.frames import Request, RequestOutcome
 from tactuator.rig.board.link import Mode, RigFault, RigLocked
 from tactuator.rig.boards import in_process_rig
 from tactuator.runtime._core import lib
@@ -105,7 +105,7 @@ def test_lock_out__sensor_fault__is_cleared_after_a_second_and_three_are_acknowl
         with pytest.raises(RigLocked, match="locked after 3 sensor or travel faults"):
             rig.play(np.zeros((20, 3)))
         assert rig.status().mode is Mode.OFF
-        assert rig.client.ask(Request.ACKNOWLEDGE, (99).to_bytes(4, "little"))[0] is Outcome.BAD_PAYLOAD
+        assert rig.client.ask(Request.ACKNOWLEDGE, (99).to_bytes(4, "little"))[0] is RequestOutcome.BAD_PAYLOAD
         assert rig.acknowledge() == rig.acknowledge() == LOCK_FAULTS
         assert len(rig.play(np.zeros((20, 3)))) == 20
 

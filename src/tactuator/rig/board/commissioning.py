@@ -12,7 +12,15 @@ from dataclasses import replace
 import numpy as np
 
 from tactuator.display.description import Channel, Display
-from tactuator.runtime.safety_table import NEVER, NEVER_TICKS, ChannelSafety, Jump, SafetyTable, Standstill, StateObserver
+from tactuator.runtime.safety_table import (
+    NEVER,
+    NEVER_TICKS,
+    ChannelSafety,
+    Jump,
+    SafetyTable,
+    Standstill,
+    StateObserver,
+)
 from tactuator.signals.decibels import from_db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.synthesis.prefilter.felt_weighting import weighting_sections

@@ -160,7 +160,7 @@ class LinkClient:
         status = self.status()
         if status.mode is Mode.FAULT:
             raise RigFault(status.fault, status.fault_channel)
-        if outcome is Outcome.LOCKED:
+        if outcome is RequestOutcome.LOCKED:
             raise RigLocked(status.sensor_faults - status.acknowledged)
         what, how = request.name.lower(), outcome.name.lower().replace("_", " ")
         raise BadInput(f"the board refused to {what}: {how}; it is {status.mode.name}")
