@@ -30,7 +30,7 @@ def controller() -> Controller:
 
 
 _BROWSER = ("chromium",)
-_DEVICE = ("rig/", "firmware/", "measure/test_free_board", "cli/test_firmware", "fuzz/")
+_DEVICE = ("rig/", "firmware/", "measure/test_free_board", "cli/controller/test_firmware", "fuzz/")
 _INTEGRATION = ("cli/", "corpus/", "paper/", "web/", "repository/", "experiment/session/", "speech/test_render")
 
 

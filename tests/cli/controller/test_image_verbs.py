@@ -12,7 +12,7 @@ from tactuator.cli import main
 from tactuator.display.controller import Limits
 from tactuator.files.controller import controller_hash, read_controller, write_controller
 from tactuator.runtime.image import sealed
-from tests.cli.controller_files import paper_file, spoilt, unstable
+from tests.cli.controller.controller_files import paper_file, spoilt, unstable
 from tests.cli.refusals import refused
 from tests.runtime.paper_display import channel, controller, display
 

@@ -10,7 +10,7 @@ from tactuator.cli import main
 from tactuator.display.controller import Limits
 from tactuator.files.controller import read_controller, write_controller
 from tactuator.wordlength.formats import FORMATS
-from tests.cli.controller_files import paper_file, spoilt, unstable
+from tests.cli.controller.controller_files import paper_file, spoilt, unstable
 from tests.cli.refusals import refused
 
 PNG = b"\x89PNG\r\n\x1a\n"

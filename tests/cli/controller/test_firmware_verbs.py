@@ -16,7 +16,7 @@ from tactuator.rig import program
 from tactuator.rig.board_check.period_check import PeriodCheck
 from tactuator.rig.program import BOARDS, build_firmware
 from tactuator.rig.transport import emulator
-from tests.cli.controller_files import paper_file
+from tests.cli.controller.controller_files import paper_file
 from tests.cli.refusals import refused
 from tests.runtime.paper_display import channel, controller, display
 

@@ -14,7 +14,7 @@ from tactuator.display.verdict import Outcome
 from tactuator.errors import BadInput
 from tactuator.files.controller import controller_document, controller_hash, parse_controller
 from tactuator.wordlength.buildable import built
-from tests.cli.forged import forged, resealed
+from tests.cli.controller.forged import forged, resealed
 from tests.synthesis.displays import paper_controller, three_finger_controller
 
 
