@@ -107,7 +107,7 @@ def test_section_q31__runs_away__stops_where_the_header_says():
 
 
 def parsed(made):
-    image, table = build_image(made, "q31", "0" * 64), ffi.new("tact_image *")
+    image, table = build_image(made, "q31"), ffi.new("tact_image *")
     shape = (made.rate_hz, made.delay_samples, len(made.channels))
     assert lib.tact_image_parse(table, ffi.from_buffer(image), len(image), *shape) == lib.TACT_IMAGE_GOOD
     return table

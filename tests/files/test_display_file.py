@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactuator.display.document import display_document
 from tactuator.errors import BadInput
-from tactuator.files.display import display_document, parse_display, read_display, with_curve
+from tactuator.files.display import parse_display, read_display, with_curve
 from tactuator.perception.library import curve
 
 DISPLAY = """

@@ -64,7 +64,7 @@ def conversations() -> dict[str, bytes]:
         simulated = upload(SIMULATED_DISPLAY, simulated_board_bytes(of, 1)[0])
         trace = frame(Request.TRACE, struct.pack("<IIHB", 1, 0, 64, 1))
         for number_format in ("float32", "q31"):
-            image = upload(IMAGE, build_image(controller(of), number_format, "0" * 64))
+            image = upload(IMAGE, build_image(controller(of), number_format))
             ready = safety + image + simulated + arm
             rows = b"".join(stream(1, at, count) for at in range(0, 64, min(_ROWS, (_PIECE - 11) // (4 * count))))
             name = f"{number_format}-{count}"
@@ -82,7 +82,7 @@ def conversations() -> dict[str, bytes]:
                     + frame(Request.PERIOD_CHECK, struct.pack("<II", 1, 100))
                 )  # fmt: skip
         check = frame(Request.PERIOD_CHECK, struct.pack("<II", 1, 200))
-        images = [upload(IMAGE, build_image(controller(of), each, "0" * 64)) for each in ("float32", "q31")]
+        images = [upload(IMAGE, build_image(controller(of), each)) for each in ("float32", "q31")]
         made[f"checks-{count}"] = safety + images[0] + check + images[1] + check
         made[f"driven-{count}"] = (
             safety + simulated + arm + frame(Request.START, start.pack(1, STREAM, 1, 1))

@@ -118,7 +118,7 @@ def test_new_curve__observers__is_higher_at_low_and_lower_at_high_frequencies(st
     difference = study.curve.level_db_re_1um - library.level_db_re_1um_at(study.curve.frequency_hz)
     assert difference[0] > 2.0
     assert difference[-1] < -2.0
-    assert study.curve.provenance == "measured"
+    assert study.curve.provenance == "simulated"
     assert study.reshaped.max_error_db <= 1.0
 
 

@@ -14,7 +14,7 @@ from tactuator.runtime.image import FORMATS, ImageRefusal, build_image, check_im
 from tests.runtime.paper_display import controller, display
 
 MADE = controller(display())
-IMAGES = {name: build_image(MADE, name, "ab" * 32) for name in FORMATS}
+IMAGES = {name: build_image(MADE, name) for name in FORMATS}
 
 
 def verdict(image, rate_hz=4000.0, delay=1, channels=3):
@@ -25,7 +25,12 @@ def verdict(image, rate_hz=4000.0, delay=1, channels=3):
 def test_image__as_built__is_taken_and_says_what_it_is(name):
     assert verdict(IMAGES[name]) is ImageRefusal.GOOD
     header = read_image_header(IMAGES[name])
-    assert (header.format, header.rate_hz, header.channels, header.controller_hash) == (name, 4000.0, 3, "ab" * 32)
+    assert (header.format, header.rate_hz, header.channels, header.controller_hash) == (
+        name,
+        4000.0,
+        3,
+        MADE.content_hash,
+    )
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -70,13 +75,13 @@ def test_image__one_field_off_but_sealed__is_refused_by_name(at, content, refusa
 
 def test_build__what_boards_do_not_have__is_refused():
     with pytest.raises(BadInput, match="format is 'q15'; allowed: float32, q31"):
-        build_image(MADE, "q15", "ab" * 32)
+        build_image(MADE, "q15")
     with pytest.raises(BadInput, match="delay_samples is 0"):
-        build_image(controller(display(delay_samples=0)), "float32", "ab" * 32)
+        build_image(controller(display(delay_samples=0)), "float32")
     channel = MADE.channels[0]
     wild = replace(channel, prefilter_sos=np.array([[1.0, 0.0, 0.0, 1.0, -2.1, 1.2]]))
     with pytest.raises(BadInput, match="outside the unit circle"):
-        build_image(replace(MADE, channels=(wild, *MADE.channels[1:])), "float32", "ab" * 32)
+        build_image(replace(MADE, channels=(wild, *MADE.channels[1:])), "float32")
 
 
 def test_header__not_an_image__is_told():

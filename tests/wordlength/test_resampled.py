@@ -36,7 +36,7 @@ def test_at_rate__any_rate__the_integrator_is_exact_and_the_core_takes_the_image
         assert moved.channels[0].feedback_sos is not None
         assert delta_coefficients(moved.channels[0].feedback_sos)[-1, 4] == 0.0
         for name in FORMATS:
-            image = build_image(moved, name, "0" * 64)
+            image = build_image(moved, name)
             assert check_image(image, float(np.float32(rate_hz)), 1, 1) is ImageRefusal.GOOD
 
 

@@ -15,7 +15,6 @@ from tactuator.corpus.task import CorpusOutcome, CorpusTask
 from tactuator.corpus.workers import Workers
 from tactuator.errors import BadInput
 from tactuator.files.atomic import write_text
-from tactuator.files.controller import controller_document
 from tactuator.files.reference import SUFFIXES
 from tactuator.speech.coding.file import coding_document
 from tactuator.speech.job import RenderJob
@@ -100,7 +99,7 @@ def _task(item: Item, folder: Path, out: Path, job: RenderJob) -> CorpusTask:
         item=item.source,
         source=str((folder / item.source).absolute()),
         out=str((out / item.out).absolute()),
-        controller=json.dumps(controller_document(job.controller)),
+        controller=json.dumps(job.controller.document()),
         coding=json.dumps(coding_document(job.coding)),
         level_db_sl=job.level_db_sl,
         simulate=job.simulate,

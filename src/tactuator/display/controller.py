@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator import __version__
 from tactuator.display.description import Channel, Display
+from tactuator.display.document import display_document, document_hash
 from tactuator.errors import BadInput
 from tactuator.signals.sections import check_sections
 from tactuator.signals.systems import SampledSystem
+
+FORMAT = "tactuator-controller/1"
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,20 @@ class ChannelController:
         """Return C as a sampled system (without the computing delay), or None."""
         return None if self.feedback_sos is None else SampledSystem.from_sections(self.feedback_sos, rate_hz)
 
+    def document(self) -> dict[str, Any]:
+        """Return the channel as plain tables."""
+        feedback = self.feedback_sos
+        return {
+            "name": self.name,
+            "threshold_voltage_dc": self.threshold_voltage_dc,
+            "prefilter_sos": self.prefilter_sos.tolist(),
+            "feedback_sos": None if feedback is None else feedback.tolist(),
+            "anti_windup": {"gains": list(self.anti_windup.gains)},
+            "limits": dict(vars(self.limits)),
+            "designed_for": list(self.designed_for),
+            "report": dict(self.report),
+        }
+
 
 @dataclass(frozen=True, eq=False)
 class Controller:
@@ -90,6 +109,23 @@ class Controller:
     def delay_samples(self) -> int:
         """Return the computing delay from A/D to D/A, samples."""
         return self.display.delay_samples
+
+    def document(self) -> dict[str, Any]:
+        """Return the tables of controller.json, the hash of their content included."""
+        tables: dict[str, Any] = {
+            "format": FORMAT,
+            "tool": self.tool or __version__,
+            "display": display_document(self.display),
+            "rate_hz": self.rate_hz,
+            "delay_samples": self.delay_samples,
+            "channels": [channel.document() for channel in self.channels],
+        }
+        return {**tables, "hash": document_hash(tables)}
+
+    @cached_property
+    def content_hash(self) -> str:
+        """Return SHA-256 (hex) of the document without its hash; a response, an image, an experiment record it."""
+        return str(self.document()["hash"])
 
     def require_runs(self, display: Display) -> None:
         """Raise BadInput if `display` has other channels, another rate or another computing delay."""

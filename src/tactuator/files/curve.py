@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import io
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import cast
 
@@ -108,13 +110,23 @@ def _columns(path: Path, rows: list[str]) -> dict[str, np.ndarray[tuple[int], np
     return {header[index]: values[:, place] for place, index in enumerate(own)}
 
 
-def write_curve(path: str | Path, threshold: ThresholdCurve) -> None:
-    """Write a curve so that `read_curve` gives it back."""
-    lines = [f"# name: {threshold.name}", f"# provenance: {threshold.provenance}", f"# source: {threshold.source}"]
+def write_curve(
+    path: str | Path, threshold: ThresholdCurve, circumstances: Mapping[str, Sequence[object]] | None = None
+) -> None:
+    """Write a curve so that `read_curve` gives it back.
+
+    circumstances: further columns by name, one cell for each point, which tell how the curve was measured.
+    """
     errors = threshold.standard_error_db
-    lines.append(f"frequency_hz,{_LEVEL}" + ("" if errors is None else f",{_ERROR}"))
-    for index, (frequency, level) in enumerate(
-        zip(threshold.frequency_hz.tolist(), threshold.level_db_re_1um.tolist(), strict=True)
-    ):
-        lines.append(f"{frequency!r},{level!r}" + ("" if errors is None else f",{float(errors[index])!r}"))
-    write_text(path, "\n".join(lines) + "\n")
+    columns: dict[str, Sequence[object]] = {
+        "frequency_hz": threshold.frequency_hz.tolist(),
+        _LEVEL: threshold.level_db_re_1um.tolist(),
+        **({} if errors is None else {_ERROR: errors.tolist()}),
+        **(circumstances or {}),
+    }
+    stream = io.StringIO()
+    stream.write(f"# name: {threshold.name}\n# provenance: {threshold.provenance}\n# source: {threshold.source}\n")
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+    write_text(path, stream.getvalue())

@@ -19,7 +19,7 @@ from tactuator.paper.prefilters import Prefilters, judge_prefilters
 from tactuator.paper.resolution import bits_needed
 from tactuator.paper.response import UNLOADED, ResponsePoint, measure_responses, nominal_response
 from tactuator.paper.speech import Spoken, speak
-from tactuator.paper.thresholds import Threshold, measure_thresholds, new_curve
+from tactuator.paper.thresholds import KnownThreshold, measure_thresholds
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.rig.trace import Trace
 from tactuator.speech.reading import SpeechFile
@@ -58,7 +58,7 @@ class Study:
     noise: NoiseProbe
     responses: tuple[ResponsePoint, ...]
     without_friction: tuple[ResponsePoint, ...]
-    thresholds: tuple[Threshold, ...]
+    thresholds: tuple[KnownThreshold, ...]
     curve: ThresholdCurve
     reshaped: Reshaped
     spoken: Spoken
@@ -83,9 +83,8 @@ def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> Study:
     noise = probe_noise(plan, controller, progress)
     responses = measure_responses(plan, controller, progress)
     without_friction = _without_friction(plan, controller, progress)
-    thresholds = measure_thresholds(plan, controller, progress)
-    curve = new_curve(plan.display.channels[0].threshold.curve, thresholds)
-    reshaped = _reshape(plan, curve, progress)
+    detected = measure_thresholds(plan, controller, progress)
+    reshaped = _reshape(plan, detected.curve, progress)
     spoken = speak(plan, controller, file, progress)
     objectives = judge_objectives(plan, controller, responses, noise)
     return Study(
@@ -101,8 +100,8 @@ def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> Study:
         noise,
         responses,
         without_friction,
-        thresholds,
-        curve,
+        detected.thresholds,
+        detected.curve,
         reshaped,
         spoken,
         objectives,

@@ -1,37 +1,62 @@
-"""Steps 9 and 10: thresholds of simulated observers through the display, and the curve that comes of them."""
+"""Steps 9 and 10: thresholds of simulated observers through the display, and the curve that comes of them.
+
+The chain is the one that a laboratory uses: a protocol, a store, `thresholds` of its runs, and the group's curve.
+"""
 
 from __future__ import annotations
 
 import multiprocessing
 import signal
+import tempfile
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
-from tactuator.experiment.procedure.up_down import IMECE2004, UpDown
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.result.group_curve import group_curve
+from tactuator.experiment.result.thresholds import Threshold, thresholds
+from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.session.clock import SystemClock
 from tactuator.experiment.simulated.observer import Observer
-from tactuator.experiment.simulated.observer_at_rig import ObserverAtRig
-from tactuator.experiment.trial.delivered_level import delivered_offset_db
-from tactuator.experiment.trial.detection_run import Detection, RunRecord, run_detection
-from tactuator.experiment.trial.presenter import Presenter
-from tactuator.experiment.trial.timing import Timing
+from tactuator.experiment.simulated.sitting import run_study
+from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.paper.plan import THRESHOLD_HZ, Plan, Progress, observers
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.rig.simulated import SimulatedRig
 
-_START_ABOVE_DB = 20.0
-_HIGHEST_HZ = 300.0
 _WORKER_COUNT = 2
+_PROTOCOL = """
+[study]
+name = "thresholds on the display"
+seed = {seed}
+[procedure]
+kind = "imece2004"
+start_db_sl = 20.0
+[conditions]
+fingers = [{fingers}]
+frequencies_hz = [{frequencies}]
+order = "as-given"
+[session]
+practice_trials = 0
+[[subject]]
+code = "{subject}"
+"""
 
 
 @dataclass(frozen=True)
-class Threshold:
-    """One run's outcome. commanded_db_sl: the paper's number (mean of 12 reversals); level_db_re_1um: the same as
-    displacement, by what the sensor saw of the stimuli near it; refit_db_re_1um, se_db: the Bayesian refit of the same
-    trials and its standard deviation; true_db: the observer's own 79.4 % point."""
+class KnownThreshold:
+    """One run's outcome beside the truth, which only a simulated observer has.
+
+    commanded_db_sl: the paper's number (mean of 12 reversals); level_db_re_1um: the same as displacement, by what the
+    sensor saw of the stimuli near it; refit_db_re_1um, se_db: the Bayesian refit of the same trials and its standard
+    deviation; true_db: the observer's own 79.4 % point.
+    """
 
     observer: str
     channel: str
@@ -44,111 +69,91 @@ class Threshold:
     trials: int
 
 
-def measure_thresholds(plan: Plan, controller: Controller, progress: Progress) -> tuple[Threshold, ...]:
-    """Measure every observer on every channel at THRESHOLD_HZ by the paper's procedure, felt through the simulated
-    display.
+@dataclass(frozen=True)
+class Detected:
+    """Thresholds of all runs, and the group's curve as `experiment thresholds --curve-out` gives it."""
 
-    Two processes share the work; the outcome does not depend on how it is shared.
+    thresholds: tuple[KnownThreshold, ...]
+    curve: ThresholdCurve
+
+
+def measure_thresholds(plan: Plan, controller: Controller, progress: Progress) -> Detected:
+    """Let every observer go through the protocol on the simulated display; return the thresholds and the curve.
+
+    Each observer has a store and a process of its own; the outcome does not depend on how the work is shared.
     """
     people = observers(plan.display.channels[0].threshold.curve)
-    tasks = [(person, channel.name) for person in people for channel in plan.display.channels]
-    found: dict[tuple[str, str], tuple[Threshold, ...]] = {}
+    runs: dict[str, list[StoredRun]] = {}
     # spawned, not forked: a progress bar's thread may hold a lock at that moment
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(_WORKER_COUNT, context, initializer=_leave_interrupts_to_the_parent)
-    try:
-        jobs = {pool.submit(one_observer, plan, controller, *task): (task[0].name, task[1]) for task in tasks}
-        for done, job in enumerate(as_completed(jobs), start=1):
-            found[jobs[job]] = job.result()
-            progress("thresholds", done / len(tasks))
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-    return tuple(one for person, channel in tasks for one in found[person.name, channel])
+    with tempfile.TemporaryDirectory() as folder:
+        pool = ProcessPoolExecutor(_WORKER_COUNT, context, initializer=_leave_interrupts_to_the_parent)
+        try:
+            stores = {one.name: Path(folder) / f"{one.name}.db" for one in people}
+            jobs = {pool.submit(run_observer, plan, controller, one, stores[one.name]): one.name for one in people}
+            for done, job in enumerate(as_completed(jobs), start=1):
+                job.result()
+                runs[jobs[job]] = _runs(stores[jobs[job]])
+                progress("thresholds", done / len(people))
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+    found = [threshold for one in people for threshold in thresholds(runs[one.name])]
+    curves = {one.name: one.curve for one in people}
+    channel = plan.display.channels[0]
+    curve = group_curve(found, channel.threshold.curve, channel.threshold.band_hz).curve
+    return Detected(tuple(_known(one, curves[one.subject]) for one in found), curve)
 
 
 def _leave_interrupts_to_the_parent() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def one_observer(plan: Plan, controller: Controller, observer: Observer, channel: str) -> tuple[Threshold, ...]:
-    """Measure all of one observer's runs on one channel."""
-    alone = only(controller, channel)
-    rig = SimulatedRig(alone.display, plan.seed_of(f"thresholds of {observer.name}, {channel}"))
-    rig.load(alone)
-    timing = Timing()
-    detection = Detection(Presenter(rig, channel), alone.display.channels[0], timing)
-    loads = alone.display.channels[0].loads
-    found = []
-    for index, hertz in enumerate(THRESHOLD_HZ):
-        seed = (plan.seed_of(f"trials of {observer.name}, {channel}"), index)
-        subject = ObserverAtRig(observer, rig, channel, timing, seed, loads[0].name if loads else None)
-        start = _start_db_sl(observer, alone.display.channels[0].threshold.curve, hertz)
-        run = run_detection(detection, UpDown(IMECE2004, start), subject, hertz, seed)
-        subject.leave()
-        found.append(_outcome(run, observer, channel, alone.display.channels[0].threshold.curve))
-    return tuple(found)
+def run_observer(plan: Plan, controller: Controller, observer: Observer, store: Path) -> None:
+    """Let one observer go through all runs on every finger, into a store of its own."""
+    fingers = ", ".join(f'"{channel.finger}"' for channel in plan.display.channels)
+    frequencies = ", ".join(f"{hertz:g}" for hertz in THRESHOLD_HZ)
+    seed = plan.seed_of(f"trials of {observer.name}")
+    text = _PROTOCOL.format(seed=seed, fingers=fingers, frequencies=frequencies, subject=observer.name)
+    rig = SimulatedRig(controller.display, plan.seed_of(f"thresholds of {observer.name}"))
+    rig.load(controller)
+    loads = controller.display.channels[0].loads
+    database = Store(store)
+    try:
+        station = Station(rig, controller, "simulated")
+        load = loads[0].name if loads else None
+        run_study(
+            database, parse_protocol(text, "the paper's protocol"), text, station, [observer], SystemClock(), load
+        )
+    finally:
+        database.close()
 
 
-def only(controller: Controller, channel: str) -> Controller:
-    """Return the controller of one channel, on a display that has no other."""
-    display = replace(controller.display, channels=(controller.display.channel(channel),))
-    return Controller(display, (controller.channel(channel),), controller.tool)
+def _runs(path: Path) -> list[StoredRun]:
+    """Return the finished runs of a store."""
+    store = Store(path, must_exist=True)
+    try:
+        return detection_runs(store)
+    finally:
+        store.close()
 
 
-def _start_db_sl(observer: Observer, library: ThresholdCurve, hertz: float) -> float:
-    """Return a level well above what is expected, on a whole decibel, as an experimenter who knows roughly
-    would start.
-    """
-    expected = float(observer.curve.level_db_re_1um_at(hertz) - library.level_db_re_1um_at(hertz))
-    return float(round(expected)) + _START_ABOVE_DB
-
-
-def _outcome(run: RunRecord, observer: Observer, channel: str, library: ThresholdCurve) -> Threshold:
-    assert run.estimate is not None
-    hertz, level = run.frequency_hz, run.estimate.level_db_sl
-    refit = run.refit()
-    intervals = [interval for trial in run.trials for interval in trial.intervals]
-    base = float(library.level_db_re_1um_at(hertz)) + delivered_offset_db(intervals, level)
-    return Threshold(
-        observer=observer.name,
-        channel=channel,
-        frequency_hz=hertz,
-        commanded_db_sl=level,
-        level_db_re_1um=base + level,
-        refit_db_re_1um=base + float(refit.threshold_db[0]),
-        se_db=float(refit.sd_db[0]),
-        true_db=float(observer.curve.level_db_re_1um_at(hertz)),
-        trials=len(run.trials),
+def _known(found: Threshold, truth: ThresholdCurve) -> KnownThreshold:
+    assert found.own_db_sl is not None
+    assert found.own_level_db_re_1um is not None
+    return KnownThreshold(
+        observer=found.subject,
+        channel=found.finger,
+        frequency_hz=found.frequency_hz,
+        commanded_db_sl=found.own_db_sl,
+        level_db_re_1um=found.own_level_db_re_1um,
+        refit_db_re_1um=found.level_db_re_1um,
+        se_db=found.refit_sd_db,
+        true_db=float(truth.level_db_re_1um_at(found.frequency_hz)),
+        trials=found.trials,
     )
 
 
-def new_curve(library: ThresholdCurve, thresholds: tuple[Threshold, ...]) -> ThresholdCurve:
-    """Return the library curve moved to the observers, at its own frequencies from the lowest measured up to 300 Hz.
-
-    Each observer's differences from the library are smoothed by a parabola in log frequency (least squares; the last
-    4 Hz are extrapolated); the curve moves by the mean of the parabolas. standard_error_db: of that mean, from how the
-    parabolas differ.
-    """
-    frequency = np.array(sorted({one.frequency_hz for one in thresholds}))
-    people = sorted({one.observer for one in thresholds})
-    own = library.frequency_hz[(library.frequency_hz >= frequency[0]) & (library.frequency_hz <= _HIGHEST_HZ)]
-    moves = []
-    for who in people:
-        differences = [_difference(library, thresholds, who, hertz) for hertz in frequency]
-        moves.append(np.polyval(np.polyfit(np.log10(frequency), differences, 2), np.log10(own)))
-    level = library.level_db_re_1um_at(own) + np.mean(moves, axis=0)
-    error = np.std(moves, axis=0, ddof=1) / np.sqrt(len(people))
-    source = f"{len(people)} simulated observers on the display, {library.name} moved by a parabola in log frequency"
-    return ThresholdCurve("measured here", own, level, "measured", source, error)
-
-
-def _difference(library: ThresholdCurve, thresholds: tuple[Threshold, ...], observer: str, hertz: float) -> float:
-    """Return an observer's mean over the fingers, less the library's level, dB."""
-    levels = [one.level_db_re_1um for one in thresholds if (one.observer, one.frequency_hz) == (observer, hertz)]
-    return float(np.mean(levels) - library.level_db_re_1um_at(hertz))
-
-
-def bias_and_spread_db(thresholds: tuple[Threshold, ...]) -> tuple[float, float]:
-    """Return the mean and standard deviation of estimate less truth over all runs (facts: about -0.4 and 1 dB)."""
-    errors: FloatArray = np.array([one.level_db_re_1um - one.true_db for one in thresholds])
+def bias_and_spread_db(found: Sequence[KnownThreshold]) -> tuple[float, float]:
+    """Return mean and standard deviation of estimate less truth over all runs (facts: about -0.4 and 1 dB)."""
+    errors: FloatArray = np.array([one.level_db_re_1um - one.true_db for one in found])
     return float(errors.mean()), float(errors.std(ddof=1))

@@ -82,8 +82,8 @@ class ImageHeader:
     crc: int
 
 
-def build_image(controller: Controller, number_format: str, controller_hash: str) -> bytes:
-    """Return the image of a controller; controller_hash (64 hex digits) names the document that it comes from.
+def build_image(controller: Controller, number_format: str) -> bytes:
+    """Return the image of a controller, with the hash of its content in the head.
 
     Raises BadInput for an unknown format, a delay that boards do not have (0), a coefficient that the format cannot
     hold, or more channels and sections than a board has.
@@ -102,7 +102,7 @@ def build_image(controller: Controller, number_format: str, controller_hash: str
         parts = [_q31_channel(channel, controller.rate_hz) for channel in controller.channels]
     for channel, body in zip(controller.channels, parts, strict=True):
         _require_range(channel, body, number_format)
-    body = bytes.fromhex(controller_hash) + b"".join(parts)
+    body = bytes.fromhex(controller.content_hash) + b"".join(parts)
     head = struct.pack(
         "<4sHHIfBBH",
         _MAGIC,

@@ -14,7 +14,6 @@ from tactuator import __version__
 from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
-from tactuator.files.controller import controller_hash
 from tactuator.files.reference import ReferenceHead, ReferenceWriter, check_suffix, write_reference
 from tactuator.measure.felt import FeltComparison, FeltReport
 from tactuator.measure.listening import SETTLE_S, felt_of
@@ -42,7 +41,7 @@ class RenderJob:
         """Return everything that the result depends on but the speech, in plain JSON."""
         return {
             "tool": __version__,
-            "controller": controller_hash(self.controller),
+            "controller": self.controller.content_hash,
             "coding": coding_document(self.coding),
             "level_db_sl": self.level_db_sl,
             "felt": {"seed": self.seed} if self.simulate else None,

@@ -16,7 +16,6 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
-from tactuator.files.controller import controller_hash
 from tactuator.files.reference import ReferenceHead, write_reference
 from tactuator.perception.levels import COMFORT_DB_SL
 from tactuator.signals.stimuli import ramps
@@ -104,7 +103,7 @@ def write_waveforms(waveforms: WaveformSet, controller: Controller, folder: str 
     folder = Path(folder)
     channels = controller.display.channels
     curves = {c.name: (c.threshold.curve.name, c.threshold.curve.content_hash) for c in channels}
-    common: dict[str, Any] = {"controller": controller_hash(controller), "waveforms": asdict(waveforms)}
+    common: dict[str, Any] = {"controller": controller.content_hash, "waveforms": asdict(waveforms)}
     written = []
     for label in waveforms.labels():
         asked = waveforms.reference(label, tuple(c.finger for c in channels), controller.rate_hz)

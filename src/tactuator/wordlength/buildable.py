@@ -11,23 +11,22 @@ from tactuator.runtime.image import CHANNELS_MAX, FORMATS, build_image
 from tactuator.wordlength.assessment import ERROR_MAX_DB, FormatReport, require_safe
 
 _ALL = "all"
-NO_HASH = "0" * 64
 
 
-def built(controller: Controller, number_format: str, controller_hash: str) -> tuple[bytes, FormatReport]:
+def built(controller: Controller, number_format: str) -> tuple[bytes, FormatReport]:
     """Return the image of a controller in a number format that is safe for it, and what the format does to it.
 
     Raises BadInput, with the reason, where a board would refuse it or the format is not safe.
     """
     report = require_safe(controller, number_format)
-    return build_image(controller, number_format, controller_hash), report
+    return build_image(controller, number_format), report
 
 
 def buildable(controller: Controller) -> Finding:
     """Return the finding that a board takes the controller in float32, the format that `build` writes unless told."""
     try:
         with np.errstate(all="ignore"):  # a figure that float32 does not hold ends as a refusal, not as a warning
-            _, report = built(controller, FORMATS[0], NO_HASH)
+            _, report = built(controller, FORMATS[0])
     except BadInput as error:
         return Finding("build", _ALL, "", Outcome.NOT_MET, "no image", remark=str(error))
     error_db = report.response_error_db

@@ -22,8 +22,6 @@ from tactuator.wordlength.direct_forms import FULL_SCALE_V, FixedSections, Singl
 from tactuator.wordlength.quantised import quantised_rows
 from tactuator.wordlength.roundoff import Step
 
-_NO_HASH = "0" * 64
-
 
 @dataclass(frozen=True)
 class Written:
@@ -121,7 +119,7 @@ def _q31_delta(controller: Controller, index: int) -> Written:
 
 def _core(controller: Controller, index: int, loads: str) -> Callable[[], Step]:
     """Return the core's own step of one channel, from the image."""
-    image, parsed = build_image(controller, loads, _NO_HASH), ffi.new("tact_image *")
+    image, parsed = build_image(controller, loads), ffi.new("tact_image *")
     shape = (controller.rate_hz, controller.delay_samples, len(controller.channels))
     refusal = lib.tact_image_parse(parsed, ffi.from_buffer(image), len(image), *shape)
     if refusal:

@@ -12,7 +12,7 @@ from tactuator.cli.controller.check import whole_verdict
 from tactuator.display.controller import Controller
 from tactuator.display.verdict import Outcome
 from tactuator.errors import BadInput
-from tactuator.files.controller import controller_document, controller_hash, parse_controller
+from tactuator.files.controller import parse_controller
 from tactuator.wordlength.buildable import built
 from tests.cli.controller.forged import forged, resealed
 from tests.synthesis.displays import paper_controller, three_finger_controller
@@ -35,7 +35,7 @@ def judged(document: dict[str, object]) -> str:
         return "refused"
     if verdict.outcome is Outcome.NOT_MET:
         return "not met"
-    image, _ = built(made, "float32", controller_hash(made))
+    image, _ = built(made, "float32")
     assert image
     return verdict.outcome.value
 
@@ -43,7 +43,7 @@ def judged(document: dict[str, object]) -> str:
 def tally(count: int, made: Controller, seed: int) -> dict[str, int]:
     """Return how many forged controllers were refused, not met, met or not judged."""
     rng = np.random.default_rng(seed)
-    document = controller_document(made)
+    document = made.document()
     found: dict[str, int] = {}
     for _ in range(count):
         outcome = judged(forged(document, rng))
@@ -65,7 +65,7 @@ def test_check__10_000_forged_controllers__what_is_met_is_built() -> None:
 
 def test_check__limit_of_a_million_volts__refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It used to be called met."""
-    document = controller_document(paper_controller())
+    document = paper_controller().document()
     document["channels"][0]["limits"]["command_v"] = 1e6
     with pytest.raises(BadInput, match="hash"):
         parse_controller(document)

@@ -10,7 +10,7 @@ import pytest
 
 from tactuator.cli import main
 from tactuator.display.controller import Limits
-from tactuator.files.controller import controller_hash, read_controller, write_controller
+from tactuator.files.controller import read_controller, write_controller
 from tactuator.runtime.image import sealed
 from tests.cli.controller.controller_files import paper_file, spoilt, unstable
 from tests.cli.refusals import refused
@@ -32,7 +32,7 @@ def test_build__then_image__say_the_same_of_it(
     assert built["image"] == str(out)
     assert built["bytes"] == out.stat().st_size
     assert (built["format"], built["rate_hz"], built["channels"]) == (number_format, 4000.0, 1)
-    assert built["controller"] == controller_hash(read_controller(made))
+    assert built["controller"] == read_controller(made).content_hash
     assert 0.0 <= built["response_error_db"] < 1e-3
     assert main(["image", str(out), "--controller", made, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

@@ -10,7 +10,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.export.export import export
 from tactuator.experiment.procedure.refit import refit
 from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.result.group_curve import group_curve, write_group_curve
+from tactuator.experiment.result.group_curve import circumstances, group_curve
 from tactuator.experiment.result.thresholds import thresholds
 from tactuator.experiment.session.clock import SystemClock
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers
@@ -18,7 +18,7 @@ from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.experiment.trial.delivered_level import delivered_offset_db
 from tactuator.experiment.trial.trial import IntervalRecord
-from tactuator.files.curve import read_curve
+from tactuator.files.curve import read_curve, write_curve
 from tactuator.perception.library import curve
 from tests.experiment.session.apparatuses import PROTOCOL, apparatus
 
@@ -71,7 +71,7 @@ def test_group_curve__written__is_read_back_with_what_it_was_measured_under(stud
     group = group_curve(thresholds(runs), curve("bolanowski-1988"), (0.4, 300.0))
     assert group.subjects == (0, 2, 2, 2, 0)
     assert group.curve.covers(0.4, 300.0)
-    write_group_curve(tmp_path / "curve.csv", group, runs)
+    write_curve(tmp_path / "curve.csv", group.curve, circumstances(group, runs))
     back = read_curve(tmp_path / "curve.csv")
     assert back.provenance == back.name == "simulated"
     assert "nobody felt it" in back.source

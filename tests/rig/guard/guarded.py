@@ -63,7 +63,7 @@ class Guarded:
         self.rig = BoardRig(LinkClient(self.transport), self.display)
         content, loads = simulated_board_bytes(self.display, seed)
         self.rig.simulate(content, loads)
-        self.rig.client.upload(IMAGE, build_image(controller, number_format, "0" * 64))
+        self.rig.client.upload(IMAGE, build_image(controller, number_format))
         self.rig.client.must(Request.ARM)
         self.board, self.simulated = self.transport.board, self.transport.simulated
         self.drives = drives

@@ -11,7 +11,7 @@ from rich.table import Table
 from tactuator.cli.answer import answer
 from tactuator.cli.options import AsJson
 from tactuator.files.atomic import atomic_path
-from tactuator.files.controller import controller_hash, read_controller
+from tactuator.files.controller import read_controller
 from tactuator.runtime.image import read_image_header
 from tactuator.wordlength.buildable import built
 
@@ -29,7 +29,7 @@ def register(app: typer.Typer) -> None:
         """Write a controller as the image that a board loads; a format that is not safe for it is refused."""
         made = read_controller(controller)
         with atomic_path(out) as beside:  # first, so that a folder that is not there is told at once
-            image, report = built(made, number_format, controller_hash(made))
+            image, report = built(made, number_format)
             header = read_image_header(image)
             beside.write_bytes(image)
         result = {

@@ -11,7 +11,7 @@ from rich.table import Table
 from tactuator.cli.answer import answer
 from tactuator.cli.options import AsJson
 from tactuator.errors import BadInput
-from tactuator.files.controller import controller_hash, read_controller
+from tactuator.files.controller import read_controller
 from tactuator.runtime.image import REASONS, ImageRefusal, check_image, read_image_header
 
 
@@ -60,7 +60,7 @@ def _is_of(path: Path, content: bytes, written: str, file: Path) -> bool:
     refusal = check_image(content, made.rate_hz, made.delay_samples, len(made.channels))
     if refusal is not ImageRefusal.GOOD:
         raise BadInput(f"{file}: image: {REASONS[refusal]}")
-    return controller_hash(made) == written
+    return made.content_hash == written
 
 
 def _read(file: Path) -> bytes:

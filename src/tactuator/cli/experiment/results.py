@@ -12,13 +12,13 @@ from rich.console import Group
 
 from tactuator.cli.answer import shown
 from tactuator.errors import BadInput
-from tactuator.experiment.result.group_curve import GroupCurve, group_curve, write_group_curve
+from tactuator.experiment.result.group_curve import GroupCurve, circumstances, group_curve
 from tactuator.experiment.result.psychometric_trials import psychometric_trials
 from tactuator.experiment.result.tables import threshold_table
 from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold, thresholds
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
-from tactuator.files.curve import resolve_curve
+from tactuator.files.curve import resolve_curve, write_curve
 from tactuator.report.plates.felt.psychometric import psychometric_plate
 from tactuator.report.plates.felt.thresholds import PersonThresholds, thresholds_plate
 
@@ -48,7 +48,7 @@ def results(
     original = resolve_curve(reference or names[0])
     across = _across(found, runs, original, keep_flagged, needed=bool(curve_out or figure_out))
     if across is not None and curve_out is not None:
-        write_group_curve(curve_out, across, runs)
+        write_curve(curve_out, across.curve, circumstances(across, runs))
     if across is not None and figure_out is not None:
         figure_out.mkdir(parents=True, exist_ok=True)
         thresholds_plate(_people(found), original, across.curve).save(figure_out)

@@ -26,7 +26,6 @@ from tactuator.cli.options import (
 from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.errors import BadInput
-from tactuator.files.controller import controller_hash
 from tactuator.files.response import write_responses
 from tactuator.measure.error import error_db, response_verdict
 from tactuator.measure.multisine_response import multisine_response
@@ -78,7 +77,7 @@ def register(app: typer.Typer) -> None:
             "longest_s": longest_s,
             "mains_hz": mains_hz or None,
             "band_hz": band_hz,
-            "controller_hash": controller_hash(made),
+            "controller_hash": made.content_hash,
         }
         with open_rig(rig, made.display, seed) as opened:
             ask_for_load(touch_all(opened, made.display.channels, load), load)

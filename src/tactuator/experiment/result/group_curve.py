@@ -1,12 +1,9 @@
-"""The threshold curve of a group, from its subjects' thresholds, and its file."""
+"""The threshold curve of a group, from its subjects' thresholds, and how it was measured."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -14,7 +11,6 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold
 from tactuator.experiment.store.stored_runs import StoredRun
-from tactuator.files.atomic import write_text
 from tactuator.perception.curve import Provenance, ThresholdCurve
 
 CIRCUMSTANCES = (
@@ -103,24 +99,16 @@ def _mean(found: Sequence[MeasuredThreshold]) -> tuple[float, float, int]:
     return float(levels.mean()), max(known, between), len(subjects)
 
 
-def write_group_curve(path: str | Path, group: GroupCurve, runs: Sequence[StoredRun]) -> None:
-    """Write the curve as CSV that `read_curve` reads, with a column for each circumstance.
+def circumstances(group: GroupCurve, runs: Sequence[StoredRun]) -> dict[str, list[object]]:
+    """Return the columns that tell how a group's curve was measured, one cell for each of its points.
 
     A circumstance that differed between the sessions has its values joined by `;`; an unknown one is empty.
     """
-    curve = group.curve
-    assert curve.standard_error_db is not None
     shared = {name: _joined([getattr(run.session, name) for run in runs]) for name in CIRCUMSTANCES}
     shared["finger"] = _joined([run.run.finger for run in runs])
     shared["controller_sha256"] = _joined([run.run.controller_sha256 for run in runs])
-    stream = io.StringIO()
-    stream.write(f"# name: {curve.name}\n# provenance: {curve.provenance}\n# source: {curve.source}\n")
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(["frequency_hz", "level_db_re_1um", "standard_error_db", "subjects", *shared])
-    points = zip(curve.frequency_hz, curve.level_db_re_1um, curve.standard_error_db, group.subjects, strict=True)
-    for frequency, level, error, count in points:
-        writer.writerow([f"{frequency:.6g}", f"{level:.4f}", f"{error:.4f}", count, *shared.values()])
-    write_text(path, stream.getvalue())
+    points = len(group.subjects)
+    return {"subjects": list(group.subjects), **{name: [value] * points for name, value in shared.items()}}
 
 
 def _joined(values: Sequence[object]) -> str:

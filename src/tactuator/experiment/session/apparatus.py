@@ -11,7 +11,6 @@ from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.plan import ALL_FINGERS
 from tactuator.experiment.store.records import ApparatusRecord
 from tactuator.experiment.trial.timing import Timing
-from tactuator.files.controller import controller_hash
 from tactuator.rig.paced import PacedRig
 from tactuator.rig.rig import Rig
 from tactuator.rig.touchable import TouchableRig
@@ -40,7 +39,7 @@ class Apparatus:
         return ApparatusRecord(
             self.name,
             self.controller.display.name,
-            controller_hash(self.controller),
+            self.controller.content_hash,
             curve.name,
             curve.content_hash,
             channel.sensor_gain_v_per_mm,

@@ -12,7 +12,6 @@ from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.errors import BadInput, DeviceFault
-from tactuator.files.controller import controller_hash
 from tactuator.rig.board.commissioning import SILENCE_S, safety_table, soft_ticks
 from tactuator.rig.board.finger import BoardFinger
 from tactuator.rig.board.frames import Request
@@ -100,7 +99,7 @@ class BoardRig(ClosingRig):
     def load(self, controller: Controller) -> None:
         """Make the controller the one that runs, from rest. Raises BadInput if it is not for this rig."""
         controller.require_runs(self._display)
-        self.load_image(build_image(controller, self._format, controller_hash(controller)))
+        self.load_image(build_image(controller, self._format))
 
     def load_image(self, image: bytes) -> None:
         """Load an image as it is; the board itself refuses what is amiss (BadInput, with the reason)."""

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from tactuator.display.controller import Controller
 from tactuator.errors import BadInput, DeviceFault
-from tactuator.files.controller import controller_hash
 from tactuator.rig.board.commissioning import safety_table
 from tactuator.rig.board.frames import Request
 from tactuator.rig.board.link import RigFault
@@ -79,7 +78,7 @@ def check_period(
     tally, difference = _Tally(), ""
     for number_format in formats:
         with in_process_rig(controller.display) as host:
-            image = build_image(controller, number_format, controller_hash(controller))
+            image = build_image(controller, number_format)
             for rig in (target, host):
                 rig.load_image(image)
             difference = _compare(target, host, ticks, seed, tally, tell) or _compare_play(target, host, tally)
