@@ -1,24 +1,37 @@
 """The whole study, run once with the default seed."""
 
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 
 import pytest
 
+from tactuator.cli import main, reproduce
 from tactuator.paper.plan import Plan, paper_display
-from tactuator.paper.publication.publish import publish
-from tactuator.paper.run import Study, run_study
+from tactuator.paper.run import PaperStudy, run_study
 from tactuator.paper.speech import check_speech
 
 
 @pytest.fixture(scope="session")
-def study() -> Study:
+def study() -> PaperStudy:
     plan = Plan(paper_display())
     return run_study(plan, check_speech(plan), lambda step, done: None)
 
 
+@dataclass(frozen=True)
+class Reproduced:
+    """What `reproduce --json` left in its folder, and what it printed."""
+
+    folder: Path
+    printed: str
+
+
 @pytest.fixture(scope="session")
-def published(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def reproduced(study: PaperStudy, tmp_path_factory: pytest.TempPathFactory) -> Reproduced:
+    """The command itself, with the study that was run."""
     folder = tmp_path_factory.mktemp("reproduce") / "paper"
-    folder.mkdir()
-    publish(study, folder)
-    return folder
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as printed:
+        patch.setattr(reproduce, "run_study", lambda plan, file, tell: study)
+        assert main(["reproduce", "--json", "--out", str(folder)]) == 0
+    return Reproduced(folder, printed.getvalue())

@@ -11,30 +11,31 @@ from tactuator.paper.plan import LEVELS_DB_SL, MAINS_HZ, RESPONSE_HZ, THRESHOLD_
 from tactuator.paper.publication.comparison import comparison
 from tactuator.paper.publication.summary import summary
 from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint, worst_error_db
-from tactuator.paper.run import Study
+from tactuator.paper.run import PaperStudy
 from tactuator.paper.thresholds import bias_and_spread_db
+from tests.paper.conftest import Reproduced
 
 pytestmark = pytest.mark.xdist_group("study")
 
 CHANNELS = ("index", "thumb", "middle")
 
 
-def points(study: Study, load: str, level: float) -> list[ResponsePoint]:
+def points(study: PaperStudy, load: str, level: float) -> list[ResponsePoint]:
     return [one for one in study.responses if (one.load, one.level_db_sl) == (load, level)]
 
 
-def test_calibration__dial_gauge__finds_every_gain_within_half_a_percent(study: Study) -> None:
+def test_calibration__dial_gauge__finds_every_gain_within_half_a_percent(study: PaperStudy) -> None:
     for channel in study.plan.display.channels:
         found = study.calibration[channel.name].gain_v_per_mm
         assert found == pytest.approx(channel.sensor_gain_v_per_mm, rel=5e-3)
 
 
-def test_identification__one_record__is_within_a_third_of_a_decibel(study: Study) -> None:
+def test_identification__one_record__is_within_a_third_of_a_decibel(study: PaperStudy) -> None:
     assert set(study.motors) == set(CHANNELS)
     assert max(motor.frf_error_db_max for motor in study.motors.values()) <= 0.3
 
 
-def test_loop__paper_controller__has_the_figures_of_the_facts(study: Study) -> None:
+def test_loop__paper_controller__has_the_figures_of_the_facts(study: PaperStudy) -> None:
     # facts, section 1: continuous and sampled at 4 kHz with one sample of delay
     continuous, sampled = study.loop.continuous_margins, study.loop.sampled_margins
     assert continuous.crossover_hz == pytest.approx(20.48, rel=5e-3)
@@ -45,12 +46,12 @@ def test_loop__paper_controller__has_the_figures_of_the_facts(study: Study) -> N
     assert sampled.gain_margin_db == pytest.approx(25.4, rel=5e-3)
 
 
-def test_prefilter__paper_order__misses_ten_times_less_than_the_papers(study: Study) -> None:
+def test_prefilter__paper_order__misses_ten_times_less_than_the_papers(study: PaperStudy) -> None:
     assert study.prefilters.paper.max_error_db == pytest.approx(7.9, abs=0.1)
     assert study.prefilters.worst_fitted.max_error_db <= 0.8
 
 
-def test_resolution__rising_rate__costs_bits_but_in_delta_form(study: Study) -> None:
+def test_resolution__rising_rate__costs_bits_but_in_delta_form(study: PaperStudy) -> None:
     # facts, section 2: at 4 kHz 19/28, 15/20 and 1/10 bits for F as one direct form, biquads, delta biquads; at 32 kHz
     # 32/37, 21/26, 1/9 (how sections are paired moves them by a few bits)
     f = study.resolution["prefilter F"]
@@ -64,7 +65,7 @@ def test_resolution__rising_rate__costs_bits_but_in_delta_form(study: Study) -> 
             assert f[form][rate].accurate == pytest.approx(accurate, abs=4)
 
 
-def test_noise__rising_gain__brings_hum_and_resonance_above_threshold(study: Study) -> None:
+def test_noise__rising_gain__brings_hum_and_resonance_above_threshold(study: PaperStudy) -> None:
     for column in range(len(CHANNELS)):
         heard = [channels[column] for channels in study.noise.proportional.values()]
         lines = [one.worst_line_db_sl for one in heard]
@@ -83,11 +84,11 @@ def test_noise__rising_gain__brings_hum_and_resonance_above_threshold(study: Stu
         *((LOADED, level, 3.0) for level in (10.0, 30.0, 50.0)),
     ],
 )
-def test_response__not_saturated__is_as_expected(study: Study, load: str, level: float, most_db: float) -> None:
+def test_response__not_saturated__is_as_expected(study: PaperStudy, load: str, level: float, most_db: float) -> None:
     assert worst_error_db(study.responses, load, level) <= most_db
 
 
-def test_response__zero_db_sl__errs_within_its_confidence_but_for_friction(study: Study) -> None:
+def test_response__zero_db_sl__errs_within_its_confidence_but_for_friction(study: PaperStudy) -> None:
     above = [one for one in points(study, UNLOADED, 0.0) if one.frequency_hz > 50.0]
     assert all(abs(one.error_db) <= one.ci_db for one in above)
     below = [one.error_db for one in points(study, UNLOADED, 0.0) if 2.0 <= one.frequency_hz <= 10.0]
@@ -95,7 +96,7 @@ def test_response__zero_db_sl__errs_within_its_confidence_but_for_friction(study
     assert all(abs(one.error_db) <= one.ci_db for one in study.without_friction)
 
 
-def test_response__every_run__keeps_off_mains_and_marks_saturation(study: Study) -> None:
+def test_response__every_run__keeps_off_mains_and_marks_saturation(study: PaperStudy) -> None:
     assert len(RESPONSE_HZ) >= 20
     assert len(study.responses) == len(RESPONSE_HZ) * len(LEVELS_DB_SL) * 2 * len(CHANNELS)
     off = np.abs(np.array(RESPONSE_HZ)[:, None] - MAINS_HZ * np.arange(1, 8))
@@ -104,7 +105,7 @@ def test_response__every_run__keeps_off_mains_and_marks_saturation(study: Study)
     assert limited == {(50.0, 296.0)}  # facts: +/- 10 V saturates just there
 
 
-def test_thresholds__paper_procedure__agree_with_the_truth_as_the_facts_say(study: Study) -> None:
+def test_thresholds__paper_procedure__agree_with_the_truth_as_the_facts_say(study: PaperStudy) -> None:
     assert len(study.thresholds) == 3 * len(CHANNELS) * len(THRESHOLD_HZ)
     bias, spread = bias_and_spread_db(study.thresholds)
     # facts, section 5: bias -0.3 to -0.56 dB, sd 0.72 to 1.48 dB, here over 90 runs
@@ -113,7 +114,7 @@ def test_thresholds__paper_procedure__agree_with_the_truth_as_the_facts_say(stud
     assert 60 < np.mean([one.trials for one in study.thresholds]) < 100
 
 
-def test_new_curve__observers__is_higher_at_low_and_lower_at_high_frequencies(study: Study) -> None:
+def test_new_curve__observers__is_higher_at_low_and_lower_at_high_frequencies(study: PaperStudy) -> None:
     library = study.plan.display.channels[0].threshold.curve
     difference = study.curve.level_db_re_1um - library.level_db_re_1um_at(study.curve.frequency_hz)
     assert difference[0] > 2.0
@@ -122,16 +123,16 @@ def test_new_curve__observers__is_higher_at_low_and_lower_at_high_frequencies(st
     assert study.reshaped.max_error_db <= 1.0
 
 
-def test_speech__shipped_sample__is_felt_as_asked(study: Study) -> None:
+def test_speech__shipped_sample__is_felt_as_asked(study: PaperStudy) -> None:
     assert study.spoken.report.worst_rms_db <= 1.0
     assert study.spoken.report.peak_db_sl <= 55.0
 
 
-def test_objectives__paper_display__are_met(study: Study) -> None:
+def test_objectives__paper_display__are_met(study: PaperStudy) -> None:
     assert [(one.number, one.met) for one in study.objectives] == [(n, True) for n in ("i", "ii", "iii", "iv")]
 
 
-def test_summary__keys__are_those_promised(study: Study) -> None:
+def test_summary__keys__are_those_promised(study: PaperStudy) -> None:
     made = summary(study)
     for channel in CHANNELS:
         assert {"num", "den", "frf_error_db_max"} <= set(made["plant"][channel])
@@ -156,20 +157,20 @@ def test_summary__keys__are_those_promised(study: Study) -> None:
     assert all("met" in objective for objective in made["objectives"].values())
 
 
-def test_publish__folder__holds_every_figure_with_its_table(published: Path) -> None:
+def test_publish__folder__holds_every_figure_with_its_table(reproduced: Reproduced) -> None:
     names = [f"fig{number:02d}" for number in range(1, 13)]
     for name in names:
-        svg = (published / "figures" / f"{name}.svg").read_text()
+        svg = (reproduced.folder / "figures" / f"{name}.svg").read_text()
         assert svg.startswith("<?xml")
-        assert len((published / "figures" / f"{name}.csv").read_text().splitlines()) >= 2
-    page = (published / "report.html").read_text()
+        assert len((reproduced.folder / "figures" / f"{name}.csv").read_text().splitlines()) >= 2
+    page = (reproduced.folder / "report.html").read_text()
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert "https://" not in page
     assert all(f"id='{name}'" in page for name in names)
-    json.loads((published / "summary.json").read_text())
+    json.loads((reproduced.folder / "summary.json").read_text())
 
 
-def test_readme__table__is_what_a_run_gives(study: Study) -> None:
+def test_readme__table__is_what_a_run_gives(study: PaperStudy) -> None:
     text = (Path(__file__).parents[2] / "README.md").read_text()
     rows = re.findall(r"^\| (.+) \| (.+) \| (.+) \|$", text.split("<!-- paper-here -->")[1], flags=re.MULTILINE)[1:]
     made = comparison(study)

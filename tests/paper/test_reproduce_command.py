@@ -10,26 +10,24 @@ import soundfile
 
 from tactuator.cli import main, reproduce
 from tactuator.paper.plan import Plan, paper_display
-from tactuator.paper.run import Study
+from tactuator.paper.run import PaperStudy
 from tactuator.paper.speech import check_speech
+from tests.paper.conftest import Reproduced
 
 pytestmark = pytest.mark.xdist_group("study")
 
 
-def test_reproduce__json__is_one_object_and_the_folder_is_whole(
-    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(reproduce, "run_study", lambda plan, file, tell: study)
-    assert main(["reproduce", "--json", "--out", str(tmp_path / "paper")]) == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert printed == json.loads((tmp_path / "paper" / "summary.json").read_text())
-    assert {entry.name for entry in (tmp_path / "paper").iterdir()} == {"report.html", "figures", "summary.json"}
+def test_reproduce__json__is_one_object_and_the_folder_is_whole(reproduced: Reproduced) -> None:
+    summary = json.loads((reproduced.folder / "summary.json").read_text())
+    assert json.loads(reproduced.printed) == summary
+    assert {entry.name for entry in reproduced.folder.iterdir()} == {"report.html", "figures", "summary.json"}
 
 
 def test_reproduce__table__says_what_became_of_the_speech_file(
-    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    study: PaperStudy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(reproduce, "run_study", lambda plan, file, tell: study)
+    monkeypatch.setattr(reproduce, "publish", lambda study, folder: None)  # what it writes is the test above
     assert main(["reproduce", "--out", str(tmp_path / "paper")]) == 0
     assert "objective iv" in capsys.readouterr().out
 
@@ -37,7 +35,7 @@ def test_reproduce__table__says_what_became_of_the_speech_file(
 def test_reproduce__interrupted__leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted(plan: Plan, file: object, tell: object) -> Study:
+    def interrupted(plan: Plan, file: object, tell: object) -> PaperStudy:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(reproduce, "run_study", interrupted)

@@ -16,7 +16,7 @@ from tactuator.paper.plan import Plan, Progress, paper_display
 from tactuator.paper.publication.comparison import comparison
 from tactuator.paper.publication.publish import OWN_NAMES, publish
 from tactuator.paper.publication.summary import summary
-from tactuator.paper.run import STEPS, Study, run_study
+from tactuator.paper.run import STEPS, PaperStudy, run_study
 from tactuator.paper.speech import check_speech
 from tactuator.speech.reading import SpeechFile
 
@@ -42,7 +42,7 @@ def register(app: typer.Typer) -> None:
         answer(summary(study), as_json, _shown(study, out))
 
 
-def _watched(plan: Plan, file: SpeechFile) -> Study:
+def _watched(plan: Plan, file: SpeechFile) -> PaperStudy:
     """Run the study with a bar for each of its steps."""
     with progress() as bars:
         tasks = {step: bars.add_task(step, total=1.0) for step in STEPS}
@@ -50,7 +50,7 @@ def _watched(plan: Plan, file: SpeechFile) -> Study:
         return run_study(plan, file, tell)
 
 
-def _shown(study: Study, out: Path) -> Group:
+def _shown(study: PaperStudy, out: Path) -> Group:
     table = Table("", "paper (2004)", "here", title="The paper, end to end")
     for row in comparison(study):
         table.add_row(row.what, row.paper, row.here)

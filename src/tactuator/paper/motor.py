@@ -21,7 +21,7 @@ _TRAVEL_SHARE = 0.8
 
 
 @dataclass(frozen=True)
-class Motor:
+class IdentifiedMotor:
     """A channel's estimate, and its greatest error against the simulation's truth over 0.4-300 Hz, dB."""
 
     channel: str
@@ -44,14 +44,14 @@ def _excitation(channel: Channel, rate_hz: float, rng: np.random.Generator) -> F
     return paper_mix(RECORD_S, rate_hz, channel.converter.range_v, rng, plant=channel.plant, travel_v=travel_v)
 
 
-def identify_motors(plan: Plan, trace: Trace, progress: Progress) -> dict[str, Motor]:
+def identify_motors(plan: Plan, trace: Trace, progress: Progress) -> dict[str, IdentifiedMotor]:
     """Identify a second-order model of every channel of the record by recursive least squares."""
     found = {}
     for index, channel in enumerate(plan.display.channels):
         estimate = identify_recursively(trace.command_v[:, index], trace.position_v[:, index], trace.rate_hz)
         hertz = np.geomspace(*channel.threshold.band_hz, 400)
         error = db(estimate.model.response(hertz) / channel.plant.response(hertz))
-        found[channel.name] = Motor(channel.name, estimate, float(np.max(np.abs(error))))
+        found[channel.name] = IdentifiedMotor(channel.name, estimate, float(np.max(np.abs(error))))
         progress("identification", (index + 1) / len(plan.display.channels))
     return found
 

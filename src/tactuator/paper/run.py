@@ -11,7 +11,7 @@ from tactuator.identification.calibration import Calibration
 from tactuator.paper.calibration import calibrate
 from tactuator.paper.controllers import paper_controller, reshaped_controller
 from tactuator.paper.loops import PaperLoop, paper_loop
-from tactuator.paper.motor import Motor, OpenLoopResponse, identify_motors, measure_motors, record_motors
+from tactuator.paper.motor import IdentifiedMotor, OpenLoopResponse, identify_motors, measure_motors, record_motors
 from tactuator.paper.noise import NoiseProbe, probe_noise
 from tactuator.paper.objectives import Objective, judge_objectives
 from tactuator.paper.plan import Plan, Progress
@@ -43,13 +43,13 @@ class Reshaped:
 
 
 @dataclass(frozen=True)
-class Study:
+class PaperStudy:
     """Results of the study, step by step."""
 
     plan: Plan
     calibration: dict[str, Calibration]
     record: Trace
-    motors: dict[str, Motor]
+    motors: dict[str, IdentifiedMotor]
     open_loop: OpenLoopResponse
     loop: PaperLoop
     prefilters: Prefilters
@@ -65,7 +65,7 @@ class Study:
     objectives: tuple[Objective, ...]
 
 
-def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> Study:
+def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> PaperStudy:
     """Run the whole study; file: the plan's speech file as `check_speech` found it, so that a bad one is
     refused first.
     """
@@ -87,7 +87,7 @@ def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> Study:
     reshaped = _reshape(plan, detected.curve, progress)
     spoken = speak(plan, controller, file, progress)
     objectives = judge_objectives(plan, controller, responses, noise)
-    return Study(
+    return PaperStudy(
         plan,
         calibration,
         record,

@@ -19,8 +19,8 @@ from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.result.group_curve import group_curve
-from tactuator.experiment.result.thresholds import Threshold, thresholds
-from tactuator.experiment.session.apparatus import Station
+from tactuator.experiment.result.thresholds import MeasuredThreshold, thresholds
+from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.clock import SystemClock
 from tactuator.experiment.simulated.observer import Observer
 from tactuator.experiment.simulated.sitting import run_study
@@ -119,10 +119,10 @@ def run_observer(plan: Plan, controller: Controller, observer: Observer, store: 
     loads = controller.display.channels[0].loads
     database = Store(store)
     try:
-        station = Station(rig, controller, "simulated")
+        apparatus = Apparatus(rig, controller, "simulated")
         load = loads[0].name if loads else None
         run_study(
-            database, parse_protocol(text, "the paper's protocol"), text, station, [observer], SystemClock(), load
+            database, parse_protocol(text, "the paper's protocol"), text, apparatus, [observer], SystemClock(), load
         )
     finally:
         database.close()
@@ -137,7 +137,7 @@ def _runs(path: Path) -> list[StoredRun]:
         store.close()
 
 
-def _known(found: Threshold, truth: ThresholdCurve) -> KnownThreshold:
+def _known(found: MeasuredThreshold, truth: ThresholdCurve) -> KnownThreshold:
     assert found.own_db_sl is not None
     assert found.own_level_db_re_1um is not None
     return KnownThreshold(

@@ -8,7 +8,7 @@ import numpy as np
 
 from tactuator.paper.plan import LEVELS_DB_SL
 from tactuator.paper.response import LOADED, UNLOADED, worst_error_db
-from tactuator.paper.run import Study
+from tactuator.paper.run import PaperStudy
 from tactuator.paper.thresholds import bias_and_spread_db
 
 
@@ -21,12 +21,12 @@ class Row:
     here: str
 
 
-def comparison(study: Study) -> tuple[Row, ...]:
+def comparison(study: PaperStudy) -> tuple[Row, ...]:
     """Return every row, in the paper's order."""
     return (*_plant_rows(study), *_loop_rows(study), *_response_rows(study), *_person_rows(study))
 
 
-def _plant_rows(study: Study) -> list[Row]:
+def _plant_rows(study: PaperStudy) -> list[Row]:
     first = study.plan.display.channels[0].name
     gain = study.calibration[first]
     estimate = study.motors[first].estimate
@@ -46,7 +46,7 @@ def _plant_rows(study: Study) -> list[Row]:
     ]
 
 
-def _loop_rows(study: Study) -> list[Row]:
+def _loop_rows(study: PaperStudy) -> list[Row]:
     continuous, sampled = study.loop.continuous_margins, study.loop.sampled_margins
     judged = study.prefilters
     return [
@@ -65,7 +65,7 @@ def _loop_rows(study: Study) -> list[Row]:
     ]
 
 
-def _response_rows(study: Study) -> list[Row]:
+def _response_rows(study: PaperStudy) -> list[Row]:
     levels = [level for level in LEVELS_DB_SL if level > 0.0]
     rows = []
     for load, words in ((UNLOADED, "unloaded"), (LOADED, "with a finger")):
@@ -83,7 +83,7 @@ def _response_rows(study: Study) -> list[Row]:
     return rows
 
 
-def _person_rows(study: Study) -> list[Row]:
+def _person_rows(study: PaperStudy) -> list[Row]:
     bias, spread = bias_and_spread_db(study.thresholds)
     trials = np.array([one.trials for one in study.thresholds])
     low, high = np.percentile(trials, [5, 95])

@@ -8,7 +8,7 @@ from tactuator import __version__
 from tactuator.paper.objectives import Figures
 from tactuator.paper.publication.comparison import comparison
 from tactuator.paper.response import LOADED, UNLOADED, worst_error_db
-from tactuator.paper.run import Study
+from tactuator.paper.run import PaperStudy
 from tactuator.paper.thresholds import bias_and_spread_db
 from tactuator.perception.levels import COMFORT_DB_SL
 from tactuator.report.page import Section, Table, page
@@ -16,7 +16,7 @@ from tactuator.report.plate import Plate
 from tactuator.speech.render import LEVEL_DB_SL
 
 
-def report_page(study: Study, plates: Sequence[Plate]) -> str:
+def report_page(study: PaperStudy, plates: Sequence[Plate]) -> str:
     """Return the page, with every plate in it."""
     by_name = {plate.name: plate for plate in plates}
     sections = (
@@ -36,7 +36,7 @@ def report_page(study: Study, plates: Sequence[Plate]) -> str:
     return page("The paper, end to end", introduction, sections, f"tactuator {__version__}")
 
 
-def _objectives(study: Study) -> Section:
+def _objectives(study: PaperStudy) -> Section:
     rows = [(one.number, _met(one.met), one.asks, _worded(one.figures)) for one in study.objectives]
     compared = [(row.what, row.paper, row.here) for row in comparison(study)]
     return Section(
@@ -46,7 +46,7 @@ def _objectives(study: Study) -> Section:
     )
 
 
-def _design_sections(study: Study, plates: dict[str, Plate]) -> tuple[Section, ...]:
+def _design_sections(study: PaperStudy, plates: dict[str, Plate]) -> tuple[Section, ...]:
     judged = study.prefilters
     lost = study.loop.continuous_margins.phase_margin_deg - study.loop.sampled_margins.phase_margin_deg
     return (
@@ -91,7 +91,7 @@ def _design_sections(study: Study, plates: dict[str, Plate]) -> tuple[Section, .
     )
 
 
-def _measured_sections(study: Study, plates: dict[str, Plate]) -> tuple[Section, ...]:
+def _measured_sections(study: PaperStudy, plates: dict[str, Plate]) -> tuple[Section, ...]:
     rubbed = min(one.error_db for one in study.responses if one.load == UNLOADED and one.frequency_hz <= 20.0)
     return (
         Section(
@@ -117,7 +117,7 @@ def _measured_sections(study: Study, plates: dict[str, Plate]) -> tuple[Section,
     )
 
 
-def _person_sections(study: Study, plates: dict[str, Plate]) -> tuple[Section, ...]:
+def _person_sections(study: PaperStudy, plates: dict[str, Plate]) -> tuple[Section, ...]:
     bias, spread = bias_and_spread_db(study.thresholds)
     speech = study.spoken
     notes = tuple(f"{speech.file.path.name}: {note}." for note in speech.file.notes)

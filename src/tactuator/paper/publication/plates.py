@@ -8,7 +8,7 @@ import numpy as np
 
 from tactuator.paper.loops import sampled_loop
 from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint, nominal_response
-from tactuator.paper.run import Study
+from tactuator.paper.run import PaperStudy
 from tactuator.report.plate import Plate
 from tactuator.report.plates.controller.configuration import loop_plate, mechanism_plate, processor_plate
 from tactuator.report.plates.controller.nichols import NicholsInput, nichols_plate
@@ -26,7 +26,7 @@ from tactuator.signals.discretise import zero_order_hold
 from tactuator.synthesis import paper
 
 
-def plates(study: Study) -> tuple[Plate, ...]:
+def plates(study: PaperStudy) -> tuple[Plate, ...]:
     """Return the plates: fig01 to fig12 as in the paper (12: speech), then noise, prefilter, resolution and the
     reshaped response.
     """
@@ -62,7 +62,7 @@ def plates(study: Study) -> tuple[Plate, ...]:
     )
 
 
-def _nichols(study: Study) -> Plate:
+def _nichols(study: PaperStudy) -> Plate:
     first = study.plan.display.channels[0]
     loops = (sampled_loop(study.plan.display, replace(first, plant=first.loaded_plant(load))) for load in first.loads)
     shown = NicholsInput(
@@ -74,7 +74,7 @@ def _nichols(study: Study) -> Plate:
     return nichols_plate(shown, "fig07", "Loop shaping in the Nichols chart")
 
 
-def _prefilters(study: Study) -> Plate:
+def _prefilters(study: PaperStudy) -> Plate:
     judged = study.prefilters
     errors = {
         "the paper's F": (judged.paper.frequency_hz, judged.paper.error_db),
@@ -95,7 +95,7 @@ def _run(points: list[ResponsePoint]) -> LevelResponse:
     return LevelResponse(points[0].channel, points[0].level_db_sl, *columns)
 
 
-def _thresholds(study: Study) -> Plate:
+def _thresholds(study: PaperStudy) -> Plate:
     """Draw each observer's mean over the fingers, with the standard error of that mean."""
     people = []
     for name in dict.fromkeys(one.observer for one in study.thresholds):

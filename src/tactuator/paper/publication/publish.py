@@ -7,13 +7,13 @@ from pathlib import Path
 from tactuator.paper.publication.pages import report_page
 from tactuator.paper.publication.plates import plates
 from tactuator.paper.publication.summary import summary_text
-from tactuator.paper.run import Study
+from tactuator.paper.run import PaperStudy
 
 OWN_NAMES = frozenset({"report.html", "figures", "summary.json"})
 """Names of everything that the folder holds afterwards."""
 
 
-def publish(study: Study, folder: Path) -> None:
+def publish(study: PaperStudy, folder: Path) -> None:
     """Write everything into `folder`, which is there and empty."""
     drawn = plates(study)
     (folder / "figures").mkdir()

@@ -6,11 +6,11 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-from tactuator.paper.run import Study
+from tactuator.paper.run import PaperStudy
 from tactuator.paper.thresholds import bias_and_spread_db
 
 
-def summary(study: Study) -> dict[str, Any]:
+def summary(study: PaperStudy) -> dict[str, Any]:
     """Return the figures as plain numbers, strings and lists; the same seed gives the same."""
     first = study.plan.display.channels[0].name
     error = study.curve.standard_error_db
@@ -62,12 +62,12 @@ def summary(study: Study) -> dict[str, Any]:
     }
 
 
-def summary_text(study: Study) -> str:
+def summary_text(study: PaperStudy) -> str:
     """Return the text of the summary as it is written to summary.json."""
     return json.dumps(summary(study), indent=1, allow_nan=False, default=float) + "\n"
 
 
-def _calibration(study: Study, name: str) -> dict[str, float]:
+def _calibration(study: PaperStudy, name: str) -> dict[str, float]:
     found = study.calibration[name]
     return {
         "gain_v_per_mm": found.gain_v_per_mm,
@@ -77,7 +77,7 @@ def _calibration(study: Study, name: str) -> dict[str, float]:
     }
 
 
-def _loop(study: Study) -> dict[str, Any]:
+def _loop(study: PaperStudy) -> dict[str, Any]:
     continuous, sampled = study.loop.continuous_margins, study.loop.sampled_margins
     return {
         "crossover_hz": continuous.crossover_hz,
@@ -96,7 +96,7 @@ def _loop(study: Study) -> dict[str, Any]:
     }
 
 
-def _prefilter(study: Study) -> dict[str, Any]:
+def _prefilter(study: PaperStudy) -> dict[str, Any]:
     judged = study.prefilters
     worst = judged.worst_fitted
     return {
@@ -115,7 +115,7 @@ def _prefilter(study: Study) -> dict[str, Any]:
     }
 
 
-def _noise(study: Study) -> list[dict[str, Any]]:
+def _noise(study: PaperStudy) -> list[dict[str, Any]]:
     """Return felt hum, noise and resonance by proportional gain; gain null: the designed loop."""
     heard = [(gain, one) for gain, channels in study.noise.proportional.items() for one in channels]
     rows = [*heard, *((None, one) for one in study.noise.designed)]
@@ -132,7 +132,7 @@ def _noise(study: Study) -> list[dict[str, Any]]:
     ]
 
 
-def _thresholds(study: Study) -> dict[str, list[dict[str, Any]]]:
+def _thresholds(study: PaperStudy) -> dict[str, list[dict[str, Any]]]:
     by_observer: dict[str, list[dict[str, Any]]] = {}
     for one in study.thresholds:
         row = {key: value for key, value in asdict(one).items() if key != "observer"}
