@@ -3,9 +3,11 @@
 import os
 import signal
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
+from xdist.scheduler import LoadScopeScheduling
 
 from tactuator.display.controller import Controller
 from tests.three_fingers import three_finger_display
@@ -27,6 +29,18 @@ def controller() -> Controller:
     from tactuator.synthesis.design import design_controller
 
     return design_controller(parse_display(three_finger_display()))
+
+
+class _OneStudy(LoadScopeScheduling):  # type: ignore[misc]
+    """Every test goes to the worker that is free, but those of the paper's study to one, so that it runs once."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        return "study" if nodeid.startswith("tests/paper/test_") else nodeid
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Return the scheduler of the tests."""
+    return _OneStudy(config, log)
 
 
 _BROWSER = ("chromium",)

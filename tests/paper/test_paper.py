@@ -15,8 +15,6 @@ from tactuator.paper.run import PaperStudy
 from tactuator.paper.thresholds import bias_and_spread_db
 from tests.paper.conftest import Reproduced
 
-pytestmark = pytest.mark.xdist_group("study")
-
 CHANNELS = ("index", "thumb", "middle")
 
 

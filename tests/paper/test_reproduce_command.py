@@ -14,8 +14,6 @@ from tactuator.paper.run import PaperStudy
 from tactuator.paper.speech import check_speech
 from tests.paper.conftest import Reproduced
 
-pytestmark = pytest.mark.xdist_group("study")
-
 
 def test_reproduce__json__is_one_object_and_the_folder_is_whole(reproduced: Reproduced) -> None:
     summary = json.loads((reproduced.folder / "summary.json").read_text())
