@@ -78,7 +78,7 @@ def test_observe_thresholds_export__in_turn__give_files_and_objects(capsys, tmp_
     (tmp_path / "protocol.toml").write_text(SHORT)
     assert main(["experiment", "observe", "protocol.toml", "--store", "lab.db", "--seed", "4", "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["truth"]) == 6
-    made = ["--keep-flagged", "--curve-out", "curve.csv", "--figure-out", "figures"]
+    made = ["--keep-flagged", "--curve-out", "curve.csv", "--figures", "figures"]
     assert main(["experiment", "thresholds", "--store", "lab.db", *made, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert len(found["thresholds"]) == 6

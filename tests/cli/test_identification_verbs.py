@@ -68,10 +68,10 @@ def test_identify__record_of_the_simulated_display__prints_what_the_design_promi
 
 def test_identify__least_squares_and_charts__are_made(folder: Path, capsys) -> None:
     capsys.readouterr()
-    asked = ["identify", str(folder / "r.h5"), "--method", "rls", "--json", "--charts", str(folder / "charts")]
+    asked = ["identify", str(folder / "r.h5"), "--method", "rls", "--json", "--figures", str(folder / "figures")]
     assert main(asked) == 0
     assert printed(capsys)["method"] == "rls"
-    assert (folder / "charts" / "identification.svg").exists()
+    assert (folder / "figures" / "identification.svg").exists()
 
 
 def test_identify__table__is_for_people(folder: Path, capsys) -> None:

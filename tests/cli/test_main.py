@@ -13,6 +13,7 @@ import typer
 
 from tactuator import __version__
 from tactuator.cli.main import main
+from tactuator.cli.verbs import GROUPS, TITLES
 from tactuator.errors import BadInput
 
 program = importlib.import_module("tactuator.cli.main")
@@ -23,16 +24,17 @@ def trial(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], None]], Non
     """Make `tactuator trial` do what is given."""
 
     def make(action: Callable[[], None]) -> None:
-        module = types.ModuleType("tactuator.cli.trial")
+        module = types.ModuleType("tactuator.cli.trial.verbs")
 
-        def register(app: typer.Typer) -> None:
-            @app.command("trial")
-            def trial(rate_hz: float = 1.0) -> None:
-                action()
+        def trial(rate_hz: float = 1.0) -> None:
+            action()
 
-        module.register = register
-        monkeypatch.setitem(sys.modules, "tactuator.cli.trial", module)
+        module.VERBS = {"trial": trial}
+        monkeypatch.setitem(sys.modules, "tactuator.cli.trial.verbs", module)
         monkeypatch.setattr(program, "VERBS", ("trial",))
+        monkeypatch.setitem(program.ROOMS, "trial", "trial")
+        monkeypatch.setitem(GROUPS, "trial", ("trial",))
+        monkeypatch.setitem(TITLES, "trial", "Trial")
 
     return make
 
@@ -70,6 +72,7 @@ def test_main__verdict_no__exits_1(trial):
     ("arguments", "words"),
     [
         (["train"], ["'train'", "there are trial"]),
+        (["trail"], ["'trail'", "did you mean 'trial'?"]),
         (["--loud"], ["--loud"]),
         (["trial", "--loud"], ["--loud"]),
         (["trial", "--rate-hz", "fast"], ["'fast'", "--rate-hz"]),
@@ -126,20 +129,18 @@ def test_main__stopped_by_a_signal__cleans_up_and_says_so(number, status, said, 
 import sys, time, types
 from importlib import import_module
 program = import_module("tactuator.cli.main")
-def register(app):
-    @app.command("trial")
-    def trial():
-        try:
-            open({str(left)!r}, "w").close()
-            print("ready", flush=True)
-            time.sleep(60)
-        finally:
-            import os
-            os.unlink({str(left)!r})
-module = types.ModuleType("tactuator.cli.trial")
-module.register = register
-sys.modules["tactuator.cli.trial"] = module
-program.VERBS = ("trial",)
+def trial():
+    try:
+        open({str(left)!r}, "w").close()
+        print("ready", flush=True)
+        time.sleep(60)
+    finally:
+        import os
+        os.unlink({str(left)!r})
+module = types.ModuleType("tactuator.cli.trial.verbs")
+module.VERBS = {{"trial": trial}}
+sys.modules["tactuator.cli.trial.verbs"] = module
+program.VERBS, program.ROOMS["trial"] = ("trial",), "trial"
 sys.argv = ["tactuator", "trial"]
 sys.exit(program.main())
 """

@@ -68,15 +68,15 @@ def run(made, capfd):
 def test_render__sample__reference_felt_picture_and_figures(run, tmp_path):
     status, figures, _ = run(
         "render", sample_path(), "--out", tmp_path / "r.wav", "--felt", tmp_path / "f.wav",
-        "--picture", tmp_path / "p.svg", "--save-coding", tmp_path / "c.toml",
+        "--figures", tmp_path / "figures", "--save-coding", tmp_path / "c.toml",
     )  # fmt: skip
     assert status == 0
     assert figures["felt"]["index"]["rms_db"] < 1.0
     assert figures["limiter"]["index"]["max_reduction_db"] == 0.0
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "c.toml", "f.json", "f.wav", "p.svg", "r.json", "r.wav"
+        "c.toml", "f.json", "f.wav", "figures", "r.json", "r.wav"
     ]  # fmt: skip
-    assert (tmp_path / "p.svg").read_text().startswith("<?xml")
+    assert sorted(path.suffix for path in (tmp_path / "figures").iterdir()) == [".csv", ".svg"]
     status, again, _ = run("render", sample_path(), "--out", tmp_path / "r2.wav", "--coding", tmp_path / "c.toml")
     assert (status, again["sha256"]) == (0, figures["sha256"])
 
@@ -102,8 +102,7 @@ def test_render__stereo__mixed_and_said(run, tmp_path):
     [
         (("--level", "60"), "allowed: 55 at most"),
         (("--coding", "morse"), "coding 'morse' is not known"),
-        (("--picture", "p.svg"), "--picture without --felt"),
-        (("--felt", "f.wav", "--picture", "p.png"), "ending in .svg"),
+        (("--figures", "figures"), "--figures without --felt"),
         (("--display", "none.toml"), "none.toml"),
     ],
 )
@@ -173,7 +172,7 @@ def test_play__interrupted__ramps_rests_and_says_so(made, run, tmp_path):
 def test_play__unknown_rig_or_file__told(run, tmp_path):
     status, _, err = run("play", tmp_path / "none.wav")
     assert status == 2
-    assert "no such file" in err
+    assert "No such file" in err
     run("render", sample_path(), "--out", tmp_path / "r.wav")
     status, _, err = run("play", tmp_path / "r.wav", "--rig", "abacus")
     assert status == 2
@@ -289,7 +288,7 @@ def test_information__any_matrix__by_hand(run, tmp_path):
         ((), "one of the two"),
         (("--store", "none.db"), "none.db"),
         (("--matrix", "none.csv"), "No such file"),
-        (("--store", "none.db", "--seconds", "1"), "--seconds with --store"),
+        (("--store", ".", "--seconds", "1"), "--seconds with --store"),
     ],
 )
 def test_information__amiss__told(run, arguments, words):

@@ -1,20 +1,17 @@
 """The figure of coefficient resolution: nothing covers anything, lines end where bits do, pictures in three formats."""
 
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
-from tactuator.errors import BadInput
 from tactuator.report.plate import Plate
-from tactuator.report.plates.controller.resolution import resolution_plate, save_resolution
+from tactuator.report.plates.controller.resolution import resolution_plate
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded
 
 RATES_HZ = (4000.0, 8000.0, 16000.0, 32000.0)
-BEGINNINGS = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
 
 
 def by_rate(*bits: tuple[int, int]) -> dict[float, BitsNeeded]:
@@ -65,16 +62,3 @@ def test_resolution_plate__more_bits_than_there_are__ends_the_line_but_not_the_t
     assert MOST_BITS + 1 in plate.table["accurate_bits"]
     assert len(plate.table["rate_hz"]) == 24
     assert f"{MOST_BITS} bits are not enough" in plate.caption
-
-
-@pytest.mark.parametrize("ending", BEGINNINGS)
-def test_save_resolution__ending__is_the_pictures_format(ending: str, plate: Plate, tmp_path: Path) -> None:
-    save_resolution(plate, tmp_path / f"bits{ending}")
-    assert (tmp_path / f"bits{ending}").read_bytes().startswith(BEGINNINGS[ending])
-    assert len(list(tmp_path.iterdir())) == 1
-
-
-def test_save_resolution__another_ending__is_refused(plate: Plate, tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match=r"ends in '.gif'; allowed: .png, .svg, .pdf"):
-        save_resolution(plate, tmp_path / "bits.gif")
-    assert list(tmp_path.iterdir()) == []

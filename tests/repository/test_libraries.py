@@ -164,9 +164,9 @@ def present_a_trial(page: str) -> None:
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("design", "display.toml", "--out", "again.json", "--charts", "charts"),
+        ("design", "display.toml", "--out", "again.json", "--figures", "figures"),
         ("render", "speech.wav", "--controller", "controller.json", "--out", "reference.wav",
-         "--felt", "felt.h5", "--picture", "felt.svg"),
+         "--felt", "felt.h5", "--figures", "felt-figures"),
         ("reproduce", "--speech", "speech.wav", "--out", "paper"),
     ],
     ids=lambda arguments: arguments[0],

@@ -5,6 +5,7 @@ import signal
 import sys
 import traceback
 from collections.abc import Sequence
+from difflib import get_close_matches
 from importlib import import_module
 from itertools import pairwise
 from types import FrameType
@@ -13,20 +14,21 @@ from typing import Annotated
 import typer
 from typer.exceptions import TyperException
 
-from tactuator import __version__
-from tactuator.cli.verbs import MODULES, VERBS
+from tactuator.cli.deferred import Verbs
+from tactuator.cli.grouped_help import GroupedHelp
+from tactuator.cli.verbs import PARTS, ROOMS, VERBS
 from tactuator.errors import BadInput, TactuatorError
 
 DONE, BAD_INPUT, OWN_FAULT, INTERRUPTED, TERMINATED = 0, 2, 70, 130, 143
 
 
 def build_app(verbs: Sequence[str] = VERBS) -> typer.Typer:
-    """Return the application with the given verbs; importing a verb imports what it stands on."""
+    """Return the application with the given verbs; no verb's work is imported before it is run."""
     app = typer.Typer(
         name="tactuator",
+        cls=GroupedHelp,
         help="From a tactile actuator and a threshold curve to a display that is felt equally strongly at every "
         "frequency.",
-        add_completion=False,
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
     )
@@ -37,26 +39,44 @@ def build_app(verbs: Sequence[str] = VERBS) -> typer.Typer:
         version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
     ) -> None:
         if version:
+            from tactuator import __version__  # it asks the installer's records, which takes longer than all the rest
+
             typer.echo(f"tactuator {__version__}")
         elif context.invoked_subcommand is None:
             typer.echo(context.get_help())
 
     for verb in verbs:
-        import_module(f"tactuator.cli.{MODULES.get(verb, verb)}").register(app)
+        _add(app, verb)
     return app
+
+
+def _add(app: typer.Typer, verb: str) -> None:
+    """Add a verb, or the parts of one that has parts, as its group's module has them."""
+    signatures: Verbs = import_module(f"tactuator.cli.{ROOMS[verb]}.verbs").VERBS
+    if verb not in PARTS:
+        app.command(verb)(signatures[verb])
+        return
+    parts = typer.Typer(help=PARTS[verb], no_args_is_help=True, rich_markup_mode=None)
+    for name, signature in signatures.items():
+        owner, _, part = name.partition(" ")
+        if owner == verb:
+            parts.command(part)(signature)
+    app.add_typer(parts, name=verb)
 
 
 def needed_verbs(arguments: Sequence[str]) -> Sequence[str]:
     """Return the one verb that the arguments name (only its modules are imported then), or all when none is named.
 
-    Raises BadInput for a verb that is not there.
+    Raises BadInput for a verb that is not there, with the likely one.
     """
     first = next((argument for argument in arguments if not argument.startswith("-")), None)
     if first is None:
         return () if "--version" in arguments else VERBS
-    if first not in VERBS:
-        raise BadInput(f"no verb {first!r}; there are {', '.join(VERBS)}")
-    return (first,)
+    if first in VERBS:
+        return (first,)
+    likely = get_close_matches(first, VERBS, n=1)
+    meant = f"did you mean {likely[0]!r}? " if likely else ""
+    raise BadInput(f"no verb {first!r}; {meant}there are {', '.join(VERBS)}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

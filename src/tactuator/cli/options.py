@@ -1,19 +1,11 @@
-"""Options that every verb spells the same way, and what they open: a controller, a rig."""
+"""Options that every verb spells the same way."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
-
-from tactuator.display.controller import Controller
-from tactuator.errors import BadInput
-from tactuator.files.controller import read_controller
-from tactuator.files.display import read_display
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print exactly one JSON object on standard output.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of all randomness; the same seed, the same result.")]
@@ -22,32 +14,7 @@ DisplayOption = Annotated[
     Path | None, typer.Option("--display", help="Display file; a controller is designed for it if none is given.")
 ]
 ControllerOption = Annotated[Path | None, typer.Option("--controller", help="Controller file that `design` wrote.")]
+FiguresOption = Annotated[
+    Path | None, typer.Option("--figures", help="Folder for the figures (SVG, and their numbers as CSV).")
+]
 RigOption = Annotated[str, typer.Option("--rig", help="simulated, emulated:BOARD, board:URL.")]
-
-
-def chosen_controller(display: Path | None, controller: Path | None) -> Controller:
-    """Return the controller of a file, or one designed for a display; with both, that of the file on that display.
-
-    BadInput for neither, or for two that do not fit.
-    """
-    if controller is not None:
-        made = read_controller(controller)
-        if display is None:
-            return made
-        shown = read_display(display)
-        try:
-            made.require_runs(shown)
-        except BadInput as error:
-            raise BadInput(f"{controller} was not designed for {display}: {error}") from None
-        return replace(made, display=shown)
-    if display is None:
-        raise BadInput("neither --display nor --controller; allowed: one of them")
-    from tactuator.synthesis.design import design_controller  # its solvers take a second to load
-
-    return design_controller(read_display(display))
-
-
-def ask_for_load(channels: Sequence[str], load: str) -> None:
-    """Tell the person at the terminal to put a load on the channels that no program can reach."""
-    if channels:
-        sys.stderr.write(f"tactuator: put the load {load!r} on {', '.join(channels)} by hand now\n")

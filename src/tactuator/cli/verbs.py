@@ -1,28 +1,35 @@
-"""The verbs of the command line in groups, in the order of the chain, and the module of each."""
+"""The verbs of the command line in groups, in the order of the chain, and what each group is called.
 
-GROUPS: dict[str, dict[str, str]] = {
-    # group of `tactuator --help`: verb -> module below tactuator.cli, which has `register(app)`
-    "start": {"init": "init"},
-    "model": {"calibrate": "model.calibrate", "record": "model.record", "identify": "model.identify"},
-    "controller": {
-        "design": "controller.design",
-        "check": "controller.check",
-        "wordlength": "controller.wordlength",
-        "build": "controller.build",
-        "image": "controller.image",
-        "firmware": "controller.firmware",
-    },
-    "response": {"noise": "response.noise", "measure": "response.measure", "disturb": "response.disturb"},
-    "person": {"experiment": "experiment"},
-    "speech": {
-        "waveforms": "speech.waveforms",
-        "render": "speech.render",
-        "play": "speech.play",
-        "corpus": "speech.corpus",
-    },
-    "paper": {"reproduce": "reproduce"},
+A group is a folder below tactuator.cli whose module `verbs` has the signatures.
+"""
+
+GROUPS: dict[str, tuple[str, ...]] = {
+    "start": ("init",),
+    "model": ("calibrate", "record", "identify"),
+    "controller": ("design", "check", "wordlength", "build", "image", "firmware"),
+    "response": ("noise", "measure", "disturb"),
+    "experiment": ("experiment",),
+    "speech": ("waveforms", "render", "play", "corpus"),
+    "paper": ("reproduce",),
 }
 
-MODULES: dict[str, str] = {verb: module for group in GROUPS.values() for verb, module in group.items()}
+TITLES: dict[str, str] = {
+    "start": "Files to start from",
+    "model": "From a record to a model",
+    "controller": "From a model to a controller on a board",
+    "response": "What the display does",
+    "experiment": "What a person feels",
+    "speech": "Speech",
+    "paper": "The paper",
+}
 
-VERBS: tuple[str, ...] = tuple(MODULES)
+PARTS: dict[str, str] = {
+    "firmware": "Programs for boards: build them, compare their bits, count their instructions.",
+    "experiment": "Detection and identification: run, simulate, analyse, export.",
+}
+"""Verbs that have parts, with what they are for."""
+
+ROOMS: dict[str, str] = {verb: group for group, verbs in GROUPS.items() for verb in verbs}
+"""The group of each verb."""
+
+VERBS: tuple[str, ...] = tuple(ROOMS)

@@ -12,6 +12,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from tactuator.errors import BadInput
+from tactuator.files.atomic import atomic_folder
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,3 +52,14 @@ class Plate:
         """Write NAME.svg and NAME.csv into `folder`."""
         (folder / f"{self.name}.svg").write_text(self.svg(), encoding="utf-8")
         (folder / f"{self.name}.csv").write_text(self.csv(), encoding="utf-8")
+
+
+def save_plates(plates: Sequence[Plate], folder: Path) -> None:
+    """Write every plate's figure (SVG) and numbers (CSV) into `folder`, whole or not at all.
+
+    Raises BadInput for a folder that holds anything else.
+    """
+    own_names = frozenset(f"{plate.name}.{ending}" for plate in plates for ending in ("svg", "csv"))
+    with atomic_folder(folder, own_names) as beside:
+        for plate in plates:
+            plate.save(beside)

@@ -124,7 +124,7 @@ def test_image__bad__is_refused(
 
 
 def test_image__that_is_not_there__is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = "No such file or directory; allowed: a file that `build` wrote"
+    words = "No such file or directory; allowed: one that can be read"
     refused(["image", str(tmp_path / "none.bin")], words, capsys, tmp_path)
     refused(["image", str(tmp_path)], "Is a directory", capsys, tmp_path)
 

@@ -13,8 +13,6 @@ from tactuator.wordlength.formats import FORMATS
 from tests.cli.controller.controller_files import paper_file, spoilt, unstable
 from tests.cli.refusals import refused
 
-PNG = b"\x89PNG\r\n\x1a\n"
-
 
 @pytest.fixture
 def made(tmp_path: Path) -> str:
@@ -41,12 +39,12 @@ def test_wordlength__unsafe_format_asked_for__status_1_and_every_format_with_its
 def test_wordlength__another_rate_and_figure__drawn_and_told(
     made: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    picture = tmp_path / "bits.png"
-    assert main(["wordlength", made, "--rate", "2000", "--figure", str(picture), "--json"]) == 0
+    folder = tmp_path / "figures"
+    assert main(["wordlength", made, "--rate", "2000", "--figures", str(folder), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["rate_hz"] == 2000.0
-    assert found["figure"] == str(picture)
-    assert picture.read_bytes().startswith(PNG)
+    assert found["figures"] == str(folder)
+    assert sorted(path.name for path in folder.iterdir()) == ["resolution.csv", "resolution.svg"]
     bits = found["resolution_bits"]
     assert set(bits) == {"prefilter", "feedback"}
     assert list(bits["prefilter"]["sections"]) == ["2000", "4000", "8000", "16000"]
@@ -87,8 +85,7 @@ def test_wordlength__what_q31_cannot_hold__is_told_beside_the_others(
         (["--rate", "-4000"], "rate_hz is -4000; allowed"),
         (["--rate", "fast"], "'fast'"),
         (["--format", "q16"], "format is 'q16'; allowed: q15 biquads"),
-        (["--figure", "FOLDER/bits.jpg"], "ends in '.jpg'; allowed: .png, .svg, .pdf"),
-        (["--figure", "FOLDER/none/bits.png"], "is not a folder"),
+        (["--figures", "FOLDER"], "holds other files"),
         (["surplus"], "surplus"),
     ],
 )

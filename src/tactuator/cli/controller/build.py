@@ -3,46 +3,34 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer
-from tactuator.cli.options import AsJson
 from tactuator.files.atomic import atomic_path
 from tactuator.files.controller import read_controller
 from tactuator.runtime.image import read_image_header
 from tactuator.wordlength.buildable import built
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb to the application."""
-
-    @app.command()
-    def build(
-        controller: Annotated[Path, typer.Argument(help="Controller file that `design` wrote.")],
-        out: Annotated[Path, typer.Option("--out", help="Image file to write.")],
-        number_format: Annotated[str, typer.Option("--format", help="Number format: float32 or q31.")] = "float32",
-        as_json: AsJson = False,
-    ) -> None:
-        """Write a controller as the image that a board loads; a format that is not safe for it is refused."""
-        made = read_controller(controller)
-        with atomic_path(out) as beside:  # first, so that a folder that is not there is told at once
-            image, report = built(made, number_format)
-            header = read_image_header(image)
-            beside.write_bytes(image)
-        result = {
-            "image": str(out),
-            "bytes": len(image),
-            "format": header.format,
-            "rate_hz": header.rate_hz,
-            "channels": header.channels,
-            "controller": header.controller_hash,
-            "crc32": f"{header.crc:08x}",
-            "response_error_db": report.response_error_db,
-        }
-        table = Table("what", "is", title="Image")
-        for key, value in result.items():
-            table.add_row(key, str(value))
-        answer(result, as_json, table)
+def run(controller: Path, out: Path, number_format: str, as_json: bool) -> None:
+    """Write a controller as the image that a board loads; a format that is not safe for it is refused."""
+    made = read_controller(controller)
+    with atomic_path(out) as beside:  # first, so that a folder that is not there is told at once
+        image, report = built(made, number_format)
+        header = read_image_header(image)
+        beside.write_bytes(image)
+    result = {
+        "image": str(out),
+        "bytes": len(image),
+        "format": header.format,
+        "rate_hz": header.rate_hz,
+        "channels": header.channels,
+        "controller": header.controller_hash,
+        "crc32": f"{header.crc:08x}",
+        "response_error_db": report.response_error_db,
+    }
+    table = Table("what", "is", title="Image")
+    for key, value in result.items():
+        table.add_row(key, str(value))
+    answer(result, as_json, table)

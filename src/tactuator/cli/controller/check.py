@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import typer
@@ -14,7 +13,6 @@ from rich.table import Table
 from rich.text import Text
 
 from tactuator.cli.answer import answer
-from tactuator.cli.options import AsJson, Seed
 from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.display.verdict import Finding, Outcome, Verdict, verdict_of
@@ -26,31 +24,16 @@ from tactuator.synthesis.verdict import judge
 from tactuator.wordlength.buildable import buildable
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb to the application."""
-
-    @app.command()
-    def check(
-        controller: Annotated[Path, typer.Argument(help="Controller file.")],
-        display: Annotated[Path | None, typer.Option("--display", help="Display file to judge it for.")] = None,
-        monte_carlo: Annotated[
-            int, typer.Option("--monte-carlo", min=0, help="Plants to draw for each channel and load; 0 for none.")
-        ] = 0,
-        mode_shift: Annotated[
-            float, typer.Option("--mode-shift", help="Relative standard deviation of the frequency of a mode.")
-        ] = 0.02,
-        seed: Seed = 0,
-        as_json: AsJson = False,
-    ) -> None:
-        """Judge a controller by the paper's four objectives and by what a board takes; exit status 1 if one fails."""
-        made, shown = read_controller(controller), None if display is None else read_display(display)
-        verdict = whole_verdict(made, shown)
-        on = made if shown is None else replace(made, display=shown)
-        drawn = draw_plants(on, monte_carlo, np.random.default_rng(seed), mode_shift) if monte_carlo else []
-        found = verdict.document() | ({"monte_carlo": [one.document() for one in drawn]} if drawn else {})
-        answer(found, as_json, Group(verdict_table(verdict), *([_plants_table(drawn)] if drawn else [])))
-        if verdict.outcome is Outcome.NOT_MET:
-            raise typer.Exit(1)
+def run(controller: Path, display: Path | None, monte_carlo: int, mode_shift: float, seed: int, as_json: bool) -> None:
+    """Judge a controller by the paper's four objectives and by what a board takes; exit status 1 if one fails."""
+    made, shown = read_controller(controller), None if display is None else read_display(display)
+    verdict = whole_verdict(made, shown)
+    on = made if shown is None else replace(made, display=shown)
+    drawn = draw_plants(on, monte_carlo, np.random.default_rng(seed), mode_shift) if monte_carlo else []
+    found = verdict.document() | ({"monte_carlo": [one.document() for one in drawn]} if drawn else {})
+    answer(found, as_json, Group(verdict_table(verdict), *([_plants_table(drawn)] if drawn else [])))
+    if verdict.outcome is Outcome.NOT_MET:
+        raise typer.Exit(1)
 
 
 def _plants_table(drawn: Sequence[DrawnPlants]) -> Table:

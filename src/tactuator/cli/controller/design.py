@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
 from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer
 from tactuator.cli.controller.check import verdict_table, whole_verdict
-from tactuator.cli.options import AsJson
 from tactuator.display.controller import ChannelController, Controller
 from tactuator.display.description import Display
 from tactuator.display.verdict import Verdict
@@ -23,31 +21,25 @@ from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.exchange.continuous_form import continuous_form
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb to the application."""
+def run(
+    display: Path,
+    out: Path,
+    curve: str | None,
+    poles: int | None,
+    error_db: float | None,
+    figures: Path | None,
+    as_json: bool,
+) -> None:
+    """Design loop and prefilter of every channel, and write them as a controller file."""
+    controller = design_controller(_with_curve(read_display(display), curve), poles, error_db)
+    if figures is not None:
+        from tactuator.report.plates.controller.design import save_design_plates  # drawing takes a second to load
 
-    @app.command()
-    def design(
-        display: Annotated[Path, typer.Argument(help="Display file (TOML).")],
-        out: Annotated[Path, typer.Option("--out", help="Controller file to write.")] = Path("controller.json"),
-        curve: Annotated[str | None, typer.Option("--curve", help="Threshold curve: a name, or a CSV.")] = None,
-        poles: Annotated[int | None, typer.Option("--poles", min=2, max=16, help="Poles of the prefilters.")] = None,
-        error_db: Annotated[
-            float | None, typer.Option("--error-db", min=0.01, help="Choose the fewest poles that keep this error.")
-        ] = None,
-        charts: Annotated[Path | None, typer.Option("--charts", help="Folder for the charts (SVG and CSV).")] = None,
-        as_json: AsJson = False,
-    ) -> None:
-        """Design loop and prefilter of every channel, and write them as a controller file."""
-        controller = design_controller(_with_curve(read_display(display), curve), poles, error_db)
-        if charts is not None:
-            from tactuator.report.plates.controller.design import save_design_plates  # drawing takes a second to load
-
-            save_design_plates(controller, charts)
-        write_controller(out, controller)
-        verdict = whole_verdict(controller)
-        reports = {channel.name: dict(channel.report) for channel in controller.channels}
-        answer(reports | {"verdict": verdict.document()}, as_json, _shown(controller, out, verdict))
+        save_design_plates(controller, figures)
+    write_controller(out, controller)
+    verdict = whole_verdict(controller)
+    reports = {channel.name: dict(channel.report) for channel in controller.channels}
+    answer(reports | {"verdict": verdict.document()}, as_json, _shown(controller, out, verdict))
 
 
 def _with_curve(display: Display, curve: str | None) -> Display:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, cast
+from typing import cast
 
 import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer
-from tactuator.cli.options import AsJson, ControllerOption
 from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.files.atomic import atomic_path
@@ -20,118 +19,71 @@ from tactuator.paper.plan import paper_display
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board_check.period_check import check_period
 from tactuator.rig.board_check.period_cost import count_instructions
-from tactuator.rig.board_check.streaming_check import INSTRUCTION_NS, StreamingCheck, check_streaming
+from tactuator.rig.board_check.streaming_check import StreamingCheck, check_streaming
 from tactuator.rig.boards import acknowledge_faults
 from tactuator.rig.open import open_rig
 from tactuator.rig.program import BOARDS, build_firmware, find_board, form_of, memory_used, write_program
 from tactuator.runtime.image import FORMATS
 from tactuator.synthesis.design import design_controller
 
-BoardOption = Annotated[str, typer.Option("--board", help=f"Board: {', '.join(BOARDS)}.")]
+
+def program(board: str, out: Path, emulated: bool, crystal_mhz: int | None, as_json: bool) -> None:
+    """Compile a board's program from core/ and firmware/."""
+    found, form = find_board(board), form_of(out)
+    flags = () if crystal_mhz is None else (f"-DTACT_CRYSTAL_MHZ={crystal_mhz}",)
+    built = build_firmware(board, emulated or not found.is_real, flags)
+    with atomic_path(out) as beside:
+        write_program(built, beside, form)
+    flash, ram = memory_used(built)
+    result = {"board": board, "processor": found.describes, "program": str(out)}
+    text = f"{out}: {found.describes}, {flash} bytes of flash, {ram} of RAM"
+    answer({**result, "flash_bytes": flash, "ram_bytes": ram}, as_json, text)
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb and what it can do."""
-    firmware = typer.Typer(help="Programs for boards: build them, compare their bits, count their instructions.")
-    app.add_typer(firmware, name="firmware")
-    for add in (_add_program, _add_verify, _add_stream, _add_bench, _add_acknowledge):
-        add(firmware)
-
-
-def _add_program(firmware: typer.Typer) -> None:
-    @firmware.command()
-    def program(
-        board: BoardOption = "mps2-an500",
-        out: Annotated[Path, typer.Option("--out", help="File to write: .elf, .bin or .hex.")] = Path("firmware.elf"),
-        emulated: Annotated[bool, typer.Option("--emulated", help="For the emulator, not the board itself.")] = False,
-        crystal_mhz: Annotated[
-            int | None, typer.Option("--crystal-mhz", min=4, max=26, help="Of the board itself: 12 if not given.")
-        ] = None,
-        as_json: AsJson = False,
-    ) -> None:
-        """Compile a board's program from core/ and firmware/."""
-        found, form = find_board(board), form_of(out)
-        flags = () if crystal_mhz is None else (f"-DTACT_CRYSTAL_MHZ={crystal_mhz}",)
-        built = build_firmware(board, emulated or not found.is_real, flags)
-        with atomic_path(out) as beside:
-            write_program(built, beside, form)
-        flash, ram = memory_used(built)
-        result = {"board": board, "processor": found.describes, "program": str(out)}
-        text = f"{out}: {found.describes}, {flash} bytes of flash, {ram} of RAM"
-        answer({**result, "flash_bytes": flash, "ram_bytes": ram}, as_json, text)
-
-
-def _add_verify(firmware: typer.Typer) -> None:
-    @firmware.command()
-    def verify(
-        board: BoardOption = "mps2-an500",
-        rig: Annotated[
-            str | None, typer.Option("--rig", help="A board that is connected, instead: board:PORT or board:URL.")
-        ] = None,
-        ticks: Annotated[int, typer.Option("--ticks", help="Ticks of the interrupt, in each format.")] = 100_000,
-        controller: ControllerOption = None,
-        as_json: AsJson = False,
-    ) -> None:
-        """Compare what a board's interrupt does with this machine's, bit for bit; exit status 1 if they differ."""
-        if rig is not None:
-            _require_board(rig)
-        made = _controller(controller)
-        name = rig or f"emulated:{find_board(board).name}"
-        with cast(BoardRig, open_rig(name, made.display)) as target:
-            found = check_period(target, made, ticks)
-        word = "bit for bit the same" if found.bit_exact else f"DIFFERENT ({found.first_difference})"
-        shown = (
-            f"{found.board}: {found.ticks} ticks, {found.channels} channels, {', '.join(found.formats)}: {word}; "
-            f"{found.starts} runs, {found.played} samples played, faults: {', '.join(found.faults)}"
-        )
-        answer(asdict(found), as_json, shown)
-        if not found.bit_exact:
-            raise typer.Exit(1)
-
-
-def _add_stream(firmware: typer.Typer) -> None:
-    @firmware.command()
-    def stream(
-        board: BoardOption = "mps2-an500",
-        seconds: Annotated[float, typer.Option("--seconds", help="Seconds of the board's time.")] = 10.0,
-        instruction_ns: Annotated[
-            int, typer.Option("--instruction-ns", help="What an instruction takes: 1, 2, 4, 8 (125 MIPS), ...")
-        ] = INSTRUCTION_NS,
-        controller: ControllerOption = None,
-        as_json: AsJson = False,
-    ) -> None:
-        """Stream a reference to a board whose time goes on; exit status 1 if an interrupt was late or a row missing."""
-        found = check_streaming(board, _controller(controller), seconds, instruction_ns)
-        answer({**asdict(found), "holds": found.holds}, as_json, _streaming_table(found))
-        if not found.holds:
-            raise typer.Exit(1)
-
-
-def _add_bench(firmware: typer.Typer) -> None:
-    @firmware.command()
-    def bench(controller: ControllerOption = None, as_json: AsJson = False) -> None:
-        """Count the instructions of one period on every board, in every format, in the usual run and in others."""
-        made = _controller(controller)
-        costs = [count_instructions(board, made, number_format) for board in BOARDS for number_format in FORMATS]
-        cases = list(costs[0].cases)
-        table = Table("board", "format", *cases, "worst at 168 MHz", title="Instructions of a period, the most of any")
-        for cost in costs:
-            share = f"{100.0 * cost.worst_share_of_period['168 MHz']:.1f} %"
-            table.add_row(cost.board, cost.format, *(str(cost.cases[case]) for case in cases), share)
-        rows = [asdict(cost) for cost in costs]
-        answer(cast(Mapping[str, object], rows), as_json, table)  # a list, one object for each
-
-
-def _add_acknowledge(firmware: typer.Typer) -> None:
-    @firmware.command()
-    def acknowledge(
-        rig: Annotated[str, typer.Option("--rig", help="The board: board:PORT or board:URL.")],
-        as_json: AsJson = False,
-    ) -> None:
-        """Tell a board that its sensor faults are known: after three of them it stays off until then."""
+def verify(board: str, rig: str | None, ticks: int, controller: Path | None, as_json: bool) -> None:
+    """Compare what a board's interrupt does with this machine's, bit for bit; exit status 1 if they differ."""
+    if rig is not None:
         _require_board(rig)
-        count = acknowledge_faults(rig.removeprefix("board:"))
-        answer({"rig": rig, "sensor_faults": count}, as_json, f"{rig}: {count} sensor and travel faults acknowledged")
+    made = _controller(controller)
+    name = rig or f"emulated:{find_board(board).name}"
+    with cast(BoardRig, open_rig(name, made.display)) as target:
+        found = check_period(target, made, ticks)
+    word = "bit for bit the same" if found.bit_exact else f"DIFFERENT ({found.first_difference})"
+    shown = (
+        f"{found.board}: {found.ticks} ticks, {found.channels} channels, {', '.join(found.formats)}: {word}; "
+        f"{found.starts} runs, {found.played} samples played, faults: {', '.join(found.faults)}"
+    )
+    answer(asdict(found), as_json, shown)
+    if not found.bit_exact:
+        raise typer.Exit(1)
+
+
+def stream(board: str, seconds: float, instruction_ns: int, controller: Path | None, as_json: bool) -> None:
+    """Stream a reference to a board whose time goes on; exit status 1 if an interrupt was late or a row missing."""
+    found = check_streaming(board, _controller(controller), seconds, instruction_ns)
+    answer({**asdict(found), "holds": found.holds}, as_json, _streaming_table(found))
+    if not found.holds:
+        raise typer.Exit(1)
+
+
+def bench(controller: Path | None, as_json: bool) -> None:
+    """Count the instructions of one period on every board, in every format, in the usual run and in others."""
+    made = _controller(controller)
+    costs = [count_instructions(board, made, number_format) for board in BOARDS for number_format in FORMATS]
+    cases = list(costs[0].cases)
+    table = Table("board", "format", *cases, "worst at 168 MHz", title="Instructions of a period, the most of any")
+    for cost in costs:
+        share = f"{100.0 * cost.worst_share_of_period['168 MHz']:.1f} %"
+        table.add_row(cost.board, cost.format, *(str(cost.cases[case]) for case in cases), share)
+    rows = [asdict(cost) for cost in costs]
+    answer(cast(Mapping[str, object], rows), as_json, table)  # a list, one object for each
+
+
+def acknowledge(rig: str, as_json: bool) -> None:
+    """Tell a board that its sensor faults are known: after three of them it stays off until then."""
+    _require_board(rig)
+    count = acknowledge_faults(rig.removeprefix("board:"))
+    answer({"rig": rig, "sensor_faults": count}, as_json, f"{rig}: {count} sensor and travel faults acknowledged")
 
 
 def _require_board(rig: str) -> None:

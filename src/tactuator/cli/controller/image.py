@@ -3,53 +3,41 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer
-from tactuator.cli.options import AsJson
 from tactuator.errors import BadInput
 from tactuator.files.controller import read_controller
 from tactuator.runtime.image import REASONS, ImageRefusal, check_image, read_image_header
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb to the application."""
-
-    @app.command()
-    def image(
-        file: Annotated[Path, typer.Argument(help="Image file that `build` wrote.")],
-        controller: Annotated[
-            Path | None, typer.Option("--controller", help="Controller file: is the image its, and for its display?")
-        ] = None,
-        as_json: AsJson = False,
-    ) -> None:
-        """Say what an image is, once the core has checked all of it; exit status 1 if it is another controller's."""
-        content = _read(file)
-        try:
-            header = read_image_header(content)
-        except BadInput as error:
-            raise BadInput(f"{file}: {error}") from None
-        result: dict[str, object] = {
-            "image": str(file),
-            "bytes": len(content),
-            "format": header.format,
-            "rate_hz": header.rate_hz,
-            "delay_samples": header.delay_samples,
-            "channels": header.channels,
-            "controller": header.controller_hash,
-            "crc32": f"{header.crc:08x}",
-        }
-        if controller is not None:
-            result["is_of_controller"] = _is_of(controller, content, header.controller_hash, file)
-        table = Table("what", "is", title="Image")
-        for key, value in result.items():
-            table.add_row(key, str(value))
-        answer(result, as_json, table)
-        if result.get("is_of_controller") is False:
-            raise typer.Exit(1)
+def run(file: Path, controller: Path | None, as_json: bool) -> None:
+    """Say what an image is, once the core has checked all of it; exit status 1 if it is another controller's."""
+    content = _read(file)
+    try:
+        header = read_image_header(content)
+    except BadInput as error:
+        raise BadInput(f"{file}: {error}") from None
+    result: dict[str, object] = {
+        "image": str(file),
+        "bytes": len(content),
+        "format": header.format,
+        "rate_hz": header.rate_hz,
+        "delay_samples": header.delay_samples,
+        "channels": header.channels,
+        "controller": header.controller_hash,
+        "crc32": f"{header.crc:08x}",
+    }
+    if controller is not None:
+        result["is_of_controller"] = _is_of(controller, content, header.controller_hash, file)
+    table = Table("what", "is", title="Image")
+    for key, value in result.items():
+        table.add_row(key, str(value))
+    answer(result, as_json, table)
+    if result.get("is_of_controller") is False:
+        raise typer.Exit(1)
 
 
 def _is_of(path: Path, content: bytes, written: str, file: Path) -> bool:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
 
 import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
-from tactuator.cli.options import AsJson
 from tactuator.display.controller import Controller
 from tactuator.display.description import HIGHEST_RATE_HZ
 from tactuator.errors import BadInput
@@ -23,37 +21,22 @@ from tactuator.wordlength.resampled import at_rate
 _RATE_DOUBLINGS = 4
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb to the application."""
-
-    @app.command()
-    def wordlength(
-        controller: Annotated[Path, typer.Argument(help="Controller file that `design` wrote.")],
-        rate: Annotated[float | None, typer.Option("--rate", help="Another sampling rate, hertz.")] = None,
-        number_format: Annotated[
-            str | None, typer.Option("--format", help="Ask for the verdict on one format: exit status 1 if unsafe.")
-        ] = None,
-        figure: Annotated[
-            Path | None,
-            typer.Option("--figure", help="Picture to write (png, svg, pdf): bits needed at this rate and above."),
-        ] = None,
-        as_json: AsJson = False,
-    ) -> None:
-        """Say which number formats are safe for a controller, and recommend the smallest."""
-        names = [each.name for each in FORMATS]
-        if number_format is not None and number_format not in names:
-            raise BadInput(f"format is {number_format!r}; allowed: {', '.join(names)}")
-        made = read_controller(controller)
-        if rate is not None:
-            made = at_rate(made, rate)
-        drawn = {} if figure is None else _draw(made, figure)
-        reports = _assess(made)
-        best = recommended(reports)
-        result = {"rate_hz": made.rate_hz, "formats": [asdict(report) for report in reports], "recommended": best}
-        answer(result | drawn, as_json, _table(reports, made.rate_hz, best))
-        asked = [report.safe for report in reports if report.name == number_format]
-        if best is None or not all(asked):
-            raise typer.Exit(1)
+def run(controller: Path, rate: float | None, number_format: str | None, figures: Path | None, as_json: bool) -> None:
+    """Say which number formats are safe for a controller, and recommend the smallest."""
+    names = [each.name for each in FORMATS]
+    if number_format is not None and number_format not in names:
+        raise BadInput(f"format is {number_format!r}; allowed: {', '.join(names)}")
+    made = read_controller(controller)
+    if rate is not None:
+        made = at_rate(made, rate)
+    drawn = {} if figures is None else _draw(made, figures)
+    reports = _assess(made)
+    best = recommended(reports)
+    result = {"rate_hz": made.rate_hz, "formats": [asdict(report) for report in reports], "recommended": best}
+    answer(result | drawn, as_json, _table(reports, made.rate_hz, best))
+    asked = [report.safe for report in reports if report.name == number_format]
+    if best is None or not all(asked):
+        raise typer.Exit(1)
 
 
 def _assess(controller: Controller) -> tuple[FormatReport, ...]:
@@ -64,21 +47,21 @@ def _assess(controller: Controller) -> tuple[FormatReport, ...]:
     return tuple(reports)
 
 
-def _draw(controller: Controller, path: Path) -> dict[str, object]:
-    """Write the picture and return its numbers, for the answer."""
-    from tactuator.report.plates.controller.resolution import require_ending, resolution_plate, save_resolution
+def _draw(controller: Controller, folder: Path) -> dict[str, object]:
+    """Write the figure and return its numbers, for the answer."""
+    from tactuator.report.plate import save_plates  # drawing takes a second to load
+    from tactuator.report.plates.controller.resolution import resolution_plate
 
-    require_ending(path)
     rates = [controller.rate_hz * 2.0**k for k in range(_RATE_DOUBLINGS)]
     bits = controller_bits(controller, [rate for rate in rates if rate <= HIGHEST_RATE_HZ])
     bands = [channel.threshold.band_hz for channel in controller.display.channels]
     band = f"{min(low for low, _ in bands):g}-{max(high for _, high in bands):g} Hz"
-    save_resolution(resolution_plate(bits, whose="this controller (the most of any channel)", band=band), path)
+    save_plates([resolution_plate(bits, whose="this controller (the most of any channel)", band=band)], folder)
     told = {
         name: {form: {f"{rate:g}": asdict(one) for rate, one in by_rate.items()} for form, by_rate in forms.items()}
         for name, forms in bits.items()
     }
-    return {"figure": str(path), "resolution_bits": told}
+    return {"figures": str(folder), "resolution_bits": told}
 
 
 def _table(reports: tuple[FormatReport, ...], rate_hz: float, best: str | None) -> Table:

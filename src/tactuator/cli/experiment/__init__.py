@@ -1,5 +1,1 @@
-"""The verb `experiment` and its parts."""
-
-from tactuator.cli.experiment.verbs import register
-
-__all__ = ["register"]
+"""The verb `experiment` and its parts: detection and identification, with people or with observers."""

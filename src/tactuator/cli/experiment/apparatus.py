@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tactuator.cli.options import chosen_controller
+from tactuator.cli.chosen import chosen_controller
 from tactuator.errors import BadInput
 from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.paper.controllers import paper_controller

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
 from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress, shown
 from tactuator.cli.experiment.apparatus import opened_apparatus
 from tactuator.cli.experiment.terminal import Terminal, fresh_token
-from tactuator.cli.options import AsJson, ControllerOption, DisplayOption, RigOption, Seed
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import read_identification
 from tactuator.experiment.protocol.identification import IdentificationProtocol
@@ -32,26 +30,16 @@ from tactuator.experiment.store.store import Store
 from tactuator.files.matrix import read_matrix
 
 
-def register(experiment: typer.Typer) -> None:
-    """Add the commands to `experiment`."""
-    experiment.command("identify")(identify)
-    experiment.command("information")(information_command)
-
-
-def identify(
-    protocol: Annotated[Path, typer.Argument(help="Identification protocol (TOML).", metavar="PROTOCOL")],
-    store: Annotated[Path, typer.Option("--store", help="Database of the experiment (SQLite).")],
-    subject: Annotated[
-        str | None, typer.Option("--subject", help="Code of the subject; default: the only one.")
-    ] = None,
-    display: DisplayOption = None,
-    controller: ControllerOption = None,
-    rig: RigOption = "simulated",
-    scripted_error: Annotated[
-        float | None, typer.Option("--scripted-error", help="A script answers for the subject, wrong at this rate.")
-    ] = None,
-    seed: Seed = 0,
-    as_json: AsJson = False,
+def identify_items(
+    protocol: Path,
+    store: Path,
+    subject: str | None,
+    display: Path | None,
+    controller: Path | None,
+    rig: str,
+    scripted_error: float | None,
+    seed: int,
+    as_json: bool,
 ) -> None:
     """Take a subject through an identification experiment at the terminal; it goes on where it stopped."""
     read, text = read_identification(protocol)
@@ -84,18 +72,14 @@ def _subject(protocol: IdentificationProtocol, subject: str | None) -> str:
     return codes[0] if subject is None else subject
 
 
-def information_command(
-    store: Annotated[Path | None, typer.Option("--store", help="Database of identification experiments.")] = None,
-    matrix: Annotated[
-        Path | None, typer.Option("--matrix", help="A confusion matrix of your own (CSV): a row a stimulus.")
-    ] = None,
-    study: Annotated[str | None, typer.Option("--study", help="Only the study of this name.")] = None,
-    seconds: Annotated[
-        float | None, typer.Option("--seconds", help="With --matrix: seconds a stimulus, for bits per second.")
-    ] = None,
-    draws: Annotated[int, typer.Option("--draws", min=100, help="Of the posterior, for the interval.")] = 1000,
-    seed: Seed = 0,
-    as_json: AsJson = False,
+def transfer(
+    store: Path | None,
+    matrix: Path | None,
+    study: str | None,
+    seconds: float | None,
+    draws: int,
+    seed: int,
+    as_json: bool,
 ) -> None:
     """Estimate information transfer in five ways, one with an interval, from a store's studies or any matrix."""
     if (store is None) == (matrix is None):

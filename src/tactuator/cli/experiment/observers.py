@@ -4,21 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from tactuator.errors import BadInput
 from tactuator.files.curve import read_relative_curve
 from tactuator.perception.relative_curve import RelativeCurve
-
-TruthOption = Annotated[
-    list[str] | None,
-    typer.Option("--truth", metavar="SUBJECT=CSV", help="A subject's threshold (frequency_hz,level_db_sl)."),
-]
-LapseOption = Annotated[
-    list[str] | None, typer.Option("--lapse", metavar="SUBJECT=RATE", help="A subject's lapse rate; repeatable.")
-]
 
 
 def truths_of(given: Sequence[str]) -> dict[str, RelativeCurve]:

@@ -28,7 +28,7 @@ def results(
     group: str | None,
     reference: str | None,
     curve_out: Path | None,
-    figure_out: Path | None,
+    figures: Path | None,
     keep_flagged: bool = False,
 ) -> tuple[dict[str, Any], Group]:
     """Return thresholds and the curve across subjects, as JSON and as a table; files are written where asked."""
@@ -46,14 +46,14 @@ def results(
             f"runs stand on the curves {', '.join(names)}; allowed: --reference to name the one to extend by"
         )
     original = resolve_curve(reference or names[0])
-    across = _across(found, runs, original, keep_flagged, needed=bool(curve_out or figure_out))
+    across = _across(found, runs, original, keep_flagged, needed=bool(curve_out or figures))
     if across is not None and curve_out is not None:
         write_curve(curve_out, across.curve, circumstances(across, runs))
-    if across is not None and figure_out is not None:
-        figure_out.mkdir(parents=True, exist_ok=True)
-        thresholds_plate(_people(found), original, across.curve).save(figure_out)
+    if across is not None and figures is not None:
+        figures.mkdir(parents=True, exist_ok=True)
+        thresholds_plate(_people(found), original, across.curve).save(figures)
         for subject, trials in psychometric_trials(runs, found).items():
-            psychometric_plate(subject, trials).save(figure_out)
+            psychometric_plate(subject, trials).save(figures)
     answer = {"thresholds": [_plain(one) for one in found], "curve": _curve(across), "left_out": _left_out(across)}
     return answer, Group(shown(threshold_table(found)), *_told(across))
 

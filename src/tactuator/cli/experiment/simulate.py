@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer, plain, progress
-from tactuator.cli.options import AsJson, Seed
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule
 from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule
@@ -18,26 +16,18 @@ from tactuator.experiment.simulated.procedure_quality import PROCEDURES, Setting
 from tactuator.files.curve import read_relative_curve
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb `simulate` to the application."""
-    app.command("simulate")(simulate_command)
-
-
-def simulate_command(
-    procedure: Annotated[str, typer.Option(help="imece2004, quest-plus or curve.")] = "imece2004",
-    runs: Annotated[int, typer.Option(help="Simulated runs.")] = 1000,
-    slope: Annotated[str, typer.Option(help="Weibull slope, or LOW:HIGH to draw each run's from.")] = "2.5",
-    lapse: Annotated[float, typer.Option(help="Lapse rate.")] = 0.0,
-    start_db: Annotated[float, typer.Option(help="Start, dB above the true threshold.")] = 20.0,
-    trials: Annotated[int | None, typer.Option(help="Trials of a run (quest-plus 48, curve 150).")] = None,
-    truth: Annotated[
-        Path | None,
-        typer.Option(help="curve: everybody's threshold, a CSV with frequency_hz,level_db_sl (default: drawn)."),
-    ] = None,
-    guess: Annotated[float, typer.Option(help="curve: share of trials that are guessed outright; 1: all.")] = 0.0,
-    drift_db: Annotated[float, typer.Option(help="curve: rise of thresholds over the run, dB.")] = 0.0,
-    seed: Seed = 0,
-    as_json: AsJson = False,
+def run(
+    procedure: str,
+    runs: int,
+    slope: str,
+    lapse: float,
+    start_db: float,
+    trials: int | None,
+    truth: Path | None,
+    guess: float,
+    drift_db: float,
+    seed: int,
+    as_json: bool,
 ) -> None:
     """Run a procedure many times against a Weibull observer and say how good its estimates are."""
     setting = Setting(runs, _slope_range(slope), lapse, start_db, seed)

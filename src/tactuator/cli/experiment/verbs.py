@@ -1,50 +1,28 @@
-"""The verb `experiment`: detection and identification, with people or with observers."""
+"""The parts of the verb `experiment`, as the command line spells them."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
-from rich.table import Table
 
-from tactuator.cli.answer import answer, progress
-from tactuator.cli.experiment import identification, simulate
-from tactuator.cli.experiment.apparatus import opened_apparatus
-from tactuator.cli.experiment.observers import LapseOption, TruthOption, lapses_of, truths_of
-from tactuator.cli.experiment.results import results
-from tactuator.cli.experiment.serve import serve
-from tactuator.cli.options import AsJson, ControllerOption, DisplayOption, Out, RigOption, Seed
-from tactuator.experiment.export.export import export
-from tactuator.experiment.protocol.file import read_protocol
-from tactuator.experiment.session.clock import SystemClock
-from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
-from tactuator.experiment.store.lock import sessions_of
-from tactuator.experiment.store.store import Store
-from tactuator.rig.touchable import touchable
-
-experiment = typer.Typer(
-    name="experiment",
-    help="Detection and identification: run, simulate, analyse, export.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb to the application."""
-    identification.register(experiment)
-    simulate.register(experiment)
-    app.add_typer(experiment)
-
+from tactuator.cli.deferred import Verbs, does
+from tactuator.cli.options import AsJson, ControllerOption, DisplayOption, FiguresOption, Out, RigOption, Seed
 
 ProtocolFile = Annotated[Path, typer.Argument(help="Protocol file (TOML).", metavar="PROTOCOL")]
 StoreFile = Annotated[Path, typer.Option("--store", help="Database of the experiment (SQLite).")]
+TruthOption = Annotated[
+    list[str] | None,
+    typer.Option("--truth", metavar="SUBJECT=CSV", help="A subject's threshold (frequency_hz,level_db_sl)."),
+]
+LapseOption = Annotated[
+    list[str] | None, typer.Option("--lapse", metavar="SUBJECT=RATE", help="A subject's lapse rate; repeatable.")
+]
 
 
-@experiment.command("serve")
-def serve_command(
+@does("experiment.study:serve_study", reads=["protocol", "display", "controller"])
+def serve(
     protocol: ProtocolFile,
     store: StoreFile,
     rig: RigOption = "simulated",
@@ -72,12 +50,10 @@ def serve_command(
     Without a display or controller file: the paper's display and C. A study is known by its name; further subjects in
     its protocol are enrolled, anything else that changed takes --amend.
     """
-    with opened_apparatus(rig, display, controller, seed, speed or None) as place:
-        serve(protocol, store, place, host, port, operator_token, auto_start, amend, show)
 
 
-@experiment.command("observe")
-def observe_command(
+@does("experiment.study:observe", reads=["protocol", "display", "controller"])
+def observe(
     protocol: ProtocolFile,
     store: StoreFile,
     rig: RigOption = "simulated",
@@ -90,70 +66,95 @@ def observe_command(
     as_json: AsJson = False,
 ) -> None:
     """Let simulated subjects go through the study at the simulated display; they feel what the loop makes of it."""
-    read, text = read_protocol(protocol)
-    truths, lapses = truths_of(truth or []), lapses_of(lapse or [])
-    with sessions_of(store), opened_apparatus(rig, display, controller, seed, None) as place, progress() as bars:
-        touchable(place.rig, place.name)
-        curve = place.controller.display.channels[0].threshold.curve
-        drawn = simulated_observers(curve, len(read.subject), seed, place.band_hz)
-        observers = with_truths(drawn, [subject.code for subject in read.subject], curve, truths, lapses)
-        database = Store(store)
-        task = bars.add_task("observers", total=1000 * len(observers))
-        at = {one.name: index for index, one in enumerate(observers)}
-        run_study(
-            database,
-            read,
-            text,
-            place,
-            observers,
-            SystemClock(),
-            load,
-            lambda name, share: bars.update(task, completed=round(1000 * (at[name] + share))),
-        )
-        database.close()
-    true = [
-        {"subject": subject.code, "frequency_hz": hertz, "true_db_re_1um": float(one.curve.level_db_re_1um_at(hertz))}
-        for subject, one in zip(read.subject, observers, strict=True)
-        for hertz in read.conditions.frequencies_hz or np.geomspace(*place.band_hz, 12).round(3).tolist()
-    ]
-    table = Table("subject", "Hz", "truth, dB re 1 µm")
-    for row in true:
-        table.add_row(str(row["subject"]), f"{row['frequency_hz']:g}", f"{row['true_db_re_1um']:.2f}")
-    answer({"store": str(store), "truth": true}, as_json, table)
 
 
-@experiment.command("thresholds")
-def thresholds_command(
+@does("experiment.study:show_thresholds", reads=["store"])
+def thresholds(
     store: StoreFile,
     group: Annotated[str | None, typer.Option(help="Only subjects of this group.")] = None,
     reference: Annotated[str | None, typer.Option(help="Curve (name or CSV) that 0 dB SL stood for.")] = None,
     curve_out: Annotated[Path | None, typer.Option(help="Write the curve across subjects (CSV) for `design`.")] = None,
-    figure_out: Annotated[
-        Path | None, typer.Option(help="Folder for fig11 and a plate of psychometric functions for every subject.")
-    ] = None,
+    figures: FiguresOption = None,
     keep_flagged: Annotated[
         bool, typer.Option("--keep-flagged", help="Take flagged runs into the curve across subjects as well.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Refit thresholds of every finished run, with flags, and the curve across subjects."""
-    found, table = results(store, group, reference, curve_out, figure_out, keep_flagged)
-    answer(found, as_json, table)
 
 
-@experiment.command("export")
-def export_command(
+@does("experiment.study:write_export", reads=["store"])
+def export(
     store: StoreFile,
     out: Out,
     form: Annotated[str, typer.Option("--format", help="tidy, psych-ds or bids.")] = "tidy",
     as_json: AsJson = False,
 ) -> None:
     """Write every answered trial in an open format, with its data dictionary."""
-    database = Store(store, must_exist=True)
-    try:
-        count = export(database, out, form)
-    finally:
-        database.close()
-    table = Table("folder", "trials")
-    table.add_row(str(out), str(count))
-    answer({"folder": str(out), "format": form, "trials": count}, as_json, table)
+
+
+@does("experiment.identification:identify_items", reads=["protocol", "display", "controller"])
+def identify(
+    protocol: Annotated[Path, typer.Argument(help="Identification protocol (TOML).", metavar="PROTOCOL")],
+    store: Annotated[Path, typer.Option("--store", help="Database of the experiment (SQLite).")],
+    subject: Annotated[
+        str | None, typer.Option("--subject", help="Code of the subject; default: the only one.")
+    ] = None,
+    display: DisplayOption = None,
+    controller: ControllerOption = None,
+    rig: RigOption = "simulated",
+    scripted_error: Annotated[
+        float | None, typer.Option("--scripted-error", help="A script answers for the subject, wrong at this rate.")
+    ] = None,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Take a subject through an identification experiment at the terminal; it goes on where it stopped."""
+
+
+@does("experiment.identification:transfer", reads=["store", "matrix"])
+def information(
+    store: Annotated[Path | None, typer.Option("--store", help="Database of identification experiments.")] = None,
+    matrix: Annotated[
+        Path | None, typer.Option("--matrix", help="A confusion matrix of your own (CSV): a row a stimulus.")
+    ] = None,
+    study: Annotated[str | None, typer.Option("--study", help="Only the study of this name.")] = None,
+    seconds: Annotated[
+        float | None, typer.Option("--seconds", help="With --matrix: seconds a stimulus, for bits per second.")
+    ] = None,
+    draws: Annotated[int, typer.Option("--draws", min=100, help="Of the posterior, for the interval.")] = 1000,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Estimate information transfer in five ways, one with an interval, from a store's studies or any matrix."""
+
+
+@does("experiment.simulate:run", reads=["truth"])
+def simulate(
+    procedure: Annotated[str, typer.Option(help="imece2004, quest-plus or curve.")] = "imece2004",
+    runs: Annotated[int, typer.Option(help="Simulated runs.")] = 1000,
+    slope: Annotated[str, typer.Option(help="Weibull slope, or LOW:HIGH to draw each run's from.")] = "2.5",
+    lapse: Annotated[float, typer.Option(help="Lapse rate.")] = 0.0,
+    start_db: Annotated[float, typer.Option(help="Start, dB above the true threshold.")] = 20.0,
+    trials: Annotated[int | None, typer.Option(help="Trials of a run (quest-plus 48, curve 150).")] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(help="curve: everybody's threshold, a CSV with frequency_hz,level_db_sl (default: drawn)."),
+    ] = None,
+    guess: Annotated[float, typer.Option(help="curve: share of trials that are guessed outright; 1: all.")] = 0.0,
+    drift_db: Annotated[float, typer.Option(help="curve: rise of thresholds over the run, dB.")] = 0.0,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Run a procedure many times against a Weibull observer and say how good its estimates are."""
+
+
+VERBS: Verbs = {
+    "experiment serve": serve,
+    "experiment observe": observe,
+    "experiment thresholds": thresholds,
+    "experiment export": export,
+    "experiment identify": identify,
+    "experiment information": information,
+    "experiment simulate": simulate,
+}

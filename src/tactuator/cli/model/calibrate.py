@@ -4,38 +4,27 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer
-from tactuator.cli.options import AsJson
 from tactuator.errors import BadInput
 from tactuator.files.pairs import read_pairs
 from tactuator.identification.calibration import Calibration, fit_line
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb to the application."""
-
-    @app.command()
-    def calibrate(
-        pairs: Annotated[Path, typer.Argument(help="CSV with columns displacement_mm, voltage_v and, if any, name.")],
-        gauge_error_mm: Annotated[float, typer.Option("--gauge-error-mm", help="Standard error of the gauge.")] = 0.0,
-        strict: Annotated[bool, typer.Option("--strict", help="Stop where a pair is off the line.")] = False,
-        as_json: AsJson = False,
-    ) -> None:
-        """Estimate sensor gain, offset and linearity with confidence; pairs off the line are refused, each
-        by its name.
-        """
-        read = read_pairs(pairs)
-        found = fit_line(read.displacement_mm, read.voltage_v, gauge_error_mm=gauge_error_mm, names=read.names)
-        if found.refused and strict:
-            raise BadInput("; ".join(str(pair) for pair in found.refused) + "; allowed: pairs on one line")
-        for pair in found.refused:
-            sys.stderr.write(f"tactuator: refused: {pair}\n")
-        answer(document(found), as_json, _table(found))
+def run(pairs: Path, gauge_error_mm: float, strict: bool, as_json: bool) -> None:
+    """Estimate sensor gain, offset and linearity with confidence; pairs off the line are refused, each
+    by its name.
+    """
+    read = read_pairs(pairs)
+    found = fit_line(read.displacement_mm, read.voltage_v, gauge_error_mm=gauge_error_mm, names=read.names)
+    if found.refused and strict:
+        raise BadInput("; ".join(str(pair) for pair in found.refused) + "; allowed: pairs on one line")
+    for pair in found.refused:
+        sys.stderr.write(f"tactuator: refused: {pair}\n")
+    answer(document(found), as_json, _table(found))
 
 
 def document(found: Calibration) -> dict[str, Any]:

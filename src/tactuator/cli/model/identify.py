@@ -13,9 +13,7 @@ import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
-from tactuator.cli.model import identify_options as o
 from tactuator.cli.model.identify_document import document, response_document
-from tactuator.cli.options import AsJson
 from tactuator.errors import BadInput
 from tactuator.files.foreign_response import is_response, read_foreign_response
 from tactuator.files.model import write_model
@@ -30,52 +28,46 @@ from tactuator.signals.record import Record
 _FAMILY = 8
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb to the application."""
+def run(
+    records: list[Path],
+    input_name: str | None,
+    output_name: str | None,
+    time_name: str | None,
+    rate_hz: float | None,
+    from_s: float | None,
+    to_s: float | None,
+    order: int | None,
+    zeros: int | None,
+    integrators: int,
+    delay_s: float | None,
+    hold: str,
+    method: str,
+    quantity: str,
+    forgetting: float,
+    friction: bool,
+    validate: list[Path] | None,
+    out: Path | None,
+    figures: Path | None,
+    as_json: bool,
+) -> None:
+    """Identify a continuous model of a recorded mechanism, with its confidence band."""
+    asked = Asked(order, zeros, integrators, delay_s, hold, quantity, friction)
+    if is_response(records[0]):
+        if len(records) > 1 or validate:
+            raise BadInput("a frequency response beside other files; allowed: one response by itself")
+        deliver_response(records[0], asked, out, as_json)
+        return
 
-    @app.command("identify")
-    def identify_verb(
-        records: o.RecordPaths,
-        input_name: o.Input = None,
-        output_name: o.Output = None,
-        time_name: o.Time = None,
-        rate_hz: o.RateHz = None,
-        from_s: o.FromS = None,
-        to_s: o.ToS = None,
-        order: o.Order = None,
-        zeros: o.Zeros = None,
-        integrators: o.Integrators = 0,
-        delay_s: o.DelayS = None,
-        hold: o.Hold = "auto",
-        method: o.Method = "refined",
-        quantity: o.Quantity = "displacement",
-        forgetting: o.Forgetting = 1.0,
-        friction: o.LookForFriction = True,
-        validate: o.Validate = None,
-        out: o.Out = None,
-        charts: o.Charts = None,
-        as_json: AsJson = False,
-    ) -> None:
-        """Identify a continuous model of a recorded mechanism, with its confidence band."""
-        asked = Asked(order, zeros, integrators, delay_s, hold, quantity, friction)
-        if is_response(records[0]):
-            if len(records) > 1 or validate:
-                raise BadInput("a frequency response beside other files; allowed: one response by itself")
-            deliver_response(records[0], asked, out, as_json)
-            return
+    def read(path: Path) -> Record:
+        return read_record(path, input_name=input_name, output_name=output_name, time_name=time_name, rate_hz=rate_hz)
 
-        def read(path: Path) -> Record:
-            return read_record(
-                path, input_name=input_name, output_name=output_name, time_name=time_name, rate_hz=rate_hz
-            )
-
-        parts = [part_of(read(path), from_s, to_s) for path in records]
-        unseen = [(str(path), read(path)) for path in validate or []]
-        with steps() as note:
-            found = identify(parts, method=method, forgetting=forgetting, note=note, **vars(asked))
-            note("validating")
-            found = validated(found, unseen)
-        deliver(found, parts[0], out, charts, as_json)
+    parts = [part_of(read(path), from_s, to_s) for path in records]
+    unseen = [(str(path), read(path)) for path in validate or []]
+    with steps() as note:
+        found = identify(parts, method=method, forgetting=forgetting, note=note, **vars(asked))
+        note("validating")
+        found = validated(found, unseen)
+    deliver(found, parts[0], out, figures, as_json)
 
 
 def deliver_response(path: Path, asked: Asked, out: Path | None, as_json: bool) -> None:
@@ -97,7 +89,7 @@ def deliver_response(path: Path, asked: Asked, out: Path | None, as_json: bool) 
         raise typer.Exit(1)
 
 
-def deliver(found: Identification, read: Record, out: Path | None, charts: Path | None, as_json: bool) -> None:
+def deliver(found: Identification, read: Record, out: Path | None, figures: Path | None, as_json: bool) -> None:
     """Say, write and print what was found; exit status 1 where the model is not to be trusted."""
     for remark in found.remarks:
         sys.stderr.write(f"tactuator: note: {remark}\n")
@@ -105,10 +97,10 @@ def deliver(found: Identification, read: Record, out: Path | None, charts: Path 
         sys.stderr.write(f"tactuator: the model is not to be trusted: {reason}\n")
     if out is not None:
         write_model(out, found.model, found.model.family(_FAMILY, np.random.default_rng(0)))
-    if charts is not None:
+    if figures is not None:
         from tactuator.report.plates.device.identification import save_identification  # matplotlib takes a second
 
-        save_identification(found, charts)
+        save_identification(found, figures)
     columns = {name: read.about.get(name) for name in ("input", "output")}
     answer(document(found) | {"columns": columns, "out": out}, as_json, _table(found, read.about, out))
     if found.distrust:

@@ -39,4 +39,3 @@ Quantity = Annotated[
 Forgetting = Annotated[float, typer.Option("--forgetting", help="Of the recursion; 1 keeps everything.")]
 LookForFriction = Annotated[bool, typer.Option("--friction/--no-friction", help="Estimate friction.")]
 Out = Annotated[Path | None, typer.Option("--out", help="Model file to write (JSON).")]
-Charts = Annotated[Path | None, typer.Option("--charts", help="Folder for the charts (SVG and CSV).")]

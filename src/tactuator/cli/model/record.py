@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 from rich.text import Text
 
 from tactuator.cli.answer import answer
-from tactuator.cli.options import AsJson, RigOption, Seed
 from tactuator.display.description import Channel
 from tactuator.errors import BadInput
 from tactuator.files.display import read_display
@@ -25,54 +22,50 @@ from tactuator.signals.record import Record
 EXCITATIONS = ("mix", "steps", "noise", "prbs", "chirp", "multisine")
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb to the application."""
-
-    @app.command("record")
-    def record_verb(
-        display: Annotated[Path, typer.Argument(help="Display file (TOML).")],
-        channel: Annotated[str | None, typer.Option("--channel", help="Channel (default: the first).")] = None,
-        out: Annotated[Path, typer.Option("--out", help="Record to write (HDF5).")] = Path("record.h5"),
-        duration_s: Annotated[float, typer.Option("--duration-s", help="Seconds.")] = 60.0,
-        excitation: Annotated[str, typer.Option("--excitation", help=", ".join(EXCITATIONS))] = "mix",
-        travel_share: Annotated[float, typer.Option("--travel-share", help="Share of the travel used.")] = 0.5,
-        load: Annotated[str, typer.Option("--load", help="Load of the display file, or none.")] = "none",
-        rig: RigOption = "simulated",
-        seed: Seed = 0,
-        as_json: AsJson = False,
-    ) -> None:
-        """Drive one channel with an excitation planned within travel and range, and write the record."""
-        described = read_display(display)
-        chosen = described.channel(channel or described.channels[0].name)
-        command = planned(excitation, chosen, described.rate_hz, duration_s, travel_share, seed)
-        with open_rig(rig, described, seed) as opened:
-            if load != "none":
-                touch = getattr(opened, "finger", None)
-                chosen.load(load)
-                if touch is not None:
-                    touch(chosen.name).touch(load)
-            everything = np.zeros((command.size, len(opened.channels)))
-            column = opened.channels.index(chosen.name)
-            everything[:, column] = command
-            trace = opened.drive(everything)
-            opened.rest()
-        about = {"rig": rig, "channel": chosen.name, "load": load, "display": described.name, "excitation": excitation}
-        # every rig's converter holds the command between its samples
-        about["hold"] = "zero-order"
-        if rig != "simulated":
-            about["date"] = datetime.now(UTC).isoformat(timespec="seconds")
-        position = trace.position_v[:, column]
-        write_record(out, Record(trace.rate_hz, trace.command_v[:, column], position, about=about))
-        result = {
-            "record": str(out),
-            "channel": chosen.name,
-            "duration_s": command.size / trace.rate_hz,
-            "rate_hz": trace.rate_hz,
-            "command_peak_v": float(np.max(np.abs(command))),
-            "position_peak_v": float(np.max(np.abs(position))),
-            "saturated": bool(np.any(trace.saturated[:, column])),
-        }
-        answer(result, as_json, Text("\n".join(f"{key}: {value}" for key, value in result.items())))
+def run(
+    display: Path,
+    channel: str | None,
+    out: Path,
+    duration_s: float,
+    excitation: str,
+    travel_share: float,
+    load: str,
+    rig: str,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Drive one channel with an excitation planned within travel and range, and write the record."""
+    described = read_display(display)
+    chosen = described.channel(channel or described.channels[0].name)
+    command = planned(excitation, chosen, described.rate_hz, duration_s, travel_share, seed)
+    with open_rig(rig, described, seed) as opened:
+        if load != "none":
+            touch = getattr(opened, "finger", None)
+            chosen.load(load)
+            if touch is not None:
+                touch(chosen.name).touch(load)
+        everything = np.zeros((command.size, len(opened.channels)))
+        column = opened.channels.index(chosen.name)
+        everything[:, column] = command
+        trace = opened.drive(everything)
+        opened.rest()
+    about = {"rig": rig, "channel": chosen.name, "load": load, "display": described.name, "excitation": excitation}
+    # every rig's converter holds the command between its samples
+    about["hold"] = "zero-order"
+    if rig != "simulated":
+        about["date"] = datetime.now(UTC).isoformat(timespec="seconds")
+    position = trace.position_v[:, column]
+    write_record(out, Record(trace.rate_hz, trace.command_v[:, column], position, about=about))
+    result = {
+        "record": str(out),
+        "channel": chosen.name,
+        "duration_s": command.size / trace.rate_hz,
+        "rate_hz": trace.rate_hz,
+        "command_peak_v": float(np.max(np.abs(command))),
+        "position_peak_v": float(np.max(np.abs(position))),
+        "saturated": bool(np.any(trace.saturated[:, column])),
+    }
+    answer(result, as_json, Text("\n".join(f"{key}: {value}" for key, value in result.items())))
 
 
 def planned(

@@ -2,61 +2,46 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer
-from tactuator.cli.options import (
-    AsJson,
-    ControllerOption,
-    DisplayOption,
-    RigOption,
-    Seed,
-    chosen_controller,
-)
+from tactuator.cli.chosen import chosen_controller
 from tactuator.cli.response.measure import frequencies
 from tactuator.errors import BadInput
 from tactuator.measure.disturbance import DisturbanceReport, disturbance
 from tactuator.rig.open import open_rig
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb to the application."""
-
-    @app.command()
-    def disturb(
-        display: DisplayOption = None,
-        controller: ControllerOption = None,
-        channel: Annotated[list[str] | None, typer.Option("--channel", help="Channel (default: all).")] = None,
-        frequency: Annotated[
-            str, typer.Option("--frequency-hz", help="Frequencies of the rejection, comma between.")
-        ] = "0.5,1,2,5,10,20,30,50,100",
-        excursion_mm: Annotated[
-            float, typer.Option("--excursion-mm", help="What each force would move without the loop.")
-        ] = 1.0,
-        rig: RigOption = "simulated",
-        seed: Seed = 0,
-        as_json: AsJson = False,
-    ) -> None:
-        """Press, lift and tremble at the finger port; rejection against frequency beside S."""
-        made = chosen_controller(display, controller)
-        names = channel or [one.name for one in made.channels]
-        reports = []
-        with open_rig(rig, made.display, seed) as opened:
-            finger = getattr(opened, "finger", None)
-            if finger is None:
-                raise BadInput(f"rig {rig!r} has no finger port to press at; allowed: one that has")
-            opened.load(made)
-            rng = np.random.default_rng(seed)
-            for name in names:
-                report = disturbance(
-                    opened, finger(name), made, name, frequencies(frequency), rng, excursion_mm=excursion_mm
-                )
-                reports.append(report)
-        answer({"channels": [document(one) for one in reports]}, as_json, _table(reports))
+def run(
+    display: Path | None,
+    controller: Path | None,
+    channel: list[str] | None,
+    frequency: str,
+    excursion_mm: float,
+    rig: str,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Press, lift and tremble at the finger port; rejection against frequency beside S."""
+    made = chosen_controller(display, controller)
+    names = channel or [one.name for one in made.channels]
+    reports = []
+    with open_rig(rig, made.display, seed) as opened:
+        finger = getattr(opened, "finger", None)
+        if finger is None:
+            raise BadInput(f"rig {rig!r} has no finger port to press at; allowed: one that has")
+        opened.load(made)
+        rng = np.random.default_rng(seed)
+        for name in names:
+            report = disturbance(
+                opened, finger(name), made, name, frequencies(frequency), rng, excursion_mm=excursion_mm
+            )
+            reports.append(report)
+    answer({"channels": [document(one) for one in reports]}, as_json, _table(reports))
 
 
 def document(report: DisturbanceReport) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import typer
@@ -13,16 +13,8 @@ from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
+from tactuator.cli.chosen import ask_for_load, chosen_controller
 from tactuator.cli.controller.check import verdict_table
-from tactuator.cli.options import (
-    AsJson,
-    ControllerOption,
-    DisplayOption,
-    RigOption,
-    Seed,
-    ask_for_load,
-    chosen_controller,
-)
 from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.errors import BadInput
@@ -42,55 +34,49 @@ POINT_COUNT = 30
 Frequencies = np.ndarray[tuple[int], np.dtype[np.float64]]
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb to the application."""
-
-    @app.command()
-    def measure(
-        display: DisplayOption = None,
-        controller: ControllerOption = None,
-        level_db_sl: Annotated[float, typer.Option("--level-db-sl", "--level", help="Level, dB SL.")] = 30.0,
-        load: Annotated[str, typer.Option("--load", help="Load of the display file, or none.")] = "none",
-        method: Annotated[str, typer.Option("--method", help="stepped or multisine.")] = "stepped",
-        frequency: Annotated[
-            str | None, typer.Option("--frequency-hz", help="Frequencies, comma between (default: 30 over the band).")
-        ] = None,
-        channel: Annotated[list[str] | None, typer.Option("--channel", help="Channel (default: all).")] = None,
-        confidence_db: Annotated[float, typer.Option("--confidence-db", help="95 % half-width to reach.")] = 0.25,
-        longest_s: Annotated[float, typer.Option("--longest-s", help="Seconds per point at most.")] = 30.0,
-        mains_hz: Annotated[float, typer.Option("--mains-hz", help="Mains frequency; 0 for none.")] = 60.0,
-        out: Annotated[Path | None, typer.Option("--out", help="Response to write (.h5 or .csv).")] = None,
-        rig: RigOption = "simulated",
-        seed: Seed = 0,
-        as_json: AsJson = False,
-    ) -> None:
-        """Measure the response: each frequency until its confidence is reached, off mains, saturation marked."""
-        if method not in METHODS:
-            raise BadInput(f"method {method!r}; allowed: {', '.join(METHODS)}")
-        made = chosen_controller(display, controller)
-        band_hz = _common_band(made, channel)
-        wanted = _over_the_band(band_hz, mains_hz) if frequency is None else frequencies(frequency)
-        asked: dict[str, Any] = {
-            "channels": channel,
-            "load": load,
-            "confidence_db": confidence_db,
-            "longest_s": longest_s,
-            "mains_hz": mains_hz or None,
-            "band_hz": band_hz,
-            "controller_hash": made.content_hash,
-        }
-        with open_rig(rig, made.display, seed) as opened:
-            ask_for_load(touch_all(opened, made.display.channels, load), load)
-            opened.load(made)
-            if method == "stepped":
-                responses = _stepped(opened, wanted, level_db_sl, asked)
-            else:
-                rng = np.random.default_rng(seed)
-                exactly = frequency is not None
-                responses = multisine_response(opened, wanted, level_db_sl, rng, exactly=exactly, **asked)
-        if out is not None:
-            write_responses(out, responses)
-        _report(responses, made.display, as_json)
+def run(
+    display: Path | None,
+    controller: Path | None,
+    level_db_sl: float,
+    load: str,
+    method: str,
+    frequency: str | None,
+    channel: list[str] | None,
+    confidence_db: float,
+    longest_s: float,
+    mains_hz: float,
+    out: Path | None,
+    rig: str,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Measure the response: each frequency until its confidence is reached, off mains, saturation marked."""
+    if method not in METHODS:
+        raise BadInput(f"method {method!r}; allowed: {', '.join(METHODS)}")
+    made = chosen_controller(display, controller)
+    band_hz = _common_band(made, channel)
+    wanted = _over_the_band(band_hz, mains_hz) if frequency is None else frequencies(frequency)
+    asked: dict[str, Any] = {
+        "channels": channel,
+        "load": load,
+        "confidence_db": confidence_db,
+        "longest_s": longest_s,
+        "mains_hz": mains_hz or None,
+        "band_hz": band_hz,
+        "controller_hash": made.content_hash,
+    }
+    with open_rig(rig, made.display, seed) as opened:
+        ask_for_load(touch_all(opened, made.display.channels, load), load)
+        opened.load(made)
+        if method == "stepped":
+            responses = _stepped(opened, wanted, level_db_sl, asked)
+        else:
+            rng = np.random.default_rng(seed)
+            exactly = frequency is not None
+            responses = multisine_response(opened, wanted, level_db_sl, rng, exactly=exactly, **asked)
+    if out is not None:
+        write_responses(out, responses)
+    _report(responses, made.display, as_json)
 
 
 def _report(responses: tuple[Response, ...], display: Display, as_json: bool) -> None:

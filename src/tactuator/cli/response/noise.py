@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Any
 
 import typer
 from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer
+from tactuator.cli.chosen import ask_for_load, chosen_controller
 from tactuator.cli.controller.check import verdict_table
-from tactuator.cli.options import (
-    AsJson,
-    ControllerOption,
-    DisplayOption,
-    RigOption,
-    Seed,
-    ask_for_load,
-    chosen_controller,
-)
 from tactuator.cli.response.measure import frequencies
 from tactuator.display.controller import Controller
 from tactuator.display.verdict import Outcome
@@ -30,56 +23,48 @@ from tactuator.rig.open import open_rig
 from tactuator.rig.touchable import touch_all
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb to the application."""
-
-    @app.command()
-    def noise(
-        display: DisplayOption = None,
-        controller: ControllerOption = None,
-        gains: Annotated[
-            str, typer.Option("--gains", help="Proportional gains to probe with, comma between; empty for none.")
-        ] = "2,4,8,16,32",
-        duration_s: Annotated[float, typer.Option("--duration-s", help="Seconds listened to each.")] = 8.0,
-        load: Annotated[str, typer.Option("--load", help="Load of the display file, or none.")] = "none",
-        mains_hz: Annotated[float, typer.Option("--mains-hz", help="Mains frequency; 0 for none.")] = 60.0,
-        rig: RigOption = "simulated",
-        seed: Seed = 0,
-        as_json: AsJson = False,
-    ) -> None:
-        """Compare felt levels with the threshold, under proportional gains and under the loop; exit status 1 if one is
-        felt.
-        """
-        made = chosen_controller(display, controller)
-        unstable = unstable_channels(made, load)
-        if unstable:
-            raise BadInput(
-                f"the display's models call the loop of {', '.join(unstable)} unstable (load {load!r}); "
-                "allowed: a controller whose loop is stable there"
-            )
-        open_loops = [one.name for one in made.channels if one.feedback_sos is None]
-        probed, left_out = _probes(made, frequencies(gains), load)
-        runs: list[tuple[str, Sequence[FeltNoise]]] = []
-        for name, candidate in [*probed, ("loop", made)]:
-            with open_rig(rig, candidate.display, seed) as opened:
-                ask_for_load(touch_all(opened, made.display.channels, load), load)
-                opened.load(candidate)
-                felt = felt_noise(opened, made.display, duration_s=duration_s, load=load, mains_hz=mains_hz or None)
-            runs.append((name, felt))
-        verdict = noise_verdict(runs[-1][1], made.display, open_loops)
-        answer(
-            {
-                "runs": [{"under": name, "channels": [document(one) for one in felt]} for name, felt in runs],
-                "not_played": left_out,
-                **verdict.document(),
-            },
-            as_json,
-            Group(
-                _table(runs), *(f"not played: {name}: {why}" for name, why in left_out.items()), verdict_table(verdict)
-            ),
+def run(
+    display: Path | None,
+    controller: Path | None,
+    gains: str,
+    duration_s: float,
+    load: str,
+    mains_hz: float,
+    rig: str,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Compare felt levels with the threshold, under proportional gains and under the loop; exit status 1 if one is
+    felt.
+    """
+    made = chosen_controller(display, controller)
+    unstable = unstable_channels(made, load)
+    if unstable:
+        raise BadInput(
+            f"the display's models call the loop of {', '.join(unstable)} unstable (load {load!r}); "
+            "allowed: a controller whose loop is stable there"
         )
-        if verdict.outcome is Outcome.NOT_MET:
-            raise typer.Exit(1)
+    open_loops = [one.name for one in made.channels if one.feedback_sos is None]
+    probed, left_out = _probes(made, frequencies(gains), load)
+    runs: list[tuple[str, Sequence[FeltNoise]]] = []
+    for name, candidate in [*probed, ("loop", made)]:
+        with open_rig(rig, candidate.display, seed) as opened:
+            ask_for_load(touch_all(opened, made.display.channels, load), load)
+            opened.load(candidate)
+            felt = felt_noise(opened, made.display, duration_s=duration_s, load=load, mains_hz=mains_hz or None)
+        runs.append((name, felt))
+    verdict = noise_verdict(runs[-1][1], made.display, open_loops)
+    answer(
+        {
+            "runs": [{"under": name, "channels": [document(one) for one in felt]} for name, felt in runs],
+            "not_played": left_out,
+            **verdict.document(),
+        },
+        as_json,
+        Group(_table(runs), *(f"not played: {name}: {why}" for name, why in left_out.items()), verdict_table(verdict)),
+    )
+    if verdict.outcome is Outcome.NOT_MET:
+        raise typer.Exit(1)
 
 
 def _probes(made: Controller, gains: Iterable[float], load: str) -> tuple[list[tuple[str, Controller]], dict[str, str]]:

@@ -11,49 +11,36 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from types import FrameType
-from typing import Annotated
 
-import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
-from tactuator.cli.options import (
-    AsJson,
-    ControllerOption,
-    DisplayOption,
-    RigOption,
-    Seed,
-    chosen_controller,
-)
+from tactuator.cli.chosen import chosen_controller
 from tactuator.files.reference import open_reference
 from tactuator.rig.open import open_rig
 from tactuator.rig.player import Played, Wish, play_reference
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb to the application."""
-
-    @app.command()
-    def play(
-        reference: Annotated[Path, typer.Argument(help="Reference that `render` wrote: .wav or .h5.")],
-        display: DisplayOption = None,
-        controller: ControllerOption = None,
-        rig: RigOption = "simulated",
-        realtime: Annotated[bool, typer.Option("--realtime", help="Keep time on a rig that could go faster.")] = False,
-        seed: Seed = 0,
-        as_json: AsJson = False,
-    ) -> None:
-        """Play a reference. Space pauses and goes on, q or Ctrl-C stops: that ramps down, and the rig comes to rest."""
-        opened = open_reference(reference)
-        chosen = chosen_controller(display, controller)
-        with open_rig(rig, chosen.display, seed) as ready, _wishes() as wish, progress() as bars:
-            ready.load(chosen)
-            task = bars.add_task("play", total=opened.duration_s)
-            pace = _pace() if realtime else lambda played_s: None
-            played = play_reference(ready, opened, wish, lambda done: bars.update(task, completed=done), pace)
-        answer({"reference": str(reference), "rig": rig, **asdict(played)}, as_json, _shown(played, reference))
-        if played.stopped:
-            raise KeyboardInterrupt
+def run(
+    reference: Path,
+    display: Path | None,
+    controller: Path | None,
+    rig: str,
+    realtime: bool,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Play a reference. Space pauses and goes on, q or Ctrl-C stops: that ramps down, and the rig comes to rest."""
+    opened = open_reference(reference)
+    chosen = chosen_controller(display, controller)
+    with open_rig(rig, chosen.display, seed) as ready, _wishes() as wish, progress() as bars:
+        ready.load(chosen)
+        task = bars.add_task("play", total=opened.duration_s)
+        pace = _pace() if realtime else lambda played_s: None
+        played = play_reference(ready, opened, wish, lambda done: bars.update(task, completed=done), pace)
+    answer({"reference": str(reference), "rig": rig, **asdict(played)}, as_json, _shown(played, reference))
+    if played.stopped:
+        raise KeyboardInterrupt
 
 
 def _pace() -> Callable[[float], None]:

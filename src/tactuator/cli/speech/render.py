@@ -3,64 +3,48 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
 from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
-from tactuator.cli.options import AsJson, ControllerOption, DisplayOption, Seed, chosen_controller
+from tactuator.cli.chosen import chosen_controller
 from tactuator.errors import BadInput
-from tactuator.files.atomic import write_text
 from tactuator.speech.coding.file import coding_of, write_coding
 from tactuator.speech.job import Rendered, RenderJob, render_file
-from tactuator.speech.render import LEVEL_DB_SL
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb to the application."""
+def run(
+    speech: Path,
+    out: Path,
+    display: Path | None,
+    controller: Path | None,
+    coding: str,
+    level: float,
+    felt: Path | None,
+    figures: Path | None,
+    save_coding: Path | None,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Code speech onto the fingers, set its level in dB SL, keep the display's limits, write the reference."""
+    if figures is not None and felt is None:
+        raise BadInput("--figures without --felt; allowed: both, since they show what was felt")
+    chosen = coding_of(coding)
+    job = RenderJob(chosen_controller(display, controller), chosen, level, felt is not None, seed)
+    with progress() as bars:
+        task = bars.add_task("render", total=1.0)
+        rendered = render_file(speech, out, job, felt, lambda done: bars.update(task, completed=done))
+    if save_coding is not None:
+        write_coding(save_coding, chosen)
+    if figures is not None and rendered.felt is not None:
+        from tactuator.report.plate import save_plates
+        from tactuator.report.plates.felt.spectrogram import spectrogram_plate  # drawing loads slowly
 
-    @app.command()
-    def render(
-        speech: Annotated[Path, typer.Argument(help="Speech file: WAV, FLAC, Ogg, AIFF, ...")],
-        out: Annotated[Path, typer.Option("--out", help="Reference to write: .wav (with NAME.json) or .h5.")],
-        display: DisplayOption = None,
-        controller: ControllerOption = None,
-        coding: Annotated[
-            str, typer.Option("--coding", help="direct, bands, envelope, yuan-2005, bratakos-2001, or FILE.toml.")
-        ] = "direct",
-        level: Annotated[float, typer.Option("--level", help="Level of the utterance, dB SL.")] = LEVEL_DB_SL,
-        felt: Annotated[
-            Path | None, typer.Option("--felt", help="What the simulated display's fingers feel, to write.")
-        ] = None,
-        picture: Annotated[
-            Path | None, typer.Option("--picture", help="SVG to write: asked, felt, difference (needs --felt).")
-        ] = None,
-        save_coding: Annotated[
-            Path | None, typer.Option("--save-coding", help="TOML to write: the coding, every parameter in it.")
-        ] = None,
-        seed: Seed = 0,
-        as_json: AsJson = False,
-    ) -> None:
-        """Code speech onto the fingers, set its level in dB SL, keep the display's limits, write the reference."""
-        if picture is not None and felt is None:
-            raise BadInput("--picture without --felt; allowed: both, since it shows what was felt")
-        if picture is not None and picture.suffix != ".svg":
-            raise BadInput(f"--picture {picture}; allowed: a name ending in .svg")
-        chosen = coding_of(coding)
-        job = RenderJob(chosen_controller(display, controller), chosen, level, felt is not None, seed)
-        with progress() as bars:
-            task = bars.add_task("render", total=1.0)
-            rendered = render_file(speech, out, job, felt, lambda done: bars.update(task, completed=done))
-        if save_coding is not None:
-            write_coding(save_coding, chosen)
-        if picture is not None and rendered.felt is not None:
-            from tactuator.report.plates.felt.spectrogram import spectrogram_plate  # drawing loads slowly
-
-            plate = spectrogram_plate(rendered.felt, f"{speech.name}, coding “{coding}” at {level:g} dB SL")
-            write_text(picture, plate.svg())
-        answer({"out": str(out), **rendered.document()}, as_json, _shown(rendered, out))
+        plate = spectrogram_plate(rendered.felt, f"{speech.name}, coding “{coding}” at {level:g} dB SL")
+        save_plates([plate], figures)
+    answer({"out": str(out), **rendered.document()}, as_json, _shown(rendered, out))
 
 
 def _shown(rendered: Rendered, out: Path) -> Group:

@@ -5,52 +5,42 @@ from __future__ import annotations
 import string
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
 
-import typer
 from rich.table import Table
 
 from tactuator.cli.answer import answer
-from tactuator.cli.options import AsJson, ControllerOption, DisplayOption, Seed, chosen_controller
+from tactuator.cli.chosen import chosen_controller
 from tactuator.files.atomic import atomic_folder, write_text
 from tactuator.speech.waveforms import CUTANEOUS, KINESTHETIC, MIDDLE, WaveformSet, WrittenWaveform, write_waveforms
 
 PROTOCOL = "protocol.toml"
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb to the application."""
-
-    @app.command()
-    def waveforms(
-        out: Annotated[Path, typer.Option("--out", help="Folder for the references and protocol.toml.")],
-        display: DisplayOption = None,
-        controller: ControllerOption = None,
-        duration: Annotated[float, typer.Option("--duration", help="Of every waveform, seconds.")] = 0.5,
-        level: Annotated[float, typer.Option("--level", help="Of every component, dB SL.")] = 40.0,
-        fingers: Annotated[str, typer.Option("--fingers", help="Groups: names with +, groups with commas.")] = (
-            "thumb,index,middle,all"
-        ),
-        repetitions: Annotated[int, typer.Option("--repetitions", min=1, help="Of each item in the test.")] = 10,
-        seed: Seed = 0,
-        as_json: AsJson = False,
-    ) -> None:
-        """Write kinesthetic, middle and cutaneous waveforms, singly and combined, and a protocol to ask for them."""
-        chosen = chosen_controller(display, controller)
-        groups = tuple(tuple(group.split("+")) for group in fingers.split(","))
-        components = tuple(replace(one, level_db_sl=level) for one in (KINESTHETIC, MIDDLE, CUTANEOUS))
-        made = WaveformSet(duration, components=components, fingers=groups)
-        own = {f"{label}.{ending}" for label in made.labels() for ending in ("wav", "json")} | {PROTOCOL}
-        with atomic_folder(out, frozenset(own)) as beside:
-            written = write_waveforms(made, chosen, beside)
-            write_text(beside / PROTOCOL, _protocol(written, duration, repetitions, seed))
-        table = Table("waveform", "limiter", title=str(out))
-        for one in written:
-            table.add_row(one.label, f"{one.max_reduction_db:.1f} dB" if one.max_reduction_db else "untouched")
-        items = [
-            {"label": one.label, "file": one.path.name, "max_reduction_db": one.max_reduction_db} for one in written
-        ]
-        answer({"out": str(out), "protocol": str(out / PROTOCOL), "items": items}, as_json, table)
+def run(
+    out: Path,
+    display: Path | None,
+    controller: Path | None,
+    duration: float,
+    level: float,
+    fingers: str,
+    repetitions: int,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Write kinesthetic, middle and cutaneous waveforms, singly and combined, and a protocol to ask for them."""
+    chosen = chosen_controller(display, controller)
+    groups = tuple(tuple(group.split("+")) for group in fingers.split(","))
+    components = tuple(replace(one, level_db_sl=level) for one in (KINESTHETIC, MIDDLE, CUTANEOUS))
+    made = WaveformSet(duration, components=components, fingers=groups)
+    own = {f"{label}.{ending}" for label in made.labels() for ending in ("wav", "json")} | {PROTOCOL}
+    with atomic_folder(out, frozenset(own)) as beside:
+        written = write_waveforms(made, chosen, beside)
+        write_text(beside / PROTOCOL, _protocol(written, duration, repetitions, seed))
+    table = Table("waveform", "limiter", title=str(out))
+    for one in written:
+        table.add_row(one.label, f"{one.max_reduction_db:.1f} dB" if one.max_reduction_db else "untouched")
+    items = [{"label": one.label, "file": one.path.name, "max_reduction_db": one.max_reduction_db} for one in written]
+    answer({"out": str(out), "protocol": str(out / PROTOCOL), "items": items}, as_json, table)
 
 
 def _protocol(written: tuple[WrittenWaveform, ...], duration_s: float, repetitions: int, seed: int) -> str:

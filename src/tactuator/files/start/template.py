@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-from tactuator.display.plant_model import PlantModel
 from tactuator.errors import BadInput
 from tactuator.files.start.shipped import EXAMPLES
+
+if TYPE_CHECKING:  # the kinds are asked for by the command line, which must not load NumPy for that
+    from tactuator.display.plant_model import PlantModel
 
 DISPLAY_KINDS = ("tactuator", "voice-coil", "lra", "exciter", "piezo")
 PROTOCOL_KINDS = ("imece2004", "up-down", "quest-plus", "curve", "identification", "middle-of-three", "abx")

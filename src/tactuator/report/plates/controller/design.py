@@ -1,4 +1,4 @@
-"""The charts of a design: for every channel Nichols, Bode, sensitivity, headroom and the equality of figure 2."""
+"""The figures of a design: for every channel Nichols, Bode, sensitivity, headroom and the equality of figure 2."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from tactuator.display.controller import Controller
-from tactuator.files.atomic import atomic_folder
 from tactuator.loop.feedback import TwoDegreeLoop
-from tactuator.report.plate import Plate
+from tactuator.report.plate import Plate, save_plates
 from tactuator.report.plates.controller.bode import bode_plate
 from tactuator.report.plates.controller.headroom import headroom_plate
 from tactuator.report.plates.controller.nichols import NicholsInput, nichols_plate
@@ -19,11 +18,9 @@ from tactuator.synthesis.design import headroom_grid_hz
 from tactuator.synthesis.family import UNLOADED, plant_family
 from tactuator.synthesis.headroom import headroom
 
-_KINDS = ("nichols", "bode", "sensitivity", "headroom", "equality")
-
 
 def design_plates(controller: Controller, channel_name: str) -> tuple[Plate, ...]:
-    """Return the charts of one channel, each named KIND-CHANNEL."""
+    """Return the figures of one channel, each named KIND-CHANNEL."""
     display = controller.display
     channel, own = display.channel(channel_name), controller.channel(channel_name)
     family = plant_family(channel, display.rate_hz, display.delay_samples)
@@ -58,13 +55,8 @@ def design_plates(controller: Controller, channel_name: str) -> tuple[Plate, ...
 
 
 def save_design_plates(controller: Controller, folder: Path) -> None:
-    """Write every channel's charts (SVG, with their numbers as CSV) into `folder`, whole or not at all.
+    """Write every channel's figures (SVG, with their numbers as CSV) into `folder`, whole or not at all.
 
     Raises BadInput for a folder that holds anything else.
     """
-    names = [f"{kind}-{channel.name}" for channel in controller.channels for kind in _KINDS]
-    own_names = frozenset(f"{name}.{ending}" for name in names for ending in ("svg", "csv"))
-    with atomic_folder(folder, own_names) as beside:
-        for channel in controller.channels:
-            for plate in design_plates(controller, channel.name):
-                plate.save(beside)
+    save_plates([plate for one in controller.channels for plate in design_plates(controller, one.name)], folder)

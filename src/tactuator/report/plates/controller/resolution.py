@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, MultipleLocator, NullFormatter
 
-from tactuator.errors import BadInput
-from tactuator.files.atomic import atomic_path
 from tactuator.report.plate import Plate
 from tactuator.report.style import BLUE, GREEN, INK, RED, figure
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded
-
-ENDINGS = (".png", ".svg", ".pdf")
 
 _WORDS = {"direct": "one direct form", "sections": "second-order sections", "delta": "delta sections"}
 _COLOURS = {"direct": BLUE, "sections": RED, "delta": GREEN}
@@ -55,24 +49,6 @@ def resolution_plate(
         f"A line ends where {MOST_BITS} bits are not enough."
     )
     return Plate(name, "Coefficient resolution against sampling rate", caption, made, _table(needed))
-
-
-def save_resolution(plate: Plate, path: Path) -> None:
-    """Write the figure as a picture; BadInput for an ending that is none of ENDINGS, or a folder that is not there."""
-    require_ending(path)
-    with atomic_path(path) as beside:
-        if path.suffix == ".svg":
-            beside.write_text(plate.svg(), encoding="utf-8")
-            return
-        stream = io.BytesIO()
-        plate.figure.savefig(stream, format=path.suffix[1:], dpi=200)
-        beside.write_bytes(stream.getvalue())
-
-
-def require_ending(path: Path) -> None:
-    """Raise BadInput for a picture's name that ends otherwise than in one of ENDINGS."""
-    if path.suffix not in ENDINGS:
-        raise BadInput(f"figure {path} ends in {path.suffix!r}; allowed: {', '.join(ENDINGS)}")
 
 
 def _draw(panel: Axes, forms: Mapping[str, Mapping[float, BitsNeeded]]) -> None:

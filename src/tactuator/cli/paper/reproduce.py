@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
 from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
-from tactuator.cli.options import AsJson, Seed
 from tactuator.files.atomic import atomic_folder
 from tactuator.paper.plan import Plan, Progress, paper_display
 from tactuator.paper.publication.comparison import comparison
@@ -21,25 +18,14 @@ from tactuator.paper.speech import check_speech
 from tactuator.speech.reading import SpeechFile
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb to the application."""
-
-    @app.command()
-    def reproduce(
-        out: Annotated[Path, typer.Option("--out", help="Folder to write; replaced if it is a former report.")] = Path(
-            "out/paper"
-        ),
-        speech: Annotated[Path | None, typer.Option("--speech", help="WAV or FLAC to present.")] = None,
-        seed: Seed = 1,
-        as_json: AsJson = False,
-    ) -> None:
-        """Run the paper's study on the simulated display: report.html, figures and summary.json in the folder."""
-        plan = Plan(paper_display(), seed, speech)
-        file = check_speech(plan)
-        with atomic_folder(out, OWN_NAMES) as folder:
-            study = _watched(plan, file)
-            publish(study, folder)
-        answer(summary(study), as_json, _shown(study, out))
+def run(out: Path, speech: Path | None, seed: int, as_json: bool) -> None:
+    """Run the paper's study on the simulated display: report.html, figures and summary.json in the folder."""
+    plan = Plan(paper_display(), seed, speech)
+    file = check_speech(plan)
+    with atomic_folder(out, OWN_NAMES) as folder:
+        study = _watched(plan, file)
+        publish(study, folder)
+    answer(summary(study), as_json, _shown(study, out))
 
 
 def _watched(plan: Plan, file: SpeechFile) -> PaperStudy:

@@ -1,0 +1,49 @@
+"""The verb `init`: files to start from."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from tactuator.cli.answer import answer
+from tactuator.errors import BadInput
+from tactuator.files.atomic import write_text
+from tactuator.files.model import read_model
+from tactuator.files.start.shipped import copy_examples
+from tactuator.files.start.template import (
+    DISPLAY_KINDS,
+    display_template,
+    protocol_template,
+    with_model,
+)
+
+_PROTOCOL = "protocol.toml"
+
+
+def run(
+    like: str | None, model: Path | None, out: Path, protocol: str | None, examples: Path | None, as_json: bool
+) -> None:
+    """Write a commented display file (and a protocol) to start from, or copy out the examples."""
+    if examples is not None:
+        if like is not None or model is not None or protocol is not None:
+            raise BadInput("--examples with another option; allowed: --examples alone, since it copies everything")
+        written = [str(path) for path in copy_examples(examples)]
+        answer({"written": written}, as_json, f"{len(written)} files in {examples}; README.md says what each is")
+        return
+    texts = {out: _display(like or DISPLAY_KINDS[0], model, out)}
+    if protocol is not None:
+        texts[out.parent / _PROTOCOL] = protocol_template(protocol)
+    for path in texts:
+        if path.exists():
+            raise BadInput(f"{path} is there already; allowed: --out with a name that is free")
+    for path, text in texts.items():
+        write_text(path, text)
+    result: dict[str, Any] = {"written": [str(path) for path in texts]}
+    answer(result, as_json, "\n".join(f"written: {path}" for path in texts))
+
+
+def _display(kind: str, model: Path | None, out: Path) -> str:
+    """Return the text of a display file of that kind, with the model of a file as its plant if there is one."""
+    text = display_template(kind)
+    return text if model is None else with_model(text, read_model(model), os.path.relpath(model, out.parent))
