@@ -16,12 +16,12 @@ RETIRED = {
     "wired": "simulated_board",
 }  # fmt: skip
 """Identifiers that gave way to terms of the field, and what stands for them now."""
-SHARED_YET = {"Fit", "Motor", "Objective", "Problem", "Study", "Threshold"}
+SHARED_YET = {"Fit", "Objective", "Problem"}
 """Names that classes of paper and identification still share with others."""
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "src" / "tactuator"
-ROOMS_NOT_YET_SWEPT = ("identification", "rig/board_check")
+ROOMS_NOT_YET_SWEPT = ("identification",)
 
 
 def aliases(source: str) -> list[str]:

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.rig.board.commissioning import soft_ticks
 from tactuator.rig.board.frames import Request
@@ -24,8 +24,6 @@ CLOCKS_MHZ = (168.0, 480.0, 600.0)
 _TICKS, _ONCE, _LEVEL = 560, 400, 100.0
 _TONES_HZ = (7.0, 53.0, 201.0, 31.0)
 _SENSOR_OPEN = 1
-
-Rows = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -92,12 +90,12 @@ class _Bench:
             self._client.must(Request.BREAK, struct.pack("<2Bf", channel, _SENSOR_OPEN, 0.0))
         return self.most(_TICKS)
 
-    def _waves(self) -> Rows:
+    def _waves(self) -> FloatArray:
         time_s = np.arange(self._soft + _TICKS) / self._controller.rate_hz
         hertz = (_TONES_HZ[c % 4] for c in range(len(self._names)))
         return np.stack([_LEVEL * np.sin(2.0 * np.pi * frequency * time_s + 0.5) for frequency in hertz], axis=1)
 
-    def _stream(self, rows: Rows, counts_start: bool = False) -> int:
+    def _stream(self, rows: FloatArray, counts_start: bool = False) -> int:
         self._run += 1
         self._client.start(self._run, STREAM, False, True)
         end = 0
