@@ -8,8 +8,8 @@ BIN = .venv/bin
 # One core for each test worker; results that do not depend on how many threads a machine has.
 TEST_ENV = OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: help python install reproduce test check check-slow lint types contract core-warnings soak bench docs readme lock \
-	install-test install-boards fix clean
+.PHONY: help python install reproduce test check check-slow lint types contract core-warnings soak bench docs readme lock site \
+	install-test install-site install-boards fix clean
 .NOTPARALLEL:
 .SILENT:
 
@@ -26,6 +26,9 @@ install-test: python
 	$(PYTHON) tools/system.py test
 	$(PYTHON) tools/install.py test
 
+install-site: python
+	$(PYTHON) tools/install.py site
+
 install-boards: python ## install the cross-compiler and the emulator (apt, as root)
 	$(PYTHON) tools/system.py boards
 
@@ -35,7 +38,7 @@ reproduce: install ## the paper end to end, into out/paper
 test: check ## everything that must hold: style, types, floors, warnings, tests
 	$(TEST_ENV) $(BIN)/python -m pytest -n $(WORKERS) $(ARGS)
 
-check-slow: install-test ## what takes minutes: a minute of fuzzing, packing and installing for real
+check-slow: install-test install-site ## what takes minutes: a minute of fuzzing, packing, installing for real, the site
 	$(TEST_ENV) $(BIN)/python -m pytest -m slow -n $(WORKERS) $(ARGS)
 
 check: install-test lint types contract core-warnings
@@ -62,6 +65,9 @@ bench: install-test ## ratios against peers, into out/bench.json (ARGS=name for 
 docs: install-test ## write docs/cli.md anew from the commands themselves
 	$(BIN)/python tools/cli_reference.py
 	$(BIN)/python tools/floors.py
+
+site: install-site ## the documentation as pages, into out/site (open out/site/index.html)
+	$(TEST_ENV) $(BIN)/python -m sphinx -b html -q -W --keep-going -c docs/site -d out/site-cache/doctrees $(ARGS) . out/site
 
 readme: install ## write README's picture and table anew from a run
 	$(BIN)/python tools/readme_table.py

@@ -1,4 +1,4 @@
-"""Make `.venv` what the lock files and the sources say it is: `python3 tools/install.py run|test`.
+"""Make `.venv` what the lock files and the sources say it is: `python3 tools/install.py run|test|site`.
 
 Needs Python 3.11 or later with venv and pip, its C headers and a C compiler. Nothing is done when nothing changed
 (tools/stamps.py); a file lock lets one run at a time do the work. What goes wrong is told in one line, and the next
@@ -25,7 +25,7 @@ def main():
     """Do what is needed, one run at a time."""
     which = sys.argv[1] if len(sys.argv) == 2 else ""
     if which not in stamps.LOCKS:
-        sys.exit("usage: python3 tools/install.py run|test")
+        sys.exit("usage: python3 tools/install.py run|test|site")
     folder = stamps.ROOT / ".setup"
     folder.mkdir(exist_ok=True)
     with open(folder / "lock", "w", encoding="ascii") as lock:

@@ -10,7 +10,7 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-LOCKS = ("run", "test")
+LOCKS = ("run", "test", "site")
 HEADER = "# Written by `make lock` from %s.in; not to be edited.\n"
 OPTIONS = [
     *("--quiet", "--no-header", "--no-annotate", "--strip-extras", "--generate-hashes"),
@@ -61,7 +61,7 @@ def resolve(name, more):
 
 
 def main():
-    """Resolve the runtime set first: the test set keeps its versions."""
+    """Resolve the runtime set first: the larger sets keep its versions."""
     oldest = oldest_python()
     if sys.version_info[:2] != oldest:
         sys.exit(

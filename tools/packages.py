@@ -35,13 +35,14 @@ FAILURES = (
 def install(which, how):
     """Bring one set into `.venv`: "anew", or "add" to what is there; in one line why not, and nothing half-made."""
     if how == "add":
-        stamps.write_packages_stamp("run", adding=True)  # a run that is broken off keeps the runtime set
+        held = stamps.read_stamp()["locks"]
+        stamps.write_packages_stamp(*held, adding=True)  # a run that is broken off keeps the set that is there
     else:
         make_venv(which)
     try:
         pip_install(which)
         check_imports()
-        stamps.write_packages_stamp(*(("run", "test") if which == "test" else ("run",)))
+        stamps.write_packages_stamp(*stamps.sets_within(which))
     except BaseException:
         if how == "anew":
             empty_venv()
@@ -73,7 +74,7 @@ def empty_venv():
 def pip_install(which):
     """Install one lock with pip: every file by its hash, none compiled from its source."""
     lock = stamps.LOCKS[which]
-    say("installing the %s set from requirements/%s" % ("test" if which == "test" else "runtime", lock.name))
+    say("installing the %s set from requirements/%s" % ("runtime" if which == "run" else which, lock.name))
     pip = [stamps.PYTHON, "-m", "pip", "install", "--no-input", "--disable-pip-version-check", "--progress-bar=off"]
     done = output_of([*pip, "--only-binary=:all:", "--require-hashes", "-r", lock], shown=Progress(lock))
     if done.returncode != 0:

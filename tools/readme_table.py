@@ -1,17 +1,19 @@
-"""Write README's picture and its table "paper / here" anew from a run with the default seed: `make readme`."""
+"""Write README's picture, first sentence and table anew from a run with the default seed: `make readme`."""
 
 import re
 from pathlib import Path
 
-from tactuator.paper.plan import Plan, paper_display
+from tactuator.paper.plan import LEVELS_DB_SL, Plan, paper_display
 from tactuator.paper.publication.comparison import comparison, markdown
 from tactuator.paper.publication.plates import plates
+from tactuator.paper.response import LOADED, UNLOADED, worst_error_db
 from tactuator.paper.run import run_study
 from tactuator.paper.speech import check_speech
 
 README = Path(__file__).resolve().parent.parent / "README.md"
 PICTURE = README.parent / "docs" / "figures" / "equality.svg"
 MARK = "<!-- paper-here -->"
+SENTENCE = "<!-- measured -->"
 
 
 def main():
@@ -23,7 +25,18 @@ def main():
     PICTURE.write_text(picture.svg(), encoding="utf-8")
     table = f"{MARK}\n{markdown(comparison(study))}{MARK}"
     text = README.read_text(encoding="utf-8")
-    README.write_text(re.sub(f"{MARK}.*{MARK}", lambda _: table, text, flags=re.DOTALL), encoding="utf-8")
+    text = re.sub(f"{MARK}.*{MARK}", lambda _: table, text, flags=re.DOTALL)
+    text = re.sub(f"{SENTENCE}.*{SENTENCE}", lambda _: sentence(study.responses), text, flags=re.DOTALL)
+    README.write_text(text, encoding="utf-8")
+
+
+def sentence(responses):
+    """Return the largest errors of the responses above threshold, for README's first sentence."""
+    free, touched = (
+        max(worst_error_db(responses, load, level) for level in LEVELS_DB_SL if level > 0.0)
+        for load in (UNLOADED, LOADED)
+    )
+    return f"{SENTENCE}within {free:.2f} dB unloaded, and within {touched:.2f} dB under a resting finger{SENTENCE}"
 
 
 if __name__ == "__main__":

@@ -11,7 +11,8 @@ VENV = ROOT / ".venv"
 PYTHON = VENV / "bin" / "python"
 PACKAGES_STAMP = VENV / "packages.stamp"
 BUILD_STAMP = VENV / "build.stamp"
-LOCKS = {"run": ROOT / "requirements" / "run.txt", "test": ROOT / "requirements" / "test.txt"}
+#: Each set holds the one before it, at the same versions.
+LOCKS = {name: ROOT / "requirements" / (name + ".txt") for name in ("run", "test", "site")}
 
 
 def file_hash(path):
@@ -47,23 +48,28 @@ def read_stamp():
         return {}
 
 
-def packages_wanted(which, stamp):
-    """Return the set to install and how: (None, ""), (set, "anew"), or ("test", "add").
+def sets_within(which):
+    """Return the names of the sets that `which` holds, itself among them, the smallest first."""
+    names = list(LOCKS)
+    return names[: names.index(which) + 1]
 
-    A test set holds the runtime set at the same versions, so it serves both. A lock that changed means `.venv` anew,
-    for the larger set of the two that it held: nothing stays behind that no lock names.
+
+def packages_wanted(which, stamp):
+    """Return the set to install and how: (None, ""), (set, "anew"), or (set, "add").
+
+    A larger set holds the smaller ones at the same versions, so it serves for them too. A lock that changed means
+    `.venv` anew, for the largest set that it held: nothing stays behind that no lock names.
     """
     usable = all(stamp.get(key) == value for key, value in built_with().items()) and PYTHON.exists()
     if not usable:
         return which, "anew"
     have, adding = stamp.get("locks", {}), stamp.get("adding", False)
-    run_current = have.get("run") == file_hash(LOCKS["run"])
-    test_current = have.get("test") == file_hash(LOCKS["test"])
-    if run_current and (which == "run" or test_current):
+    current = [name for name in LOCKS if name in have and have[name] == file_hash(LOCKS[name])]
+    if all(name in current for name in sets_within(which)):
         return None, ""
-    if run_current and "test" not in have and not adding:
-        return "test", "add"
-    return ("test" if "test" in have else which), "anew"
+    if which not in have and len(current) == len(have) and not adding:
+        return which, "add"
+    return max([which, *have], key=list(LOCKS).index), "anew"
 
 
 def write_packages_stamp(*sets, adding=False):

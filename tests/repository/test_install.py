@@ -19,7 +19,7 @@ def tree(tmp_path, monkeypatch):
     """A tree of its own, with `.venv` as a finished set-up of the test set leaves it."""
     for name in ("requirements", "core", ".venv/bin", ".setup"):
         (tmp_path / name).mkdir(parents=True)
-    locks = {name: tmp_path / "requirements" / f"{name}.txt" for name in ("run", "test")}
+    locks = {name: tmp_path / "requirements" / f"{name}.txt" for name in ("run", "test", "site")}
     for name, path in locks.items():
         path.write_text(f"{name}==1 \\\n    --hash=sha256:00\n")
     (tmp_path / ".venv/bin/python").touch()
@@ -48,6 +48,9 @@ def stamp(*sets: str) -> dict[str, object]:
         (("run",), "test", ("test", "add")),
         (("run", "test"), "run", (None, "")),
         (("run", "test"), "test", (None, "")),
+        (("run",), "site", ("site", "add")),
+        (("run", "test"), "site", ("site", "add")),
+        (("run", "test", "site"), "test", (None, "")),
     ],
 )
 def test_packages_wanted__locks_unchanged__installs_only_what_lacks(tree, installed, asked, decided):
@@ -58,6 +61,7 @@ def test_packages_wanted__runtime_lock_changed__keeps_the_larger_set(tree):
     before = stamp("run", "test")
     stamps.LOCKS["run"].write_text("numpy==2")
     assert stamps.packages_wanted("run", before) == ("test", "anew")
+    assert stamps.packages_wanted("site", before) == ("site", "anew")
 
 
 def test_packages_wanted__test_lock_changed__does_not_concern_the_runtime(tree):

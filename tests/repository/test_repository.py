@@ -27,7 +27,7 @@ def named(path: Path) -> str:
 
 
 def test_locks__every_line__names_no_host_and_every_package_has_a_hash():
-    for lock in ("run.txt", "test.txt"):
+    for lock in ("run.txt", "test.txt", "site.txt"):
         text = (ROOT / "requirements" / lock).read_text(encoding="ascii")
         assert "://" not in text
         packages = re.split(r"\n(?=\S)", text)[1:]
@@ -45,11 +45,11 @@ def wanted(source: str) -> list[str]:
     return [line.strip().lower() for line in lines if line.strip() and not line.startswith(("#", "-"))]
 
 
-def test_locks__test_set__holds_the_runtime_set():
-    assert pins("run.txt").items() <= pins("test.txt").items()
+def test_locks__larger_set__holds_the_smaller():
+    assert pins("run.txt").items() <= pins("test.txt").items() <= pins("site.txt").items()
 
 
-@pytest.mark.parametrize("name", ["run", "test"])
+@pytest.mark.parametrize("name", ["run", "test", "site"])
 def test_locks__whatever_is_wanted__is_pinned(name):
     assert set(wanted(f"{name}.in")) - pins(f"{name}.txt").keys() == set()
 
@@ -129,5 +129,5 @@ def test_links__in_the_documents__lead_somewhere():
 
 def test_dependencies__each__has_its_reason():
     page = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8").lower()
-    names = [*wanted("run.in"), *wanted("test.in")]
+    names = [*wanted("run.in"), *wanted("test.in"), *wanted("site.in")]
     assert [name for name in names if f"| {name} |" not in page] == []

@@ -1,0 +1,93 @@
+"""Every command and every Python block of the documents runs, in a folder made by `tactuator init --examples`."""
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tools.pages.blocks import commands, read_page
+from tools.pages.run import PageFault, make_folder, run_page
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")),
+         *sorted((ROOT / "docs/tutorials").glob("*.md"))]  # fmt: skip
+LANGUAGES = {"sh", "python", "toml", "json", "csv", "text"}
+
+
+def page_text(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+def cases():
+    for page in PAGES:
+        if any(block.runs for block in read_page(page_text(page))[0]):
+            slow = read_page(page_text(page))[2]
+            yield pytest.param(page, id=page.stem, marks=[pytest.mark.slow] if slow else [])
+
+
+@pytest.fixture(scope="session")
+def examples(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pages") / "examples"
+    make_folder(folder)
+    return folder
+
+
+@pytest.mark.parametrize("page", cases())
+@pytest.mark.filterwarnings("default")  # what a page starts may warn in other libraries; a reader sees it as well
+def test_page__typed_in_order__does_what_it_says(page, examples, tmp_path):
+    folder = shutil.copytree(examples, tmp_path / "folder")
+    run_page(page_text(page), str(page.relative_to(ROOT)), folder)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_page__every_block__says_its_language(page):
+    blocks = read_page(page_text(page))[0]
+    assert [(block.line, block.language) for block in blocks if block.language not in LANGUAGES] == []
+
+
+def test_pages__blocks_that_are_not_run__are_few_and_say_why():
+    blocks = [(page.name, block) for page in PAGES for block in read_page(page_text(page))[0]]
+    left_out = [(name, block.marks["not run"]) for name, block in blocks if "not run" in block.marks]
+    assert [name for name, reason in left_out if len(reason.split()) < 3] == []
+    run = [block for _, block in blocks if block.runs]
+    assert len(left_out) <= 0.25 * (len(run) + len(left_out))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_page__commands_in_plain_fences__are_blocks_that_run(page):
+    for block in read_page(page_text(page))[0]:
+        if block.language not in ("sh", "python"):
+            assert not [line for line in commands(block.text) if re.match(r"(\$ )?(tactuator|make) [a-z]", line)]
+
+
+@pytest.mark.parametrize(
+    ("page", "words"),
+    [
+        ("```sh\ntactuator design no-such.toml --out c.json\n```\n", "ended with status 2, not 0"),
+        ("```sh\ntactuator desing display.toml\n```\n", "ended with status 2, not 0"),
+        ("```sh\ntactuator design display.toml --colour red\n```\n", "ended with status 2, not 0"),
+        ("<!-- exit 1 -->\n```sh\ntrue\n```\n", "ended with status 0, not 1"),
+        ("```sh\ngrep --quiet absent display.toml | false\n```\n", "ended with status 1, not 0"),
+        ("text\n\n```python\nimport tactuator\ntactuator.no_such_name\n```\n", "no attribute 'no_such_name'"),
+        ("```python\nvalue = 1\n```\n\n```python\nassert value == 2\n```\n", "page.md:6"),
+        ("<!-- figure: missing.svg | A picture -->\n", "no file missing.svg to show"),
+        ("<!-- serves -->\n```sh\ntactuator --version\n```\n", "ended with status"),
+    ],
+)
+def test_run_page__with_one_fault__is_caught(page, words, examples, tmp_path):
+    folder = shutil.copytree(examples, tmp_path / "folder")
+    with pytest.raises(PageFault) as fault:
+        run_page(page, "page.md", folder)
+    assert words in str(fault.value)
+
+
+def test_run_page__file_and_later_blocks__stand_in_one_folder(examples, tmp_path):
+    folder = shutil.copytree(examples, tmp_path / "folder")
+    page = (
+        "<!-- file: a.csv -->\n```csv\nx,y\n1,2\n```\n\n```sh\ncp a.csv b.csv\ncat b.csv # shown\n```\n\n"
+        "```python\nimport pathlib\nprint(pathlib.Path('b.csv').read_text())\n```\n"
+    )
+    said = run_page(page, "page.md", folder)
+    assert [each.output.strip() for each in said] == ["", "x,y\n1,2", "x,y\n1,2"]
+    assert [each.end for each in said] == [10, 10, 15]
