@@ -49,7 +49,7 @@ def section(path, command):
     usage = " ".join([*path, *(piece for piece in command.collect_usage_pieces(context))])
     parameters = [row(parameter, context) for parameter in command.params if not getattr(parameter, "hidden", False)]
     text = inspect.cleandoc(command.help or "").replace("\f", "")
-    lines = ["## " + " ".join(path), "", "```", usage, "```", "", text, ""]
+    lines = ["## " + " ".join(path), "", "```text", usage, "```", "", text, ""]
     if parameters:
         lines += ["| | | default |", "|---|---|---|", *parameters, ""]
     return "\n".join(lines)

@@ -20,10 +20,12 @@ def page_text(page: Path) -> str:
 
 
 def cases():
-    for page in PAGES:
-        if any(block.runs for block in read_page(page_text(page))[0]):
-            slow = read_page(page_text(page))[2]
-            yield pytest.param(page, id=page.stem, marks=[pytest.mark.slow] if slow else [])
+    read = {page: read_page(page_text(page)) for page in PAGES}
+    return [
+        pytest.param(page, id=page.stem, marks=[pytest.mark.slow] if slow else [])
+        for page, (blocks, _, slow) in read.items()
+        if any(block.runs for block in blocks)
+    ]
 
 
 @pytest.fixture(scope="session")

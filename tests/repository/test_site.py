@@ -103,7 +103,9 @@ class Page(HTMLParser):
 
 def faults(site: Path) -> list[str]:
     """Dead links and anchors of a site, and whatever a page of it would load from elsewhere."""
-    pages = {path: Page(path.read_text(encoding="utf-8")) for path in site.rglob("*.html") if "_static" not in path.parts}
+    pages = {
+        path: Page(path.read_text(encoding="utf-8")) for path in site.rglob("*.html") if "_static" not in path.parts
+    }
     found = []
     for path, page in pages.items():
         for link in [*page.links, *page.loads]:
@@ -117,7 +119,10 @@ def faults(site: Path) -> list[str]:
                 elif parts.fragment and target in pages and unquote(parts.fragment) not in pages[target].ids:
                     found.append(f"{path.relative_to(site)}: no anchor {link}")
     for sheet in site.rglob("*.css"):
-        found += [f"{sheet.name} loads {url}" for url in re.findall(r"(?:url\(|@import )[\"']?(https?://[^\"')]*)", sheet.read_text("utf-8"))]
+        found += [
+            f"{sheet.name} loads {url}"
+            for url in re.findall(r"(?:url\(|@import )[\"']?(https?://[^\"')]*)", sheet.read_text("utf-8"))
+        ]
     return found
 
 

@@ -53,7 +53,9 @@ def with_outputs(text, said, folder):
             added.setdefault(each.end, []).append(_shown(each.output))
     for figure in figures:
         path = "/" + str((folder / figure.path.replace("/", "-")).relative_to(ROOT))
-        added.setdefault(figure.line, []).append(f"```{{figure}} {path}\n:alt: {figure.caption}\n\n{figure.caption}\n```")
+        added.setdefault(figure.line, []).append(
+            f"```{{figure}} {path}\n:alt: {figure.caption}\n\n{figure.caption}\n```"
+        )
     lines = text.splitlines()
     for line in sorted(added, reverse=True):
         lines[line:line] = ["", *"\n\n".join(added[line]).splitlines(), ""]

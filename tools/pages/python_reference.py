@@ -29,7 +29,9 @@ def room_page(room):
 def _list_rooms(app, page, source):
     if page == LISTED_IN:
         names = [f"- [`tactuator.{room}`](python/{room}.md): {_head(room)}" for room in ROOMS]
-        source[0] = source[0].replace("## Rooms of the package\n", "## Rooms of the package\n\n" + "\n".join(names) + "\n")
+        source[0] = source[0].replace(
+            "## Rooms of the package\n", "## Rooms of the package\n\n" + "\n".join(names) + "\n"
+        )
 
 
 def _head(room):
@@ -62,7 +64,8 @@ def as_rst(lines):
 def _escaped(line):
     pieces = re.split(r"(`[^`]+`)", line)
     return "".join(
-        f"`{piece}`" if piece.startswith("`") else re.sub(r"([*|\\]|(?<=\w)_(?!\w))", r"\\\1", piece) for piece in pieces
+        f"`{piece}`" if piece.startswith("`") else re.sub(r"([*|\\]|(?<=\w)_(?!\w))", r"\\\1", piece)
+        for piece in pieces
     )
 
 
