@@ -45,7 +45,16 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 _BROWSER = ("chromium",)
 _DEVICE = ("rig/", "firmware/", "measure/test_free_board", "cli/controller/test_firmware", "fuzz/")
-_INTEGRATION = ("cli/", "corpus/", "paper/", "web/", "repository/", "pages/", "experiment/session/", "speech/test_render")
+_INTEGRATION = (
+    "cli/",
+    "corpus/",
+    "paper/",
+    "web/",
+    "repository/",
+    "experiment/session/",
+    "speech/test_render",
+    "pages/",
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
