@@ -81,6 +81,14 @@ def test_texts__every_one__names_no_machine(word):
     assert naming == []
 
 
+def test_texts__every_one__was_merged_to_the_end():
+    marks = ("<" * 7 + " ", ">" * 7 + " ")
+    half = [
+        named(path) for path in TEXTS if any(line.startswith(marks) for line in path.read_text("utf-8").splitlines())
+    ]
+    assert half == []
+
+
 def test_files__every_one__is_short():
     long = {named(path): lines for path in CODE if (lines := path.read_text("utf-8").count("\n")) > LONGEST_FILE}
     assert long == {}
