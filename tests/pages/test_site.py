@@ -11,9 +11,9 @@ import pytest
 
 from tools.pages.blocks import Block
 from tools.pages.executed import with_outputs
+from tools.pages.glossary import anchor, glossary, pattern
 from tools.pages.navigation import LISTS, START, contents, entries
 from tools.pages.run import Said
-from tools.pages.terms import anchor, glossary, pattern
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = {

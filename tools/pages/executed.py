@@ -6,11 +6,13 @@ A tutorial is run again when its text, the package or the core changed; else wha
 import hashlib
 import json
 import shutil
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
 from tools.pages.blocks import read_page
-from tools.pages.run import Said, make_folder, run_page
+from tools.pages.run import PageFault, Said, make_folder, run_page
 
 ROOT = Path(__file__).resolve().parents[2]
 CACHE = ROOT / "out" / "site-cache" / "tutorials"
@@ -21,27 +23,43 @@ LONGEST = 60  # lines of an output; the rest is left out, and said
 def sources_hash():
     """Return one hash of all that can change what a tutorial prints."""
     digest = hashlib.sha256()
-    for folder in ("src", "core", "tools/pages"):
-        for path in sorted((ROOT / folder).rglob("*")):
+    for place in ("src", "core", "tools/pages/run.py", "tools/pages/blocks.py"):
+        for path in sorted((ROOT / place).rglob("*")) or [ROOT / place]:
             if path.is_file() and "__pycache__" not in path.parts and path.suffix not in (".so", ".o"):
                 digest.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 
 
-def executed(page, text, sources):
-    """Return what the blocks of a page said, and the folder of its figures; run it where it is not kept."""
+def executed(page, sources):
+    """Return what the blocks of a page said, and the folder of its figures; run it where it is not kept.
+
+    It runs in a process of its own: Sphinx imports the package in ways that a reader's program does not.
+    """
+    text = (ROOT / f"{page}.md").read_text(encoding="utf-8")
     kept = CACHE / hashlib.sha256((text + sources).encode()).hexdigest()[:24]
     if not (kept / "said.json").exists():
+        print(f"site: running {page}", flush=True)
         shutil.rmtree(kept, ignore_errors=True)
         kept.mkdir(parents=True)
-        with tempfile.TemporaryDirectory() as place:
-            folder = Path(place) / "examples"
-            make_folder(folder)
-            said = run_page(text, page, folder)
-            for figure in read_page(text)[1]:
-                shutil.copy(folder / figure.path, kept / figure.path.replace("/", "-"))
-        (kept / "said.json").write_text(json.dumps([vars(each) for each in said]))
+        command = [sys.executable, "-m", "tools.pages.executed", page, str(kept)]
+        done = subprocess.run(
+            command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
+        )
+        if done.returncode != 0:
+            raise PageFault(done.stdout)
     return [Said(**each) for each in json.loads((kept / "said.json").read_text())], kept
+
+
+def run_into(page, kept):
+    """Run a page, and write what it said and its figures into a folder."""
+    text = (ROOT / f"{page}.md").read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "examples"
+        make_folder(folder)
+        said = run_page(text, page, folder)
+        for figure in read_page(text)[1]:
+            shutil.copy(folder / figure.path, kept / figure.path.replace("/", "-"))
+    (kept / "said.json").write_text(json.dumps([vars(each) for each in said]))
 
 
 def with_outputs(text, said, folder):
@@ -71,8 +89,7 @@ def _shown(output):
 
 def _run_tutorial(app, page, source):
     if app.config.run_tutorials and page.startswith(TUTORIALS) and not page.endswith("README"):
-        print(f"site: {page}", flush=True)
-        said, folder = executed(page, source[0], app.tactuator_sources)
+        said, folder = executed(page, app.tactuator_sources)
         source[0] = with_outputs(source[0], said, folder)
 
 
@@ -82,3 +99,10 @@ def setup(app):
     app.tactuator_sources = sources_hash()
     app.connect("source-read", _run_tutorial, priority=100)
     return {"parallel_read_safe": False, "parallel_write_safe": True}
+
+
+if __name__ == "__main__":
+    try:
+        run_into(sys.argv[1], Path(sys.argv[2]))
+    except PageFault as fault:
+        sys.exit(str(fault))
