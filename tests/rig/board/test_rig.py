@@ -1,5 +1,8 @@
 """What every board does beyond every rig: the same bits, images, tables, faults."""
 
+import os
+import signal
+
 import numpy as np
 import pytest
 
@@ -108,7 +111,7 @@ def test_emulator__ends_on_its_own__is_told():
 
     transport = Emulator("mps2-an500")
     rig = simulated_board_rig(transport, designed().display, 1, "float32")
-    transport._process.kill()
+    os.killpg(transport._process.pid, signal.SIGKILL)
     transport._process.wait()
     with pytest.raises(LinkDown, match="has ended"):
         rig.status()

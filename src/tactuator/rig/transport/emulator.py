@@ -6,6 +6,7 @@ import contextlib
 import os
 import select
 import shutil
+import signal
 import socket
 import subprocess
 import tempfile
@@ -171,14 +172,22 @@ class EmulatorUart:
             self.close()
 
 
+_WATCHED = 'exec 3<&0; "$@" </dev/null & emulator=$!; (cat >/dev/null; kill -9 $emulator) <&3 & wait $emulator'
+
+
 def _begun(command: list[str], folder: Path) -> subprocess.Popen[bytes]:
     """Start the process in a group of its own: Ctrl-C at the terminal is for us, who still have to bring the board to
-    rest.
+    rest. It ends with us, however we end: a shell holds the other end of our pipe, and kills it when that closes.
     """
     silent = subprocess.DEVNULL
-    return subprocess.Popen(command, cwd=folder, stdin=silent, stdout=silent, stderr=silent, process_group=0)
+    watched = ["/bin/sh", "-c", _WATCHED, "emulator", *command]
+    return subprocess.Popen(watched, cwd=folder, stdin=subprocess.PIPE, stdout=silent, stderr=silent, process_group=0)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    process.kill()  # asked kindly it would not end: it may wait in a read of ours, and has nothing to save
+    assert process.stdin is not None
+    with contextlib.suppress(ProcessLookupError):
+        # the whole group at once: asked kindly it would not end, it may wait in a read of ours, and has nothing to save
+        os.killpg(process.pid, signal.SIGKILL)
     process.wait()
+    process.stdin.close()
