@@ -85,8 +85,11 @@ def _regulator(plant, rng, rate_hz, held):
     return gain * rng.uniform(0.5, 1.0), corner
 
 
-def band_limited(plant, rng, rate_hz, duration_s, noise_db, closed=False):
-    """Command and position behind their filters; noise_db: the sensor's noise below the position, inside the loop."""
+def band_limited(plant, rng, rate_hz, duration_s, noise_db, closed=False, with_reference=False):
+    """Command and position (and the loop's reference) behind their filters.
+
+    noise_db: the sensor's noise below the position, inside the loop.
+    """
     count, warm = round(duration_s * rate_hz), round(min(2.0, duration_s) * rate_hz)
     total = (count + warm) * OVER
     frequency = np.fft.rfftfreq(total, 1.0 / (rate_hz * OVER))
@@ -110,7 +113,8 @@ def band_limited(plant, rng, rate_hz, duration_s, noise_db, closed=False):
     fed = level * noise if closed else 0.0
     command = control * sensitivity * (source - fed)
     position = clean + sensitivity * level * noise
-    return tuple(np.fft.irfft(np.where(inside, one, 0.0) * seen, total)[::OVER][warm:] for one in (command, position))
+    wanted = (command, position, source) if with_reference else (command, position)
+    return tuple(np.fft.irfft(np.where(inside, one, 0.0) * seen, total)[::OVER][warm:] for one in wanted)
 
 
 def _steps(plant, rate_hz):

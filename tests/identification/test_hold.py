@@ -90,3 +90,23 @@ def test_identify__pole_beyond_half_the_rate__is_not_trusted(filtered: Record) -
     fast = np.max(found.poles_hz) > 0.5 * RATE_HZ
     assert fast == any("beyond half the rate" in reason for reason in found.distrust)
     assert fast
+
+
+def test_identify__noisy_loop_with_its_reference__keeps_the_loops_noise_out() -> None:
+    plant = Plant(np.array([-150.0]), np.array([-60.0 + 500.0j, -60.0 - 500.0j]), 1.5, 0.0)
+    signals = band_limited(plant, np.random.default_rng(5), RATE_HZ, 15.0, 8.0, True, True)
+    frequency = np.geomspace(2.0, 0.3 * RATE_HZ, 100)
+    off = []
+    for reference in (None, signals[2]):
+        record = Record(RATE_HZ, signals[0], signals[1], reference=reference)
+        found = identify(record, order=2, zeros=1, delay_s=0.0, hold="band-limited")
+        off.append(float(np.sqrt(np.mean(np.abs(logarithm_off(found, plant, frequency)) ** 2))))
+    assert off[1] < 0.4 * off[0]
+    assert any("follows the recorded reference" in remark for remark in found.remarks)
+
+
+def test_identify__reference_that_commands_nothing__is_not_used(filtered: Record) -> None:
+    alone = identify(filtered, order=2, zeros=0, hold="band-limited")
+    idle = replace(filtered, reference=np.random.default_rng(0).standard_normal(filtered.command.size))
+    beside = identify(idle, order=2, zeros=0, hold="band-limited")
+    np.testing.assert_array_equal(alone.model.den, beside.model.den)

@@ -18,6 +18,7 @@ from tactuator.signals.record import Record
 FORMAT = "tactuator-record/1"
 INPUT_NAMES = ("command_v", "command", "input", "u", "voltage", "in", "uest", "vir", "torque", "force", "current")
 OUTPUT_NAMES = ("position_v", "position", "output", "y", "out", "yest", "qm", "angle", "displacement", "velocity")
+REFERENCE_NAMES = ("reference", "reference_v", "setpoint", "ref")
 TIME_NAMES = ("time_s", "time", "t", "time_ms", "t_ms", "time_us", "t_us", "timestamp", "seconds")
 RATE_NAMES = ("rate_hz", "fs", "rate", "samplerate", "sample_rate", "sampling_rate")
 STEP_NAMES = ("ts", "dt", "sample_time", "sampletime")
@@ -28,6 +29,7 @@ def read_record(
     *,
     input_name: str | None = None,
     output_name: str | None = None,
+    reference_name: str | None = None,
     time_name: str | None = None,
     rate_hz: float | None = None,
 ) -> Record:
@@ -39,7 +41,7 @@ def read_record(
     path = Path(path)
     columns = read_columns(path)
     try:
-        return _assemble(path, columns, input_name, output_name, time_name, rate_hz)
+        return _assemble(path, columns, (input_name, output_name, reference_name), time_name, rate_hz)
     except BadInput as error:
         raise BadInput(f"record {path}: {error}") from None
 
@@ -47,17 +49,21 @@ def read_record(
 def _assemble(
     path: Path,
     columns: Columns,
-    input_name: str | None,
-    output_name: str | None,
+    names: tuple[str | None, str | None, str | None],
     time_name: str | None,
     rate_hz: float | None,
 ) -> Record:
     time = _pick(columns, time_name, TIME_NAMES, "time")
-    u_name, y_name = _signals(columns, input_name, output_name, time)
+    u_name, y_name = _signals(columns, names[0], names[1], time)
+    r_name = _pick(columns, names[2], REFERENCE_NAMES, "reference")
     u, y = columns.values[u_name], columns.values[y_name]
-    if u.size != y.size:
-        raise BadInput(f"{u_name} has {u.size} samples, {y_name} {y.size}; allowed: as many of each")
-    for name, values in ((u_name, u), (y_name, y)):
+    r = None if r_name is None else columns.values[r_name]
+    if names[2] is None and r is not None and (r.size != u.size or not np.all(np.isfinite(r))):
+        r = None
+    if u.size != y.size or (r is not None and r.size != u.size):
+        many = f", {r_name} {r.size}" if r is not None else ""
+        raise BadInput(f"{u_name} has {u.size} samples, {y_name} {y.size}{many}; allowed: as many of each")
+    for name, values in ((u_name, u), (y_name, y), *(((str(r_name), r),) if r is not None else ())):
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
             raise BadInput(f"{name} is not a number in row {bad[0] + 1} ({bad.size} rows in all); allowed: numbers")
@@ -66,6 +72,7 @@ def _assemble(
     if time is not None and columns.values[time].size == u.size:
         stamps = read_stamps(_seconds(time, columns.values[time]), known)
         u, y = stamps.spread(u, True), stamps.spread(y, False)
+        r = None if r is None else stamps.spread(r, True)
         known, remarks = stamps.rate_hz, remarks + list(stamps.remarks)
     elif known is None:
         raise BadInput("there is no rate and no time stamps; allowed: a time column, or --rate-hz")
@@ -76,6 +83,7 @@ def _assemble(
         position=y,
         command_unit=columns.units.get(u_name, "V" if u_name.endswith("_v") else ""),
         position_unit=columns.units.get(y_name, "V" if y_name.endswith("_v") else ""),
+        reference=r,
         about=about,
         remarks=tuple(remarks),
     )
@@ -121,6 +129,7 @@ def _signals(columns: Columns, input_name: str | None, output_name: str | None, 
     u = _pick(columns, input_name, INPUT_NAMES, "input")
     y = _pick(columns, output_name, OUTPUT_NAMES, "output")
     rest = [name for name, values in columns.values.items() if name != time and values.size > 1]
+    rest = [name for name in rest if name.lower().rpartition(".")[2] not in REFERENCE_NAMES] if len(rest) > 2 else rest
     if u is None and y is None and len(rest) == 2:
         u, y = rest
     elif u is None and len(rest) == 2 and y in rest:

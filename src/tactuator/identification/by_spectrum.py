@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import ComplexArray
 from tactuator.display.load import DERIVATIVES
 from tactuator.display.plant_model import Excess, PlantModel
 from tactuator.identification.by_prediction import Prepared, usual_band
@@ -21,6 +22,7 @@ from tactuator.identification.result import BetweenSamples, Identification
 from tactuator.identification.selection import Candidate
 from tactuator.identification.spectral.between import Between
 from tactuator.identification.spectral.estimate import SpectralEstimate, estimate
+from tactuator.identification.spectral.instrument import REMAINS, choice_by_reference
 from tactuator.identification.spectral.likelihood import Fit, information
 from tactuator.identification.spectral.lines import Spectrum
 from tactuator.identification.spectral.record_residual import Residual
@@ -49,7 +51,14 @@ def spectral_estimate(
 ) -> SpectralEstimate:
     """Return the frequency domain's estimate of the prepared record."""
     signals = [(one.command, one.position) for one in common.all_samples]
-    return estimate(signals, common.samples.rate_hz, holds, known, note)
+    rate_hz = common.samples.rate_hz
+    found = estimate(signals, rate_hz, holds, known, note)
+    references = [one.reference for one in common.all_records if one.reference is not None]
+    if found.chosen.hold != "band-limited" or len(references) != len(signals):
+        return found
+    note("fitting what follows the reference")
+    chosen = choice_by_reference(found.chosen, found.spectra, references)
+    return found if chosen is None else replace(found, chosen=chosen, before=found.chosen.fit)
 
 
 def friction_shows(found: SpectralEstimate, residuals: Sequence[Residual]) -> bool:
@@ -79,17 +88,25 @@ def identification(
     model = _model(common, found, chosen, gain)
     other = None
     remarks = list(common.remarks)
+    if found.before is not None:
+        remarks.append("of the command what follows the recorded reference was fitted, free of noise fed back")
     if found.other is not None and not found.certain and between.source == "data":
         other = _model(common, found, found.other, gain)
         table = model.excess.frequency_hz
         apart = np.log(other.response(table) / model.response(table))
-        model = replace(model, excess=model.excess.joined(apart / 1.96))
+        beside = other.band_db(table) / 8.685890 + 1j * other.band_rad(table)
+        model = replace(model, excess=model.excess.joined((_parts(apart) + beside) / 1.96))
         remarks.append(
             f"whether the command was held or band-limited between its samples cannot be told (difference "
             f"{found.advantage:.2g}): taken as {between.hold}, the band holds both; --hold says which it is"
         )
     model = replace(model, valid_hz=_valid(model, found))
     tests = _tests(common, found, residuals)
+    if tests.feedback and chosen.hold == "band-limited" and found.before is None:
+        remarks.append(
+            "recorded in a loop, through filters: what its noise may have done is in the band; a recorded reference "
+            "(--reference) takes it out"
+        )
     poles = chosen.fit.poles_rad_s
     remarks += check_length(poles, _slow_pole_error(chosen), common.longest_s)
     remarks += check_polarity(model.num, model.den)
@@ -113,6 +130,10 @@ def identification(
         between=between,
         other=other,
     )
+
+
+def _parts(values: ComplexArray) -> ComplexArray:
+    return np.asarray(np.abs(values.real) + 1j * np.abs(values.imag))
 
 
 def with_doubt(made: Identification, found: SpectralEstimate, between: BetweenSamples) -> Identification:
@@ -149,7 +170,9 @@ def _model(common: Prepared, found: SpectralEstimate, choice: Choice, gain: floa
     table = np.geomspace(1.0 / common.longest_s, high, _TABLE)
     beyond = other_forms(choice, table)
     bias = fed_back(choice, found.spectra)
-    if bias is not None:
+    if found.before is not None and choice is found.chosen:
+        beyond = beyond.joined(REMAINS * np.log(found.before.response(table) / fit.response(table)))
+    elif bias is not None:
         beyond = beyond.joined(log_slopes(fit, table) @ bias)
     local = found.local
     missing = left_over(fit, local, response_of_rows(fit, local.frequency_hz), table)

@@ -131,7 +131,7 @@ def _liveliest(record: Record) -> tuple[Record, tuple[str, ...]]:
     said = (
         f"of {record.duration_s:.4g} s the {LONGEST / record.rate_hz:.4g} s from {best / record.rate_hz:.4g} s are used"
     )
-    return replace(record, command=record.command[piece], position=record.position[piece], reference=None), (said,)
+    return record.part(piece), (said,)
 
 
 def _by_prediction(common: Prepared, asked: Asked, note: Callable[[str], None]) -> Identification:

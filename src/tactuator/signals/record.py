@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from tactuator.errors import BadInput
 @dataclass(frozen=True, eq=False)
 class Record:
     """A measured time series. command, position: (n,), finite, at rate_hz, in command_unit and position_unit.
-    reference: (n,) or None.
+    reference: what a loop around it was asked for, (n,), or None.
 
     about: what is known of its making (rig, date, channel, load, calibration). remarks: what had to be done to it
     (samples filled, stamps evened out), to be told to whoever uses it.
@@ -35,12 +35,21 @@ class Record:
             raise BadInput(
                 f"record: command {self.command.shape}, position {self.position.shape}; allowed: one shape (n,)"
             )
+        if self.reference is not None and (
+            self.reference.shape != self.command.shape or not np.all(np.isfinite(self.reference))
+        ):
+            raise BadInput(f"record: reference {self.reference.shape}; allowed: numbers, {self.command.shape}")
         for name in ("command", "position"):
             bad = np.flatnonzero(~np.isfinite(getattr(self, name)))
             if bad.size:
                 raise BadInput(
                     f"record: {name} is not a number in {bad.size} samples, first in sample {bad[0]}; allowed: none"
                 )
+
+    def part(self, piece: slice) -> Record:
+        """Return the samples of a piece of the record."""
+        reference = None if self.reference is None else self.reference[piece]
+        return replace(self, command=self.command[piece], position=self.position[piece], reference=reference)
 
     @property
     def duration_s(self) -> float:

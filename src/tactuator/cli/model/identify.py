@@ -32,6 +32,7 @@ def run(
     records: list[Path],
     input_name: str | None,
     output_name: str | None,
+    reference_name: str | None,
     time_name: str | None,
     rate_hz: float | None,
     from_s: float | None,
@@ -59,7 +60,14 @@ def run(
         return
 
     def read(path: Path) -> Record:
-        return read_record(path, input_name=input_name, output_name=output_name, time_name=time_name, rate_hz=rate_hz)
+        return read_record(
+            path,
+            input_name=input_name,
+            output_name=output_name,
+            reference_name=reference_name,
+            time_name=time_name,
+            rate_hz=rate_hz,
+        )
 
     parts = [part_of(read(path), from_s, to_s) for path in records]
     unseen = [(str(path), read(path)) for path in validate or []]
@@ -116,7 +124,7 @@ def part_of(record: Record, from_s: float | None, to_s: float | None) -> Record:
         raise BadInput(f"from {first:g} s to {last:g} s; allowed: ascending, within 0 .. {record.duration_s:g} s")
     piece = slice(round(first * record.rate_hz), round(last * record.rate_hz))
     about = record.about | {"from_s": f"{first:g}", "to_s": f"{last:g}"}
-    return replace(record, command=record.command[piece], position=record.position[piece], reference=None, about=about)
+    return replace(record.part(piece), about=about)
 
 
 @contextmanager

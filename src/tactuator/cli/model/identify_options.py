@@ -16,6 +16,10 @@ Validate = Annotated[
 ]
 Input = Annotated[str | None, typer.Option("--input", help="Column or variable of the command.")]
 Output = Annotated[str | None, typer.Option("--output", help="Column or variable of the position.")]
+Reference = Annotated[
+    str | None,
+    typer.Option("--reference", help="Column or variable of what a loop was asked for: it keeps the loop's noise out."),
+]
 Time = Annotated[str | None, typer.Option("--time", help="Column or variable of the time stamps.")]
 RateHz = Annotated[float | None, typer.Option("--rate-hz", help="Sampling rate, where the file has none.")]
 FromS = Annotated[float | None, typer.Option("--from-s", help="Use the record from here on.")]

@@ -45,6 +45,7 @@ def identify_verb(
     records: o.RecordPaths,
     input_name: o.Input = None,
     output_name: o.Output = None,
+    reference_name: o.Reference = None,
     time_name: o.Time = None,
     rate_hz: o.RateHz = None,
     from_s: o.FromS = None,

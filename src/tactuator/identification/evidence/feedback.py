@@ -17,6 +17,7 @@ from tactuator.identification.spectral.uncertainty import response_of_rows
 
 Array = NDArray[np.float64]
 _CHANCE = 1e-4
+_ACTS = 0.25
 _TOLD = 1000.0
 """Statistic that a weak loop would have had to bring for its absence to mean anything (chance is 1 a line)."""
 
@@ -24,7 +25,8 @@ _TOLD = 1000.0
 def feedback_seen(taken: Spectrum, left: Residual, fit: Fit) -> bool | None:
     """Return true where later commands follow the residual, false where they would have shown it, None otherwise.
 
-    A weak loop is taken to be proportional, with a loop gain of one half where the plant is strongest.
+    A weak loop is taken to be proportional, with a loop gain of one half where the plant is strongest, and to act there
+    alone: a loop need not reach far beyond.
     """
     hertz = taken.frequency_hz[1:]
     plant = response_of_rows(fit, hertz)
@@ -43,7 +45,8 @@ def feedback_seen(taken: Spectrum, left: Residual, fit: Fit) -> bool | None:
     strongest = float(np.quantile(np.abs(plant[good]), 0.98)) if good.any() else 1.0
     weak = 0.5 * plant / strongest
     loop = np.abs(0.5 / strongest / (1.0 + weak)) ** 2 * noise / power
-    return False if float(np.sum(np.minimum(loop[good], 1.0))) > _TOLD else None
+    acts = good & (np.abs(weak) > _ACTS)
+    return False if float(np.sum(np.minimum(loop[acts], 1.0))) > _TOLD else None
 
 
 def _smoothed(power: Array) -> Array:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tactuator.errors import BadInput
 from tactuator.identification.spectral.between import Between
 from tactuator.identification.spectral.joined import join, join_local
+from tactuator.identification.spectral.likelihood import Fit
 from tactuator.identification.spectral.lines import LocalResponse, Spectrum, equations, local_response, spectrum
 from tactuator.identification.spectral.search import Choice, Known, choose, propose
 
@@ -27,7 +28,8 @@ _SILENT = 1e-6
 class SpectralEstimate:
     """chosen: under the better hold, or the first one where the record does not tell them apart (certain). other: under
     the other, or None. advantage: how much better the better one's criterion is. local: the records' own response;
-    spectra: of each record."""
+    spectra: of each record as it is. before: the fit to the command as
+    it is, where what follows a loop's reference was fitted in its stead."""
 
     chosen: Choice
     other: Choice | None
@@ -35,6 +37,7 @@ class SpectralEstimate:
     advantage: float
     local: LocalResponse
     spectra: tuple[Spectrum, ...]
+    before: Fit | None = None
 
     @property
     def spacing_hz(self) -> float:
