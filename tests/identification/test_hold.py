@@ -110,3 +110,15 @@ def test_identify__reference_that_commands_nothing__is_not_used(filtered: Record
     idle = replace(filtered, reference=np.random.default_rng(0).standard_normal(filtered.command.size))
     beside = identify(idle, order=2, zeros=0, hold="band-limited")
     np.testing.assert_array_equal(alone.model.den, beside.model.den)
+
+
+def test_identify__structure_with_as_many_zeros_as_poles__is_found() -> None:
+    """Three modes, torque to acceleration: no form with two zeros follows it."""
+    zeros = np.concatenate([size * np.array([-0.02 + 1j, -0.02 - 1j]) for size in (250.0, 520.0, 900.0)])
+    poles = np.concatenate([size * np.array([-0.02 + 1j, -0.02 - 1j]) for size in (330.0, 640.0, 1050.0)])
+    modes = Plant(zeros, poles, -0.4, 0.0)
+    record = Record(RATE_HZ, *band_limited(modes, np.random.default_rng(7), RATE_HZ, 15.0, 40.0))
+    found = identify(record, hold="band-limited")
+    assert found.order in (6, 7)
+    frequency = np.geomspace(20.0, 0.3 * RATE_HZ, 100)
+    assert np.max(np.abs(logarithm_off(found, modes, frequency))) < 0.05

@@ -110,10 +110,7 @@ def identification(
     poles = chosen.fit.poles_rad_s
     remarks += check_length(poles, _slow_pole_error(chosen), common.longest_s)
     remarks += check_polarity(model.num, model.den)
-    simulated = np.concatenate([left.simulated for left in residuals])
-    measured = np.concatenate([left.measured for left in residuals])
-    spread = float(np.linalg.norm(measured))
-    percent = 100.0 * (1.0 - float(np.linalg.norm(simulated - measured)) / spread) if spread > 0.0 else 0.0
+    simulated, measured, percent = _shown(residuals)
     offset = float(common.record.position.mean())
     return Identification(
         model=model,
@@ -130,6 +127,15 @@ def identification(
         between=between,
         other=other,
     )
+
+
+def _shown(residuals: Sequence[Residual]) -> tuple[Array, Array, float]:
+    """Return the simulated and the measured positions of all records and the fit, percent."""
+    simulated = np.concatenate([left.simulated for left in residuals])
+    measured = np.concatenate([left.measured for left in residuals])
+    spread = float(np.linalg.norm(measured))
+    share = float(np.linalg.norm(simulated - measured)) / spread if spread > 0.0 else 1.0
+    return simulated, measured, 100.0 * (1.0 - share)
 
 
 def _parts(values: ComplexArray) -> ComplexArray:

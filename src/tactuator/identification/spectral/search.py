@@ -25,6 +25,9 @@ _HIGHEST = {"zero-order": 0.4999, "first-order": 0.4999, "band-limited": 0.47}
 """Highest line used over the rate: the flank of an anti-alias filter says nothing."""
 _COMPARED = 0.47
 _KEPT = 6
+_MANY = 4
+_POOR = 3.0
+"""Mean squared departure from the local response, in its errors, from which on forms with many zeros are tried."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,12 @@ class Known:
             for zeros in range(least, max(most, least) + 1):
                 if zeros <= poles and poles >= self.integrators:
                     yield Form(poles, zeros, late, self.integrators, self.origin_zeros)
+
+    def full_forms(self, poles: int) -> Iterator[Form]:
+        """Yield the forms of that many poles with as many zeros or one less: what structures with many modes show."""
+        if self.zeros is None and poles >= max(_MANY, self.integrators, self.origin_zeros + 1):
+            for zeros in (poles - 1, poles):
+                yield Form(poles, zeros, False, self.integrators, self.origin_zeros)
 
     def allows(self, form: Form) -> bool:
         """Return true for a form that does not contradict what is known."""
@@ -107,7 +116,20 @@ def propose(
         best = min(best, now)
         if stale >= 2:
             break
+    if _all_poor(found, local):
+        for poles in [known.poles] if known.poles is not None else range(_MANY, MOST_POLES + 1):
+            note(f"{poles} poles and as many zeros")
+            for hold in holds:
+                for form in known.full_forms(poles):
+                    fit = starters[hold].fit(form, (known.delay_s or 0.0) * scale_rad_s)
+                    if fit is not None:
+                        found[hold].append((2.0 * fit.cost + price * form.count, fit))
     return {hold: [fit for _, fit in sorted(found[hold], key=lambda one: one[0])] for hold in holds}
+
+
+def _all_poor(found: dict[Between, list[tuple[float, Fit]]], local: LocalResponse) -> bool:
+    costs = [min((fit.cost for _, fit in fits), default=np.inf) for fits in found.values()]
+    return min(costs) > _POOR * local.frequency_hz.size
 
 
 def choose(
