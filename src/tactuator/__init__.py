@@ -1,12 +1,37 @@
-"""Tactile displays on which equal reference amplitude is felt equally strongly at every frequency."""
+"""Tactile displays on which equal reference amplitude is felt equally strongly at every frequency.
 
+`import tactuator as tt` gives the chain's verbs and nouns by name; each is imported when it is first asked for.
+`__init__.pyi` tells their types.
+"""
+
+from importlib import import_module
 from typing import Any
+
+_ROOMS = {
+    "api.chain": (
+        "build", "calibrate", "check", "design", "examples", "identify", "read_controller", "read_curve",
+        "read_display", "read_model", "read_record",
+    ),
+    "api.doing": ("measure_response", "noise", "play", "render", "reproduce", "thresholds"),
+    "errors": ("BadInput",),
+    "rig.open": ("open_rig",),
+    "rig.simulated": ("SimulatedRig",),
+}  # fmt: skip
+_NAMES = {name: room for room, names in _ROOMS.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
-    """Return what is asked for by name, imported when it is asked for."""
+    """Return what is asked for by name, and remember it."""
     if name == "__version__":
-        from importlib.metadata import version  # noqa: PLC0415 (it takes 45 ms, and few ask)
+        found: Any = import_module("importlib.metadata").version("tactuator")
+    elif name in _NAMES:
+        found = getattr(import_module(f"tactuator.{_NAMES[name]}"), name)
+    else:
+        raise AttributeError(f"module 'tactuator' has no attribute {name!r}")
+    globals()[name] = found
+    return found
 
-        return version("tactuator")
-    raise AttributeError(f"module 'tactuator' has no attribute {name!r}")
+
+def __dir__() -> list[str]:
+    """Return the names that the package offers."""
+    return sorted([*_NAMES, "__version__"])

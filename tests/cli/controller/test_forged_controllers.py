@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactuator.api.verdict import whole_verdict
 from tactuator.cli import main
-from tactuator.cli.controller.check import whole_verdict
 from tactuator.display.controller import Controller
 from tactuator.display.verdict import Outcome
 from tactuator.errors import BadInput

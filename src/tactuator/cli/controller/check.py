@@ -12,16 +12,13 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from tactuator.api.verdict import whole_verdict
 from tactuator.cli.answer import answer
-from tactuator.display.controller import Controller
-from tactuator.display.description import Display
-from tactuator.display.verdict import Finding, Outcome, Verdict, verdict_of
+from tactuator.display.verdict import Finding, Outcome, Verdict
 from tactuator.files.controller import read_controller
 from tactuator.files.display import read_display
 from tactuator.synthesis.monte_carlo import DrawnPlants
 from tactuator.synthesis.monte_carlo import monte_carlo as draw_plants
-from tactuator.synthesis.verdict import judge
-from tactuator.wordlength.buildable import buildable
 
 
 def run(controller: Path, display: Path | None, monte_carlo: int, mode_shift: float, seed: int, as_json: bool) -> None:
@@ -47,14 +44,6 @@ def _plants_table(drawn: Sequence[DrawnPlants]) -> Table:
         shown = ("—" if np.isnan(values[1]) else f"{values[1]:.2f}, {values[-1]:.2f}" for values in cells)
         table.add_row(one.channel, one.load, str(one.count), one.source, f"{100.0 * one.unstable:.2g} %", *shown)
     return table
-
-
-def whole_verdict(controller: Controller, display: Display | None = None) -> Verdict:
-    """Return the verdict on the objectives and on building an image, for `display` (None: the controller's own)."""
-    judged = judge(controller, display)
-    shown = controller if display is None else replace(controller, display=display)
-    findings = [finding for objective in judged.objectives for finding in objective.findings]
-    return verdict_of([*findings, buildable(shown)], judged.assumptions)
 
 
 def verdict_table(verdict: Verdict) -> Group:

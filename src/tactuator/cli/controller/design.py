@@ -8,8 +8,9 @@ from typing import Any
 from rich.console import Group
 from rich.table import Table
 
+from tactuator.api.verdict import whole_verdict
 from tactuator.cli.answer import answer
-from tactuator.cli.controller.check import verdict_table, whole_verdict
+from tactuator.cli.controller.check import verdict_table
 from tactuator.display.controller import ChannelController, Controller
 from tactuator.display.description import Display
 from tactuator.display.verdict import Verdict

@@ -7,7 +7,8 @@ from typing import Any
 
 from rich.table import Table
 
-from tactuator.cli.answer import answer, plain, progress
+from tactuator.api.plain import plain
+from tactuator.cli.answer import answer, progress
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule
 from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule

@@ -26,7 +26,8 @@ from tactuator.signals.discretise import zero_order_hold
 from tactuator.synthesis.prefilter.felt_weighting import weighting_sections
 
 LATENESS_MAX = 0.25
-SILENCE_S, SOFT_START_S, FADE_S, RAMP_S, QUICK_S = 0.2, 0.1, 0.05, 0.05, 0.04
+SILENCE_S: float = 0.2
+SOFT_START_S, FADE_S, RAMP_S, QUICK_S = 0.1, 0.05, 0.05, 0.04
 COMFORT_TOLERANCE_DB = 1.0
 LIFTED_DB = 0.5
 """Below comfort, for the reference: what a finger that is taken off at the worst moment adds (docs/safety.md)."""
