@@ -1,4 +1,4 @@
-"""What a display, a person or a rendering gave: responses, felt noise, thresholds, speech, and the whole study."""
+"""Results of playing and asking: responses, felt noise, thresholds, speech, and the whole study."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ class BuiltImage(Result):
 
 
 class PlayedResult(Result, Played):
-    """What became of a reference that was played."""
+    """A reference that was played: its length, and how much of it was played or limited."""
 
     def headline(self) -> Mapping[str, str]:
         """Return length, what was played and how long a limit was reached."""

@@ -160,7 +160,7 @@ class CalibrationResult(Result, Calibration):
         return {"displacement_mm": self.displacement_mm, "voltage_v": self.voltage_v, "residual_v": self.residual_v}
 
     def lines(self) -> Lines:
-        """Return the pairs."""
+        """Return the voltage of every pair over its displacement."""
         return lines_of(
             "displacement (mm)", "voltage (V)", [("pairs", self.displacement_mm, self.voltage_v)], points=True
         )
@@ -191,7 +191,7 @@ class ControllerResult(Result, Controller):
         return lines_of("frequency (Hz)", "prefilter (dB re 1 V per threshold unit)", each, log_x=True)
 
     def write(self, path: str | Path) -> None:
-        """Write controller.json."""
+        """Write the controller file, whole or not at all."""
         write_controller(path, self)
 
 
@@ -199,7 +199,7 @@ class VerdictResult(Result, Verdict):
     """A verdict on the paper's four objectives. It draws what was found as a share of what is allowed."""
 
     def headline(self) -> Mapping[str, str]:
-        """Return the verdict's sentence."""
+        """Return the outcome and the sentence of the verdict."""
         return {"outcome": self.outcome.value, "verdict": self.sentence}
 
     def to_dict(self) -> dict[str, Any]:

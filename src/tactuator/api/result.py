@@ -1,4 +1,4 @@
-"""What every result of the flat API can do: print itself in a few lines, draw itself, become plain or a table."""
+"""Manners of every result of the flat API: it prints itself in a few lines, draws itself, becomes plain or a table."""
 
 from __future__ import annotations
 
