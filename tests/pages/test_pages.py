@@ -2,10 +2,14 @@
 
 import re
 import shutil
+import tomllib
 from pathlib import Path
 
 import pytest
 
+from tactuator.errors import BadInput
+from tactuator.experiment.protocol.file import parse_any_protocol
+from tactuator.files.display import parse_display
 from tools.pages.blocks import commands, read_page
 from tools.pages.run import PageFault, make_folder, run_page
 
@@ -61,6 +65,34 @@ def test_page__commands_in_plain_fences__are_blocks_that_run(page):
     for block in read_page(page_text(page))[0]:
         if block.language not in ("sh", "python"):
             assert not [line for line in commands(block.text) if re.match(r"(\$ )?(tactuator|make) [a-z]", line)]
+
+
+def parsed(text: str) -> str:
+    """Parse a file that a page shows, by the program's own parser if it is whole, and say which kind it is."""
+    document = tomllib.loads(text)
+    if "channel" in document:
+        parse_display(document)
+        return "display"
+    if "study" in document:
+        parse_any_protocol(text)
+        return "protocol"
+    return "part"
+
+
+def test_pages__every_file_they_show__is_one_that_the_program_takes():
+    shown = [
+        (page.stem, parsed(block.text))
+        for page in PAGES
+        for block in read_page(page_text(page))[0]
+        if block.language == "toml"
+    ]
+    assert {("display", "display"), ("experiments", "protocol"), ("open-loop", "part")} <= set(shown)
+
+
+@pytest.mark.parametrize("text", ["[study]\nname = 'x'\ncolour = 'red'\n", "[[channel]]\nname = 'x'\n"])
+def test_parsed__file_with_a_fault__is_refused(text):
+    with pytest.raises(BadInput):
+        parsed(text)
 
 
 @pytest.mark.parametrize(
