@@ -10,8 +10,8 @@ FOLDER = ROOT / "docs" / "python"
 LISTED_IN = "docs/reference"  # two clicks from the start page
 #: Rooms that a program of a laboratory may call; the faces and the study are programs themselves.
 ROOMS = (
-    "signals", "perception", "display", "loop", "files", "runtime", "identification", "synthesis", "wordlength", "rig",
-    "measure", "experiment", "speech", "report",
+    "api", "signals", "perception", "display", "loop", "files", "runtime", "identification", "synthesis", "wordlength",
+    "rig", "measure", "experiment", "speech", "report",
 )  # fmt: skip
 
 
@@ -48,13 +48,16 @@ def _dotted(path):
 def as_rst(lines):
     """Return a docstring, written as plain text with code in single backticks, as what Sphinx reads.
 
-    A paragraph with a line that is set in by four is a formula or a drawing; nothing in it is markup.
+    A paragraph with a line that is set in by four is a formula or a drawing; nothing in it, nor in an example, is
+    markup.
     """
     made = []
     for paragraph in re.split(r"\n\s*\n", "\n".join(lines)):
         part = paragraph.splitlines()
         drawn = any(line.startswith("    ") for line in part) and not paragraph.lstrip().startswith(("- ", "* "))
-        if drawn:
+        if paragraph.startswith(">>> "):
+            made += [*part, ""]
+        elif drawn:
             made += ["::", "", *(f"    {line}" for line in part), ""]
         else:
             made += [*map(_escaped, part), ""]
