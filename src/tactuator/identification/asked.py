@@ -1,4 +1,4 @@
-"""What a user knows or wishes of the model that is identified."""
+"""Things that a user knows or wishes of the model that is identified."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from tactuator.identification.spectral.between import HOLDS
 
 @dataclass(frozen=True)
 class Asked:
-    """What is known or wished: order, zeros (None: chosen), integrators, delay_s (None: estimated), hold, quantity,
-    whether friction is looked for."""
+    """Things known or wished beforehand: order, zeros (None: chosen), integrators, delay_s (None: estimated), hold,
+    quantity, whether friction is looked for.
+    """
 
     order: int | None = None
     zeros: int | None = None
@@ -41,7 +42,7 @@ class Asked:
 
     @property
     def may_be_motor(self) -> bool:
-        """Nothing that is asked speaks against a free motor with friction."""
+        """Tell whether nothing that is asked speaks against a free motor with friction."""
         return (
             self.friction
             and self.quantity == "displacement"
@@ -53,5 +54,5 @@ class Asked:
 
     @property
     def is_free(self) -> bool:
-        """Nothing about the form but its order is given: the time domain's search can serve."""
+        """Tell whether nothing of the form but its order is given, so that the time domain's search can serve."""
         return self.zeros is None and self.integrators == 0 and self.delay_s is None

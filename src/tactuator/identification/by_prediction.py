@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.load import DERIVATIVES
 from tactuator.display.plant_model import PlantModel
 from tactuator.errors import BadInput
@@ -22,8 +22,6 @@ from tactuator.identification.evidence.residuals import check_residual
 from tactuator.identification.result import Identification
 from tactuator.identification.selection import Candidate
 from tactuator.signals.record import Record
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,9 +108,10 @@ def refined(common: Prepared, estimate: RefinedEstimate, tried: tuple[Candidate,
     )
 
 
-def inflated(estimate: RefinedEstimate) -> Array:
-    """The covariance, times how much more of the residual follows the command than chance would have it (at least 1):
-    what the structure cannot say is uncertainty as well."""
+def inflated(estimate: RefinedEstimate) -> FloatArray:
+    """Return the covariance, times how much more of the residual follows the command than chance would have it (at
+    least 1): what the structure cannot say is uncertainty as well.
+    """
     count = estimate.fit.minimum.prediction.residual.size
     excess = estimate.tests.unexplained * count / 14.0
     factor = max(1.0, excess) if not estimate.tests.uncorrelated_with_input else 1.0
@@ -120,14 +119,14 @@ def inflated(estimate: RefinedEstimate) -> Array:
 
 
 def usual_band(record: Record) -> tuple[float, float]:
-    """0.4 .. 300 Hz as far as the record reaches; all that it reaches where that is less than a decade."""
+    """Return 0.4 .. 300 Hz as far as the record reaches; all that it reaches where that is less than a decade."""
     lowest, highest = 1.0 / record.duration_s, 0.45 * record.rate_hz
     low, high = max(0.4, lowest), min(300.0, highest)
     return (low, high) if high >= 10.0 * low else (lowest, highest)
 
 
-def _to_polynomials(structure: Structure, model: RationalModel, gain: float) -> Array:
-    """Matrix from theta to (num descending, den[1:] descending, delay_s)."""
+def _to_polynomials(structure: Structure, model: RationalModel, gain: float) -> FloatArray:
+    """Return the matrix from theta to (num descending, den[1:] descending, delay_s)."""
     n, m, w = structure.poles, structure.zeros, model.scale_rad_s
     made = np.zeros((m + n + 2, structure.count))
     for column, i in enumerate(range(structure.integrated, m + 1)):
@@ -139,8 +138,8 @@ def _to_polynomials(structure: Structure, model: RationalModel, gain: float) -> 
     return made
 
 
-def _slow_pole_error(model: RationalModel, structure: Structure, covariance: Array) -> float:
-    """Standard error of the slowest pole's real part, rad/s, to first order."""
+def _slow_pole_error(model: RationalModel, structure: Structure, covariance: FloatArray) -> float:
+    """Return the standard error of the slowest pole's real part, rad/s, to first order."""
     polynomial = np.append(1.0, model.a[::-1])
     poles = np.roots(polynomial)
     slow = poles[np.argmin(np.abs(poles.real))]
@@ -209,7 +208,7 @@ def recursive(common: Prepared, forgetting: float) -> Identification:
     )
 
 
-def simulate(num: Array, den: Array, samples: Samples) -> Array:
-    """Position by num/den (fewer zeros than poles) from rest, (n,)."""
+def simulate(num: FloatArray, den: FloatArray, samples: Samples) -> FloatArray:
+    """Return the position by num/den (fewer zeros than poles) from rest, (n,)."""
     states = companion_states(den, samples.command, samples.rate_hz, hold=samples.hold)
     return np.asarray(states[:, : num.size] @ num[::-1])

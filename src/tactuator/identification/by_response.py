@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from tactuator.arrays import FloatArray
 from tactuator.display.plant_model import Excess, PlantModel
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
@@ -20,7 +20,6 @@ from tactuator.identification.spectral.start import Starter
 from tactuator.identification.spectral.uncertainty import left_over, log_slopes, moved, physical
 from tactuator.signals.frequency_response import FrequencyResponse
 
-Array = NDArray[np.float64]
 _TRIED = 8
 _STEPS = 40
 _WORST = 10.0
@@ -29,8 +28,10 @@ _WORST = 10.0
 
 @dataclass(frozen=True, eq=False)
 class ResponseFit:
-    """model; order: poles; departure: mean squared departure in standard errors (1: as the confidence would have it);
-    largest_db: at any point; distrust: why not to trust it, empty if there is no reason; remarks."""
+    """A model of a response with its standing. order: poles; departure: mean squared departure in standard errors (1:
+    as the confidence would have it); largest_db: at any point; distrust: why not to trust it, empty if there is no
+    reason; remarks.
+    """
 
     model: PlantModel
     order: int
@@ -73,15 +74,17 @@ def _identify_response(given: FrequencyResponse, asked: Asked, note: Callable[[s
     return _judged(given, fit, covariance, local, asked)
 
 
-def _unsure(given: FrequencyResponse) -> Array:
-    """Relative error of a response whose phase was computed: what lies beyond its ends turns it most at them."""
+def _unsure(given: FrequencyResponse) -> FloatArray:
+    """Return the relative error of a response whose phase was computed: what lies beyond its ends turns it most at
+    them.
+    """
     place = np.log(given.frequency_hz)
     to_end = np.minimum(place - place[0], place[-1] - place)
     return np.asarray(np.hypot(given.deviation, 0.02 + 0.13 * np.exp(-2.0 * to_end)))
 
 
 def _settled(fits: list[Fit], equations: int) -> Fit:
-    """The form of best criterion (Bayes); of those within a tie the one of fewer poles."""
+    """Return the form of best criterion (Bayes); of those within a tie the one of fewer poles."""
     price = float(np.log(equations))
     scores = [2.0 * one.cost + price * one.form.count for one in fits]
     rows = [(one.form.poles, score, k) for k, (one, score) in enumerate(zip(fits, scores, strict=True))]
@@ -92,7 +95,7 @@ def fit_magnitude(fit: Fit, given: FrequencyResponse) -> Fit:
     """Return the fit after Gauss and Newton's descent on the logarithm of the magnitudes alone."""
     goal = np.log(given.magnitude)
 
-    def left(one: Fit) -> Array:
+    def left(one: Fit) -> FloatArray:
         return np.asarray((goal - np.log(np.abs(one.response(given.frequency_hz)))) / given.deviation)
 
     now = left(fit)
@@ -111,7 +114,7 @@ def fit_magnitude(fit: Fit, given: FrequencyResponse) -> Fit:
     return replace(fit, cost=0.5 * float(now @ now))
 
 
-def magnitude_covariance(fit: Fit, given: FrequencyResponse) -> Array:
+def magnitude_covariance(fit: Fit, given: FrequencyResponse) -> FloatArray:
     """Return the covariance of (numerator, theta, dead time) by the magnitudes alone."""
     slopes = log_slopes(fit, given.frequency_hz).real / given.deviation[:, None]
     size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
@@ -119,7 +122,9 @@ def magnitude_covariance(fit: Fit, given: FrequencyResponse) -> Array:
     return np.asarray(np.linalg.pinv(gram, rcond=1e-13, hermitian=True) / np.outer(size, size))
 
 
-def _judged(given: FrequencyResponse, fit: Fit, covariance: Array, local: LocalResponse, asked: Asked) -> ResponseFit:
+def _judged(
+    given: FrequencyResponse, fit: Fit, covariance: FloatArray, local: LocalResponse, asked: Asked
+) -> ResponseFit:
     own = fit.response(given.frequency_hz)
     off_db = 20.0 * np.log10(np.abs(own) / given.magnitude)
     departure = float(np.mean((off_db / (8.686 * given.deviation)) ** 2))

@@ -6,9 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactuator.arrays import ComplexArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.display.load import DERIVATIVES
 from tactuator.display.plant_model import Excess, PlantModel
 from tactuator.identification.by_prediction import Prepared, usual_band
@@ -36,7 +35,6 @@ from tactuator.identification.spectral.uncertainty import (
     response_of_rows,
 )
 
-Array = NDArray[np.float64]
 _TABLE = 120
 _FLOOR = 5e-4
 """Deviation that no band goes below, 0.01 dB at 95 %: two channels' converters and filters are not more alike."""
@@ -129,7 +127,7 @@ def identification(
     )
 
 
-def _shown(residuals: Sequence[Residual]) -> tuple[Array, Array, float]:
+def _shown(residuals: Sequence[Residual]) -> tuple[FloatArray, FloatArray, float]:
     """Return the simulated and the measured positions of all records and the fit, percent."""
     simulated = np.concatenate([left.simulated for left in residuals])
     measured = np.concatenate([left.measured for left in residuals])
@@ -199,7 +197,7 @@ def _model(common: Prepared, found: SpectralEstimate, choice: Choice, gain: floa
 
 
 def _valid(model: PlantModel, found: SpectralEstimate) -> tuple[float, float]:
-    """From where to where the record moved the mechanism and the band is narrower than 3 dB."""
+    """Return from where to where the record moved the mechanism and the band is narrower than 3 dB."""
     local = found.local
     moved = local.frequency_hz[local.excitation > 1e-5 * float(np.max(local.excitation))]
     low = found.spacing_hz if moved[0] == local.frequency_hz[0] else float(moved[0])
@@ -246,7 +244,7 @@ def residual_tests(
 
 
 def _slow_pole_error(choice: Choice) -> float:
-    """Standard error of the slowest pole's real part, rad/s, to first order."""
+    """Return the standard error of the slowest pole's real part, rad/s, to first order."""
     fit = choice.fit
     covariance = information(choice.problem, fit)
     first = fit.numerator.size
@@ -260,7 +258,7 @@ def _slow_pole_error(choice: Choice) -> float:
     return float(np.sqrt(max(float(gradient @ block @ gradient), 0.0))) * fit.grid.scale_rad_s
 
 
-def _slowest(fit: Fit, theta: Array) -> float:
+def _slowest(fit: Fit, theta: FloatArray) -> float:
     poles = replace(fit, theta=theta).poles_rad_s / fit.grid.scale_rad_s
     return float(poles[np.argmin(np.abs(poles.real))].real) if poles.size else 0.0
 

@@ -29,7 +29,7 @@ class RefusedPair:
 
 @dataclass(frozen=True)
 class Calibration:
-    """voltage = gain * displacement + offset, with 95 % half-widths.
+    """The line voltage = gain * displacement + offset, with 95 % half-widths.
 
     linearity_percent: largest departure of a kept pair from the line, in percent of the voltage span.
     displacement_mm, voltage_v, residual_v: the kept pairs, shape (n,).
@@ -49,7 +49,8 @@ class Calibration:
 def fit_line(
     displacement_mm: ArrayLike, voltage_v: ArrayLike, *, gauge_error_mm: float = 0.0, names: list[str] | None = None
 ) -> Calibration:
-    """Least-squares line through pairs of dial-gauge displacement (mm) and sensor voltage (V), both of shape (n,).
+    """Return the least-squares line through pairs of dial-gauge displacement (mm) and sensor voltage (V), both of shape
+    (n,).
 
     gauge_error_mm is the gauge's own standard error: it pulls a least-squares slope towards zero, and the slope is
     corrected for that (Fuller, Measurement Error Models, 1987, section 1.2). Pairs whose studentised residual is

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from tactuator.display.load import DERIVATIVES
@@ -26,7 +25,6 @@ from tactuator.identification.spectral.record_residual import record_residual
 from tactuator.identification.trust import distrusted
 from tactuator.signals.record import Record
 
-Array = NDArray[np.float64]
 LONGEST = 1_000_000
 """Samples identified at once; of a longer record the part with most command power is taken."""
 METHODS = ("refined", "prediction", "rls")
@@ -175,7 +173,7 @@ def _by_spectrum(common: Prepared, asked: Asked, note: Callable[[str], None]) ->
 
 
 def _holds(record: Record, asked: Asked) -> tuple[tuple[Between, ...], str]:
-    """The holds to try, and who says so: the user, the record's own file, or the data."""
+    """Return the holds to try, and who says so: the user, the record's own file, or the data."""
     if asked.hold != "auto":
         return tuple(hold for hold in HOLDS if hold == asked.hold), "asked"
     written = tuple(hold for hold in HOLDS if hold == record.about.get("hold"))

@@ -1,12 +1,12 @@
-"""What an identification gives: the model, its tests, and what a user must be told of both."""
+"""The result of an identification: the model, its tests, and what a user must be told of both."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.plant_model import PlantModel
 from tactuator.identification.estimate.friction import Friction
 from tactuator.identification.evidence.empirical import EmpiricalResponse
@@ -14,13 +14,13 @@ from tactuator.identification.evidence.excitation import ExcitationReport
 from tactuator.identification.evidence.residuals import ResidualTests
 from tactuator.identification.selection import Candidate
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class BetweenSamples:
-    """hold: what the command is taken to do between its samples. source: "asked", "file" or "data". certain: the data
-    (or the file) tell it from the other; advantage: by how much of -2 log likelihood."""
+    """The command between its samples. hold: what the command is taken to do between its samples. source: "asked",
+    "file" or "data". certain: the data (or the file) tell it from the other; advantage: by how much of -2 log
+    likelihood.
+    """
 
     hold: str = "zero-order"
     source: str = "asked"
@@ -37,7 +37,7 @@ class Resonance:
     q: float
 
 
-def resonances(den: Array) -> tuple[Resonance, ...]:
+def resonances(den: FloatArray) -> tuple[Resonance, ...]:
     """Return the complex pairs among the roots of `den` (descending powers of s), by frequency."""
     poles = np.roots(den)
     upper = poles[poles.imag > 1e-9 * np.abs(poles)]
@@ -69,7 +69,8 @@ class Validation:
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """model: with covariance. order: poles. tried: structures in the order of trial. friction: None if none is certain.
+    """A model and how it was found. model: with covariance. order: poles. tried: structures in the order of trial.
+    friction: None if none is certain.
 
     empirical: the record's own response in bands, for figures. simulated, measured: position by the model and as
     recorded, (k,), the last k samples of the part used. remarks: what a user must be told. other: the model under the
@@ -85,8 +86,8 @@ class Identification:
     friction: Friction | None
     tried: tuple[Candidate, ...]
     empirical: EmpiricalResponse
-    simulated: Array
-    measured: Array
+    simulated: FloatArray
+    measured: FloatArray
     remarks: tuple[str, ...]
     between: BetweenSamples = BetweenSamples()
     other: PlantModel | None = None
@@ -94,10 +95,10 @@ class Identification:
     validations: tuple[Validation, ...] = ()
 
     @property
-    def poles_hz(self) -> Array:
-        """|pole| / 2 pi, ascending, (order,)."""
+    def poles_hz(self) -> FloatArray:
+        """Return |pole| / 2 pi, ascending, (order,)."""
         return np.sort(np.abs(np.roots(self.model.den))) / (2.0 * np.pi)
 
-    def frequency_hz(self, count: int = 500) -> Array:
-        """Frequencies even in log over 0.4 .. 300 Hz, or what the record supports of it, (count,)."""
+    def frequency_hz(self, count: int = 500) -> FloatArray:
+        """Return the frequencies even in log over 0.4 .. 300 Hz, or what the record supports of it, (count,)."""
         return np.geomspace(*self.model.band_hz, count)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactuator.identification.estimate.friction_start import friction_fit
 from tactuator.identification.estimate.rational_start import rational_start
@@ -23,7 +22,6 @@ from tactuator.identification.estimate.structure import RationalModel, Structure
 from tactuator.identification.evidence.empirical import EmpiricalResponse
 from tactuator.identification.evidence.residuals import ResidualTests
 
-Array = NDArray[np.float64]
 _WORTHWHILE = 0.004
 """Drop of the squared error, in parts, for which one more parameter is taken."""
 
@@ -75,7 +73,7 @@ def choose_structure(
     friction: bool = True,
     note: Callable[[str], None] = lambda _: None,
 ) -> Selection:
-    """From the simplest structure that fits the empirical response, add a zero, a pole or a dead time as long as the
+    """Add to the simplest structure that fits the empirical response a zero, a pole or a dead time as long as the
     residual still depends on the command and the addition pays for itself (Bayes' criterion, and 0.4 % of the error).
 
     order: number of poles, if given. delay_s: dead time known beforehand; estimated from there if estimate_delay.
@@ -118,7 +116,7 @@ def _first(
     delay_s: float,
     estimate_delay: bool,
 ) -> tuple[Structure, RationalModel]:
-    """The structure of fewest parameters that fits the empirical response about as well as a rich one."""
+    """Return the structure of fewest parameters that fits the empirical response about as well as a rich one."""
     response = response.trusted()
     richest = order or min(most_poles, 4)
     rich = Structure(richest, max(richest - 1, integrated), integrated=integrated)
@@ -134,7 +132,9 @@ def _first(
 
 
 def _by_size(order: int | None, most_poles: int, integrated: int, estimate_delay: bool) -> list[Structure]:
-    """Structures up to 3 parameters beside the poles, those of fewer parameters first, no dead time before one."""
+    """Return the structures up to 3 parameters beside the poles, those of fewer parameters first, no dead time before
+    one.
+    """
     poles = [order] if order is not None else list(range(max(1, integrated), most_poles + 1))
     made = [
         Structure(n, m, late, integrated)
@@ -179,7 +179,7 @@ def _best_extension(
 
 
 def _starts(samples: Samples, response: EmpiricalResponse, fit: Fit, structure: Structure) -> Iterator[RationalModel]:
-    """The present model, extended; where poles are added, the empirical fit as well."""
+    """Return the present model, extended; where poles are added, the empirical fit as well."""
     model = fit.model
     if structure.poles == fit.structure.poles:
         yield model
@@ -189,7 +189,7 @@ def _starts(samples: Samples, response: EmpiricalResponse, fit: Fit, structure: 
 
 
 def _or_friction_fit(samples: Samples, fit: Fit, order: int | None, most_poles: int, integrated: int) -> Fit:
-    """The fit, or one that starts from friction among the regressors if that explains clearly more."""
+    """Return the fit, or one that starts from friction among the regressors if that explains clearly more."""
     plain = plain_prediction(samples, fit)[0].cost
     for poles in [order] if order is not None else range(max(1, integrated), min(most_poles, 3) + 1):
         resisted = friction_fit(samples, poles, integrated)
@@ -199,7 +199,7 @@ def _or_friction_fit(samples: Samples, fit: Fit, order: int | None, most_poles: 
 
 
 def _simplified(samples: Samples, fit: Fit, keep_poles: bool) -> Fit:
-    """Without a pole, a zero, or both, as long as the fit is no worse than the parameter was worth."""
+    """Return the fit without a pole, a zero, or both, as long as the fit is no worse than the parameter was worth."""
     while fit.structure.zeros > fit.structure.integrated or _condition(fit) > _UNDETERMINED:
         count = fit.minimum.prediction.residual.size
         smaller = [_fitted_smaller(samples, fit, one) for one in _reductions(fit.structure, keep_poles)]
@@ -227,7 +227,7 @@ def _reductions(structure: Structure, keep_poles: bool) -> Iterator[Structure]:
 
 
 def _fitted_smaller(samples: Samples, fit: Fit, structure: Structure) -> Fit:
-    """The smaller structure, fitted to the response of the larger one first, then to the record."""
+    """Return the smaller structure, fitted to the response of the larger one first, then to the record."""
     frequency = np.geomspace(2.0 / samples.position.size, 0.4, 120) * samples.rate_hz
     value = fit.model.response(frequency)
     omega = 2.0 * np.pi * frequency
@@ -248,7 +248,7 @@ def _condition(fit: Fit) -> float:
 
 
 def _settle_delay(samples: Samples, fit: Fit) -> Fit:
-    """A dead time that cannot be told from a whole number of samples is that number."""
+    """Set a dead time that cannot be told from a whole number of samples to that number."""
     if not fit.structure.dead_time:
         return fit
     jacobian = fit.minimum.prediction.jacobian

@@ -1,4 +1,4 @@
-"""Why a model is not to be trusted though it could be computed: each reason in a sentence."""
+"""Reasons not to trust a model though it could be computed, each in a sentence."""
 
 from __future__ import annotations
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.identification.estimate.structure import RationalModel, Structure
 
-Array = NDArray[np.float64]
 
-
-def robust_covariance(jacobian: Array, innovation: Array, past: Array | None = None) -> Array:
-    """(J'J)^-1 J' Phi J (J'J)^-1 with Phi from the innovation's smoothed spectrum: right though some colour is left.
+def robust_covariance(jacobian: FloatArray, innovation: FloatArray, past: FloatArray | None = None) -> FloatArray:
+    """Return (J'J)^-1 J' Phi J (J'J)^-1 with Phi from the innovation's smoothed spectrum: right though some colour is
+    left.
 
     jacobian (n, p), innovation (n,). past (n, k): the noise model's regressors; in closed loop the plant's estimate
     leans on them, so they are projected out of the jacobian. Source: Ljung, System Identification, 1999, section 9.3.
@@ -34,8 +34,8 @@ def robust_covariance(jacobian: Array, innovation: Array, past: Array | None = N
     return np.asarray(inverse @ weighted @ inverse / np.outer(size, size))
 
 
-def _smooth(periodogram: Array) -> Array:
-    """Mean over a tenth of an octave, 8 lines at least."""
+def _smooth(periodogram: FloatArray) -> FloatArray:
+    """Return the mean over a tenth of an octave, 8 lines at least."""
     count = periodogram.size
     total = np.concatenate([[0.0], np.cumsum(periodogram)])
     k = np.arange(count)
@@ -44,8 +44,10 @@ def _smooth(periodogram: Array) -> Array:
     return np.asarray((total[high] - total[low]) / (high - low))
 
 
-def response_derivatives(model: RationalModel, structure: Structure, frequency_hz: Array) -> NDArray[np.complex128]:
-    """d log G / d theta at `frequency_hz` (m,), shape (m, p), theta as `structure` orders it."""
+def response_derivatives(
+    model: RationalModel, structure: Structure, frequency_hz: FloatArray
+) -> NDArray[np.complex128]:
+    """Return d log G / d theta at `frequency_hz` (m,), shape (m, p), theta as `structure` orders it."""
     p = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) / model.scale_rad_s
     numerator = np.polyval(model.b[::-1], p)
     denominator = np.polyval(np.append(1.0, model.a[::-1]), p)
@@ -57,15 +59,17 @@ def response_derivatives(model: RationalModel, structure: Structure, frequency_h
     return np.hstack(parts)
 
 
-def magnitude_band_db(derivatives: NDArray[np.complex128], covariance: Array) -> Array:
-    """95 % half-width of the magnitude in dB, (m,), from `response_derivatives` and the covariance of theta."""
+def magnitude_band_db(derivatives: NDArray[np.complex128], covariance: FloatArray) -> FloatArray:
+    """Return the 95 % half-width of the magnitude in dB, (m,), from `response_derivatives` and the
+    covariance of theta.
+    """
     real = derivatives.real
     variance = np.einsum("ij,jk,ik->i", real, covariance, real)
     return np.asarray(1.959964 * 20.0 / np.log(10.0) * np.sqrt(np.maximum(variance, 0.0)))
 
 
-def phase_band_rad(derivatives: NDArray[np.complex128], covariance: Array) -> Array:
-    """95 % half-width of the phase, radians, (m,)."""
+def phase_band_rad(derivatives: NDArray[np.complex128], covariance: FloatArray) -> FloatArray:
+    """Return the 95 % half-width of the phase, radians, (m,)."""
     imaginary = derivatives.imag
     variance = np.einsum("ij,jk,ik->i", imaginary, covariance, imaginary)
     return np.asarray(1.959964 * np.sqrt(np.maximum(variance, 0.0)))

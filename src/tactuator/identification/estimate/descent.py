@@ -5,20 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.identification.estimate.normal_equations import Normal, normal_equations
 from tactuator.identification.estimate.prediction import Prediction, Problem, predict
 from tactuator.identification.estimate.structure import Structure
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Minimum:
     """Parameters, Coulomb level, and the prediction there; converged: the last step was small."""
 
-    theta: Array
+    theta: FloatArray
     coulomb: float
     prediction: Prediction
     converged: bool
@@ -27,14 +25,15 @@ class Minimum:
 def descend(
     problem: Problem,
     structure: Structure,
-    theta: Array,
+    theta: FloatArray,
     coulomb: float = 0.0,
     *,
     most: int = 30,
     tolerance: float = 1e-5,
 ) -> Minimum:
-    """From theta downhill until a step changes every parameter by less than `tolerance` of its own standard error
-    or of itself, or `most` steps."""
+    """Go from theta downhill until a step changes every parameter by less than `tolerance` of its own standard error or
+    of itself, or `most` steps.
+    """
     with_friction = problem.friction is not None
     now = normal_equations(problem, structure, theta, coulomb, None)
     damping, converged = 1e-3, False
@@ -59,17 +58,17 @@ def descend(
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    theta: Array
+    theta: FloatArray
     coulomb: float
-    step: Array
+    step: FloatArray
     normal: Normal
     damping: float
 
 
 def _downhill(
-    problem: Problem, structure: Structure, theta: Array, coulomb: float, now: Normal, damping: float
+    problem: Problem, structure: Structure, theta: FloatArray, coulomb: float, now: Normal, damping: float
 ) -> _Candidate | None:
-    """A step that does not raise the cost, more and more careful; None where there is none."""
+    """Return a step that does not raise the cost, more and more careful; None where there is none."""
     for _ in range(12):
         step = _step(now.gram, now.gradient, damping)
         moved, level = _moved(structure, theta, coulomb, step, problem.friction is not None)
@@ -80,24 +79,26 @@ def _downhill(
     return None
 
 
-def _step(gram: Array, gradient: Array, damping: float) -> Array:
+def _step(gram: FloatArray, gradient: FloatArray, damping: float) -> FloatArray:
     size = _sizes(gram)
     scaled = gram / np.outer(size, size) + damping * np.eye(size.size)
     return np.asarray(np.linalg.lstsq(scaled, gradient / size, rcond=1e-13)[0] / size)
 
 
-def _inverse(gram: Array) -> Array:
+def _inverse(gram: FloatArray) -> FloatArray:
     size = _sizes(gram)
     return np.asarray(np.linalg.pinv(gram / np.outer(size, size), rcond=1e-13) / np.outer(size, size))
 
 
-def _sizes(gram: Array) -> Array:
-    """Root of the diagonal; 1 for a parameter of which the record says nothing."""
+def _sizes(gram: FloatArray) -> FloatArray:
+    """Return the root of the diagonal; 1 for a parameter of which the record says nothing."""
     diagonal = np.diag(gram)
     return np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
 
 
-def _moved(structure: Structure, theta: Array, coulomb: float, step: Array, with_friction: bool) -> tuple[Array, float]:
+def _moved(
+    structure: Structure, theta: FloatArray, coulomb: float, step: FloatArray, with_friction: bool
+) -> tuple[FloatArray, float]:
     level = coulomb + float(step[-1]) if with_friction else coulomb
     candidate = theta + (step[:-1] if with_friction else step)
     if structure.dead_time:

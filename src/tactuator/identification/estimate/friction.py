@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.identification.estimate.descent import Minimum
 from tactuator.identification.estimate.loops import dahl_state
 from tactuator.identification.estimate.prediction import Model, Problem, Projector
 from tactuator.identification.estimate.structure import Structure
 
-Array = NDArray[np.float64]
 _CERTAIN = 30.0
 """A squared t value: below it no friction is claimed."""
 
@@ -33,18 +32,23 @@ class Friction:
 
     @property
     def small_command(self) -> float:
-        """By the describing function of Coulomb friction, 4 c/(pi U), in phase with the command at worst."""
+        """Return the level by the describing function of Coulomb friction, 4 c/(pi U), in phase with the command at
+        worst.
+        """
         return float(4.0 * self.coulomb / np.pi / (1.0 - 10.0 ** (-1.0 / 20.0)))
 
 
 class FrictionSearch:
-    """What friction along a path would explain of a fit's residual, everything else refitted to first order.
+    """The share of a fit's residual that friction along a path would explain, everything else
+    refitted to first order.
 
     cost: the squared error without it.
     """
 
-    def __init__(self, problem: Problem, structure: Structure, minimum: Minimum, path: Array) -> None:
-        """problem: without friction and not whitened; minimum: of it, or near it; path: noise-free position (n,)."""
+    def __init__(self, problem: Problem, structure: Structure, minimum: Minimum, path: FloatArray) -> None:
+        """Keep what every trial shares. problem: without friction and not whitened; minimum: of it, or near it; path:
+        noise-free position (n,).
+        """
         bare = replace(problem, friction=None)
         self._path, self._skip = path, problem.skip
         self._model = Model(bare, structure, minimum.theta, 0.0)
@@ -72,12 +76,12 @@ class FrictionSearch:
             return 0.0, 0.0
         return pull**2 / power, pull / power
 
-    def _explained(self, values: Array) -> Array:
+    def _explained(self, values: FloatArray) -> FloatArray:
         goal = (self._known.T @ values) / self._size
         return np.asarray(self._inverse @ goal / self._size)
 
     def best(self, low: float, high: float, count: int, refinements: int = 3) -> tuple[float, float, float]:
-        """The presliding distance within low .. high that explains most, its gain and its level."""
+        """Return the presliding distance within low .. high that explains most, its gain and its level."""
         for x in np.geomspace(low, high, count):
             self.gain(float(x))
         ratio = (high / low) ** (1.0 / (count - 1))
@@ -91,5 +95,5 @@ class FrictionSearch:
 
 
 def certain(gain: float, cost: float, count: int) -> bool:
-    """Whether a drop of the squared error is more than chance and more than a trifle."""
+    """Tell whether a drop of the squared error is more than chance and more than a trifle."""
     return gain > max(_CERTAIN * cost / count, 1e-3 * cost)

@@ -10,17 +10,17 @@ import itertools
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.identification.estimate.refined import Disturbance, Fit, Samples, fit_model
 from tactuator.identification.estimate.states import companion_states
 from tactuator.identification.estimate.structure import RationalModel, Structure
 
-Array = NDArray[np.float64]
-
 
 def friction_fit(samples: Samples, poles: int, integrated: int = 0) -> Fit | None:
-    """A fit of `poles` poles and no zeros with friction, or None where the regression finds no positive friction."""
+    """Return a fit of `poles` poles and no zeros with friction, or None where the regression finds no positive
+    friction.
+    """
     best: Fit | None = None
     for corner, sharper in itertools.product(_corners(samples), (1.0, 5.0, 25.0)):
         path = smoothed(samples.position, min(sharper * corner, 0.4 * samples.rate_hz), samples.rate_hz)
@@ -46,8 +46,8 @@ def friction_fit(samples: Samples, poles: int, integrated: int = 0) -> Fit | Non
     return fit if fit.cost < best.cost else best
 
 
-def smoothed(values: Array, corner_hz: float, rate_hz: float) -> Array:
-    """Zero-phase low-pass of Gaussian shape with its corner at corner_hz, ends mirrored, (n,)."""
+def smoothed(values: FloatArray, corner_hz: float, rate_hz: float) -> FloatArray:
+    """Return the zero-phase low-pass of Gaussian shape with its corner at corner_hz, ends mirrored, (n,)."""
     count = values.size
     mirrored = np.concatenate([2.0 * values[0] - values[::-1], values, 2.0 * values[-1] - values[::-1]])
     frequency = np.fft.rfftfreq(mirrored.size, 1.0 / rate_hz)
@@ -56,7 +56,7 @@ def smoothed(values: Array, corner_hz: float, rate_hz: float) -> Array:
 
 
 def _corners(samples: Samples) -> list[float]:
-    """Where the velocity's power ends, and twice and half as much, hertz."""
+    """Return the frequency where the velocity's power ends, and twice and half as much, hertz."""
     window = np.hanning(samples.position.size)
     spectrum = np.abs(np.fft.rfft(window * (samples.position - samples.position.mean()))) ** 2
     frequency = np.fft.rfftfreq(samples.position.size, 1.0 / samples.rate_hz)
@@ -68,7 +68,7 @@ def _corners(samples: Samples) -> list[float]:
     ]
 
 
-def _regress(samples: Samples, path: Array, poles: int, corner: float) -> tuple[float, Array, float] | None:
+def _regress(samples: Samples, path: FloatArray, poles: int, corner: float) -> tuple[float, FloatArray, float] | None:
     rate = samples.rate_hz
     e = np.real(np.poly(np.full(poles, -corner)))
     velocity = np.gradient(path)

@@ -30,7 +30,8 @@ _HOPELESS = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Motor:
-    """gain: acceleration for a unit command; damping: viscous over mass, 1/s; coulomb, offset: in units of command.
+    """A motor without a spring. gain: acceleration for a unit command; damping: viscous over mass, 1/s; coulomb,
+    offset: in units of command.
 
     covariance: of these four, (4, 4). unexplained: share of the low-passed command's power that is left; spring: share
     of its deviation that a spring would explain, with its t value. predicted, commanded: low-passed command, (k,).
@@ -142,7 +143,7 @@ def _equation(
 
 
 def _moving(velocity: FloatArray, rate_hz: float, corner: float) -> NDArray[np.int64]:
-    """Samples of a motor that moves, four to a period of the corner, away from the record's ends."""
+    """Return the samples of a motor that moves, four to a period of the corner, away from the record's ends."""
     slow = np.abs(velocity) < _SLOW * float(np.std(velocity))
     width = int(_APART * rate_hz / corner)
     near = np.convolve(slow.astype(np.float64), np.ones(2 * width + 1), mode="same") > 0.5
@@ -152,7 +153,9 @@ def _moving(velocity: FloatArray, rate_hz: float, corner: float) -> NDArray[np.i
 
 
 def _low_passed(values: FloatArray, rate_hz: float, corner: float, order: int, *, even: bool = False) -> FloatArray:
-    """Gaussian low-pass without phase, differentiated `order` times; ends mirrored (even) or turned round."""
+    """Return the Gaussian low-pass without phase, differentiated `order` times; ends mirrored (even) or
+    turned round.
+    """
     lines, s, size = _passed_lines(values, rate_hz, corner, even=even)
     begin = (size - values.size) // 2
     return np.asarray(np.fft.irfft(lines * s**order, size)[begin : begin + values.size])
@@ -185,7 +188,7 @@ def _passed_lines(
 
 
 def _regress(columns: FloatArray, goal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Least squares with a covariance that allows for neighbours' correlation (Newey and West, 1987)."""
+    """Solve least squares with a covariance that allows for neighbours' correlation (Newey and West, 1987)."""
     size = np.linalg.norm(columns, axis=0)
     size[size == 0.0] = 1.0
     scaled = columns / size

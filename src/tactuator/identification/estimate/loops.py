@@ -6,40 +6,44 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.runtime._core import ffi, lib
 
-Array = NDArray[np.float64]
 
-
-def _pointer(array: Array) -> Any:
+def _pointer(array: FloatArray) -> Any:
     return ffi.cast("double *", ffi.from_buffer(array))
 
 
-def _double(array: Array) -> Array:
+def _double(array: FloatArray) -> FloatArray:
     return np.ascontiguousarray(array, dtype=np.float64)
 
 
 @dataclass(frozen=True)
 class Recursion:
-    """What `recursive_least_squares` leaves: theta (n,), inverse information (n, n), mean squared prediction error.
+    """The end of `recursive_least_squares`: theta (n,), inverse information (n, n), mean squared prediction error.
 
     theta_history, variance_history: rows after every `every`-th sample, shape (count // every, n).
     """
 
-    theta: Array
-    inverse_information: Array
+    theta: FloatArray
+    inverse_information: FloatArray
     prediction_variance: float
-    theta_history: Array
-    variance_history: Array
+    theta_history: FloatArray
+    variance_history: FloatArray
 
 
 def recursive_least_squares(
-    regressors: Array, output: Array, *, forgetting: float = 1.0, start_variance: float = 1e8, every: int = 1000
+    regressors: FloatArray,
+    output: FloatArray,
+    *,
+    forgetting: float = 1.0,
+    start_variance: float = 1e8,
+    every: int = 1000,
 ) -> Recursion:
-    """Least squares row by row: regressors (count, n), output (count,), from theta = 0 with start_variance on each.
+    """Solve least squares row by row: regressors (count, n), output (count,), from theta = 0 with start_variance on
+    each.
 
     forgetting: 1 keeps everything, 0.999 halves a sample's weight in 693 samples.
     """
@@ -60,8 +64,8 @@ def recursive_least_squares(
     return Recursion(theta, m, float(cost[0]) / max(count, 1), theta_history, variance_history)
 
 
-def run_states(difference: Array, now: Array, following: Array, driver: Array) -> Array:
-    """States x[k+1] = x[k] + D x[k] + b0 u[k] + b1 u[k+1] from rest: D (n, n), b0 and b1 (n,), u (count,).
+def run_states(difference: FloatArray, now: FloatArray, following: FloatArray, driver: FloatArray) -> FloatArray:
+    """Return the states x[k+1] = x[k] + D x[k] + b0 u[k] + b1 u[k+1] from rest: D (n, n), b0 and b1 (n,), u (count,).
 
     Returns x, shape (count, n).
     """
@@ -73,8 +77,10 @@ def run_states(difference: Array, now: Array, following: Array, driver: Array) -
     return out
 
 
-def dahl_state(position: Array, presliding: float) -> Array:
-    """Dahl friction's state (-1 .. 1) along `position` (count,), from 0; presliding in position's unit, positive."""
+def dahl_state(position: FloatArray, presliding: float) -> FloatArray:
+    """Return Dahl friction's state (-1 .. 1) along `position` (count,), from 0; presliding in position's unit,
+    positive.
+    """
     x = _double(position)
     friction = ffi.new("tact_friction *", (1.0 / presliding, 1.0 / presliding))
     state, out = ffi.new("tact_friction_state *", (0.0, float(x[0]))), np.empty(x.size)

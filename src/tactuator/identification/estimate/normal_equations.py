@@ -8,12 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.identification.estimate.prediction import Model, Problem, combination
 from tactuator.identification.estimate.structure import Structure
 
-Array = NDArray[np.float64]
 _BLOCK = 4096
 _RUNAWAY = 1e12
 """Mean squared residual, where the position has unit size, of a model that runs away."""
@@ -23,19 +22,22 @@ _CANCELLED = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class Normal:
-    """gram (p, p), gradient (p,) and cost with everything linear projected out; level (k,): what was fitted beside."""
+    """Sums over a record: gram (p, p), gradient (p,) and cost with everything linear projected out; level (k,): what
+    was fitted beside.
+    """
 
-    gram: Array
-    gradient: Array
+    gram: FloatArray
+    gradient: FloatArray
     cost: float
-    level: Array
+    level: FloatArray
 
 
 def normal_equations(
-    problem: Problem, structure: Structure, theta: Array, coulomb: float, level: Array | None
+    problem: Problem, structure: Structure, theta: FloatArray, coulomb: float, level: FloatArray | None
 ) -> Normal:
-    """Of `predict`'s jacobian and residual at theta; `level` of the step before (None: zero) serves the derivatives by
-    the denominator of what is fitted beside."""
+    """Return the normal equations of `predict`'s jacobian and residual at theta; `level` of the step before (None:
+    zero) serves the derivatives by the denominator of what is fitted beside.
+    """
     with np.errstate(over="ignore", invalid="ignore"):
         gathered, fixed = _gather(Model(problem, structure, theta, coulomb), level)
         if not np.all(np.isfinite(gathered)):
@@ -55,8 +57,8 @@ def normal_equations(
     return Normal(gram, np.where(lost, 0.0, gradient), cost, solution[:, -1])
 
 
-def _gather(model: Model, level: Array | None) -> tuple[Array, int]:
-    """Gram matrix of [fitted beside | derivatives | residual], and how many are fitted beside."""
+def _gather(model: Model, level: FloatArray | None) -> tuple[FloatArray, int]:
+    """Return the Gram matrix of [fitted beside | derivatives | residual], and how many are fitted beside."""
     problem, n = model.problem, model.order
     beside = n + 1 + problem.fixed.shape[1]
     count = model.structure.count + int(model.resisting is not None)
@@ -94,8 +96,12 @@ def _gather(model: Model, level: Array | None) -> tuple[Array, int]:
     return total, beside
 
 
-def _beside(model: Model, level: Array | None) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Combinations of the pulse's and the constant's states: the columns fitted beside, then their slopes by a."""
+def _beside(
+    model: Model, level: FloatArray | None
+) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
+    """Return the combinations of the pulse's and the constant's states: the columns fitted beside, then their slopes by
+    a.
+    """
     n = model.order
     known = np.zeros(n + 1) if level is None else level[: n + 1]
     powers = [np.append(1.0, np.zeros(i)) for i in range(n)]

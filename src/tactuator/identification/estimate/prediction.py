@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.identification.estimate.states import Hold, companion_states, shift
 from tactuator.identification.estimate.structure import Structure
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +29,10 @@ class Problem:
     samples that do not count.
     """
 
-    command: Array
-    position: Array
-    friction: Array | None
-    fixed: Array
+    command: FloatArray
+    position: FloatArray
+    friction: FloatArray | None
+    fixed: FloatArray
     rate: float
     delay: float
     skip: int
@@ -42,25 +41,26 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """residual (n - skip,), jacobian (n - skip, p) of the prediction, both with everything linear projected out; cost:
-    sum of squares; output: the prediction (n,) by the plant alone, without offsets and lines.
+    """A prediction of a record: residual (n - skip,), jacobian (n - skip, p) of the prediction, both with everything
+    linear projected out; cost: sum of squares; output: the prediction (n,) by the plant alone, without offsets and
+    lines.
     """
 
-    residual: Array
-    jacobian: Array
+    residual: FloatArray
+    jacobian: FloatArray
     cost: float
-    output: Array
+    output: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class _Driven:
     """States s^k/A^2 of one driver, (n, 2 order), and the driver as it acts (n,); first rows only where it dies out."""
 
-    states: Array
-    acting: Array
+    states: FloatArray
+    acting: FloatArray
 
-    def combine(self, polynomials: Sequence[NDArray[np.floating[Any]]], square: Array) -> Array:
-        """Each polynomial(s)/A^2 (descending, of degree 2 order at most) applied to the driver: (n, columns)."""
+    def combine(self, polynomials: Sequence[NDArray[np.floating[Any]]], square: FloatArray) -> FloatArray:
+        """Return each polynomial(s)/A^2 (descending, of degree 2 order at most) applied to the driver: (n, columns)."""
         weights, direct = np.zeros((square.size - 1, len(polynomials))), np.zeros(len(polynomials))
         for column, polynomial in enumerate(polynomials):
             rest = polynomial
@@ -74,8 +74,10 @@ class _Driven:
         return made
 
 
-def combination(polynomials: list[Array], square: Array) -> tuple[Array, Array]:
-    """What of each state (2 order, columns) and of the driver (columns,) makes polynomial(s)/A^2 of the driver."""
+def combination(polynomials: list[FloatArray], square: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how much of each state (2 order, columns) and of the driver (columns,) makes polynomial(s)/A^2 of the
+    driver.
+    """
     weights, direct = np.zeros((square.size - 1, len(polynomials))), np.zeros(len(polynomials))
     for column, polynomial in enumerate(polynomials):
         rest = polynomial
@@ -87,9 +89,11 @@ def combination(polynomials: list[Array], square: Array) -> tuple[Array, Array]:
 
 
 def predict(
-    problem: Problem, structure: Structure, theta: Array, coulomb: float, *, derivatives: bool = True
+    problem: Problem, structure: Structure, theta: FloatArray, coulomb: float, *, derivatives: bool = True
 ) -> Prediction:
-    """Prediction and derivatives at theta; `coulomb` is the last parameter where the problem has friction."""
+    """Return the prediction and derivatives at theta; `coulomb` is the last parameter where the problem has
+    friction.
+    """
     with np.errstate(over="ignore", invalid="ignore"):
         model = Model(problem, structure, theta, coulomb)
         output = model.output()
@@ -105,7 +109,7 @@ def predict(
 class Model:
     """One model's states on one problem, and what follows from them by combining them."""
 
-    def __init__(self, problem: Problem, structure: Structure, theta: Array, coulomb: float) -> None:
+    def __init__(self, problem: Problem, structure: Structure, theta: FloatArray, coulomb: float) -> None:
         self.problem, self.structure, self.coulomb = problem, structure, coulomb
         b, a, self.delay = structure.split(theta, problem.delay)
         self.monic, self.b = np.append(1.0, a[::-1]), b[::-1]
@@ -124,7 +128,7 @@ class Model:
 
     @cached_property
     def driven(self) -> _Driven:
-        """The command less friction."""
+        """Return the states of the command less friction."""
         if self.resisting is None:
             return self.pushing
         return _Driven(
@@ -133,11 +137,11 @@ class Model:
         )
 
     def _memory(self, count: int) -> int:
-        """Samples after which the state before the record is forgotten."""
+        """Return the number of samples after which the state before the record is forgotten."""
         slowest = -float(np.max(np.roots(self.monic).real))
         return count if slowest <= 0.0 else int(min(count, 60.0 * self.problem.rate / slowest + 10.0))
 
-    def _drive(self, driver: Array, denominator: Array | None = None) -> _Driven:
+    def _drive(self, driver: FloatArray, denominator: FloatArray | None = None) -> _Driven:
         problem, delay = self.problem, max(self.delay, 0.0)
         under = self.square if denominator is None else denominator
         states = companion_states(under, driver, problem.rate, hold=problem.hold, delay_s=delay)
@@ -147,16 +151,18 @@ class Model:
             acting = (1.0 - part) * acting + part * shift(driver, int(whole) + 1)
         return _Driven(states, acting)
 
-    def output(self) -> Array:
-        """B/A applied to the command less friction, (n,)."""
+    def output(self) -> FloatArray:
+        """Return B/A applied to the command less friction, (n,)."""
         return self.driven.combine([np.polymul(self.b, self.monic)], self.square)[:, 0]
 
-    def resistance(self, state: Array) -> Array:
-        """Derivative of the output by the Coulomb level of a friction of that state: -B/A applied to it, (n,)."""
+    def resistance(self, state: FloatArray) -> FloatArray:
+        """Return the derivative of the output by the Coulomb level of a friction of that state: -B/A applied to it,
+        (n,).
+        """
         return self._drive(state, self.monic).combine([-self.b], self.monic)[:, 0]
 
-    def nuisance(self) -> Array:
-        """Columns (n, k): free responses, response to a constant command, and the problem's fixed ones."""
+    def nuisance(self) -> FloatArray:
+        """Return the columns (n, k): free responses, response to a constant command, and the problem's fixed ones."""
         count, n = self.problem.position.size, self.order
         columns = np.zeros((count, n + 1 + self.problem.fixed.shape[1]))
         free = self.pulse.combine([np.polymul(_power(i), self.monic) for i in range(n)], self.square)
@@ -165,16 +171,16 @@ class Model:
         columns[:, n + 1 :] = self.problem.fixed
         return columns
 
-    def slopes(self) -> list[Array]:
-        """Polynomials over A^2 that make the derivatives of B/A by numerator, denominator and dead time."""
+    def slopes(self) -> list[FloatArray]:
+        """Return the polynomials over A^2 that make the derivatives of B/A by numerator, denominator and dead time."""
         b, a = self.b, self.monic
         by_b = [np.polymul(_power(i), a) for i in range(self.structure.integrated, b.size)]
         by_a = [-np.polymul(b, _power(j)) for j in range(self.order)]
         late = [-np.polymul(np.polymul(b, a), _power(1))] if self.structure.dead_time else []
         return by_b + by_a + late
 
-    def derivatives(self, level: Array) -> Array:
-        """By every parameter, (n, p); `level` are the nuisance columns' coefficients."""
+    def derivatives(self, level: FloatArray) -> FloatArray:
+        """Return the derivatives by every parameter, (n, p); `level` are the nuisance columns' coefficients."""
         b, a, n = self.b, self.monic, self.order
         columns = self.driven.combine(self.slopes(), self.square)
         first = self.structure.numerator_count
@@ -190,15 +196,15 @@ class Model:
         return np.hstack([columns, self.resisting.combine([-np.polymul(b, a)], self.square)])
 
 
-def _power(exponent: int) -> Array:
-    """s^exponent, descending."""
+def _power(exponent: int) -> FloatArray:
+    """Return the polynomial s^exponent, descending."""
     return np.append(1.0, np.zeros(exponent))
 
 
 class Projector:
     """Takes out of signals, from row `skip` on, what columns (n, k) explain of them."""
 
-    def __init__(self, columns: Array, skip: int) -> None:
+    def __init__(self, columns: FloatArray, skip: int) -> None:
         self._kept, self._skip = columns[skip:], skip
         gram = self._kept.T @ self._kept
         size = np.sqrt(np.diag(gram))
@@ -207,8 +213,10 @@ class Projector:
         self.is_finite = bool(np.all(np.isfinite(gram)))
         self._inverse = np.linalg.pinv(gram, rcond=1e-11, hermitian=True) if self.is_finite else gram
 
-    def apply(self, values: Array) -> tuple[Array, Array]:
-        """`values` (n,) or (n, p) -> what is left (n - skip, ...), and the columns' coefficients (k,) or (k, p)."""
+    def apply(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what the columns leave of `values`, (n,) or (n, p): (n - skip, ...), and their coefficients (k,) or
+        (k, p).
+        """
         target = values[self._skip :]
         goal = (self._kept.T @ target).T / self._size
         if not (self.is_finite and np.all(np.isfinite(goal))):

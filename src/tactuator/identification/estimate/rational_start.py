@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.estimate.structure import RationalModel, Structure
 from tactuator.identification.evidence.empirical import EmpiricalResponse
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _FLOOR = 0.01
 """Relative error below which a band is not believed: friction and leakage are not in its scatter."""
@@ -19,7 +16,8 @@ _FLOOR = 0.01
 def rational_start(
     response: EmpiricalResponse, structure: Structure, rate_hz: float, delay_s: float
 ) -> tuple[RationalModel, float]:
-    """The best of several Sanathanan-Koerner iterations, polished by least squares; and its weighted squared error.
+    """Return the best of several Sanathanan-Koerner iterations, polished by least squares; and its weighted squared
+    error.
 
     With a dead time, whole samples even in log from delay_s on are tried first. Source: Sanathanan and Koerner,
     Transfer function synthesis as a ratio of two complex polynomials, 1963.
@@ -43,13 +41,19 @@ class _Fit:
     """One structure fitted to one response in scaled frequency: target (m,), omega (m,), weight (m,), hold (m,)."""
 
     def __init__(
-        self, target: Complex, omega: Array, weight: Array, structure: Structure, hold: Complex, delay: float
+        self,
+        target: ComplexArray,
+        omega: FloatArray,
+        weight: FloatArray,
+        structure: Structure,
+        hold: ComplexArray,
+        delay: float,
     ) -> None:
         self._target, self._omega, self._weight, self._structure = target, omega, weight, structure
         self._hold, self._delay, self._s = hold, delay, 1j * omega
 
-    def koerner(self, lag: float, corner: float | None) -> Array:
-        """Linear least squares, reweighted by the denominator before; corner: poles of the first one."""
+    def koerner(self, lag: float, corner: float | None) -> FloatArray:
+        """Solve linear least squares, reweighted by the denominator before; corner: poles of the first one."""
         s, structure = self._s, self._structure
         n, m = structure.poles, structure.zeros
         # what passes at once is not held; where there is such a part the hold is left to the polish
@@ -71,8 +75,8 @@ class _Fit:
             theta = structure.join(b, a, lag)
         return theta
 
-    def residual(self, theta: Array) -> Array:
-        """Log ratio of model and target, weighted: equal relative weight wherever it is equally certain."""
+    def residual(self, theta: FloatArray) -> FloatArray:
+        """Return the log ratio of model and target, weighted: equal relative weight wherever it is equally certain."""
         b, a, tau = self._structure.split(theta, self._delay)
         direct = b[-1] if b.size > a.size else 0.0
         held = np.polyval(b[::-1], self._s) / np.polyval(np.append(1.0, a[::-1]), self._s) - direct
@@ -82,13 +86,13 @@ class _Fit:
         ratio = np.where(np.isfinite(ratio), ratio, 1e6)
         return np.concatenate([ratio.real, ratio.imag])
 
-    def cost(self, theta: Array) -> float:
-        """Half the squared error, a band's error counted linearly beyond one standard error."""
+    def cost(self, theta: FloatArray) -> float:
+        """Return half the squared error, a band's error counted linearly beyond one standard error."""
         squared = self.residual(theta) ** 2
         return float(np.sum(np.sqrt(1.0 + squared) - 1.0))
 
-    def polish(self, theta: Array) -> tuple[float, Array]:
-        """Cost and parameters after a descent from theta."""
+    def polish(self, theta: FloatArray) -> tuple[float, FloatArray]:
+        """Return the cost and parameters after a descent from theta."""
         size = np.maximum(np.abs(theta), 1e-6)
         result = optimize.least_squares(
             lambda scaled: self.residual(scaled * size), theta / size, method="trf", loss="soft_l1", max_nfev=30
@@ -97,14 +101,14 @@ class _Fit:
         return float(result.cost), self._structure.join(b, _stable(a), max(tau, 0.0))
 
 
-def _hold(omega: Array, rate_hz: float) -> Complex:
-    """What a zero-order hold adds below half the rate, aliases aside."""
+def _hold(omega: FloatArray, rate_hz: float) -> ComplexArray:
+    """Return what a zero-order hold adds below half the rate, aliases aside."""
     angle = 1j * omega / rate_hz
     return np.asarray(-np.expm1(-angle) / angle)
 
 
-def _stable(a: Array) -> Array:
-    """Ascending coefficients below the leading one, poles mirrored into the left half-plane."""
+def _stable(a: FloatArray) -> FloatArray:
+    """Return the ascending coefficients below the leading one, poles mirrored into the left half-plane."""
     roots = np.roots(np.append(1.0, a[::-1]))
     mirrored = np.where(roots.real > 0.0, -np.conj(roots), roots)
     return np.asarray(np.real(np.poly(mirrored))[:0:-1])

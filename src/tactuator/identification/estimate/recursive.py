@@ -11,16 +11,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import signal
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification.estimate.loops import Recursion, recursive_least_squares
 from tactuator.identification.estimate.states import companion_states, shift
 from tactuator.identification.evidence.empirical import empirical_response
 from tactuator.signals.systems import ContinuousSystem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -32,19 +31,19 @@ class RecursiveEstimate:
     order: how the last pass converged.
     """
 
-    num: Array
-    den: Array
+    num: FloatArray
+    den: FloatArray
     delay_s: float
-    covariance: Array
-    time_s: Array
-    num_history: Array
-    den_history: Array
-    variance_history: Array
+    covariance: FloatArray
+    time_s: FloatArray
+    num_history: FloatArray
+    den_history: FloatArray
+    variance_history: FloatArray
     prediction_error: float
 
     @property
     def model(self) -> ContinuousSystem:
-        """The estimate as a system."""
+        """Return the estimate as a system."""
         return ContinuousSystem.from_polynomials(self.num, self.den, self.delay_s)
 
 
@@ -60,7 +59,7 @@ def identify_recursively(
     passes: int = 3,
     history: int = 200,
 ) -> RecursiveEstimate:
-    """Recursive least squares of a model of `poles` and `zeros` on command (n,) and position (n,).
+    """Return the recursive least squares estimate of a model of `poles` and `zeros` on command (n,) and position (n,).
 
     delay_s: a known dead time (whole samples). forgetting: as in `recursive_least_squares`. passes: how often E is
     replaced by the estimate before. history: rows of convergence kept. Raises BadInput for an unknown structure or a
@@ -83,8 +82,10 @@ def identify_recursively(
     return _estimate(recursion, sizes, zeros, delay_s, every / rate_hz)
 
 
-def _corner(u: Array, y: Array, rate_hz: float) -> float:
-    """Where the response has fallen to a tenth of its largest value, rad/s: above most poles, below most noise."""
+def _corner(u: FloatArray, y: FloatArray, rate_hz: float) -> float:
+    """Return where the response has fallen to a tenth of its largest value, rad/s: above most poles, below
+    most noise.
+    """
     response = empirical_response(u, y, rate_hz)
     trusted = response.coherence > 0.3
     if trusted.sum() < 3:
@@ -94,8 +95,8 @@ def _corner(u: Array, y: Array, rate_hz: float) -> float:
     return float(2.0 * np.pi * min(frequency[above[-1]], 0.1 * rate_hz))
 
 
-def _as_filter(den: Array, corner: float) -> Array:
-    """A stable E from an estimated A: poles mirrored into the left half-plane, none slower than corner/300."""
+def _as_filter(den: FloatArray, corner: float) -> FloatArray:
+    """Return a stable E from an estimated A: poles mirrored into the left half-plane, none slower than corner/300."""
     poles = np.roots(den)
     poles = -np.abs(poles.real) + 1j * poles.imag
     slow = np.abs(poles) < corner / 300.0
@@ -103,8 +104,10 @@ def _as_filter(den: Array, corner: float) -> Array:
     return np.real(np.poly(poles))
 
 
-def _regression(e: Array, u: Array, y: Array, rate_hz: float, zeros: int) -> tuple[Array, Array, Array]:
-    """Regressors scaled to unit size (n, m+1+poles), the goal scaled to unit size, and the scales of theta."""
+def _regression(
+    e: FloatArray, u: FloatArray, y: FloatArray, rate_hz: float, zeros: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return regressors and goal scaled to unit size, (n, m+1+poles) and (n,), and the scales of theta."""
     from_u = companion_states(e, u - u.mean(), rate_hz)[:, : zeros + 1][:, ::-1]
     centred = y - y.mean()
     from_y = companion_states(e, centred, rate_hz, hold="first-order")
@@ -122,14 +125,16 @@ def _regression(e: Array, u: Array, y: Array, rate_hz: float, zeros: int) -> tup
     return columns / column_size, goal / goal_size, column_size / goal_size
 
 
-def _without_offset(columns: Array, rate_hz: float) -> Array:
-    """First-order high-pass with its corner at 3 periods of the record: takes offsets away, alike in every column."""
+def _without_offset(columns: FloatArray, rate_hz: float) -> FloatArray:
+    """Apply a first-order high-pass with its corner at 3 periods of the record: it takes offsets away, alike in every
+    column.
+    """
     corner = 3.0 * rate_hz / columns.shape[0]
     b, a = signal.butter(1, min(2.0 * corner / rate_hz, 0.5), "highpass")
     return np.asarray(signal.lfilter(b, a, columns, axis=0))
 
 
-def _estimate(recursion: Recursion, sizes: Array, zeros: int, delay_s: float, step_s: float) -> RecursiveEstimate:
+def _estimate(recursion: Recursion, sizes: FloatArray, zeros: int, delay_s: float, step_s: float) -> RecursiveEstimate:
     theta = recursion.theta / sizes
     history = recursion.theta_history / sizes
     scale = np.outer(1.0 / sizes, 1.0 / sizes) * recursion.prediction_variance

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.identification.estimate.covariance import robust_covariance
 from tactuator.identification.estimate.descent import Minimum, descend
 from tactuator.identification.estimate.friction import Friction, FrictionSearch, certain
@@ -23,27 +23,27 @@ from tactuator.identification.evidence.hum_lines import find_lines, line_columns
 from tactuator.identification.evidence.residuals import ResidualTests, check_residual
 from tactuator.identification.evidence.whitening import apply_filter, whitening_filter
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """command, position: (n,), at rate_hz; hold: what the command does between samples."""
+    """Samples of a record. command, position: (n,), at rate_hz; hold: what the command does between samples."""
 
-    command: Array
-    position: Array
+    command: FloatArray
+    position: FloatArray
     rate_hz: float
     hold: Hold = "zero-order"
 
 
 @dataclass(frozen=True, eq=False)
 class Disturbance:
-    """What is fitted beside the plant: lines (hertz), friction's presliding distance and path, the noise's whitener."""
+    """The part that is fitted beside the plant: lines (hertz), friction's presliding distance and path, the noise's
+    whitener.
+    """
 
-    lines_hz: Array
+    lines_hz: FloatArray
     presliding: float = 0.0
-    path: Array | None = None
-    whitener: Array | None = None
+    path: FloatArray | None = None
+    whitener: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class Fit:
 
     @property
     def cost(self) -> float:
-        """Sum of squared innovations."""
+        """Return the sum of squared innovations."""
         return self.minimum.prediction.cost
 
 
@@ -72,11 +72,11 @@ class RefinedEstimate:
     """
 
     fit: Fit
-    covariance: Array
+    covariance: FloatArray
     condition: float
     tests: ResidualTests
     friction: Friction | None
-    simulated: Array
+    simulated: FloatArray
     fit_percent: float
 
 
@@ -89,7 +89,7 @@ def fit_model(
     *,
     most: int = 30,
 ) -> Fit:
-    """Descend from `start` with the lines, friction and whitener of `disturbance` as they are."""
+    """Fit by descent from `start` with the lines, friction and whitener of `disturbance` as they are."""
     problem = build_problem(samples, start.scale_rad_s, start.delay_s, disturbance)
     theta = structure.join(_padded(start.b, structure), start.a, start.delay_s * start.scale_rad_s)
     minimum = descend(problem, structure, theta, coulomb, most=most)
@@ -99,7 +99,7 @@ def fit_model(
 
 
 def build_problem(samples: Samples, scale: float, delay_s: float, disturbance: Disturbance) -> Problem:
-    """Scaled time, whitened signals."""
+    """Return the problem in scaled time with whitened signals."""
     count = samples.position.size
     fixed = line_columns(disturbance.lines_hz, samples.rate_hz, count)
     state = None
@@ -118,7 +118,7 @@ def build_problem(samples: Samples, scale: float, delay_s: float, disturbance: D
 def fit_with_disturbance(
     samples: Samples, structure: Structure, start: RationalModel, *, friction: bool = True, lines: bool = True
 ) -> Fit:
-    """White fit, then lines and friction where the residual shows them, then the noise's colour."""
+    """Fit with white noise, then lines and friction where the residual shows them, then the noise's colour."""
     fit = fit_model(samples, structure, start, Disturbance(np.zeros(0)), most=12)
     with_lines = fit
     if lines:
@@ -136,7 +136,7 @@ def fit_with_disturbance(
 
 
 def _friction_stands(fit: Fit) -> bool:
-    """Whether the Coulomb level is still certain after the noise has got its colour: five standard errors."""
+    """Tell whether the Coulomb level is still certain after the noise has got its colour: five standard errors."""
     jacobian = fit.minimum.prediction.jacobian
     size = np.linalg.norm(jacobian, axis=0)
     inverse = np.linalg.pinv(jacobian.T @ jacobian / np.outer(size, size), rcond=1e-12)
@@ -145,7 +145,8 @@ def _friction_stands(fit: Fit) -> bool:
 
 
 def add_friction(samples: Samples, fit: Fit) -> Fit:
-    """The fit with friction along its own noise-free path, if friction is certain; two rounds, as the path changes.
+    """Return the fit with friction along its own noise-free path, if friction is certain; two rounds, as the path
+    changes.
 
     Without, it is the very fit that was given.
     """
@@ -173,13 +174,13 @@ def add_friction(samples: Samples, fit: Fit) -> Fit:
 
 
 def plain_prediction(samples: Samples, fit: Fit) -> tuple[Prediction, Problem]:
-    """The fit's prediction of the record as it is, not whitened."""
+    """Return the fit's prediction of the record as it is, not whitened."""
     plain = build_problem(samples, fit.model.scale_rad_s, fit.model.delay_s, replace(fit.disturbance, whitener=None))
     return predict(plain, fit.structure, fit.minimum.theta, fit.coulomb, derivatives=False), plain
 
 
-def clean_path(samples: Samples, fit: Fit) -> Array:
-    """The position without noise and lines, as the fit sees it, (n,)."""
+def clean_path(samples: Samples, fit: Fit) -> FloatArray:
+    """Return the position without noise and lines, as the fit sees it, (n,)."""
     prediction, plain = plain_prediction(samples, fit)
     path = samples.position.copy()
     path[plain.skip :] -= prediction.residual
@@ -206,21 +207,21 @@ def colour(samples: Samples, fit: Fit, rounds: int = 2) -> Fit:
     return fit
 
 
-def _plain_residual(samples: Samples, fit: Fit) -> Array:
+def _plain_residual(samples: Samples, fit: Fit) -> FloatArray:
     if fit.disturbance.whitener is None:
         return fit.minimum.prediction.residual
     return plain_prediction(samples, fit)[0].residual
 
 
 def fit_tests(samples: Samples, fit: Fit) -> ResidualTests:
-    """The tests of a fit's innovations."""
+    """Return the tests of a fit's innovations."""
     prediction = fit.minimum.prediction
     command = fit.problem.command[fit.problem.skip :]
     return check_residual(prediction.residual, command, prediction.jacobian, samples.rate_hz)
 
 
 def judge(samples: Samples, fit: Fit, tests: ResidualTests) -> RefinedEstimate:
-    """Covariance, friction and fit of a finished fit that passed or failed `tests`."""
+    """Return the covariance, friction and fit of a finished fit that passed or failed `tests`."""
     prediction = fit.minimum.prediction
     residual = _plain_residual(samples, fit)
     past = None
@@ -243,14 +244,14 @@ def judge(samples: Samples, fit: Fit, tests: ResidualTests) -> RefinedEstimate:
     return RefinedEstimate(fit, covariance[:p, :p], condition, tests, friction, measured - residual, percent)
 
 
-def _past(residual: Array, lags: int) -> Array:
+def _past(residual: FloatArray, lags: int) -> FloatArray:
     columns = np.zeros((residual.size, lags))
     for lag in range(1, lags + 1):
         columns[lag:, lag - 1] = residual[:-lag]
     return columns
 
 
-def _padded(b: Array, structure: Structure) -> Array:
+def _padded(b: FloatArray, structure: Structure) -> FloatArray:
     made = np.zeros(structure.zeros + 1)
     made[: min(b.size, made.size)] = b[: made.size]
     return made

@@ -5,19 +5,18 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
+from tactuator.arrays import FloatArray
 from tactuator.identification.estimate.loops import run_states
 
-Array = NDArray[np.float64]
 Hold = Literal["zero-order", "first-order"]
 
 
 def companion_states(
-    denominator: Array, driver: Array, rate_hz: float, *, hold: Hold = "zero-order", delay_s: float = 0.0
-) -> Array:
-    """s^k/A(s) applied to `driver` (count,) for k = 0 .. n-1: shape (count, n), from rest.
+    denominator: FloatArray, driver: FloatArray, rate_hz: float, *, hold: Hold = "zero-order", delay_s: float = 0.0
+) -> FloatArray:
+    """Return s^k/A(s) applied to `driver` (count,) for k = 0 .. n-1: shape (count, n), from rest.
 
     denominator: A, descending powers, monic, length n + 1, in rad/s. delay_s may be any fraction of a sample (with a
     first-order hold: whole samples). Source: Van Loan, Computing integrals involving the matrix exponential, 1978.
@@ -46,8 +45,8 @@ def companion_states(
     return run_states(a @ first, carried, rest @ b, shift(delayed, 1))
 
 
-def _integrals(a: Array, duration: float) -> tuple[Array, Array]:
-    """Integral of exp(A t) over 0 .. duration, and of that integral once more; both (n, n)."""
+def _integrals(a: FloatArray, duration: float) -> tuple[FloatArray, FloatArray]:
+    """Return the integral of exp(A t) over 0 .. duration, and of that integral once more; both (n, n)."""
     n = a.shape[0]
     block = np.zeros((3 * n, 3 * n))
     block[:n, :n] = a * duration
@@ -57,8 +56,8 @@ def _integrals(a: Array, duration: float) -> tuple[Array, Array]:
     return duration * exponential[:n, n : 2 * n], duration**2 * exponential[:n, 2 * n :]
 
 
-def shift(values: Array, samples: int) -> Array:
-    """`values` (count,) later by `samples` (earlier if negative), the first value held before the start."""
+def shift(values: FloatArray, samples: int) -> FloatArray:
+    """Return `values` (count,) later by `samples` (earlier if negative), the first value held before the start."""
     if samples == 0:
         return values
     if samples > 0:

@@ -1,1 +1,1 @@
-"""What a record shows before any model: checks, excitation, empirical response, residuals, hum."""
+"""The evidence that a record shows before any model: checks, excitation, empirical response, residuals, hum."""

@@ -7,17 +7,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification.evidence.empirical import EmpiricalResponse
 from tactuator.signals.record import Record
 
-Array = NDArray[np.float64]
 FEWEST = 100
 """Samples below which nothing is identified."""
+_OFTEN = 0.005
+"""Share of samples exactly at an extreme from which on it is a limit, though none lasts."""
 
 
 def check_record(record: Record) -> tuple[str, ...]:
-    """Remarks on a record; BadInput where it cannot be used at all."""
+    """Return remarks on a record; BadInput where it cannot be used at all."""
     if record.command.size < FEWEST:
         raise BadInput(f"the record has {record.command.size} samples; allowed: {FEWEST} or more")
     for name in ("command", "position"):
@@ -34,9 +36,10 @@ def check_record(record: Record) -> tuple[str, ...]:
     return tuple(remarks)
 
 
-def clipped_share(values: Array) -> float:
-    """Share of samples that sit at an extreme in runs, as a saturated converter leaves them; 0 for a signal of few
-    levels (steps, a binary sequence), which is meant to sit there."""
+def clipped_share(values: FloatArray) -> float:
+    """Return the share of samples that sit at an extreme in runs, as a saturated converter leaves them; 0 for a signal
+    of few levels (steps, a binary sequence), which is meant to sit there.
+    """
     span = float(np.ptp(values))
     levels = np.unique(np.round((values - values.min()) / span, 4)).size
     if levels < 50:
@@ -50,11 +53,16 @@ def clipped_share(values: Array) -> float:
         long = int(runs[runs >= 3].sum())
         if long >= 6 and long > near.sum():
             total += long
+        elif at.sum() > max(6, _OFTEN * values.size, 3.0 * near.sum()):
+            # a quick signal comes back from its limit after a sample or two
+            total += int(at.sum())
     return total / values.size
 
 
 def check_direction(response: EmpiricalResponse) -> tuple[str, ...]:
-    """Whether what is called position follows what is called command: a mechanism falls with frequency, and lags."""
+    """Check whether what is called position follows what is called command: a mechanism falls with
+    frequency, and lags.
+    """
     trusted = response.trusted(0.5)
     if trusted.frequency_hz.size < 6:
         return ("command and position hardly depend on each other: little can be said",)
@@ -71,8 +79,8 @@ def check_direction(response: EmpiricalResponse) -> tuple[str, ...]:
     return ()
 
 
-def check_polarity(num: Array, den: Array) -> tuple[str, ...]:
-    """Whether the position goes where the command pushes; num, den: descending powers."""
+def check_polarity(num: FloatArray, den: FloatArray) -> tuple[str, ...]:
+    """Check whether the position goes where the command pushes; num, den: descending powers."""
     lowest = num[np.flatnonzero(num)[-1]] if np.any(num) else 1.0
     if lowest / (den[-1] if den[-1] != 0.0 else 1.0) < 0.0 and np.all(np.roots(den).real <= 0.0):
         return ("the position moves against the command (negative correlation): a polarity or the columns are swapped",)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tactuator.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -18,14 +18,14 @@ class EmpiricalResponse:
     the inverse of the feedback; it serves to start from, not to report.
     """
 
-    frequency_hz: Array
+    frequency_hz: FloatArray
     value: NDArray[np.complex128]
-    relative_error: Array
-    coherence: Array
-    excitation: Array
+    relative_error: FloatArray
+    coherence: FloatArray
+    excitation: FloatArray
 
     def trusted(self, coherence: float = 0.3, fewest: int = 8) -> EmpiricalResponse:
-        """The bands of at least that coherence, or the `fewest` most coherent ones."""
+        """Return the bands of at least that coherence, or the `fewest` most coherent ones."""
         bound = min(coherence, float(np.sort(self.coherence)[-min(fewest, self.coherence.size)]))
         keep = self.coherence >= bound
         return EmpiricalResponse(
@@ -38,9 +38,15 @@ class EmpiricalResponse:
 
 
 def empirical_response(
-    command: Array, position: Array, rate_hz: float, *, bands_per_decade: int = 20, high_hz: float | None = None
+    command: FloatArray,
+    position: FloatArray,
+    rate_hz: float,
+    *,
+    bands_per_decade: int = 20,
+    high_hz: float | None = None,
 ) -> EmpiricalResponse:
-    """Bands even in log frequency from 3 lines above zero up to high_hz (default 0.45 rate), 5 lines each at least.
+    """Return the response in bands even in log frequency from 3 lines above zero up to high_hz (default 0.45 rate), 5
+    lines each at least.
 
     command, position: (n,). One Hann window over the whole record keeps its full resolution; the end-to-end slope is
     taken off first, as a drift would leak into every band.
@@ -65,10 +71,10 @@ def empirical_response(
     return EmpiricalResponse(centre[keep], syu[keep] / suu[keep], error[keep], coherence[keep], suu[keep] / suu.sum())
 
 
-def _levelled(values: Array) -> Array:
-    """Without mean and slope by least squares."""
+def _levelled(values: FloatArray) -> FloatArray:
+    """Take off mean and slope by least squares."""
     time = np.linspace(-1.0, 1.0, values.size)
-    centred: Array = values - values.mean()
+    centred: FloatArray = values - values.mean()
     return np.asarray(centred - time * float(time @ centred) / float(time @ time))
 
 

@@ -5,21 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 
-Array = NDArray[np.float64]
 _FLOOR = 1e-8
 """Power of a line, over the strongest, below which it does not count: 80 dB."""
 
 
 @dataclass(frozen=True)
 class ExcitationReport:
-    """order: lines of the command's two-sided spectrum, and so the number of parameters it can determine (Ljung,
-    System Identification, 1999, section 13.2). needed: parameters of the model. condition: of the information matrix,
-    each parameter in its own unit size (nan before there is a model). low_hz, high_hz: 99.8 % of the power.
+    """A command's excitation. order: lines of the command's two-sided spectrum, and so the number of parameters it can
+    determine (Ljung, System Identification, 1999, section 13.2). needed: parameters of the model. condition: of the
+    information matrix, each parameter in its own unit size (nan before there is a model). low_hz, high_hz: 99.8 % of
+    the power.
     """
 
     order: int
@@ -30,12 +30,14 @@ class ExcitationReport:
 
     @property
     def sufficient(self) -> bool:
-        """Enough lines for the parameters, and an information matrix that can be inverted."""
+        """Tell whether there are lines enough for the parameters, and an information matrix that can be inverted."""
         return self.order >= self.needed and not self.condition > 1e12
 
 
-def excitation_report(command: Array, rate_hz: float, needed: int, condition: float = float("nan")) -> ExcitationReport:
-    """How many independent parameters `command` (n,) can determine."""
+def excitation_report(
+    command: FloatArray, rate_hz: float, needed: int, condition: float = float("nan")
+) -> ExcitationReport:
+    """Return how many independent parameters `command` (n,) can determine."""
     window = signal.windows.blackmanharris(command.size)
     centred = command - command.mean()
     power = np.abs(np.fft.rfft(window * centred)) ** 2

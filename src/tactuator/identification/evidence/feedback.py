@@ -7,15 +7,14 @@ In a loop the command holds what the controller made of the residual's past. Its
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from tactuator.arrays import FloatArray
 from tactuator.identification.spectral.likelihood import Fit
 from tactuator.identification.spectral.lines import Spectrum
 from tactuator.identification.spectral.record_residual import Residual
 from tactuator.identification.spectral.uncertainty import response_of_rows
 
-Array = NDArray[np.float64]
 _CHANCE = 1e-4
 _ACTS = 0.25
 _TOLD = 1000.0
@@ -49,7 +48,7 @@ def feedback_seen(taken: Spectrum, left: Residual, fit: Fit) -> bool | None:
     return False if float(np.sum(np.minimum(loop[acts], 1.0))) > _TOLD else None
 
 
-def _smoothed(power: Array) -> Array:
+def _smoothed(power: FloatArray) -> FloatArray:
     width = 201 if power.size > 2000 else 21
     mean = np.convolve(power, np.ones(width) / width, mode="same")
     return np.asarray(mean + 1e-12 * float(power.max()))

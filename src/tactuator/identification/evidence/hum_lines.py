@@ -5,16 +5,17 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
-Array = NDArray[np.float64]
+from tactuator.arrays import FloatArray
+
 _STRENGTH = 40.0
 """Power over the median around it: chance makes one bin in e^28 as strong."""
 
 
-def find_lines(residual: Array, command: Array, rate_hz: float, most: int = 8) -> Array:
-    """Frequencies (hertz, ascending) of up to `most` lines in residual (n,) that the command (n,) does not excite.
+def find_lines(residual: FloatArray, command: FloatArray, rate_hz: float, most: int = 8) -> FloatArray:
+    """Return the frequencies (hertz, ascending) of up to `most` lines in residual (n,) that the command (n,) does not
+    excite.
 
     Multiples of 50 and 60 Hz count although the command carries them: feedback puts hum into the command as well.
     """
@@ -38,21 +39,21 @@ def find_lines(residual: Array, command: Array, rate_hz: float, most: int = 8) -
     return np.sort(frequency[keep][ranked])
 
 
-def line_columns(frequency_hz: Array, rate_hz: float, count: int) -> Array:
-    """A constant, then cosine and sine of every line: (count, 1 + 2 k), read-only."""
+def line_columns(frequency_hz: FloatArray, rate_hz: float, count: int) -> FloatArray:
+    """Return a constant, then cosine and sine of every line: (count, 1 + 2 k), read-only."""
     return _columns(tuple(float(hertz) for hertz in frequency_hz), rate_hz, count)
 
 
 @lru_cache(maxsize=2)
-def _columns(frequency_hz: tuple[float, ...], rate_hz: float, count: int) -> Array:
+def _columns(frequency_hz: tuple[float, ...], rate_hz: float, count: int) -> FloatArray:
     angle = 2.0 * np.pi * np.outer(np.arange(count), frequency_hz) / rate_hz
     columns = np.hstack([np.ones((count, 1)), np.cos(angle), np.sin(angle)])
     columns.flags.writeable = False
     return columns
 
 
-def _median_around(power: Array) -> Array:
-    """Median of a few hundred lines around each, in steps: it bends slowly."""
+def _median_around(power: FloatArray) -> FloatArray:
+    """Return the median of a few hundred lines around each, in steps: it bends slowly."""
     step = max(1, power.size // 4000)
     width = 61
     trimmed = power[: power.size // step * step].reshape(-1, step)
@@ -61,7 +62,7 @@ def _median_around(power: Array) -> Array:
     return np.asarray(np.append(spread, np.full(power.size - spread.size, spread[-1]))) + 1e-300
 
 
-def _peak(power: Array, k: int) -> float:
+def _peak(power: FloatArray, k: int) -> float:
     """Place of a Hann-windowed line from the ratio of its two highest bins (Grandke, 1983), in bins."""
     left, right = np.sqrt(power[k - 1]), np.sqrt(power[min(k + 1, power.size - 1)])
     centre = np.sqrt(power[k])

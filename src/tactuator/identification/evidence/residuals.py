@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal, stats
 
+from tactuator.arrays import FloatArray
 from tactuator.identification.evidence.whitening import autocorrelation
 
-Array = NDArray[np.float64]
 _LAGS = 40
 
 
@@ -30,24 +29,28 @@ class ResidualTests:
 
     @property
     def white(self) -> bool:
-        """Ljung and Box's test passed."""
+        """Tell whether Ljung and Box's test passed."""
         return self.white_p > 0.01
 
     @property
     def uncorrelated_with_input(self) -> bool:
-        """The command's past explains nothing of the residual."""
+        """Tell whether the command's past explains nothing of the residual."""
         return self.uncorrelated_p > 0.01
 
 
-def check_residual(innovation: Array, command: Array, jacobian: Array, rate_hz: float) -> ResidualTests:
-    """innovation (n,): whitened residual; command (n,), whitened alike; jacobian (n, p) of the estimated parameters."""
+def check_residual(innovation: FloatArray, command: FloatArray, jacobian: FloatArray, rate_hz: float) -> ResidualTests:
+    """Test a residual. innovation (n,): whitened residual; command (n,), whitened alike; jacobian (n, p) of the
+    estimated parameters.
+    """
     p_white = _ljung_box(innovation)
     p_input, share = _input_test(innovation, command, jacobian, rate_hz)
     return ResidualTests(p_white, p_input, share, feedback_present(innovation, command))
 
 
-def _ljung_box(values: Array) -> float:
-    """Ljung and Box (1978): n (n + 2) sum r_k^2 / (n - k) is chi-squared of as many degrees as lags."""
+def _ljung_box(values: FloatArray) -> float:
+    """Test whiteness by Ljung and Box (1978): n (n + 2) sum r_k^2 / (n - k) is chi-squared of as many
+    degrees as lags.
+    """
     n, lags = values.size, min(_LAGS, values.size // 10)
     covariance = autocorrelation(values - values.mean(), lags)
     if covariance[0] == 0.0:
@@ -57,7 +60,9 @@ def _ljung_box(values: Array) -> float:
     return float(stats.chi2.sf(statistic, lags))
 
 
-def _input_test(innovation: Array, command: Array, jacobian: Array, rate_hz: float) -> tuple[float, float]:
+def _input_test(
+    innovation: FloatArray, command: FloatArray, jacobian: FloatArray, rate_hz: float
+) -> tuple[float, float]:
     """Score test: does the command's past, seen through low-pass filters of every time scale, explain the residual?
 
     Lags even in time would need hundreds of thousands to see a slow error; time constants even in log time see all.
@@ -79,8 +84,10 @@ def _input_test(innovation: Array, command: Array, jacobian: Array, rate_hz: flo
     return float(stats.chi2.sf(gained / variance, rank - own_rank)), gained / (n * variance)
 
 
-def _time_scales(command: Array, rate_hz: float) -> Array:
-    """First-order low-passes of the delayed command, corners from 2 periods of the record to 0.2 rate, (n, k)."""
+def _time_scales(command: FloatArray, rate_hz: float) -> FloatArray:
+    """Return the first-order low-passes of the delayed command, corners from 2 periods of the record to 0.2 rate, (n,
+    k).
+    """
     corners = np.geomspace(2.0 * rate_hz / command.size, 0.2 * rate_hz, 14)
     late = np.concatenate([[0.0], command[:-1] - command.mean()])
     made = []
@@ -90,7 +97,7 @@ def _time_scales(command: Array, rate_hz: float) -> Array:
     return np.stack(made, axis=1)
 
 
-def _explained(gram: Array, goal: Array) -> tuple[float, int]:
+def _explained(gram: FloatArray, goal: FloatArray) -> tuple[float, int]:
     if not gram.size:
         return 0.0, 0
     values, vectors = np.linalg.eigh(gram)
@@ -99,8 +106,8 @@ def _explained(gram: Array, goal: Array) -> tuple[float, int]:
     return float(np.sum(turned[kept] ** 2 / values[kept])), int(kept.sum())
 
 
-def feedback_present(innovation: Array, command: Array) -> bool:
-    """Whether later commands follow the residual: the sign of a record taken in closed loop."""
+def feedback_present(innovation: FloatArray, command: FloatArray) -> bool:
+    """Tell whether later commands follow the residual: the sign of a record taken in closed loop."""
     n = innovation.size
     lags = min(200, n // 20)
     size = 1 << int(np.ceil(np.log2(2 * n)))

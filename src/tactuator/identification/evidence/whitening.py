@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg, signal
 
-Array = NDArray[np.float64]
+from tactuator.arrays import FloatArray
 
 
-def autocorrelation(values: Array, lags: int) -> Array:
-    """Biased autocovariance at lags 0 .. lags of `values` (n,), shape (lags + 1,)."""
+def autocorrelation(values: FloatArray, lags: int) -> FloatArray:
+    """Return the biased autocovariance at lags 0 .. lags of `values` (n,), shape (lags + 1,)."""
     size = 1 << int(np.ceil(np.log2(values.size + lags + 1)))
     spectrum = np.abs(np.fft.rfft(values, size)) ** 2
     return np.asarray(np.fft.irfft(spectrum, size)[: lags + 1] / values.size)
 
 
-def whitening_filter(residual: Array, highest_order: int = 40) -> Array:
-    """Coefficients 1, h1, .. hp of the prediction-error filter of `residual` (n,), p by Akaike's criterion.
+def whitening_filter(residual: FloatArray, highest_order: int = 40) -> FloatArray:
+    """Return the coefficients 1, h1, .. hp of the prediction-error filter of `residual` (n,), p by Akaike's criterion.
 
     Levinson and Durbin's recursion on the autocovariance; p = 0 (white) gives [1].
     """
@@ -40,8 +39,8 @@ def whitening_filter(residual: Array, highest_order: int = 40) -> Array:
     return best
 
 
-def apply_filter(coefficients: Array, values: Array) -> Array:
-    """`values` (n,) or (n, k) through the filter, along the first axis, from rest."""
+def apply_filter(coefficients: FloatArray, values: FloatArray) -> FloatArray:
+    """Return `values` (n,) or (n, k) through the filter, along the first axis, from rest."""
     if coefficients.size == 1:
         return np.asarray(values * coefficients[0])
     if values.ndim == 1:
@@ -49,6 +48,6 @@ def apply_filter(coefficients: Array, values: Array) -> Array:
     return np.asarray(signal.oaconvolve(values, coefficients[:, None], axes=0)[: values.shape[0]])
 
 
-def toeplitz_covariance(covariance: Array) -> Array:
-    """The matrix of a stationary signal's autocovariance (p,), shape (p, p)."""
+def toeplitz_covariance(covariance: FloatArray) -> FloatArray:
+    """Return the matrix of a stationary signal's autocovariance (p,), shape (p, p)."""
     return np.asarray(linalg.toeplitz(covariance))

@@ -1,4 +1,4 @@
-"""What a continuous model does to the lines of a sampled command, by what the command does between its samples.
+"""The effect of a continuous model on the lines of a sampled command, by what the command does between its samples.
 
 Held commands: the answer of 1/(s - p) to a command that is constant between samples, exact with any dead time.
 Band-limited commands: the response itself (Pintelon and Schoukens, System Identification: A Frequency Domain Approach,
@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.identification.spectral.form import (
     Form,
     Ladder,
@@ -23,7 +24,6 @@ from tactuator.identification.spectral.form import (
     separated,
 )
 
-Array = NDArray[np.float64]
 Complex = NDArray[Any]
 Between = Literal["zero-order", "first-order", "band-limited"]
 HOLDS: tuple[Between, ...] = ("zero-order", "first-order", "band-limited")
@@ -33,9 +33,11 @@ _EDGE = 10
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """frequency_hz (m,), of a record sampled at rate_hz whose position was shifted ahead by `shift` samples."""
+    """The lines of a record: frequency_hz (m,), of a record sampled at rate_hz whose position was shifted ahead by
+    `shift` samples.
+    """
 
-    frequency_hz: Array
+    frequency_hz: FloatArray
     rate_hz: float
     scale_rad_s: float
     hold: Between
@@ -43,22 +45,22 @@ class Grid:
 
     @cached_property
     def s(self) -> Complex:
-        """Scaled i omega, (m,)."""
+        """Return i omega in scaled time, (m,)."""
         return np.asarray(2j * np.pi * self.frequency_hz / self.scale_rad_s)
 
     @property
     def period(self) -> float:
-        """Scaled sampling period."""
+        """Return the sampling period in scaled time."""
         return self.scale_rad_s / self.rate_hz
 
     @cached_property
     def back(self) -> Complex:
-        """One sample back, 1/z, (m,)."""
+        """Return one sample back, 1/z, (m,)."""
         return np.asarray(np.exp(-2j * np.pi * self.frequency_hz / self.rate_hz))
 
     @cached_property
     def step(self) -> Complex:
-        """1 - 1/z to full precision, (m,)."""
+        """Return 1 - 1/z to full precision, (m,)."""
         return np.asarray(-np.expm1(-2j * np.pi * self.frequency_hz / self.rate_hz))
 
     @cached_property
@@ -81,7 +83,7 @@ class Grid:
         return np.asarray(self.step[:, None] * (1.0 - fall) + fall)
 
 
-def response_columns(grid: Grid, theta: Array, delay: float, form: Form, rungs: Ladder) -> Complex:
+def response_columns(grid: Grid, theta: FloatArray, delay: float, form: Form, rungs: Ladder) -> Complex:
     """Return what each numerator of the ladder makes of the command's lines, (m, numerators)."""
     if grid.hold == "band-limited":
         under = denominator_values(theta, form, grid.s)
@@ -96,7 +98,7 @@ def response_columns(grid: Grid, theta: Array, delay: float, form: Form, rungs: 
 
 
 def _held(grid: Grid, poles: Complex, delay: float) -> Complex:
-    """Answer of 1/(s - p), late by `delay`, to the lines of a held command, (m, n)."""
+    """Return the answer of 1/(s - p), late by `delay`, to the lines of a held command, (m, n)."""
     whole, part = divmod(delay / grid.period - grid.shift, 1.0)
     period, back = grid.period, grid.back[:, None]
     if grid.hold == "first-order":
@@ -107,7 +109,9 @@ def _held(grid: Grid, poles: Complex, delay: float) -> Complex:
 
 
 def _ramped(grid: Grid, poles: Complex, whole: float, part: float) -> Complex:
-    """The same for a command that is a straight line between samples; the dead time's fraction is interpolated."""
+    """Return the same for a command that is a straight line between samples; the dead time's fraction is
+    interpolated.
+    """
     period, back = grid.period, grid.back[:, None]
     first = _integral(poles, period)
     second = np.where(np.abs(poles * period) < 1e-4, 0.5 * period**2, (first - period) / np.where(poles == 0, 1, poles))
@@ -117,7 +121,7 @@ def _ramped(grid: Grid, poles: Complex, whole: float, part: float) -> Complex:
 
 
 def _integral(poles: Complex, duration: float) -> Complex:
-    """Integral of exp(p t) over 0 .. duration, (n,)."""
+    """Return the integral of exp(p t) over 0 .. duration, (n,)."""
     small = np.abs(poles * duration) < 1e-8
     return np.where(small, duration, np.expm1(_bounded(poles * duration)) / np.where(small, 1.0, poles))
 
@@ -135,7 +139,7 @@ def edge_columns(grid: Grid) -> Complex:
     return np.stack([*made, 1.0 / grid.step], axis=1)
 
 
-def edge_lines(weights: Array, samples: int) -> Complex:
+def edge_lines(weights: FloatArray, samples: int) -> Complex:
     """Return the sum of `edge_columns` with weights (k,) on all lines of a record, (samples // 2 + 1,)."""
     made = weights[-1] * (1.0 - np.arange(1.0, samples + 1.0) / samples)
     for k, weight in zip(range(-_EDGE, _EDGE + 1), weights[:-1], strict=True):
@@ -143,7 +147,7 @@ def edge_lines(weights: Array, samples: int) -> Complex:
     return np.asarray(np.fft.rfft(made))
 
 
-def transient_columns(grid: Grid, theta: Array, form: Form) -> Complex:
+def transient_columns(grid: Grid, theta: FloatArray, form: Form) -> Complex:
     """Return what the state before the record may add to the position's lines: a decay of each pole, (m, poles)."""
     poles = separated(all_poles(theta, form))
     made: list[Complex] = []

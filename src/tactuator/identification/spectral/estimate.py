@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification.spectral.between import Between
 from tactuator.identification.spectral.joined import join, join_local
@@ -15,7 +15,6 @@ from tactuator.identification.spectral.likelihood import Fit
 from tactuator.identification.spectral.lines import LocalResponse, Spectrum, equations, local_response, spectrum
 from tactuator.identification.spectral.search import Choice, Known, choose, propose
 
-Array = NDArray[np.float64]
 CERTAIN = 12.0
 """Difference of -2 log likelihood from which on a hold is told: odds of 1 : 400 on equal terms."""
 _FAR = 300.0
@@ -26,10 +25,11 @@ _SILENT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class SpectralEstimate:
-    """chosen: under the better hold, or the first one where the record does not tell them apart (certain). other: under
-    the other, or None. advantage: how much better the better one's criterion is. local: the records' own response;
-    spectra: of each record as it is. before: the fit to the command as
-    it is, where what follows a loop's reference was fitted in its stead."""
+    """An estimate over lines. chosen: under the better hold, or the first one where the record does not tell them apart
+    (certain). other: under the other, or None. advantage: how much better the better one's criterion is. local: the
+    records' own response; spectra: of each record as it is. before: the fit to the command as it is, where what follows
+    a loop's reference was fitted in its stead.
+    """
 
     chosen: Choice
     other: Choice | None
@@ -47,7 +47,7 @@ class SpectralEstimate:
 
 @np.errstate(all="ignore")
 def estimate(
-    signals: Sequence[tuple[Array, Array]],
+    signals: Sequence[tuple[FloatArray, FloatArray]],
     rate_hz: float,
     holds: tuple[Between, ...],
     known: Known,

@@ -12,17 +12,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 
-Array = NDArray[np.float64]
 Complex = NDArray[Any]
-Ladder = tuple[tuple[Array, int], ...]
+Ladder = tuple[tuple[FloatArray, int], ...]
 MOST_POLES = 8
 
 
 @dataclass(frozen=True)
 class Form:
-    """poles, of which `integrators` at s = 0; zeros, of which `origin_zeros` at s = 0; dead_time: is it estimated?"""
+    """The form of a transfer function: poles, of which `integrators` at s = 0; zeros, of which `origin_zeros` at s = 0;
+    dead_time: is it estimated?
+    """
 
     poles: int
     zeros: int
@@ -40,27 +42,27 @@ class Form:
 
     @property
     def free(self) -> int:
-        """Poles that are estimated."""
+        """Return the number of poles that are estimated."""
         return self.poles - self.integrators
 
     @property
     def numerators(self) -> int:
-        """Coefficients of the numerator."""
+        """Return the number of the numerator's coefficients."""
         return self.zeros - self.origin_zeros + 1
 
     @property
     def count(self) -> int:
-        """Number of parameters."""
+        """Return the number of parameters."""
         return self.free + self.numerators + int(self.dead_time)
 
 
-def section_list(theta: Array, form: Form) -> list[Array]:
+def section_list(theta: FloatArray, form: Form) -> list[FloatArray]:
     """Return the free sections (descending, monic): s^2 + a1 s + a0 for each pair in `theta`, then s + a0."""
     pairs = [np.array([1.0, theta[2 * j], theta[2 * j + 1]]) for j in range(form.free // 2)]
     return [*pairs, np.array([1.0, theta[form.free - 1]])] if form.free % 2 else pairs
 
 
-def free_poles(theta: Array, form: Form) -> Complex:
+def free_poles(theta: FloatArray, form: Form) -> Complex:
     """Return the estimated poles, (free,)."""
     made: list[complex] = []
     for j in range(form.free // 2):
@@ -77,12 +79,12 @@ def free_poles(theta: Array, form: Form) -> Complex:
     return np.array(made, dtype=np.complex128)
 
 
-def all_poles(theta: Array, form: Form) -> Complex:
+def all_poles(theta: FloatArray, form: Form) -> Complex:
     """Return all poles, those at zero last, (poles,)."""
     return np.concatenate([free_poles(theta, form), np.zeros(form.integrators)])
 
 
-def sections_of(poles: NDArray[Any]) -> Array:
+def sections_of(poles: NDArray[Any]) -> FloatArray:
     """Return theta of the conjugate-closed `poles`, (n,): pairs first, real poles paired by size, an odd one last."""
     values = np.asarray(poles, dtype=np.complex128)
     is_real = np.abs(values.imag) <= 1e-12 * np.abs(values)
@@ -112,11 +114,11 @@ def separated(poles: Complex) -> Complex:
     return moved
 
 
-def ladder(theta: Array, form: Form) -> Ladder:
+def ladder(theta: FloatArray, form: Form) -> Ladder:
     """Return numerators of ascending degree as products of sections, slow ones first: (polynomial, power of s) each."""
     slow_first = sorted(section_list(theta, form), key=lambda one: abs(one[-1]) ** (1.0 / (one.size - 1)))
     rows = [np.array([1.0, 0.0])] * form.integrators + slow_first
-    made: list[tuple[Array, int]] = []
+    made: list[tuple[FloatArray, int]] = []
     done = np.array([1.0])
     for section in rows:
         made.append((done, 0))
@@ -133,7 +135,7 @@ def numerator_values(rungs: Ladder, s: Complex, form: Form) -> Complex:
     return np.stack(values, axis=-1)
 
 
-def numerator_polynomial(rungs: Ladder, weights: Array, form: Form) -> Array:
+def numerator_polynomial(rungs: Ladder, weights: FloatArray, form: Form) -> FloatArray:
     """Return the numerator with those weights (numerators,) as one polynomial, descending, of degree `zeros`."""
     made = np.zeros(form.zeros + 1)
     for (polynomial, power), weight in zip(rungs, weights, strict=False):
@@ -142,7 +144,7 @@ def numerator_polynomial(rungs: Ladder, weights: Array, form: Form) -> Array:
     return made
 
 
-def denominator_values(theta: Array, form: Form, s: Complex) -> Complex:
+def denominator_values(theta: FloatArray, form: Form, s: Complex) -> Complex:
     """Return the denominator at s (m,)."""
     value = s**form.integrators if form.integrators else np.ones(s.shape, dtype=np.complex128)
     for section in section_list(theta, form):
@@ -150,7 +152,7 @@ def denominator_values(theta: Array, form: Form, s: Complex) -> Complex:
     return np.asarray(value)
 
 
-def denominator_polynomial(theta: Array, form: Form) -> Array:
+def denominator_polynomial(theta: FloatArray, form: Form) -> FloatArray:
     """Return the denominator as one monic polynomial, descending."""
     made = np.append(1.0, np.zeros(form.integrators))
     for section in section_list(theta, form):

@@ -50,12 +50,12 @@ class Fit:
 
     @property
     def poles_rad_s(self) -> ComplexArray:
-        """Return the poles, (poles,)."""
+        """Return the poles in rad/s, (poles,)."""
         return np.asarray(all_poles(self.theta, self.form) * self.grid.scale_rad_s)
 
     @property
     def delay_s(self) -> float:
-        """Return the dead time."""
+        """Return the dead time in seconds."""
         return self.delay / self.grid.scale_rad_s
 
 
@@ -103,7 +103,7 @@ class Problem:
 
     @cached_property
     def _edges(self) -> list[tuple[slice, FloatArray]]:
-        """Where each record's equations are, and an orthonormal basis (k, 2 e) of what its ends may add."""
+        """Return where each record's equations are, and an orthonormal basis (k, 2 e) of what its ends may add."""
         made: list[tuple[slice, FloatArray]] = []
         if not self.with_transient:
             return made
@@ -229,7 +229,7 @@ def beside_columns(grid: Grid, theta: FloatArray, form: Form) -> ComplexArray:
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """rows: weighted linear columns and the goal, (k, 2 e); products: of these."""
+    """A point of a descent. rows: weighted linear columns and the goal, (k, 2 e); products: of these."""
 
     form: Form
     theta: FloatArray
@@ -266,7 +266,7 @@ def nonlinear_slopes(
 
 
 def _size(theta: FloatArray, form: Form, j: int) -> float:
-    """Size of a coefficient; a damping that is near zero counts as its section's frequency."""
+    """Return the size of a coefficient; a damping that is near zero counts as its section's frequency."""
     first_of_pair = j < 2 * (form.free // 2) and j % 2 == 0
     return float(abs(theta[j]) + (np.sqrt(abs(theta[j + 1])) if first_of_pair else 0.0))
 

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-Array = NDArray[np.float64]
+from tactuator.arrays import FloatArray
+
 Complex = NDArray[Any]
 NODES = 3
 _PLACES = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)[::-1]
@@ -41,16 +42,16 @@ class Spectrum:
 
     @property
     def spacing_hz(self) -> float:
-        """Distance between lines."""
+        """Return the distance between lines."""
         return self.rate_hz / self.samples
 
     @cached_property
-    def frequency_hz(self) -> Array:
-        """Frequencies of the lines."""
+    def frequency_hz(self) -> FloatArray:
+        """Return the frequencies of the lines."""
         return np.asarray(np.arange(self.command.size) * self.spacing_hz)
 
 
-def spectrum(command: Array, position: Array, rate_hz: float, shift: int = 0) -> Spectrum:
+def spectrum(command: FloatArray, position: FloatArray, rate_hz: float, shift: int = 0) -> Spectrum:
     """Return the lines of a record (n,) whose position is read `shift` samples later, means taken off.
 
     Of a long record the last few samples may be left out.
@@ -67,22 +68,23 @@ def spectrum(command: Array, position: Array, rate_hz: float, shift: int = 0) ->
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """goal = response_of(G) + transient_of(T) + noise, one complex equation each; power of noise as in single lines.
+    """Equations goal = response_of(G) + transient_of(T) + noise, one complex equation each; power of noise as in single
+    lines.
 
     frequency_hz: where G and T are wanted, (m,): `raw` single lines, then NODES for each of b bands. rest: power (b,)
     that the bands' equations leave, of lines - 2 NODES lines. of_hz: frequency of each equation. shift: as in Spectrum.
     """
 
-    frequency_hz: Array
+    frequency_hz: FloatArray
     raw: int
     command: Complex
     position: Complex
     by_response: Complex
     by_transient: Complex
     by_goal: Complex
-    rest: Array
-    lines: Array
-    centre_hz: Array
+    rest: FloatArray
+    lines: FloatArray
+    centre_hz: FloatArray
     rate_hz: float
     shift: int
 
@@ -93,22 +95,22 @@ class Equations:
 
     @cached_property
     def goal(self) -> Complex:
-        """Left side, (e,)."""
+        """Return the left side, (e,)."""
         return np.concatenate([self.position, self.by_goal.reshape(-1)])
 
     @cached_property
-    def of_hz(self) -> Array:
-        """Frequency of each equation, (e,)."""
+    def of_hz(self) -> FloatArray:
+        """Return the frequency of each equation, (e,)."""
         return np.concatenate([self.frequency_hz[: self.raw], np.repeat(self.centre_hz, 2 * NODES)])
 
     @property
-    def spare(self) -> Array:
-        """Lines of each band beyond its equations, (b,)."""
+    def spare(self) -> FloatArray:
+        """Return the lines of each band beyond its equations, (b,)."""
         return np.maximum(self.lines - 2 * NODES, 0.0)
 
     @property
     def total(self) -> int:
-        """Real equations that the record gives."""
+        """Return the number of real equations that the record gives."""
         return int(2 * (self.goal.size + self.spare.sum()))
 
     def response_of(self, values: Complex) -> Complex:
@@ -127,7 +129,7 @@ class Equations:
         return np.concatenate([top, low.reshape(-1, width)])
 
 
-def points(frequency_hz: Array, response: Complex, rate_hz: float) -> Equations:
+def points(frequency_hz: FloatArray, response: Complex, rate_hz: float) -> Equations:
     """Return equations of a response by itself, (m,): command 1, no bands."""
     none = np.zeros((0, 2 * NODES, NODES), dtype=np.complex128)
     ones = np.ones(frequency_hz.size, dtype=np.complex128)
@@ -180,8 +182,8 @@ def equations(taken: Spectrum, low_hz: float, high_hz: float, share: float = 0.0
     )  # fmt: skip
 
 
-def _lagrange(place: Array) -> Array:
-    """Polynomials that are one at one node and zero at the others, (n, NODES), over -1 .. 1."""
+def _lagrange(place: FloatArray) -> FloatArray:
+    """Return the polynomials that are one at one node and zero at the others, (n, NODES), over -1 .. 1."""
     made = np.ones((place.size, NODES))
     for a in range(NODES):
         for b in range(NODES):
@@ -195,12 +197,12 @@ class LocalResponse:
     """The response as the record shows it by itself: frequency_hz, value, variance (of its complex error), noise (power
     of a position's line that is not the command's), excitation (power of a command's line), lines; all (m,)."""
 
-    frequency_hz: Array
+    frequency_hz: FloatArray
     value: Complex
-    variance: Array
-    noise: Array
-    excitation: Array
-    lines: Array
+    variance: FloatArray
+    noise: FloatArray
+    excitation: FloatArray
+    lines: FloatArray
 
     def at(self, keep: NDArray[np.bool_]) -> LocalResponse:
         """Return the points where `keep` (m,)."""

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.identification.spectral.joined import JoinedEquations, equation_slices
 from tactuator.identification.spectral.lines import Equations
 
-Array = NDArray[np.float64]
 Complex = NDArray[Any]
 _WIDTH = 0.12
 _FEWEST = 40
 
 
-def noise_power(given: Equations, residual: Complex) -> tuple[Array, Array]:
+def noise_power(given: Equations, residual: Complex) -> tuple[FloatArray, FloatArray]:
     """Return the residual's mean power at each equation (e,) and each band (b,), over 12 % of frequency, 40 lines."""
     frequency = np.concatenate([given.of_hz, given.centre_hz])
     power = np.concatenate([np.abs(residual) ** 2, given.rest])
@@ -30,7 +30,7 @@ def noise_power(given: Equations, residual: Complex) -> tuple[Array, Array]:
     sums = np.concatenate([[0.0], np.cumsum(power[order])])
     counts = np.concatenate([[0.0], np.cumsum(count[order])])
 
-    def at(hertz: Array) -> Array:
+    def at(hertz: FloatArray) -> FloatArray:
         low = np.searchsorted(place, hertz * (1.0 - 0.5 * _WIDTH))
         high = np.searchsorted(place, hertz * (1.0 + 0.5 * _WIDTH), side="right")
         for _ in range(12):
@@ -48,7 +48,7 @@ def noise_power(given: Equations, residual: Complex) -> tuple[Array, Array]:
     return at(given.of_hz), at(given.centre_hz) if given.centre_hz.size else np.zeros(0)
 
 
-def weights(given: Equations | JoinedEquations, residual: Complex, highest_hz: float) -> Array:
+def weights(given: Equations | JoinedEquations, residual: Complex, highest_hz: float) -> FloatArray:
     """Return one over the noise's deviation at each equation up to highest_hz, zero beyond, (e,); the noise of each
     record is its own.
     """

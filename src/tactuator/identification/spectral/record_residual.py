@@ -1,4 +1,4 @@
-"""What a fit leaves of the record itself, line by line and sample by sample."""
+"""The residual that a fit leaves of the record itself, line by line and sample by sample."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.identification.spectral.between import edge_lines, transient_columns
 from tactuator.identification.spectral.joined import equation_slices
 from tactuator.identification.spectral.likelihood import Fit, beside_columns, fitted_beside
@@ -16,19 +17,19 @@ from tactuator.identification.spectral.lines import Equations, Spectrum
 from tactuator.identification.spectral.search import Choice
 from tactuator.identification.spectral.uncertainty import response_of_rows
 
-Array = NDArray[np.float64]
 Complex = NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """lines: of position less model and transient, zero first; weight: one over their noise's deviation; simulated,
-    measured: samples of the shifted record, without mean, (n,)."""
+    """A fit's residual. lines: of position less model and transient, zero first; weight: one over their noise's
+    deviation; simulated, measured: samples of the shifted record, without mean, (n,).
+    """
 
     lines: Complex
-    weight: Array
-    simulated: Array
-    measured: Array
+    weight: FloatArray
+    simulated: FloatArray
+    measured: FloatArray
 
 
 def record_residual(choice: Choice, spectra: Sequence[Spectrum]) -> tuple[Residual, ...]:
@@ -38,7 +39,7 @@ def record_residual(choice: Choice, spectra: Sequence[Spectrum]) -> tuple[Residu
     return tuple(line_residual(choice.fit, part, weight[piece], taken) for part, piece, taken in pieces)
 
 
-def line_residual(fit: Fit, given: Equations, weight: Array, taken: Spectrum) -> Residual:
+def line_residual(fit: Fit, given: Equations, weight: FloatArray, taken: Spectrum) -> Residual:
     """Return the residual of a fit on all lines of one record, the transient solved for on its weighted equations."""
     hertz = taken.frequency_hz[1:]
     ahead = np.exp(2j * np.pi * hertz * taken.shift / taken.rate_hz)

@@ -1,4 +1,4 @@
-"""Which form a record asks for: proposals by the local response, the choice by the record's own likelihood."""
+"""The form that a record asks for: proposals by the local response, the choice by the record's own likelihood."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.identification.spectral.between import Between, Grid
 from tactuator.identification.spectral.form import MOST_POLES, Form, free_poles, sections_of
 from tactuator.identification.spectral.joined import JoinedEquations
@@ -17,7 +18,6 @@ from tactuator.identification.spectral.lines import Equations, LocalResponse
 from tactuator.identification.spectral.noise import misfit, weights
 from tactuator.identification.spectral.start import Starter
 
-Array = NDArray[np.float64]
 Complex = NDArray[Any]
 TIE = 6.0
 """Difference of the criterion within which the form of fewer poles is taken (Raftery 1995: from 6 on it is strong)."""
@@ -32,7 +32,7 @@ _POOR = 3.0
 
 @dataclass(frozen=True)
 class Known:
-    """What is known beforehand: numbers of poles and zeros (None: chosen), poles and zeros at s = 0, dead time."""
+    """Knowledge beforehand: numbers of poles and zeros (None: chosen), poles and zeros at s = 0, dead time."""
 
     poles: int | None = None
     zeros: int | None = None
@@ -168,7 +168,7 @@ def choose(
 
 
 def _kept(proposals: list[Fit]) -> list[Fit]:
-    """The best few, three of each number of poles at most."""
+    """Return the best few, three of each number of poles at most."""
     made: list[Fit] = []
     for one in proposals:
         if sum(other.form.poles == one.form.poles for other in made) < 3:
@@ -191,7 +191,7 @@ def _best(problem: Problem, fits: dict[Form, Fit]) -> Fit:
 
 
 def _settled(problem: Problem, fits: dict[Form, Fit], known: Known) -> Fit:
-    """The best form after all that are simpler by a pole, a zero or a dead time have been tried from it."""
+    """Return the best form after all that are simpler by a pole, a zero or a dead time have been tried from it."""
     tried: set[Form] = set()
     while True:
         best = _best(problem, fits)
@@ -207,9 +207,10 @@ def _settled(problem: Problem, fits: dict[Form, Fit], known: Known) -> Fit:
             return best
 
 
-def _simpler(fit: Fit) -> Iterator[tuple[Form, Array]]:
-    """Forms beside the fit's, with where to start: a far pole less (perhaps a dead time for it), a slow one with a zero
-    less, a zero less, no dead time."""
+def _simpler(fit: Fit) -> Iterator[tuple[Form, FloatArray]]:
+    """Return the forms beside the fit's, with where to start: a far pole less (perhaps a dead time for it), a slow one
+    with a zero less, a zero less, no dead time.
+    """
     form = fit.form
     without_far, without_slow = _fewer_poles(free_poles(fit.theta, form))
     if without_far is not None and without_slow is not None and form.poles > 1:
@@ -227,7 +228,9 @@ def _simpler(fit: Fit) -> Iterator[tuple[Form, Array]]:
 
 
 def _fewer_poles(poles: Complex) -> tuple[Complex | None, Complex | None]:
-    """Without the farthest and without the slowest real pole; a far pair becomes one real pole where none is real."""
+    """Return the poles without the farthest and without the slowest real pole; a far pair becomes one real pole where
+    none is real.
+    """
     real = np.flatnonzero(np.abs(poles.imag) <= 1e-9 * np.abs(poles))
     if real.size:
         far, slow = real[np.argmax(np.abs(poles[real]))], real[np.argmin(np.abs(poles[real]))]

@@ -1,4 +1,4 @@
-"""Where a fit begins: poles moved to where a linear fit of the local response puts them, for many dead times.
+"""The beginning of a fit: poles moved to where a linear fit of the local response puts them, for many dead times.
 
 Source: Gustavsen and Semlyen, Rational approximation of frequency domain responses by vector fitting, 1999; the degree
 of the numerator is kept.
@@ -71,8 +71,9 @@ class Starter:
         return best
 
     def _lags(self, form: Form) -> list[float]:
-        """The three best of many dead times by linear fits, coarse ones below a 16th of the highest frequency first;
-        near the one found before, from three poles on."""
+        """Return the three best of many dead times by linear fits, coarse ones below a 16th of the highest frequency
+        first; near the one found before, from three poles on.
+        """
         if form.poles > 2 and self._last_delay is not None:
             return [self._last_delay, 0.6 * self._last_delay]
         hertz = self.local.frequency_hz
@@ -125,7 +126,9 @@ class Starter:
         return _least_squares(columns, self._target[chosen] * weight)[1]
 
     def _relocated(self, form: Form, lag: float, chosen: NDArray[np.int64], rounds: int) -> ComplexArray:
-        """Poles after `rounds` of fitting numerator/A and sigma = 1 + sum r/(s - p), whose zeros are the next poles."""
+        """Return the poles after `rounds` of fitting numerator/A and sigma = 1 + sum r/(s - p), whose zeros are the
+        next poles.
+        """
         s, weight = self.problem.grid.s[chosen], self.problem.weight[chosen]
         target = self._target[chosen] * np.exp(s * lag)
         poles = self._first_poles(form)
@@ -140,7 +143,9 @@ class Starter:
         return poles
 
     def _first_poles(self, form: Form) -> ComplexArray:
-        """Lightly damped pairs over what the response shows, and a real pole in the middle for an odd number."""
+        """Return the lightly damped pairs over what the response shows, and a real pole in the middle for an odd
+        number.
+        """
         scale = 2.0 * np.pi / self.problem.grid.scale_rad_s
         pairs = np.geomspace(self.low_hz, self.high_hz, form.free // 2 + 2)[1:-1] * scale
         made = [size * turn for size in pairs for turn in (-0.15 + 1j, -0.15 - 1j)]
@@ -174,7 +179,7 @@ def _least_squares_of_all(columns: NDArray[Any], goal: NDArray[Any]) -> tuple[Fl
 
 
 def _fractions(s: ComplexArray, poles: ComplexArray) -> ComplexArray:
-    """1/(s - p) with real coefficients: sum and difference of each conjugate pair, (m, n)."""
+    """Return 1/(s - p) with real coefficients: sum and difference of each conjugate pair, (m, n)."""
     made = []
     for pole in poles[poles.imag >= -1e-13]:
         one = 1.0 / (s - pole)
@@ -203,7 +208,7 @@ def _zeros_of_sigma(poles: ComplexArray, weights: FloatArray) -> ComplexArray:
 
 
 def _mirrored(poles: ComplexArray) -> ComplexArray:
-    """Into the left half plane, and off the axis."""
+    """Move poles into the left half plane, and off the axis."""
     made = np.where(poles.real > 0.0, -np.conj(poles), poles)
     made = np.where(np.abs(made.real) < 1e-4 * np.abs(made), -1e-3 * np.abs(made) + 1j * made.imag, made)
     return np.asarray(made[np.argsort(np.abs(made), kind="stable")])

@@ -1,4 +1,4 @@
-"""How far the response may be off: noise, forms that the record does not exclude, and what the form cannot follow."""
+"""The reach of the response's error: noise, forms that the record does not exclude, and what the form cannot follow."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.display.plant_model import Excess
 from tactuator.identification.spectral.between import response_columns
 from tactuator.identification.spectral.form import (
@@ -22,14 +23,13 @@ from tactuator.identification.spectral.likelihood import Fit, information, nonli
 from tactuator.identification.spectral.lines import LocalResponse, Spectrum
 from tactuator.identification.spectral.search import Choice
 
-Array = NDArray[np.float64]
 Complex = NDArray[Any]
 _LEAST_WEIGHT = 14.0
 """Difference of the criterion beyond which a form does not count (odds of 1 : 1100)."""
 _POOLED = 0.15
 
 
-def log_slopes(fit: Fit, frequency_hz: Array) -> Complex:
+def log_slopes(fit: Fit, frequency_hz: FloatArray) -> Complex:
     """Return the derivatives of the response's logarithm by (numerator, theta, dead time), (m, k)."""
     s = 2j * np.pi * np.asarray(frequency_hz) / fit.grid.scale_rad_s
     rungs = numerator_values(fit.rungs, s, fit.form)
@@ -42,7 +42,7 @@ def log_slopes(fit: Fit, frequency_hz: Array) -> Complex:
     return np.hstack(columns)
 
 
-def other_forms(choice: Choice, frequency_hz: Array) -> Excess:
+def other_forms(choice: Choice, frequency_hz: FloatArray) -> Excess:
     """Return what the forms that the record does not exclude add: their mean squared departure, weighted by Bayes."""
     best = choice.fit
     value = best.response(frequency_hz)
@@ -66,12 +66,12 @@ def other_forms(choice: Choice, frequency_hz: Array) -> Excess:
     return Excess(frequency_hz, np.sqrt(magnitude / max(total, 1e-300)), np.sqrt(phase / max(total, 1e-300)))
 
 
-def _variances(slopes: Complex, covariance: Array) -> tuple[Array, Array]:
+def _variances(slopes: Complex, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     made = [np.einsum("ij,jk,ik->i", part, covariance, part) for part in (slopes.real, slopes.imag)]
     return np.maximum(made[0], 0.0), np.maximum(made[1], 0.0)
 
 
-def left_over(fit: Fit, local: LocalResponse, seen: Complex, frequency_hz: Array) -> Array:
+def left_over(fit: Fit, local: LocalResponse, seen: Complex, frequency_hz: FloatArray) -> FloatArray:
     """Return the relative error, (m,), by which the record's own response departs from the model beyond its noise.
 
     seen: the model's response at the local points, hold included. Means over 15 % of frequency; what feedback of the
@@ -94,7 +94,7 @@ def left_over(fit: Fit, local: LocalResponse, seen: Complex, frequency_hz: Array
     return np.interp(np.log(frequency_hz), np.log(place), made)
 
 
-def fed_back(choice: Choice, spectra: Sequence[Spectrum]) -> Array | None:
+def fed_back(choice: Choice, spectra: Sequence[Spectrum]) -> FloatArray | None:
     """Return the bias (numerator, theta, dead time) that noise in an analogue loop may leave; None for a held command.
 
     The noise that a loop feeds back drops out of the likelihood over all frequencies; a band-limited record ends below
@@ -127,14 +127,14 @@ def fed_back(choice: Choice, spectra: Sequence[Spectrum]) -> Array | None:
     return np.asarray(2.0 * information(problem, fit) @ missing)
 
 
-def moved(fit: Fit, change: Array) -> Fit:
+def moved(fit: Fit, change: FloatArray) -> Fit:
     """Return the fit with (numerator, theta, dead time) changed, its ladder as it was."""
     first, last = fit.numerator.size, fit.numerator.size + fit.theta.size
     delay = max(fit.delay + float(change[-1]), 0.0) if fit.form.dead_time else fit.delay
     return replace(fit, numerator=fit.numerator + change[:first], theta=fit.theta + change[first:last], delay=delay)
 
 
-def physical(fit: Fit, covariance: Array, gain: float) -> tuple[Array, Array, Array]:
+def physical(fit: Fit, covariance: FloatArray, gain: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return num, den (descending powers of s in rad/s, den monic) and the covariance of (num, den[1:], delay_s).
 
     gain: position's unit over command's, as the lines were scaled.
@@ -153,7 +153,7 @@ def physical(fit: Fit, covariance: Array, gain: float) -> tuple[Array, Array, Ar
     return num, den, slopes @ covariance @ slopes.T
 
 
-def _polynomials(fit: Fit, gain: float) -> tuple[Array, Array]:
+def _polynomials(fit: Fit, gain: float) -> tuple[FloatArray, FloatArray]:
     form: Form = fit.form
     scale = fit.grid.scale_rad_s
     num = numerator_polynomial(fit.rungs, fit.numerator, form)
@@ -163,7 +163,7 @@ def _polynomials(fit: Fit, gain: float) -> tuple[Array, Array]:
     return gain * num * scale ** (n - top), den * scale ** (n - under)
 
 
-def response_of_rows(fit: Fit, rows: Array) -> Complex:
+def response_of_rows(fit: Fit, rows: FloatArray) -> Complex:
     """Return the sampled response (hold included) at frequencies `rows` (m,) of the unshifted record."""
     grid = replace(fit.grid, frequency_hz=rows, shift=0)
     return np.asarray(response_columns(grid, fit.theta, fit.delay, fit.form, fit.rungs) @ fit.numerator)

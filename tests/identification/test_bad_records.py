@@ -1,0 +1,134 @@
+"""Records and responses that something is wrong with: refused in one line, or handled and remarked."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.files.foreign_response import read_foreign_response
+from tactuator.files.record import read_record
+from tactuator.identification.identify import identify
+from tactuator.signals.record import Record
+from tests.identification.others import Plant, band_limited
+
+PLANT = Plant(np.zeros(0), np.array([-42.65 + 435.0j, -42.65 - 435.0j]), 2.0, 0.0)
+RATE_HZ = 610.35
+GOOD = Record(RATE_HZ, *band_limited(PLANT, np.random.default_rng(1), RATE_HZ, 8.0, 40.0))
+TIME = np.arange(GOOD.command.size) / RATE_HZ
+HALF = TIME.size // 2
+SPREAD = float(np.std(GOOD.position))
+KNOWN = {"order": 2, "zeros": 0, "hold": "band-limited"}
+
+
+def written(
+    folder: Path, keep: slice | np.ndarray, time: np.ndarray = TIME, position: np.ndarray | None = None
+) -> Path:
+    columns = (time[keep], GOOD.command[keep], (GOOD.position if position is None else position)[keep])
+    path = folder / "bench.csv"
+    np.savetxt(path, np.stack(columns, axis=1), delimiter=",", header="time_s,command,position", comments="")
+    return path
+
+
+def off_db(record: Record) -> float:
+    hertz = np.geomspace(2.0, 0.3 * RATE_HZ, 40)
+    model = identify(record, **KNOWN).model
+    return float(np.max(np.abs(20.0 * np.log10(np.abs(model.response(hertz) / PLANT.response(hertz))))))
+
+
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        (lambda folder: written(folder, np.r_[:HALF, :HALF]), "time goes back in row"),
+        (lambda folder: written(folder, np.r_[:HALF, HALF + 400 : TIME.size]), "400 of .* samples are missing"),
+        (
+            lambda folder: written(
+                folder, np.s_[:], position=np.where(np.arange(TIME.size) % 2, np.nan, GOOD.position)
+            ),
+            "position is not a number in row 2",
+        ),
+    ],
+    ids=["two runs pasted", "a long gap", "half of it missing"],
+)
+def test_read_record__that_is_amiss__is_refused_in_one_line(
+    tmp_path: Path, make: Callable[[Path], Path], reason: str
+) -> None:
+    with pytest.raises(BadInput, match=reason) as caught:
+        read_record(make(tmp_path))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("record", "reason"),
+    [
+        (replace(GOOD, command=np.ones(TIME.size)), "the command is constant"),
+        (replace(GOOD, position=np.clip(GOOD.position, -0.8 * SPREAD, 0.8 * SPREAD)), "of the position is clipped"),
+        (replace(GOOD, command=np.sin(2.0 * np.pi * 20.0 * TIME)), "excites order"),
+    ],
+    ids=["constant command", "clipped sensor", "one sinusoid"],
+)
+def test_identify__record_that_tells_nothing__is_refused(record: Record, reason: str) -> None:
+    with pytest.raises(BadInput, match=reason):
+        identify(record)
+
+
+def test_identify__short_gap_and_jitter__are_mended_and_said(tmp_path: Path) -> None:
+    mended = read_record(written(tmp_path, np.r_[:HALF, HALF + 20 : TIME.size]))
+    assert any("20 samples are missing" in remark for remark in mended.remarks)
+    assert off_db(mended) < 0.1
+    jitter = np.random.default_rng(0).uniform(-0.05, 0.05, TIME.size) / RATE_HZ
+    uneven = read_record(written(tmp_path, np.s_[:], TIME + jitter))
+    assert any("uneven" in remark for remark in uneven.remarks)
+
+
+def test_identify__saturated_command_and_clipped_sensor__are_said() -> None:
+    limit = 1.8 * float(np.std(GOOD.position))
+    clipped = replace(GOOD, position=np.clip(GOOD.position, -limit, limit))
+    assert any("position is clipped" in remark for remark in identify(clipped, **KNOWN).remarks)
+    limit = 1.8 * float(np.std(GOOD.command))
+    saturated = replace(GOOD, command=np.clip(GOOD.command, -limit, limit))
+    assert any("command is clipped" in remark for remark in identify(saturated, **KNOWN).remarks)
+
+
+def test_identify__runs_pasted_without_stamps__are_fitted_across_the_seam() -> None:
+    other = band_limited(PLANT, np.random.default_rng(2), RATE_HZ, 8.0, 40.0)
+    command = np.concatenate([GOOD.command[:HALF], other[0][:HALF]])
+    position = np.concatenate([GOOD.position[:HALF], other[1][:HALF]])
+    assert off_db(replace(GOOD, command=command, position=position)) < 0.1
+
+
+def test_identify__columns_swapped__is_said_and_not_trusted() -> None:
+    found = identify(replace(GOOD, command=GOOD.position, position=GOOD.command), hold="band-limited", order=2)
+    assert any("look swapped" in remark for remark in found.remarks)
+
+
+@pytest.mark.parametrize(
+    ("head", "row", "reason"),
+    [
+        ("frequency_hz,response", "{f},{c.real:g}{c.imag:+g}j", "allowed: frequency_hz with magnitude"),
+        ("frequency_hz,real,imag", "{f},{c.real:g},{c.imag:g}", "allowed: frequency_hz with magnitude"),
+    ],
+)
+def test_read_foreign_response__complex_columns__are_refused(tmp_path: Path, head: str, row: str, reason: str) -> None:
+    hertz = np.geomspace(1.0, 100.0, 30)
+    rows = [row.format(f=f, c=c) for f, c in zip(hertz, PLANT.response(hertz), strict=True)]
+    path = tmp_path / "sheet.csv"
+    path.write_text("\n".join([head, *rows]) + "\n")
+    with pytest.raises(BadInput, match=reason):
+        read_foreign_response(path)
+
+
+def test_read_foreign_response__half_of_the_phases_missing__are_left_out_and_said(tmp_path: Path) -> None:
+    hertz = np.geomspace(1.0, 100.0, 30)
+    value = PLANT.response(hertz)
+    rows = [
+        f"{f},{abs(c):g},{np.degrees(np.angle(c)) if k % 2 else ''}"
+        for k, (f, c) in enumerate(zip(hertz, value, strict=True))
+    ]
+    path = tmp_path / "sheet.csv"
+    path.write_text("\n".join(["frequency_hz,magnitude,phase_deg", *rows]) + "\n")
+    read = read_foreign_response(path)
+    assert read.frequency_hz.size == 15
+    assert any("15 of 30 points" in remark for remark in read.remarks)
