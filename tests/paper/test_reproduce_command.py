@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactuator.cli import main, reproduce
+from tactuator.cli import main
+from tactuator.cli.paper import reproduce
 from tactuator.paper.plan import Plan, paper_display
 from tactuator.paper.run import PaperStudy
 from tactuator.paper.speech import check_speech
