@@ -152,6 +152,6 @@ def test_site__as_make_builds_it__has_no_dead_link_and_loads_nothing_from_a_netw
     assert faults(site) == []
     assert (site / "searchindex.js").exists()
     start = (site / "README.html").read_text(encoding="utf-8")
-    for word in ("sensation-level", "provenance", "thenar-eminence", "threshold-curve"):
-        assert len(re.findall(rf'<a class="[^"]*term[^"]*" href="docs/glossary.html#{word}"', start)) == 1
+    for word in ("sensation-level", "provenance", "thenar-eminence", "detection-threshold"):
+        assert len(re.findall(rf'<a class="term[^"]*" href="docs/glossary.html#{word}"', start)) == 1
     assert "http-equiv" in (site / "index.html").read_text(encoding="ascii")

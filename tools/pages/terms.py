@@ -18,9 +18,23 @@ def _link_first(app, tree, page):
     forms = {form.lower(): told for form, told in app.tactuator_forms.items()}
     find, linked = pattern(forms), set()
     place = app.builder.get_relative_uri(page, GLOSSARY)
+    _join_lines(tree)
     for text in list(tree.findall(nodes.Text)):
         if not any(isinstance(parent, WITHIN) for parent in _parents(text)):
             _link_within(text, find, forms, linked, place)
+
+
+def _join_lines(tree):
+    """Make one text of neighbours: a line end in the source parts a word of art into two."""
+    for parent in list(tree.findall(nodes.TextElement)):
+        joined = []
+        for child in parent.children:
+            if joined and isinstance(child, nodes.Text) and isinstance(joined[-1], nodes.Text):
+                joined[-1] = nodes.Text(joined[-1].astext() + child.astext())
+            else:
+                joined.append(child)
+        if len(joined) < len(parent.children):
+            parent[:] = joined
 
 
 def _parents(node):
