@@ -16,8 +16,6 @@ from tactuator.experiment.session.clock import SystemClock
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
-from tactuator.experiment.trial.delivered_level import delivered_offset_db
-from tactuator.experiment.trial.trial import IntervalRecord
 from tactuator.files.curve import read_curve, write_curve
 from tactuator.perception.library import curve
 from tests.experiment.session.apparatuses import PROTOCOL, apparatus
@@ -128,18 +126,6 @@ def test_export__format_unknown_or_store_empty__is_refused(study, tmp_path) -> N
         detection_runs(empty)
     empty.close()
     assert not (tmp_path / "out").exists()
-
-
-def test_delivered__display_a_decibel_low_in_noise__is_found() -> None:
-    rng = np.random.default_rng(0)
-    records = []
-    for _ in range(400):
-        hum = complex(*(0.4 * rng.standard_normal(2)))
-        records.append(IntervalRecord("blank", None, float(20 * np.log10(abs(hum))), False))
-        signal = 10 ** (-1.0 / 20) + complex(*(0.4 * rng.standard_normal(2)))
-        records.append(IntervalRecord("tone", 0.0, float(20 * np.log10(abs(signal))), False))
-    assert delivered_offset_db(records, 0.0) == pytest.approx(-1.0, abs=0.4)
-    assert np.isnan(delivered_offset_db(records, 30.0))
 
 
 def test_refit__few_trials_or_odd_coverage__is_refused() -> None:

@@ -6,45 +6,16 @@ Below it friction makes the gain depend on the level, and only stimuli near thre
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.experiment.trial.trial import IntervalRecord
 from tactuator.signals.decibels import from_db
 
 FRICTION_HZ = 25.0
 _NEAR_THRESHOLD_DB = 4.0
 _LARGEST_SD_DB = 3.0
-
-
-def delivered_offset_db(
-    intervals: Sequence[IntervalRecord], level_db_sl: float, near_db: float = _NEAR_THRESHOLD_DB
-) -> float:
-    """Return by how many dB the sensor's amplitude lay above the commanded one, over stimuli within near_db of
-    level_db_sl.
-
-    Powers are averaged, and the power that hum and noise leave in blank intervals is subtracted, since near threshold
-    the amplitude alone reads too high. NaN where no stimulus was near or noise hides them.
-    """
-    seen = [
-        (float(from_db(one.measured_db_sl)) ** 2, one.commanded_db_sl)
-        for one in intervals
-        if one.measured_db_sl is not None
-    ]
-    blank = [power for power, commanded_db in seen if commanded_db is None]
-    near = [
-        (power, float(from_db(commanded_db)) ** 2)
-        for power, commanded_db in seen
-        if commanded_db is not None and abs(commanded_db - level_db_sl) <= near_db
-    ]
-    if not near:
-        return float("nan")
-    measured, commanded = np.mean(near, axis=0)
-    signal = measured - (np.mean(blank) if blank else 0.0)
-    return float(10.0 * np.log10(signal / commanded)) if signal > 0.0 else float("nan")
 
 
 @dataclass(frozen=True)
