@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import itertools
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -16,10 +18,15 @@ import soundfile
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.files.hdf5 import opened_hdf5
+from tactuator.files.sound import require_whole
+from tactuator.files.text import check_commas, decimal_point, encoding_of
 
 MOST_SAMPLES = 4_000_000
 """Rows read of one file: 100 MB in memory, whatever the file's length."""
-_PIECE_ROWS = 200_000
+MOST_VALUES = 32_000_000
+"""Numbers read of one file, all columns together: 256 MB in memory, whatever the file claims to hold."""
+_PIECE_ROWS, _PIECE_CHARACTERS, _LONGEST_LINE = 200_000, 8_000_000, 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,22 +59,28 @@ def read_columns(path: Path) -> Columns:
         columns = reader(path)
     except BadInput as error:
         raise BadInput(f"record {path}: {error}") from None
-    except (OSError, ValueError, LookupError, TypeError, soundfile.LibsndfileError, NotImplementedError) as error:
-        raise BadInput(f"record {path}: {str(error).splitlines()[0] if str(error) else 'cannot be read'}") from None
+    except MemoryError:
+        raise BadInput(f"record {path}: it claims more than memory holds; allowed: a shorter one") from None
+    except Exception as error:  # a library that reads a broken file of others may raise anything at all
+        reason = str(error).splitlines()[0].rstrip(".") if str(error) else "cannot be read"
+        raise BadInput(f"record {path}: {reason}; allowed: a sound file") from None
     if not columns.values:
         raise BadInput(f"record {path}: there are no numbers in it; allowed: columns of numbers")
     return columns
 
 
 def _read_text(path: Path) -> Columns:
-    with path.open(encoding="utf-8-sig", errors="replace") as stream:
-        head = [line for line in itertools.islice(stream, 200) if line.strip() and not line.startswith(("#", "%"))]
+    with path.open("rb") as file:
+        encoding = encoding_of(file.read(64))
+    with path.open(encoding=encoding, errors="replace") as stream:
+        head = [line for line in itertools.islice(_lines(stream), 200) if line.strip() and line[0] not in "#%"]
         if not head:
             raise BadInput("it is empty; allowed: columns of numbers")
         delimiter = _delimiter(head[min(1, len(head) - 1)])
         names = _header(head[0], delimiter)
         stream.seek(0)
-        blocks, cut = _blocks(stream, delimiter, names is not None, comma=delimiter == ";" and "," in "".join(head[1:]))
+        check_commas([cell for line in head for cell in _parts(line, delimiter)])
+        blocks, cut = _blocks(stream, delimiter, names is not None, comma=delimiter != "," and "," in "".join(head[1:]))
     table = np.concatenate(blocks) if blocks else np.zeros((0, 0))
     if table.shape[0] == 0:
         raise BadInput("there are no rows of numbers in it; allowed: columns of numbers")
@@ -87,7 +100,7 @@ def _delimiter(line: str) -> str | None:
 
 
 def _header(line: str, delimiter: str | None) -> list[str] | None:
-    cells = [cell.strip().strip('"').strip("'") for cell in line.strip().split(delimiter)]
+    cells = [cell.strip("'") for cell in _parts(line, delimiter)]
     if cells and not cells[-1]:
         cells.pop()
     if all(re.fullmatch(r"[-+]?[\d.,]+([eE][-+]?\d+)?|nan|NaN|", cell) for cell in cells):
@@ -98,23 +111,55 @@ def _header(line: str, delimiter: str | None) -> list[str] | None:
 def _blocks(stream: TextIO, delimiter: str | None, header: bool, comma: bool) -> tuple[list[FloatArray], bool]:
     def clean() -> Iterator[str]:
         skip = header
-        for line in stream:
+        for line in _lines(stream):
             if not line.strip() or line.startswith(("#", "%")):
                 continue
             if skip:
                 skip = False
                 continue
-            yield line.replace(",", ".") if comma else line
+            if '"' in line:
+                yield (delimiter or " ").join(decimal_point(cell) for cell in _parts(line, delimiter)) + "\n"
+            else:
+                yield line.replace(",", ".") if comma else line
 
     lines, rows = clean(), 0
     blocks: list[FloatArray] = []
-    while rows < MOST_SAMPLES:
-        piece = list(itertools.islice(lines, _PIECE_ROWS))
+    most = MOST_SAMPLES
+    while rows < most:
+        piece = _piece(lines, min(_PIECE_ROWS, most - rows))
         if not piece:
             return blocks, False
         blocks.append(_parse(piece, delimiter, rows))
         rows += len(piece)
+        if blocks[-1].shape[1] != blocks[0].shape[1]:
+            raise BadInput(f"row {rows} has another number of columns than the first; allowed: as many in each")
+        most = min(MOST_SAMPLES, MOST_VALUES // blocks[0].shape[1])
     return blocks, next(lines, None) is not None
+
+
+def _lines(stream: TextIO) -> Iterator[str]:
+    """Yield lines, none of which may fill the memory."""
+    while line := stream.readline(_LONGEST_LINE):
+        if len(line) == _LONGEST_LINE:
+            raise BadInput(f"a line is longer than {_LONGEST_LINE} characters; allowed: rows of numbers")
+        yield line
+
+
+def _piece(lines: Iterator[str], most_rows: int) -> list[str]:
+    made, characters = [], 0
+    for line in itertools.islice(lines, most_rows):
+        made.append(line)
+        characters += len(line)
+        if characters > _PIECE_CHARACTERS:
+            break
+    return made
+
+
+def _parts(line: str, delimiter: str | None) -> list[str]:
+    """Return the cells of a line, those in quotation marks without them."""
+    if '"' not in line:
+        return [cell.strip() for cell in line.strip().split(delimiter)]
+    return [cell.strip() for cell in next(csv.reader([line.strip()], delimiter=delimiter or " "), [])]
 
 
 def _parse(lines: list[str], delimiter: str | None, before: int) -> FloatArray:
@@ -144,6 +189,7 @@ def _cells(line: str, delimiter: str | None) -> list[float]:
 def _read_matlab(path: Path) -> Columns:
     if h5py.is_hdf5(path):
         return _read_hdf5(path)
+    _require_room(sum(math.prod(shape) for _, shape, _ in scipy.io.whosmat(path)))
     content = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
     found: dict[str, FloatArray] = {}
     for name, value in content.items():
@@ -171,11 +217,15 @@ def _gather(name: str, value: Any, found: dict[str, FloatArray]) -> None:
 
 
 def _read_sound(path: Path) -> Columns:
+    require_whole(path)
     with soundfile.SoundFile(path) as sound:
         if sound.channels < 2:
             raise BadInput("it has one channel; allowed: two or more, command and position")
-        data = sound.read(MOST_SAMPLES, dtype="float64", always_2d=True)
-        cut = sound.frames > MOST_SAMPLES
+        most = min(sound.frames, MOST_SAMPLES, MOST_VALUES // sound.channels)
+        data = sound.read(most, dtype="float64", always_2d=True)
+        if len(data) < most:
+            raise BadInput(f"truncated, {len(data)} of {sound.frames} frames are there; allowed: a whole file")
+        cut = sound.frames > most
         rate = float(sound.samplerate)
     return Columns({f"channel{k + 1}": data[:, k] for k in range(data.shape[1])}, rate, cut=cut)
 
@@ -183,34 +233,48 @@ def _read_sound(path: Path) -> Columns:
 def _read_hdf5(path: Path) -> Columns:
     found: dict[str, FloatArray] = {}
     units: dict[str, str] = {}
-    cut = False
-    with h5py.File(path, "r") as file:
+    with opened_hdf5(path) as file:
         attributes = {key: _text(value) for key, value in file.attrs.items()}
-
-        def visit(name: str, item: Any) -> None:
-            nonlocal cut
-            if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiu" or name.startswith("#"):
-                return
-            longest = max(item.shape, default=1)
-            cut = cut or longest > MOST_SAMPLES
-            plain = name.replace("/", ".")
-            if len(item.shape) <= 1:
-                found[plain] = np.atleast_1d(
-                    np.asarray(item[:MOST_SAMPLES] if item.shape else item[()], dtype=np.float64)
-                )
-            elif len(item.shape) == 2 and min(item.shape) == 1:
-                found[plain] = np.asarray(item[...], dtype=np.float64).ravel()[:MOST_SAMPLES]
-            elif len(item.shape) == 2 and min(item.shape) <= 64:
+        signals = _signals(file)
+        _require_room(sum(min(max(one.shape, default=1), MOST_SAMPLES) * _width(one) for one in signals.values()))
+        _require_room(max((math.prod(one.chunks or ()) for one in signals.values()), default=0))
+        for name, item in signals.items():
+            if _width(item) == 1:
+                part = item[tuple(slice(MOST_SAMPLES) for _ in item.shape)]
+                found[name] = np.atleast_1d(np.asarray(part, dtype=np.float64).squeeze())
+            else:
                 tall = item[:MOST_SAMPLES] if item.shape[0] >= item.shape[1] else item[:, :MOST_SAMPLES].T
                 for k in range(tall.shape[1]):
-                    found[f"{plain}.{k + 1}"] = np.asarray(tall[:, k], dtype=np.float64)
+                    found[f"{name}.{k + 1}"] = np.asarray(tall[:, k], dtype=np.float64)
             if "unit" in item.attrs:
-                units[plain] = _text(item.attrs["unit"])
-
-        file.visititems(visit)
+                units[name] = _text(item.attrs["unit"])
+        cut = any(max(one.shape, default=1) > MOST_SAMPLES for one in signals.values())
     rate = attributes.get("rate_hz")
     return Columns(found, float(rate) if rate is not None else None, units, attributes, cut)
 
 
+def _signals(file: h5py.File) -> dict[str, h5py.Dataset]:
+    """Return the file's datasets of numbers in one column, or up to 64, by their names with points for strokes."""
+    found: dict[str, h5py.Dataset] = {}
+
+    def visit(name: str, item: Any) -> None:
+        if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiu" or name.startswith("#"):
+            return
+        if item.ndim <= 1 or (item.ndim == 2 and min(item.shape) <= 64):
+            found[name.replace("/", ".")] = item
+
+    file.visititems(visit)
+    return found
+
+
+def _width(item: h5py.Dataset) -> int:
+    return min(item.shape) if item.ndim == 2 else 1
+
+
+def _require_room(values: int) -> None:
+    if values > MOST_VALUES:
+        raise BadInput(f"it claims to hold {values} numbers; allowed: up to {MOST_VALUES}")
+
+
 def _text(value: Any) -> str:
-    return value.decode() if isinstance(value, bytes) else str(value)
+    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)

@@ -13,6 +13,7 @@ from tactuator.display.document import document_hash
 from tactuator.errors import BadInput
 from tactuator.files.atomic import write_text
 from tactuator.files.display import parse_display
+from tactuator.files.text import read_json
 
 
 def write_controller(path: str | Path, controller: Controller) -> None:
@@ -24,15 +25,14 @@ def read_controller(path: str | Path) -> Controller:
     """Read controller.json; BadInput, one line, if it is not one, or was changed by hand."""
     path = Path(path)
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not JSON"
-        raise BadInput(f"controller {path}: {reason}; allowed: a file that `design` wrote") from None
+        document = read_json(path)
+    except BadInput as error:
+        raise BadInput(f"controller {path}: {error}; allowed: a file that `design` wrote") from None
     try:
         return parse_controller(document)
     except BadInput as error:
         raise BadInput(f"controller {path}: {error}") from None
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise BadInput(f"controller {path}: {error!r} is amiss; allowed: a file that `design` wrote") from None
 
 

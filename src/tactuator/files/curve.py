@@ -12,6 +12,7 @@ import numpy as np
 
 from tactuator.errors import BadInput
 from tactuator.files.atomic import write_text
+from tactuator.files.text import read_text, table_rows
 from tactuator.perception.curve import Provenance, ThresholdCurve
 from tactuator.perception.library import curve, curve_names, level_from_acceleration
 from tactuator.perception.relative_curve import RelativeCurve
@@ -59,7 +60,7 @@ def read_relative_curve(path: str | Path) -> RelativeCurve:
     Raises BadInput for a file that is missing, not a table, or not a curve.
     """
     path = Path(path)
-    rows = list(csv.reader(line for line in _lines(path) if line.strip() and not line.lstrip().startswith("#")))
+    rows = _table(path, [line for line in _lines(path) if not line.lstrip().startswith("#")])
     header = [cell.strip() for cell in rows[0]] if rows else []
     if not {"frequency_hz", "level_db_sl"} <= set(header) or len(rows) < 2:
         raise BadInput(
@@ -76,10 +77,16 @@ def read_relative_curve(path: str | Path) -> RelativeCurve:
 
 def _lines(path: Path) -> list[str]:
     try:
-        return path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not text"
-        raise BadInput(f"threshold curve {path}: {reason}; allowed: a CSV file that can be read") from None
+        return read_text(path).split("\n")
+    except BadInput as error:
+        raise BadInput(f"threshold curve {path}: {error}; allowed: a CSV file that can be read") from None
+
+
+def _table(path: Path, lines: list[str]) -> list[list[str]]:
+    try:
+        return table_rows(lines)
+    except BadInput as error:
+        raise BadInput(f"threshold curve {path}: {error}") from None
 
 
 def _head(lines: list[str]) -> dict[str, str]:
@@ -93,7 +100,7 @@ def _head(lines: list[str]) -> dict[str, str]:
 
 
 def _columns(path: Path, rows: list[str]) -> dict[str, np.ndarray[tuple[int], np.dtype[np.float64]]]:
-    table = list(csv.reader(rows))
+    table = _table(path, rows)
     header = [cell.strip() for cell in table[0]] if table else []
     if "frequency_hz" not in header or not {_LEVEL, _ACCELERATION} & set(header):
         got = ", ".join(header) or "nothing"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -25,11 +23,14 @@ from tactuator.files.display_schema import (
     DisplayKeys,
     EnvironmentKeys,
     FeedbackKeys,
+    ModelKeys,
     ObjectivesKeys,
     PlantTable,
     PrefilterKeys,
     ThresholdKeys,
 )
+from tactuator.files.model import FORMAT, parse_model
+from tactuator.files.text import parse_toml, read_finite_json, read_text
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.systems import ContinuousSystem
 
@@ -44,10 +45,9 @@ def read_display(path: str | Path) -> Display:
     """
     path = Path(path)
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error).splitlines()[0]
-        raise BadInput(f"display file {path}: {reason}; allowed: a TOML file that can be read") from None
+        document = parse_toml(read_text(path))
+    except BadInput as error:
+        raise BadInput(f"display file {path}: {error}; allowed: a TOML file that can be read") from None
     try:
         return parse_display(document, path.parent)
     except BadInput as error:
@@ -210,12 +210,17 @@ def _plant_and_family(
 
 def _model_document(path: Path, where: str) -> dict[str, Any]:
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not JSON"
-        raise BadInput(f"{where} plant {path}: {reason}; allowed: a model file that can be read") from None
+        document = read_finite_json(path)
+    except BadInput as error:
+        raise BadInput(f"{where} plant {path}: {error}; allowed: a model file that can be read") from None
     if not isinstance(document, dict) or not {"num", "den"} <= set(document):
         raise BadInput(f"{where} plant {path}: num and den are not in it; allowed: a file that `identify` wrote")
+    try:
+        if document.get("format") == FORMAT:
+            parse_model(document)
+    except BadInput as error:
+        raise BadInput(f"{where} plant {path}: {error}") from None
+    _checked(ModelKeys, document, f"{where} plant {path}")
     return document
 
 

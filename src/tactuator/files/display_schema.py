@@ -29,6 +29,16 @@ class PlantTable(_Table):
     delay_s: Annotated[float, Field(strict=True, ge=0.0, allow_inf_nan=False)] = 0.0
 
 
+class ModelKeys(BaseModel):
+    """What a display takes of a model file beside its plant, where the file has it."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    friction: dict[str, Number | None] | None = None
+    family: list[PlantTable] = []
+    covariance: list[list[Number]] = []
+
+
 class CurveTable(_Table):
     """A curve with its points in place: how controller.json carries it."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.files.text import read_text, table_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,14 +25,9 @@ def read_matrix(path: str | Path) -> NamedMatrix:
     """Read a matrix; BadInput, one line, where the file cannot be read, is empty, ragged, or holds words for counts."""
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not text"
-        raise BadInput(f"matrix {path}: {reason}; allowed: a CSV file that can be read") from None
-    rows = [
-        [cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)
-    ]
-    rows = [row for row in rows if not row[0].startswith("#")]
+        rows = table_rows([line for line in read_text(path).split("\n") if not line.startswith("#")])
+    except BadInput as error:
+        raise BadInput(f"matrix {path}: {error}; allowed: a CSV file that can be read") from None
     if not rows:
         raise BadInput(f"matrix {path}: no rows; allowed: a row of counts for each stimulus")
     # A corner that is not a number, over rows that all begin with one or with a name, heads a column of names.

@@ -15,9 +15,12 @@ from tactuator import __version__
 from tactuator.display.plant_model import Excess, PlantModel
 from tactuator.errors import BadInput
 from tactuator.files.atomic import write_text
+from tactuator.files.text import read_finite_json
 from tactuator.signals.systems import ContinuousSystem
 
 FORMAT = "tactuator-model/1"
+_SMALLEST = 1e-100
+"""Smallest magnitude of a coefficient that is not zero: beyond it products overflow."""
 
 
 def model_document(model: PlantModel, family: Sequence[ContinuousSystem] = ()) -> dict[str, Any]:
@@ -60,32 +63,72 @@ def read_model(path: str | Path) -> PlantModel:
     """Read model.json; BadInput, one line, if it is not one."""
     path = Path(path)
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not JSON"
-        raise BadInput(f"model {path}: {reason}; allowed: a file that `identify` wrote") from None
+        document = read_finite_json(path)
+    except BadInput as error:
+        raise BadInput(f"model {path}: {error}; allowed: a file that `identify` wrote") from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise BadInput(f"model {path}: format is not {FORMAT!r}; allowed: a file that `identify` wrote")
     try:
-        low, high = document["band_hz"]
-        return PlantModel(
-            num=np.asarray(document["num"], dtype=np.float64),
-            den=np.asarray(document["den"], dtype=np.float64),
-            delay_s=float(document["delay_s"]),
-            covariance=np.asarray(document["covariance"], dtype=np.float64),
-            band_hz=(float(low), float(high)),
-            quantity=str(document["quantity"]),
-            command_unit=str(document["units"]["command"]),
-            position_unit=str(document["units"]["position"]),
-            method=str(document["method"]),
-            record=document["record"],
-            calibration=document["calibration"],
-            friction=document["friction"],
-            excess=_excess(document.get("excess")),
-            valid_hz=_pair(document.get("valid_hz")),
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise BadInput(f"model {path}: {error} is amiss; allowed: a file that `identify` wrote") from None
+        return parse_model(document)
+    except BadInput as error:
+        raise BadInput(f"model {path}: {error}") from None
+
+
+def parse_model(document: dict[str, Any]) -> PlantModel:
+    """Return the model of a document. Raises BadInput for what is not one, or no record can lead to."""
+    try:
+        return _sound(_model(document))
+    except BadInput:
+        raise
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise BadInput(f"{error} is amiss; allowed: a file that `identify` wrote") from None
+
+
+def _model(document: dict[str, Any]) -> PlantModel:
+    low, high = document["band_hz"]
+    return PlantModel(
+        num=np.asarray(document["num"], dtype=np.float64),
+        den=np.asarray(document["den"], dtype=np.float64),
+        delay_s=float(document["delay_s"]),
+        covariance=np.asarray(document["covariance"], dtype=np.float64),
+        band_hz=(float(low), float(high)),
+        quantity=str(document["quantity"]),
+        command_unit=str(document["units"]["command"]),
+        position_unit=str(document["units"]["position"]),
+        method=str(document["method"]),
+        record=document["record"],
+        calibration=document["calibration"],
+        friction=document["friction"],
+        excess=_excess(document.get("excess")),
+        valid_hz=_pair(document.get("valid_hz")),
+    )
+
+
+def _sound(model: PlantModel) -> PlantModel:
+    """Return the model. Raises BadInput for one that no record can lead to."""
+    flat = model.num.ndim == model.den.ndim == 1
+    if not flat or not model.num.any() or not model.den.any() or model.den[0] == 0.0:
+        raise BadInput("num or den is zero, begins with one, or is no list; allowed: coefficients, the highest first")
+    for name, values in (("num", model.num), ("den", model.den), ("covariance", model.covariance)):
+        size = np.abs(values[values != 0.0])
+        if size.size and not (np.min(size) > _SMALLEST and np.max(size) < 1.0 / _SMALLEST):
+            raise BadInput(f"{name} has a number of size {np.max(size):g}; allowed: {_SMALLEST:g} to {1 / _SMALLEST:g}")
+    for name, band in (("band_hz", model.band_hz), ("valid_hz", model.valid_hz or (0.0, 1.0))):
+        if not 0.0 <= band[0] < band[1]:
+            raise BadInput(f"{name} is {band[0]:g} to {band[1]:g}; allowed: from a lower frequency to a higher")
+    if not model.delay_s >= 0.0:
+        raise BadInput(f"delay_s is {model.delay_s:g}; allowed: zero or more")
+    if np.any(np.diag(model.covariance) < 0.0):
+        raise BadInput("covariance has a variance below zero; allowed: zero or more")
+    excess = (model.excess.frequency_hz, model.excess.magnitude, model.excess.phase)
+    if {one.shape for one in excess} != {(excess[0].size,)} or not excess[0].size:
+        raise BadInput("excess has columns of unequal length; allowed: as many of each, one or more")
+    if np.any(excess[0] <= 0.0) or np.any(np.diff(excess[0]) < 0.0):
+        raise BadInput("excess has frequencies that do not ascend; allowed: ascending, above zero")
+    for name in ("record", "calibration", "friction"):
+        if not isinstance(getattr(model, name), dict):
+            raise BadInput(f"{name} is {getattr(model, name)!r}; allowed: a table")
+    return model
 
 
 def _excess(table: dict[str, Any] | None) -> Excess:

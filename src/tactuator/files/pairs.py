@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.files.text import read_text, table_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +27,9 @@ def read_pairs(path: str | Path) -> Pairs:
     """Read a CSV with columns displacement_mm, voltage_v and, if there is one, name. BadInput, one line, otherwise."""
     path = Path(path)
     try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = [row for row in csv.reader(stream) if row and not row[0].startswith("#")]
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not text"
-        raise BadInput(f"pairs {path}: {reason}; allowed: a CSV file that can be read") from None
+        rows = table_rows([line for line in read_text(path).split("\n") if not line.startswith("#")])
+    except BadInput as error:
+        raise BadInput(f"pairs {path}: {error}; allowed: a CSV file that can be read") from None
     header = [cell.strip().lower() for cell in rows[0]] if rows else []
     for needed in ("displacement_mm", "voltage_v"):
         if needed not in header:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import json
+import math
 import os
 import re
 from collections.abc import Iterator, Mapping
@@ -26,12 +27,17 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.files.atomic import atomic_path, write_text
+from tactuator.files.hdf5 import opened_hdf5
+from tactuator.files.sound import require_whole
+from tactuator.files.text import read_finite_json
 
 FULL_SCALE_DB_SL = 60.0
 BLOCK_FRAMES = 1 << 14
 SUFFIXES = (".wav", ".h5", ".hdf5")
 LARGEST_WAV_BYTES = (1 << 32) - (1 << 16)
 FORMAT = "tactuator-reference/1"
+MOST_CHUNK_VALUES = 1 << 24
+"""Numbers of one chunk of an HDF5 file, which is read as a whole: 64 MB."""
 
 
 @dataclass(frozen=True)
@@ -162,12 +168,16 @@ class ReferenceFile:
         """Yield the reference in blocks (n, channels), threshold units."""
         if self.path.suffix == ".wav":
             with soundfile.SoundFile(self.path) as file:
+                read = 0
                 while len(block := file.read(block_frames, dtype="float64", always_2d=True)):
+                    read += len(block)
                     yield _finite(block * self.head.full_scale, self.path)
+                if read < self.frames:
+                    raise BadInput(f"reference {self.path}: {read} of {self.frames} frames; allowed: a whole file")
         else:
             with h5py.File(self.path) as file:
                 for start in range(0, self.frames, block_frames):
-                    yield _finite(file["reference"][start : start + block_frames].astype(np.float64), self.path)
+                    yield _finite(_rows(file["reference"], start, block_frames, self.path), self.path)
 
 
 def open_reference(path: str | Path) -> ReferenceFile:
@@ -178,9 +188,9 @@ def open_reference(path: str | Path) -> ReferenceFile:
         raise BadInput(f"reference {path}: no such file; allowed: a file that `render` wrote")
     try:
         return _open_wav(path) if path.suffix == ".wav" else _open_hdf5(path)
-    except (soundfile.LibsndfileError, OSError, KeyError, TypeError, ValueError) as error:
-        if isinstance(error, BadInput):
-            raise
+    except BadInput as error:
+        raise BadInput(f"reference {path}: {str(error).removeprefix(f'reference {path}: ')}") from None
+    except (soundfile.LibsndfileError, OSError, LookupError, TypeError, ValueError, ArithmeticError, RuntimeError):
         raise BadInput(f"reference {path}: cannot be read as one; allowed: a file that `render` wrote") from None
 
 
@@ -253,12 +263,20 @@ def _finite(block: FloatArray, path: Path) -> FloatArray:
     return block
 
 
+def _rows(data: h5py.Dataset, start: int, count: int, path: Path) -> FloatArray:
+    try:
+        return np.asarray(data[start : start + count], dtype=np.float64)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise BadInput(f"reference {path}: {str(error).splitlines()[0]}; allowed: a whole file") from None
+
+
 def _open_wav(path: Path) -> ReferenceFile:
+    require_whole(path)
     beside = path.with_suffix(".json")
     with soundfile.SoundFile(path) as file:
         rate, width, frames, comment = file.samplerate, file.channels, file.frames, file.comment
     if beside.is_file():
-        head = _head(json.loads(beside.read_text(encoding="utf-8")))
+        head = _head(read_finite_json(beside))
     else:
         found = re.search(r"1\.0 = ([-+.0-9e]+) dB SL; channels ([^;]+);", comment or "")
         if found is None:
@@ -276,24 +294,31 @@ def _open_wav(path: Path) -> ReferenceFile:
 
 
 def _open_hdf5(path: Path) -> ReferenceFile:
-    with h5py.File(path) as file:
+    with opened_hdf5(path) as file:
         head = _head(json.loads(str(file.attrs["head"])))
-        shape = file["reference"].shape
+        data = file["reference"]
+        shape = data.shape
+        if data.dtype.kind != "f" or data.chunks is None or math.prod(data.chunks) > MOST_CHUNK_VALUES:
+            raise BadInput(f"a dataset of {data.dtype} in chunks of {data.chunks}; allowed: a file that `render` wrote")
+        if data.compression is None and data.id.get_storage_size() < math.prod(shape) * data.dtype.itemsize:
+            raise BadInput(f"fewer samples are there than it states, {shape[0]} frames; allowed: a whole file")
     if len(shape) != 2 or shape[1] != len(head.channels):
         raise BadInput(f"reference {path}: dataset of shape {shape}; allowed: (n, {len(head.channels)})")
     return ReferenceFile(path, head, int(shape[0]))
 
 
 def _head(document: Mapping[str, Any]) -> ReferenceHead:
-    level = float(document["full_scale_db_sl"])
-    if not np.isfinite(level):
+    level, rate_hz = float(document["full_scale_db_sl"]), float(document["rate_hz"])
+    if not np.isfinite(level) or abs(level) > 1000.0 or not 0.0 < rate_hz < np.inf:
         raise ValueError("scale")
-    band = document.get("band_hz")
+    band, provenance = document.get("band_hz"), document.get("provenance", {})
+    if not isinstance(document["channels"], list) or not isinstance(provenance, dict):
+        raise TypeError("channels")
     return ReferenceHead(
-        float(document["rate_hz"]),
+        rate_hz,
         tuple(str(name) for name in document["channels"]),
-        {name: (str(c["name"]), str(c["hash"])) for name, c in document.get("curves", {}).items()},
+        {name: (str(c["name"]), str(c["hash"])) for name, c in dict(document.get("curves", {})).items()},
         None if band is None else (float(band[0]), float(band[1])),
         level,
-        document.get("provenance", {}),
+        provenance,
     )

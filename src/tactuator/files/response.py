@@ -13,9 +13,11 @@ import numpy as np
 from tactuator import __version__
 from tactuator.errors import BadInput
 from tactuator.files.atomic import atomic_path
+from tactuator.files.hdf5 import opened_hdf5
 from tactuator.signals.response import Response
 
 FORMAT = "tactuator-response/1"
+MOST_POINTS = 1_000_000
 _ARRAYS = {
     "frequency_hz": "Hz",
     "amplitude_v": "V",
@@ -76,15 +78,20 @@ def read_responses(path: str | Path) -> tuple[Response, ...]:
     """Read what `write_responses` wrote as HDF5; BadInput, one line, if it is not that."""
     path = Path(path)
     try:
-        with h5py.File(path, "r") as file:
+        with opened_hdf5(path) as file:
             if file.attrs.get("format") != FORMAT:
                 raise BadInput(f"response {path}: format is not {FORMAT!r}; allowed: a file that `measure` wrote")
             return tuple(_read_group(file[f"response{k + 1}"]) for k in range(len(file)))
-    except (OSError, KeyError) as error:
+    except BadInput as error:
+        raise BadInput(f"response {path}: {str(error).removeprefix(f'response {path}: ')}") from None
+    except (OSError, LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
         raise BadInput(f"response {path}: {str(error).splitlines()[0]}; allowed: a file that `measure` wrote") from None
 
 
 def _read_group(group: h5py.Group) -> Response:
     texts: dict[str, Any] = {name: str(group.attrs[name]) for name in _TEXTS}
+    for data in (group[name] for name in _ARRAYS):
+        if max(data.size, *(data.chunks or (0,))) > MOST_POINTS:
+            raise BadInput(f"{data.name} has shape {data.shape}; allowed: up to {MOST_POINTS} points")
     arrays: dict[str, Any] = {name: np.asarray(group[name]) for name in _ARRAYS}
     return Response(level_db_sl=float(group.attrs["level_db_sl"]), **texts, **arrays)

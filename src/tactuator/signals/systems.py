@@ -117,7 +117,10 @@ class ContinuousSystem(_System):
         """Return the system num(s)/den(s), coefficients in descending powers of s."""
         numerator, denominator = _polynomial(num, "num"), _polynomial(den, "den")
         gain = numerator[0] / denominator[0]
-        return cls(np.roots(numerator), np.roots(denominator), float(gain), delay_s)
+        try:
+            return cls(np.roots(numerator), np.roots(denominator), float(gain), delay_s)
+        except np.linalg.LinAlgError:
+            raise BadInput("num or den has coefficients too far apart for a computer; allowed: fewer decades") from None
 
     def polynomials(self) -> tuple[FloatArray, FloatArray]:
         """Return (num, den) in descending powers of s, den monic: for printing and files, not for computing with."""

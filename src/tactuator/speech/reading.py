@@ -6,7 +6,6 @@ half-written is left behind by a file that turns out bad at its end.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ import soundfile
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.files.sound import require_whole
 
 BLOCK_FRAMES = 1 << 16
 SHORTEST_S = 0.1
@@ -93,21 +93,17 @@ def _reason(error: soundfile.LibsndfileError) -> str:
 
 
 def _check_bytes(path: Path) -> None:
+    if not path.is_file():
+        raise BadInput(f"{path}: {'a folder' if path.is_dir() else 'no such file'}; allowed: a sound file")
     try:
-        if not path.is_file():
-            raise BadInput(f"{path}: {'a folder' if path.is_dir() else 'no such file'}; allowed: a sound file")
         size = path.stat().st_size
-        with path.open("rb") as file:
-            head = file.read(12)
+        require_whole(path)
+    except BadInput as error:
+        raise BadInput(f"{path}: {error}") from None
     except OSError as error:
         raise BadInput(f"{path}: cannot be read ({error.strerror}); allowed: a readable sound file") from None
     if size == 0:
         raise BadInput(f"{path}: empty, 0 bytes; allowed: a sound file")
-    if len(head) == 12 and head[:4] == b"RIFF" and head[8:] == b"WAVE":
-        (stated,) = struct.unpack("<I", head[4:8])
-        streamed = stated in (0, 0xFFFFFFFF)  # written by a program that did not know the length
-        if not streamed and stated + 8 > size + 1:  # some writers leave the last pad byte out
-            raise BadInput(f"{path}: truncated, {size} of {stated + 8} bytes are there; allowed: a whole file")
 
 
 def _check_header(path: Path, rate: int, frames: int, channels: int) -> None:

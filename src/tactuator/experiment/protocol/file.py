@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import tomllib
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,6 +12,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.identification import IdentificationProtocol
 from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.protocol.study import StudyProtocol
+from tactuator.files.text import parse_toml, read_text
 
 _P = TypeVar("_P", bound=StudyProtocol)
 _IDENTIFICATION_TABLES = {"identification", "item", "block"}
@@ -67,16 +67,15 @@ def protocol_hash(text: str) -> str:
 
 def _text(path: str | Path) -> str:
     try:
-        return Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not text"
-        raise BadInput(f"protocol {path}: {reason}; allowed: a TOML file that can be read") from None
+        return read_text(Path(path))
+    except BadInput as error:
+        raise BadInput(f"protocol {path}: {error}; allowed: a TOML file that can be read") from None
 
 
 def _document(text: str, where: str) -> dict[str, Any]:
     try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        return parse_toml(text)
+    except BadInput as error:
         raise BadInput(f"protocol {where}: {error}; allowed: TOML") from None
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -12,6 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from tactuator.errors import BadInput
 from tactuator.files.atomic import write_text
+from tactuator.files.text import parse_toml, read_text
 from tactuator.speech.coding.bands import BandsCoding
 from tactuator.speech.coding.coding import Coding
 from tactuator.speech.coding.direct import DirectCoding
@@ -36,10 +36,9 @@ def coding_of(name_or_path: str) -> Coding:
 def read_coding(path: Path) -> Coding:
     """Read a coding; BadInput, one line, for a file that cannot be read or lacks, doubles or mistypes a parameter."""
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error).splitlines()[0]
-        raise BadInput(f"coding file {path}: {reason}; allowed: a TOML file that can be read") from None
+        document = parse_toml(read_text(path))
+    except BadInput as error:
+        raise BadInput(f"coding file {path}: {error}; allowed: a TOML file that can be read") from None
     try:
         return parse_coding(document)
     except BadInput as error:

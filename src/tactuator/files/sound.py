@@ -1,0 +1,47 @@
+"""The length that a sound file states in its head, held against the bytes that are there."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import BinaryIO
+
+from tactuator.errors import BadInput
+
+_STREAMED = (0, 0xFFFFFFFF)
+"""Lengths written by a program that did not know the length."""
+_FORMS = {b"RIFF": ("<", b"data"), b"RIFX": (">", b"data"), b"FORM": (">", b"SSND")}
+
+
+def require_whole(path: Path) -> None:
+    """Raise BadInput, without the file's name, where a WAV or AIFF states more bytes than are there.
+
+    The library that reads the samples takes such a file for a shorter one, and says nothing. Raises OSError.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(12)
+        if len(head) < 12 or head[:4] not in _FORMS:
+            return
+        order, wanted = _FORMS[head[:4]]
+        (stated,) = struct.unpack(f"{order}I", head[4:8])
+        if stated not in _STREAMED:
+            _require(stated + 8, size)
+        _require(_end_of_samples(file, order, wanted, size), size)
+
+
+def _end_of_samples(file: BinaryIO, order: str, wanted: bytes, size: int) -> int:
+    """Return where the chunk of samples ends by its own statement; 0 where it does not say, or there is none."""
+    while len(chunk := file.read(8)) == 8:
+        (length,) = struct.unpack(f"{order}I", chunk[4:])
+        if chunk[:4] == wanted:
+            return 0 if length in _STREAMED else file.tell() + length
+        if file.tell() + length > size:
+            return 0
+        file.seek(length + length % 2, 1)
+    return 0
+
+
+def _require(stated: int, size: int) -> None:
+    if stated > size + 1:  # some writers leave the last pad byte out
+        raise BadInput(f"truncated, {size} of {stated} bytes are there; allowed: a whole file")

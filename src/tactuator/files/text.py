@@ -1,0 +1,114 @@
+"""Text files that others wrote: their encoding, their limits, and the numbers in their cells."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import json
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from tactuator.errors import BadInput
+
+LARGEST_BYTES = 64 << 20
+"""Size of a text file that is read as a whole; records are read in pieces and may be longer."""
+_MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+")
+
+
+def encoding_of(head: bytes) -> str:
+    """Return the encoding that a file's first bytes tell: by a byte-order mark, by the zeros of UTF-16, or UTF-8."""
+    for mark, name in _MARKS:
+        if head.startswith(mark):
+            return name
+    pairs = head[: len(head) // 2 * 2]
+    if pairs and not any(pairs[1::2]):
+        return "utf-16-le"
+    return "utf-16-be" if pairs and not any(pairs[::2]) else "utf-8"
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file without its byte-order mark.
+
+    Raises BadInput, with the reason alone, for a file that cannot be read, is no text, or is larger than 64 MB.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(LARGEST_BYTES + 1)
+        if len(content) > LARGEST_BYTES:
+            raise BadInput(f"it has more than {LARGEST_BYTES >> 20} MB")
+        return content.decode(encoding_of(content[:64])).replace("\r\n", "\n").replace("\r", "\n")
+    except OSError as error:
+        raise BadInput(error.strerror or "it cannot be read") from None
+    except UnicodeDecodeError:
+        raise BadInput("it is not text") from None
+
+
+def read_json(path: Path) -> Any:
+    """Return the content of a JSON file. Raises BadInput, with the reason alone, as `read_text` and for other text."""
+    try:
+        return json.loads(read_text(path))
+    except BadInput:
+        raise
+    except (ValueError, RecursionError):
+        raise BadInput("it is not JSON") from None
+
+
+def read_finite_json(path: Path) -> Any:
+    """Return the content of a JSON file in which no number is NaN or infinite. Raises BadInput as `read_json`."""
+    try:
+        return json.loads(read_text(path), parse_constant=_refused, parse_float=_finite)
+    except BadInput:
+        raise
+    except (ValueError, RecursionError):
+        raise BadInput("it is not JSON") from None
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Return the tables of a TOML text. Raises BadInput, with the reason alone."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise BadInput(str(error).splitlines()[0]) from None
+    except (ValueError, RecursionError):  # a number of thousands of digits, brackets thousands deep
+        raise BadInput("it is not TOML") from None
+
+
+def table_rows(lines: list[str]) -> list[list[str]]:
+    """Return the cells of a table's lines, without the space about them; empty lines are left out.
+
+    Cells are parted by tabs, semicolons or commas, whichever its first line has; a decimal comma becomes a point.
+    """
+    whole = [line.replace("\0", "") for line in lines if line.strip(" \t,;")]
+    delimiter = next((mark for mark in ("\t", ";") if whole and mark in whole[0]), ",")
+    try:
+        rows = [[cell.strip() for cell in row] for row in csv.reader(whole, delimiter=delimiter)]
+    except csv.Error as error:
+        raise BadInput(f"{error}; allowed: cells of a table") from None
+    check_commas([cell for row in rows for cell in row])
+    return [[decimal_point(cell) for cell in row] for row in rows if any(row)]
+
+
+def check_commas(cells: list[str]) -> None:
+    """Raise BadInput where the commas within numbers could as well part thousands as decimals."""
+    numbers = [cell for cell in cells if re.fullmatch(r"[-+]?[\d,]*,\d+([eE][-+]?\d+)?", cell)]
+    if numbers and all(_THOUSANDS.fullmatch(cell) for cell in numbers):
+        raise BadInput(f"{numbers[0]!r} may be thousands or a decimal comma; allowed: decimal points")
+
+
+def decimal_point(cell: str) -> str:
+    """Return the cell with a point for the decimal comma of a number; anything else as it is."""
+    return cell.replace(",", ".") if re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell) else cell
+
+
+def _refused(name: str) -> float:
+    raise BadInput(f"it holds {name}; allowed: finite numbers")
+
+
+def _finite(digits: str) -> float:
+    value = float(digits)
+    if value in (float("inf"), float("-inf")):
+        raise BadInput(f"it holds {digits}; allowed: numbers up to 1.8e308")
+    return value
