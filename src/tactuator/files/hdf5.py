@@ -1,4 +1,4 @@
-"""HDF5 files of others, tried by a child process before they are read.
+"""HDF5 files: those of others are tried by a child process before they are read, ours survive a full disk.
 
 On a damaged file the library may loop for ever or crash, out of the reach of any exception; what happens to the child
 tells beforehand.
@@ -7,6 +7,7 @@ tells beforehand.
 from __future__ import annotations
 
 import faulthandler
+import io
 import os
 import resource
 import signal
@@ -33,6 +34,55 @@ def opened_hdf5(path: Path) -> Iterator[h5py.File]:
     _require_survivable(path)
     with h5py.File(path, "r") as file:
         yield file
+
+
+class _Disk(io.FileIO):
+    """A file that keeps the first failure of a write to itself: the HDF5 library does not survive being told."""
+
+    failure: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """Write all the bytes, or nothing more after a failure, and return how many were given."""
+        size, left = memoryview(data).nbytes, memoryview(data).cast("B")
+        try:
+            while left and self.failure is None:
+                left = left[super().write(left) or 0 :]
+        except OSError as error:
+            self.failure = error
+        return size
+
+    def truncate(self, size: int | None = None) -> int:
+        """Set the length, or leave it after a failure."""
+        try:
+            return self.tell() if self.failure else super().truncate(size)
+        except OSError as error:
+            self.failure = error
+            return self.tell()
+
+
+class WrittenHdf5:
+    """An HDF5 file that is being written, and the check that all of it so far got there."""
+
+    def __init__(self, file: h5py.File, disk: _Disk) -> None:
+        self.file, self._disk = file, disk
+
+    def check(self) -> None:
+        """Raise the OSError of the first write that failed, where one did."""
+        if self._disk.failure is not None:
+            raise self._disk.failure
+
+
+@contextmanager
+def written_hdf5(path: Path) -> Iterator[WrittenHdf5]:
+    """Yield a new HDF5 file at the path; the OSError of a full disk is raised at the end, and by `check`.
+
+    Left to itself the library ends in a segmentation fault on a full disk.
+    """
+    with _Disk(path, "w+") as disk:
+        with h5py.File(disk, "w") as file:
+            made = WrittenHdf5(file, disk)
+            yield made
+        made.check()
 
 
 def _require_survivable(path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from tactuator import __version__
@@ -12,6 +11,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.files.atomic import atomic_path
 from tactuator.files.columns import MOST_SAMPLES, Columns, read_columns
+from tactuator.files.hdf5 import written_hdf5
 from tactuator.files.stamps import read_stamps
 from tactuator.signals.record import Record
 
@@ -146,7 +146,8 @@ def _signals(columns: Columns, input_name: str | None, output_name: str | None, 
 
 def write_record(path: str | Path, record: Record) -> None:
     """Write our own HDF5: datasets command, position (and reference) with units, rate and origin as attributes."""
-    with atomic_path(path) as beside, h5py.File(beside, "w") as file:
+    with atomic_path(path) as beside, written_hdf5(beside) as written:
+        file = written.file
         file.attrs["format"] = FORMAT
         file.attrs["tool"] = __version__
         file.attrs["rate_hz"] = record.rate_hz

@@ -13,7 +13,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.files.atomic import atomic_path, write_text
-from tactuator.files.hdf5 import opened_hdf5
+from tactuator.files.hdf5 import opened_hdf5, written_hdf5
 from tactuator.files.sound import require_whole
 from tactuator.files.text import read_finite_json
 
@@ -84,8 +84,8 @@ class ReferenceHead:
 class ReferenceWriter:
     """Takes blocks (n, channels) in threshold units; made by `write_reference`."""
 
-    def __init__(self, sink: Any, head: ReferenceHead, path: Path) -> None:
-        self._sink, self._head, self._path = sink, head, path
+    def __init__(self, sink: Any, head: ReferenceHead, path: Path, check: Callable[[], None] = lambda: None) -> None:
+        self._sink, self._head, self._path, self._check = sink, head, path, check
         self._digest = hashlib.sha256()
         self.frames = 0
 
@@ -118,6 +118,7 @@ class ReferenceWriter:
         else:
             self._sink.resize(self.frames + len(block), axis=0)
             self._sink[self.frames :] = block.astype(np.float32)
+            self._check()
         self._digest.update(shares.data)
 
 
@@ -139,8 +140,8 @@ def write_reference(path: str | Path, head: ReferenceHead, frames: int = 0) -> I
             with _told(path), _wav(beside, head) as file:
                 yield ReferenceWriter(file, head, path)
         else:
-            with _told(path), h5py.File(beside, "w") as file:
-                yield ReferenceWriter(_dataset(file, head), head, path)
+            with _told(path), written_hdf5(beside) as written:
+                yield ReferenceWriter(_dataset(written.file, head), head, path, written.check)
         if path.suffix == ".wav":
             write_text(path.with_suffix(".json"), json.dumps(head.document(), indent=1, allow_nan=False) + "\n")
 

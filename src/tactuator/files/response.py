@@ -13,7 +13,7 @@ import numpy as np
 from tactuator import __version__
 from tactuator.errors import BadInput
 from tactuator.files.atomic import atomic_path
-from tactuator.files.hdf5 import opened_hdf5
+from tactuator.files.hdf5 import opened_hdf5, written_hdf5
 from tactuator.signals.response import Response
 
 FORMAT = "tactuator-response/1"
@@ -46,7 +46,8 @@ def write_responses(path: str | Path, responses: Sequence[Response]) -> None:
 
 
 def _write_hdf5(path: Path, responses: Sequence[Response]) -> None:
-    with h5py.File(path, "w") as file:
+    with written_hdf5(path) as written:
+        file = written.file
         file.attrs["format"] = FORMAT
         file.attrs["tool"] = __version__
         for number, response in enumerate(responses):

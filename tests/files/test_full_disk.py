@@ -1,0 +1,69 @@
+"""Every writer on a disk without room: one line, and nothing half-written.
+
+A limit on the length of a file stands for the disk: the system refuses the write in the same way.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+SCRIPT = """
+import resource, sys
+from pathlib import Path
+import numpy as np
+from tactuator.display.plant_model import PlantModel
+from tactuator.errors import BadInput
+from tactuator.files.model import write_model
+from tactuator.files.record import write_record
+from tactuator.files.reference import ReferenceHead, write_reference
+from tactuator.files.response import write_responses
+from tactuator.signals.record import Record
+from tactuator.signals.response import Response
+
+noise = np.random.default_rng(0).standard_normal(40_000)
+one = np.ones(2000)
+response = Response("index", "free", 20.0, "stepped-sine", np.arange(1.0, 2001.0), one + 0j, one, one, one, one,
+                    one > 2, one > 0, one)
+
+def reference(path):
+    with write_reference(path, ReferenceHead(4000.0, ("index",))) as writer:
+        for start in range(0, 40_000, 4000):
+            writer.write(noise[start : start + 4000, None])
+
+writers = {
+    "record.h5": lambda path: write_record(path, Record(4000.0, noise, noise, "V", "V")),
+    "response.h5": lambda path: write_responses(path, [response]),
+    "response.csv": lambda path: write_responses(path, [response]),
+    "reference.h5": reference,
+    "reference.wav": reference,
+    "model.json": lambda path: write_model(
+        path, PlantModel(np.ones(1), np.array([1.0, 94.0]), 0.0, np.eye(3), (1.0, 2.0), record={"x": "y" * 60_000})
+    ),
+}
+folder, refused, written = Path(sys.argv[1]), 0, 0
+for room in (0, 100, 1000, 2048, 3000, 5000, 9000, 20_000, 50_000, 100_000, 150_000, 1 << 30):
+    for name, write in writers.items():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, resource.RLIM_INFINITY))
+        try:
+            write(folder / name)
+            written += 1
+        except BadInput as error:
+            assert "\\n" not in str(error) and "room" in str(error), error
+            assert not list(folder.iterdir()), (name, room, list(folder.iterdir()))
+            refused += 1
+        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+        for path in folder.iterdir():
+            path.unlink()
+sys.stderr.write(f"{refused} refused, {written} written")
+"""
+
+
+def test_writers__twelve_levels_of_room__written_whole_or_refused_in_a_line(tmp_path: Path) -> None:
+    done = subprocess.run([sys.executable, "-c", SCRIPT, str(tmp_path)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    refused, written = (int(part.split()[0]) for part in done.stderr.split(","))
+    assert refused + written == 72
+    assert refused > 40
+    assert written >= 6
