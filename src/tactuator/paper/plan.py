@@ -27,7 +27,7 @@ RESPONSE_HZ = (
 MOTOR_HZ = (*RESPONSE_HZ, 330.0, 365.0, 400.0)
 """Frequencies of the motor's own response (the paper's figure 4: to 400 Hz)."""
 
-LEVELS_DB_SL = (0.0, 10.0, 30.0, 50.0)
+LEVELS_DB_SL: tuple[float, ...] = (0.0, 10.0, 30.0, 50.0)
 """The paper's figures 9 and 10."""
 
 THRESHOLD_HZ = (0.4, 1.0, 3.0, 8.0, 20.0, 50.0, 100.0, 170.0, 250.0, 296.0)
