@@ -6,6 +6,8 @@ import json
 import os
 import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
 
@@ -141,9 +143,51 @@ def test_run_corpus__changed_speech_lost_reference_or_other_level__done_anew(job
 def test_run_corpus__half_written_files_of_a_killed_worker__swept(job, corpus, tmp_path):
     out = tmp_path / "out"
     (out / "speaker0").mkdir(parents=True)
-    (out / "speaker0" / ".word0-x1y2.wav").write_bytes(b"half")
+    for name in (".word0-x1y2_abc.tactuator.wav", ".word0-x1y2_abc.tactuator.json"):
+        (out / "speaker0" / name).write_bytes(b"half")
+    mine = [".word0-take2.wav", ".notes-2024.json", ".other-x1y2_abc.tactuator.wav"]
+    for name in mine:
+        (out / "speaker0" / name).write_bytes(b"the user's")
+    run_corpus(corpus, out, job, Here())
+    assert sorted(path.name for path in out.rglob(".*")) == sorted(mine)
+
+
+def test_run_corpus__killed_within_a_file__what_is_left_has_a_name_that_is_swept(job, corpus, tmp_path):
+    out = tmp_path / "out"
+    (out / "speaker0").mkdir(parents=True)
+    script = (
+        "import os, sys\nfrom tactuator.files.atomic import atomic_path\nwith atomic_path(sys.argv[1]): os._exit(1)"
+    )
+    subprocess.run([sys.executable, "-c", script, str(out / "speaker0/word0.wav")], check=False)
+    assert len(list(out.rglob(".*"))) == 1
     run_corpus(corpus, out, job, Here())
     assert not list(out.rglob(".*"))
+
+
+def test_run_corpus__outputs_changed_at_their_length__all_done_anew(job, corpus, tmp_path):
+    out, counting = tmp_path / "out", Counts()
+    run_corpus(corpus, out, job, Here())
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.suffix in (".wav", ".json")}
+    rng = np.random.default_rng(3)
+    for number in range(6):
+        path = out / f"speaker{number % 2}" / f"word{number}.{'json' if number == 5 else 'wav'}"
+        content = bytearray(path.read_bytes())
+        at = int(rng.integers(len(content)))
+        content[at : at + 4096] = bytes(len(content[at : at + 4096]))
+        path.write_bytes(content)
+    run_corpus(corpus, out, job, counting)
+    assert len(counting.items) == 8
+    assert {path: path.read_bytes() for path in before} == before  # to the byte, whenever they were written
+
+
+def test_run_corpus__another_run_in_the_same_folder__refused(job, corpus, tmp_path):
+    def second(done, total):
+        with pytest.raises(BadInput, match="another run"):
+            run_corpus(corpus, tmp_path / "out", job, Here())
+
+    with pytest.raises(KeyboardInterrupt):
+        run_corpus(corpus, tmp_path / "out", job, StopsAfter(0), progress=second)
+    assert run_corpus(corpus, tmp_path / "out", job, Here()).done == 6
 
 
 def test_local_processes__a_worker_killed__its_task_is_done_by_another(job, corpus, tmp_path):

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import math
-from collections.abc import Callable, Mapping
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,8 +17,7 @@ from tactuator.corpus.journal import open_journal
 from tactuator.corpus.task import CorpusOutcome, CorpusTask
 from tactuator.corpus.workers import Workers
 from tactuator.errors import BadInput
-from tactuator.files.atomic import write_text
-from tactuator.files.reference import SUFFIXES
+from tactuator.files.atomic import sweep_half_written, write_text
 from tactuator.speech.coding.file import coding_document
 from tactuator.speech.job import RenderJob
 
@@ -58,8 +60,21 @@ def run_corpus(
     folder, out = Path(folder), Path(out)
     items = find_items(folder, out, ending)
     _make(out)
+    with _alone_in(out):
+        return _run(folder, items, out, job, workers, ending, progress)
+
+
+def _run(
+    folder: Path,
+    items: tuple[Item, ...],
+    out: Path,
+    job: RenderJob,
+    workers: Workers,
+    ending: str,
+    progress: Progress,
+) -> CorpusResult:
     parameters = {**job.parameters(), "ending": ending}
-    _sweep(out)
+    _sweep(items, out)
     with open_journal(out, parameters) as journal:
         before = dict(journal.finished)
         kept = {item.source for item in items if _is_done(item, folder, out, before.get(item.source))}
@@ -74,7 +89,7 @@ def run_corpus(
                 done += 1
             progress(len(kept) + done + len(failures), len(items))
         entries = {item.source: journal.finished[item.source] for item in items if item.source not in failures}
-    _sweep(out)
+    _sweep(items, out)
     manifest = _manifest(parameters, items, entries, failures)
     write_text(out / MANIFEST, json.dumps(manifest, indent=1, sort_keys=True, allow_nan=False) + "\n")
     return CorpusResult(manifest, done, len(kept))
@@ -87,11 +102,23 @@ def _make(out: Path) -> None:
         raise BadInput(f"{out} cannot be made: {error.strerror}; allowed: a folder that can be written") from None
 
 
-def _sweep(out: Path) -> None:
+@contextmanager
+def _alone_in(out: Path) -> Iterator[None]:
+    """Hold the folder for one run; the lock is the operating system's, and ends with the process."""
+    handle = os.open(out, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    except BlockingIOError:
+        raise BadInput(f"{out}: another run writes into it; allowed: one at a time") from None
+    finally:
+        os.close(handle)
+
+
+def _sweep(items: tuple[Item, ...], out: Path) -> None:
     """Remove half-written files that killed workers left."""
-    for path in out.rglob(".*-*"):
-        if path.is_file() and path.suffix in (*SUFFIXES, ".json"):
-            path.unlink(missing_ok=True)
+    written = [out / item.out for item in items]
+    sweep_half_written([out / MANIFEST, *written, *(path.with_suffix(".json") for path in written)])
 
 
 def _task(item: Item, folder: Path, out: Path, job: RenderJob) -> CorpusTask:
@@ -110,7 +137,7 @@ def _task(item: Item, folder: Path, out: Path, job: RenderJob) -> CorpusTask:
 def _entry(outcome: CorpusOutcome, path: Path) -> dict[str, Any]:
     return {
         "source_sha256": outcome.source_sha256,
-        "bytes": path.stat().st_size,
+        "written_sha256": _written_sha256(path),
         "figures": _plain(outcome.figures),
     }
 
@@ -129,13 +156,19 @@ def _plain(value: Any) -> Any:
 def _is_done(item: Item, folder: Path, out: Path, entry: Mapping[str, Any] | None) -> bool:
     if entry is None:
         return False
-    path = out / item.out
     try:
         return bool(
-            path.stat().st_size == entry["bytes"] and file_sha256(folder / item.source) == entry["source_sha256"]
+            file_sha256(folder / item.source) == entry["source_sha256"]
+            and _written_sha256(out / item.out) == entry["written_sha256"]
         )
-    except OSError:
+    except (OSError, KeyError):
         return False
+
+
+def _written_sha256(path: Path) -> list[str]:
+    """Return SHA-256 (hex) of a reference's file, and of the file with its scale beside a WAV."""
+    files = [path, path.with_suffix(".json")] if path.suffix == ".wav" else [path]
+    return [file_sha256(one) for one in files]
 
 
 def _manifest(

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from tactuator.errors import BadInput
+
+_HALF_WRITTEN = "tactuator"
 
 
 @contextmanager
@@ -23,7 +26,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     _check_parent(target)
     if target.exists() and not target.is_file():
         raise BadInput(f"{path} is a folder or a device; allowed: the name of a file")
-    handle, name = tempfile.mkstemp(prefix=f".{target.stem}-", suffix=target.suffix, dir=target.parent)
+    suffix = f".{_HALF_WRITTEN}{target.suffix}"
+    handle, name = tempfile.mkstemp(prefix=f".{target.stem}-", suffix=suffix, dir=target.parent)
     os.close(handle)
     beside = Path(name)
     try:
@@ -35,6 +39,18 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         beside.replace(target)
     finally:
         beside.unlink(missing_ok=True)
+
+
+def sweep_half_written(paths: Iterable[Path]) -> None:
+    """Remove what killed processes left of writing to the paths; nothing else has a name like that."""
+    names: dict[Path, set[str]] = {}
+    for path in paths:
+        names.setdefault(path.parent, set()).add(path.name)
+    for folder, wanted in names.items():
+        for beside in folder.glob(f".*.{_HALF_WRITTEN}.*"):
+            found = re.fullmatch(rf"\.(.+)-[a-z0-9_]{{8}}\.{_HALF_WRITTEN}(\.[^.]+)", beside.name)
+            if found is not None and found[1] + found[2] in wanted and beside.is_file():
+                beside.unlink(missing_ok=True)
 
 
 @contextmanager

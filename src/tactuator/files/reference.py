@@ -28,7 +28,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.files.atomic import atomic_path, write_text
 from tactuator.files.hdf5 import opened_hdf5, written_hdf5
-from tactuator.files.sound import require_whole
+from tactuator.files.sound import forget_time, require_whole
 from tactuator.files.text import read_finite_json
 
 FULL_SCALE_DB_SL = 60.0
@@ -139,6 +139,7 @@ def write_reference(path: str | Path, head: ReferenceHead, frames: int = 0) -> I
         if path.suffix == ".wav":
             with _told(path), _wav(beside, head) as file:
                 yield ReferenceWriter(file, head, path)
+            forget_time(beside)
         else:
             with _told(path), written_hdf5(beside) as written:
                 yield ReferenceWriter(_dataset(written.file, head), head, path, written.check)
