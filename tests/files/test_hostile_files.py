@@ -17,9 +17,10 @@ import soundfile
 
 from tactuator.display.plant_model import PlantModel
 from tactuator.errors import BadInput
-from tactuator.files import columns, hdf5
+from tactuator.files import columns
 from tactuator.files.curve import read_curve
 from tactuator.files.display import parse_display
+from tactuator.files.formats import hdf5
 from tactuator.files.matrix import read_matrix
 from tactuator.files.model import read_model, write_model
 from tactuator.files.pairs import read_pairs

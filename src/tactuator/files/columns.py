@@ -18,9 +18,9 @@ import soundfile
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.files.hdf5 import opened_hdf5
-from tactuator.files.sound import require_whole
-from tactuator.files.text import check_commas, decimal_point, encoding_of
+from tactuator.files.formats.hdf5 import opened_hdf5
+from tactuator.files.formats.sound import require_whole
+from tactuator.files.formats.text import check_commas, decimal_point, encoding_of
 
 MOST_SAMPLES = 4_000_000
 """Rows read of one file: 100 MB in memory, whatever the file's length."""

@@ -13,7 +13,7 @@ from tactuator.display.document import document_hash
 from tactuator.errors import BadInput
 from tactuator.files.atomic import write_text
 from tactuator.files.display import parse_display
-from tactuator.files.text import read_json
+from tactuator.files.formats.text import read_json
 
 
 def write_controller(path: str | Path, controller: Controller) -> None:

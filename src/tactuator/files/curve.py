@@ -12,7 +12,7 @@ import numpy as np
 
 from tactuator.errors import BadInput
 from tactuator.files.atomic import write_text
-from tactuator.files.text import read_text, table_rows
+from tactuator.files.formats.text import read_text, table_rows
 from tactuator.perception.curve import Provenance, ThresholdCurve
 from tactuator.perception.library import curve, curve_names, level_from_acceleration
 from tactuator.perception.relative_curve import RelativeCurve

@@ -29,8 +29,8 @@ from tactuator.files.display_schema import (
     PrefilterKeys,
     ThresholdKeys,
 )
+from tactuator.files.formats.text import parse_toml, read_finite_json, read_text
 from tactuator.files.model import FORMAT, parse_model
-from tactuator.files.text import parse_toml, read_finite_json, read_text
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.systems import ContinuousSystem
 

@@ -30,7 +30,7 @@ class PlantTable(_Table):
 
 
 class ModelKeys(BaseModel):
-    """What a display takes of a model file beside its plant, where the file has it."""
+    """Tables of a model file, beside its plant, that a display takes where they are there."""
 
     model_config = ConfigDict(extra="ignore")
 

@@ -15,7 +15,7 @@ from tactuator import __version__
 from tactuator.display.plant_model import Excess, PlantModel
 from tactuator.errors import BadInput
 from tactuator.files.atomic import write_text
-from tactuator.files.text import read_finite_json
+from tactuator.files.formats.text import read_finite_json
 from tactuator.signals.systems import ContinuousSystem
 
 FORMAT = "tactuator-model/1"

@@ -9,7 +9,7 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.files.text import read_text, table_rows
+from tactuator.files.formats.text import read_text, table_rows
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.files.atomic import atomic_path
 from tactuator.files.columns import MOST_SAMPLES, Columns, read_columns
-from tactuator.files.hdf5 import written_hdf5
+from tactuator.files.formats.hdf5 import written_hdf5
 from tactuator.files.stamps import read_stamps
 from tactuator.signals.record import Record
 

@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.files.atomic import atomic_path, write_text
-from tactuator.files.hdf5 import opened_hdf5, written_hdf5
-from tactuator.files.sound import forget_time, require_whole
-from tactuator.files.text import read_finite_json
+from tactuator.files.formats.hdf5 import opened_hdf5, written_hdf5
+from tactuator.files.formats.sound import forget_time, require_whole
+from tactuator.files.formats.text import read_finite_json
 
 FULL_SCALE_DB_SL = 60.0
 BLOCK_FRAMES = 1 << 14

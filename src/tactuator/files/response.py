@@ -13,7 +13,7 @@ import numpy as np
 from tactuator import __version__
 from tactuator.errors import BadInput
 from tactuator.files.atomic import atomic_path
-from tactuator.files.hdf5 import opened_hdf5, written_hdf5
+from tactuator.files.formats.hdf5 import opened_hdf5, written_hdf5
 from tactuator.signals.response import Response
 
 FORMAT = "tactuator-response/1"

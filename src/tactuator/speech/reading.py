@@ -15,7 +15,7 @@ import soundfile
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.files.sound import require_whole
+from tactuator.files.formats.sound import require_whole
 
 BLOCK_FRAMES = 1 << 16
 SHORTEST_S = 0.1

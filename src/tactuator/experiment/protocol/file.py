@@ -12,7 +12,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.identification import IdentificationProtocol
 from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.protocol.study import StudyProtocol
-from tactuator.files.text import parse_toml, read_text
+from tactuator.files.formats.text import parse_toml, read_text
 
 _P = TypeVar("_P", bound=StudyProtocol)
 _IDENTIFICATION_TABLES = {"identification", "item", "block"}

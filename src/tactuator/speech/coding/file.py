@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from tactuator.errors import BadInput
 from tactuator.files.atomic import write_text
-from tactuator.files.text import parse_toml, read_text
+from tactuator.files.formats.text import parse_toml, read_text
 from tactuator.speech.coding.bands import BandsCoding
 from tactuator.speech.coding.coding import Coding
 from tactuator.speech.coding.direct import DirectCoding
