@@ -8,7 +8,7 @@ BIN = .venv/bin
 # One core for each test worker; results that do not depend on how many threads a machine has.
 TEST_ENV = OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: help python install reproduce test check check-slow lint types contract core-warnings soak bench docs readme lock site \
+.PHONY: help python install reproduce test check check-slow lint types contract core-warnings soak bench docs readme lock site wheel \
 	install-test install-site install-boards fix clean
 .NOTPARALLEL:
 .SILENT:
@@ -39,6 +39,7 @@ test: check ## everything that must hold: style, types, floors, warnings, tests
 	$(TEST_ENV) $(BIN)/python -m pytest -n $(WORKERS) $(ARGS)
 
 check-slow: install-test install-site ## what takes minutes: a minute of fuzzing, packing, installing for real, the site
+	$(PYTHON) tools/system.py slow
 	$(TEST_ENV) $(BIN)/python -m pytest -m slow -n $(WORKERS) $(ARGS)
 
 check: install-test lint types contract core-warnings
@@ -61,6 +62,9 @@ soak: install-test ## the hours: fuzzing and long properties
 
 bench: install-test ## ratios against peers, into out/bench.json (ARGS=name for some of them)
 	$(TEST_ENV) $(BIN)/python benchmarks/run.py $(ARGS)
+
+wheel: install-test ## sdist and wheel into out/dist, the wheel's tag checked
+	$(BIN)/python tools/wheel.py
 
 docs: install-test ## write docs/cli.md anew from the commands themselves
 	$(BIN)/python tools/cli_reference.py

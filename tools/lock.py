@@ -10,7 +10,7 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-LOCKS = ("run", "test", "site")
+LOCKS = ("run", "test", "site", "wheel")
 HEADER = "# Written by `make lock` from %s.in; not to be edited.\n"
 OPTIONS = [
     *("--quiet", "--no-header", "--no-annotate", "--strip-extras", "--generate-hashes"),

@@ -1,4 +1,4 @@
-"""System packages: `python3 tools/system.py boards|test` installs what is missing with apt as root, or says it."""
+"""System packages: `python3 tools/system.py boards|test|slow` installs what is missing with apt as root, or says it."""
 
 import fcntl
 import os
@@ -14,8 +14,13 @@ SYSTEM_PACKAGES = {
     "boards": {"arm-none-eabi-gcc": "gcc-arm-none-eabi", "qemu-system-arm": "qemu-system-arm"},
     "fuzzing": {"clang": "clang", FUZZER: "libclang-rt-14-dev"},
     "browser": {"chromium": "chromium"},
+    "aarch64": {
+        "aarch64-linux-gnu-gcc": "gcc-aarch64-linux-gnu",
+        "/usr/aarch64-linux-gnu/lib/libc.a": "libc6-dev-arm64-cross",
+        "qemu-aarch64": "qemu-user",
+    },
 }
-PURPOSES = {"boards": ("boards",), "test": ("boards", "fuzzing", "browser")}
+PURPOSES = {"boards": ("boards",), "test": ("boards", "fuzzing", "browser"), "slow": ("aarch64",)}
 
 
 def there(command):
@@ -51,7 +56,7 @@ def main():
     """Install what is missing, one run at a time."""
     purpose = sys.argv[1] if len(sys.argv) == 2 else ""
     if purpose not in PURPOSES:
-        sys.exit("usage: python3 tools/system.py boards|test")
+        sys.exit("usage: python3 tools/system.py boards|test|slow")
     if not missing(purpose):
         return
     folder = Path(__file__).resolve().parent.parent / ".setup"

@@ -12,11 +12,14 @@ from pathlib import Path
 
 from tactuator.errors import BadInput
 
-ROOT = Path(__file__).resolve().parents[3]
+_CHECKOUT = Path(__file__).resolve().parents[3]
+_PACKED = Path(__file__).resolve().parents[1] / "sources"
+ROOT = _PACKED if _PACKED.is_dir() else _CHECKOUT
+"""The folder with core/ and firmware/: the checkout's, or in a package that was installed from a wheel its own."""
 COMPILER = "arm-none-eabi-gcc"
 OBJCOPY, SIZE = "arm-none-eabi-objcopy", "arm-none-eabi-size"
 FLAGS = (
-    "-std=c99", "-O2", "-ffp-contract=off", "-ffreestanding", "-Wall", "-Wextra", "-Werror", "-mthumb",
+    "-std=c99", "-O2", "-ffp-contract=off", "-ffreestanding", "-Wall", "-Wextra", "-mthumb",
     "-mfloat-abi=hard", "-nostartfiles", "-nostdlib",
 )  # fmt: skip
 FORMS = {".elf": "", ".bin": "binary", ".hex": "ihex"}
@@ -78,7 +81,9 @@ def sources(board: Board, emulated: bool = True) -> list[Path]:
     """Return every file that a board's program is made of. Raises BadInput where they are not beside the package."""
     core, firmware = ROOT / "core", ROOT / "firmware"
     if not (core.is_dir() and firmware.is_dir()):
-        raise BadInput("the firmware's sources are not beside this installation; allowed: a checkout of the repository")
+        raise BadInput(
+            "the firmware's sources are not in this installation; allowed: a wheel, or a checkout of the repository"
+        )
     every = [path for path in core.rglob("*") if not str(path.relative_to(ROOT)).startswith(_HOST_ALONE)]
     for part in ("", *board.parts(emulated)):
         every += (firmware / part).glob("*")
@@ -162,6 +167,6 @@ def _digest(board: Board, files: list[Path], flags: tuple[str, ...]) -> str:
 
 def _cache() -> Path:
     folder = ROOT / "build" / "firmware"
-    if os.access(ROOT, os.W_OK):
+    if ROOT == _CHECKOUT and os.access(ROOT, os.W_OK):
         return folder
     return Path(tempfile.gettempdir()) / f"tactuator-firmware-{os.getuid()}"

@@ -39,7 +39,7 @@ class Bench:
             shutil.copytree(ROOT / part, self.folder / part)
         command = _command(find_board(self.board), sources(find_board(self.board)), "PROGRAM")
         at = command.index("-T")
-        self.flags = [word for word in command[:at] if not word.endswith(".c") and word != "-Werror"]
+        self.flags = [word for word in command[:at] if not word.endswith(".c")]
         self.tail = command[at:-2]
         for path in (word for word in command if word.endswith(".c")):
             needed = self._run([*self.flags, "-MM", path]).replace("\\\n", " ").split()[1:]

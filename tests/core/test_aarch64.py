@@ -1,0 +1,62 @@
+"""The core on 64-bit ARM (Raspberry Pi, Apple silicon): cross-compiled, run by user-mode emulation, bit for bit.
+
+Witness: gcc for another instruction set with its own rounding and fused multiply-add, under QEMU's floating point.
+"""
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactuator.paper.plan import paper_display
+from tactuator.synthesis.design import design_controller
+from tactuator.wordlength.buildable import built
+
+ROOT = Path(__file__).resolve().parents[2]
+FLAGS = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror"]
+PARTS = ("arithmetic", "control", "wire")
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def images() -> dict[str, bytes]:
+    controller = design_controller(paper_display())
+    return {name: built(controller, name)[0] for name in ("float32", "q31")}
+
+
+def compiled(compiler: str, out: Path, flags: list[str]) -> Path:
+    """Compile the program with the core's own sources."""
+    sources = [path for part in PARTS for path in sorted((ROOT / "core" / part).glob("*.c"))]
+    sources += [ROOT / "core" / "board" / "image.c", ROOT / "tests" / "core" / "bits.c"]
+    subprocess.run([compiler, *flags, "-static", "-I", ROOT / "core", *sources, "-o", out], check=True)
+    return out
+
+
+def commands(words: list[str | Path], image: bytes, folder: Path) -> np.ndarray:
+    """Return the bits of every command, (ticks, channels)."""
+    (folder / "image.bin").write_bytes(image)
+    done = subprocess.run([*words, folder / "image.bin"], check=True, capture_output=True)
+    return np.frombuffer(done.stdout, dtype=np.uint32).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("number_format", ["float32", "q31"])
+def test_core__on_aarch64__gives_the_bits_of_x86_64(number_format: str, images: dict[str, bytes], tmp_path: Path):
+    here = commands([compiled("cc", tmp_path / "here", FLAGS)], images[number_format], tmp_path)
+    there_program = compiled("aarch64-linux-gnu-gcc", tmp_path / "there", FLAGS)
+    there = commands(["qemu-aarch64", there_program], images[number_format], tmp_path)
+    assert here.shape == there.shape == (20000, 3)
+    values = here.view(np.float32)
+    assert np.ptp(values) > 15.0  # it moved, and reached its limits
+    assert np.unique(here).size > 10000
+    assert np.array_equal(here, there)
+
+
+def test_core__with_fused_multiply_add_allowed__differs_and_is_seen(images: dict[str, bytes], tmp_path: Path):
+    """The check can fail: without -ffp-contract=off, gcc fuses on this processor."""
+    here = commands([compiled("cc", tmp_path / "here", FLAGS)], images["float32"], tmp_path)
+    fused = [flag for flag in FLAGS if "contract" not in flag and "std" not in flag] + ["-std=gnu99"]
+    program = compiled("aarch64-linux-gnu-gcc", tmp_path / "fused", [*fused, "-ffp-contract=fast"])
+    there = commands(["qemu-aarch64", program], images["float32"], tmp_path)
+    assert not np.array_equal(here, there)
