@@ -13,7 +13,7 @@ from tactuator.paper.plan import paper_display
 from tactuator.synthesis.design import design_controller
 from tactuator.wordlength.buildable import built
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 FLAGS = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror"]
 PARTS = ("arithmetic", "control", "wire")
 
@@ -29,7 +29,7 @@ def images() -> dict[str, bytes]:
 def compiled(compiler: str, out: Path, flags: list[str]) -> Path:
     """Compile the program with the core's own sources."""
     sources = [path for part in PARTS for path in sorted((ROOT / "core" / part).glob("*.c"))]
-    sources += [ROOT / "core" / "board" / "image.c", ROOT / "tests" / "core" / "bits.c"]
+    sources += [ROOT / "core" / "board" / "image.c", Path(__file__).with_name("bits.c")]
     subprocess.run([compiler, *flags, "-static", "-I", ROOT / "core", *sources, "-o", out], check=True)
     return out
 
