@@ -2,7 +2,9 @@
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
 
 from rich.console import Console, Group, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -29,6 +31,19 @@ def progress() -> Progress:
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+
+
+@contextmanager
+def working(text: str) -> Iterator[None]:
+    """Show on a terminal that something is under way whose length nobody knows."""
+    with progress() as bars:
+        bars.add_task(text, total=None)
+        yield
+
+
+def written(*paths: Path | None) -> list[str]:
+    """Return a line for every file or folder that was written."""
+    return [f"written: {path}" for path in paths if path is not None]
 
 
 def shown(one: ResultTable) -> Group:

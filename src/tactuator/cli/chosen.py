@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from tactuator.cli.answer import working
 from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.files.controller import read_controller
@@ -32,7 +33,8 @@ def chosen_controller(display: Path | None, controller: Path | None) -> Controll
         raise BadInput("neither --display nor --controller; allowed: one of them")
     from tactuator.synthesis.design import design_controller  # its solvers take a second to load
 
-    return design_controller(read_display(display))
+    with working("designing a controller"):
+        return design_controller(read_display(display))
 
 
 def ask_for_load(channels: Sequence[str], load: str) -> None:

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tactuator.api.verdict import whole_verdict
-from tactuator.cli.answer import answer
+from tactuator.cli.answer import answer, working
 from tactuator.display.verdict import Finding, Outcome, Verdict
 from tactuator.files.controller import read_controller
 from tactuator.files.display import read_display
@@ -26,7 +26,8 @@ def run(controller: Path, display: Path | None, monte_carlo: int, mode_shift: fl
     made, shown = read_controller(controller), None if display is None else read_display(display)
     verdict = whole_verdict(made, shown)
     on = made if shown is None else replace(made, display=shown)
-    drawn = draw_plants(on, monte_carlo, np.random.default_rng(seed), mode_shift) if monte_carlo else []
+    with working("drawing plants"):
+        drawn = draw_plants(on, monte_carlo, np.random.default_rng(seed), mode_shift) if monte_carlo else []
     found = verdict.document() | ({"monte_carlo": [one.document() for one in drawn]} if drawn else {})
     answer(found, as_json, Group(verdict_table(verdict), *([_plants_table(drawn)] if drawn else [])))
     if verdict.outcome is Outcome.NOT_MET:

@@ -9,7 +9,7 @@ from rich.console import Group
 from rich.table import Table
 
 from tactuator.api.verdict import whole_verdict
-from tactuator.cli.answer import answer
+from tactuator.cli.answer import answer, working, written
 from tactuator.cli.controller.check import verdict_table
 from tactuator.display.controller import ChannelController, Controller
 from tactuator.display.description import Display
@@ -32,7 +32,9 @@ def run(
     as_json: bool,
 ) -> None:
     """Design loop and prefilter of every channel, and write them as a controller file."""
-    controller = design_controller(_with_curve(read_display(display), curve), poles, error_db)
+    described = _with_curve(read_display(display), curve)
+    with working("designing"):
+        controller = design_controller(described, poles, error_db)
     if figures is not None:
         from tactuator.report.plates.controller.design import save_design_plates  # drawing takes a second to load
 
@@ -40,14 +42,16 @@ def run(
     write_controller(out, controller)
     verdict = whole_verdict(controller)
     reports = {channel.name: dict(channel.report) for channel in controller.channels}
-    answer(reports | {"verdict": verdict.document()}, as_json, _shown(controller, out, verdict))
+    answer(
+        reports | {"verdict": verdict.document()}, as_json, Group(_shown(controller, verdict), *written(figures, out))
+    )
 
 
 def _with_curve(display: Display, curve: str | None) -> Display:
     return display if curve is None else with_curve(display, resolve_curve(curve))
 
 
-def _shown(controller: Controller, out: Path, verdict: Verdict) -> Group:
+def _shown(controller: Controller, verdict: Verdict) -> Group:
     table = Table("figure (worst over the loads)", *(one.name for one in controller.channels), title="Design")
     for words, keys in _ROWS.items():
         table.add_row(words, *(_cell(_found(one.report, keys)) for one in controller.channels))
@@ -57,7 +61,7 @@ def _shown(controller: Controller, out: Path, verdict: Verdict) -> Group:
             f"|T| at {key} Hz (dB)", *(_cell(_found(o.report, ("mains_db", key))) for o in controller.channels)
         )
     lines = [line for one in controller.channels for line in _printed(one, controller.rate_hz)]
-    return Group(table, *lines, verdict_table(verdict), f"written: {out}")
+    return Group(table, *lines, verdict_table(verdict))
 
 
 _ROWS: dict[str, tuple[str, ...]] = {

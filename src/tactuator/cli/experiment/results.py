@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from rich.console import Group
 
-from tactuator.cli.answer import shown
+from tactuator.cli.answer import shown, written
 from tactuator.errors import BadInput
 from tactuator.experiment.result.group_curve import GroupCurve, circumstances, group_curve
 from tactuator.experiment.result.psychometric_trials import psychometric_trials
@@ -55,7 +55,8 @@ def results(
         for subject, trials in psychometric_trials(runs, found).items():
             psychometric_plate(subject, trials).save(figures)
     answer = {"thresholds": [_plain(one) for one in found], "curve": _curve(across), "left_out": _left_out(across)}
-    return answer, Group(shown(threshold_table(found)), *_told(across))
+    made = written(curve_out, figures) if across is not None else []
+    return answer, Group(shown(threshold_table(found)), *_told(across), *made)
 
 
 def _told(group: GroupCurve | None) -> list[str]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.text import Text
 
-from tactuator.cli.answer import answer
+from tactuator.cli.answer import answer, working
 from tactuator.display.description import Channel
 from tactuator.errors import BadInput
 from tactuator.files.display import read_display
@@ -47,8 +47,9 @@ def run(
         everything = np.zeros((command.size, len(opened.channels)))
         column = opened.channels.index(chosen.name)
         everything[:, column] = command
-        trace = opened.drive(everything)
-        opened.rest()
+        with working(f"recording {duration_s:g} s"):
+            trace = opened.drive(everything)
+            opened.rest()
     about = {"rig": rig, "channel": chosen.name, "load": load, "display": described.name, "excitation": excitation}
     # every rig's converter holds the command between its samples
     about["hold"] = "zero-order"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from tactuator.cli.answer import answer
+from tactuator.cli.answer import answer, working
 from tactuator.cli.chosen import chosen_controller
 from tactuator.cli.response.measure import frequencies
 from tactuator.errors import BadInput
@@ -37,9 +37,10 @@ def run(
         opened.load(made)
         rng = np.random.default_rng(seed)
         for name in names:
-            report = disturbance(
-                opened, finger(name), made, name, frequencies(frequency), rng, excursion_mm=excursion_mm
-            )
+            with working(f"disturbing {name}"):
+                report = disturbance(
+                    opened, finger(name), made, name, frequencies(frequency), rng, excursion_mm=excursion_mm
+                )
             reports.append(report)
     answer({"channels": [document(one) for one in reports]}, as_json, _table(reports))
 

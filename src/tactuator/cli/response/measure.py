@@ -12,7 +12,7 @@ import typer
 from rich.console import Group
 from rich.table import Table
 
-from tactuator.cli.answer import answer, progress
+from tactuator.cli.answer import answer, progress, working, written
 from tactuator.cli.chosen import ask_for_load, chosen_controller
 from tactuator.cli.controller.check import verdict_table
 from tactuator.display.controller import Controller
@@ -73,16 +73,17 @@ def run(
         else:
             rng = np.random.default_rng(seed)
             exactly = frequency is not None
-            responses = multisine_response(opened, wanted, level_db_sl, rng, exactly=exactly, **asked)
+            with working("multisine"):
+                responses = multisine_response(opened, wanted, level_db_sl, rng, exactly=exactly, **asked)
     if out is not None:
         write_responses(out, responses)
-    _report(responses, made.display, as_json)
+    _report(responses, made.display, out, as_json)
 
 
-def _report(responses: tuple[Response, ...], display: Display, as_json: bool) -> None:
+def _report(responses: tuple[Response, ...], display: Display, out: Path | None, as_json: bool) -> None:
     """Print the responses with their verdict; exit with status 1 where the confidence was not reached everywhere."""
     verdict = response_verdict(responses, display)
-    shown = Group(_table(responses, display), verdict_table(verdict))
+    shown = Group(_table(responses, display), verdict_table(verdict), *written(out))
     answer(document(responses, display) | verdict.document(), as_json, shown)
     if not all(bool(np.all(one.reached)) for one in responses):
         sys.stderr.write("tactuator: the confidence was not reached everywhere in the time allowed\n")

@@ -10,7 +10,7 @@ import typer
 from rich.console import Group
 from rich.table import Table
 
-from tactuator.cli.answer import answer
+from tactuator.cli.answer import answer, working
 from tactuator.cli.chosen import ask_for_load, chosen_controller
 from tactuator.cli.controller.check import verdict_table
 from tactuator.cli.response.measure import frequencies
@@ -48,7 +48,7 @@ def run(
     probed, left_out = _probes(made, frequencies(gains), load)
     runs: list[tuple[str, Sequence[FeltNoise]]] = []
     for name, candidate in [*probed, ("loop", made)]:
-        with open_rig(rig, candidate.display, seed) as opened:
+        with working(f"listening under {name}"), open_rig(rig, candidate.display, seed) as opened:
             ask_for_load(touch_all(opened, made.display.channels, load), load)
             opened.load(candidate)
             felt = felt_noise(opened, made.display, duration_s=duration_s, load=load, mains_hz=mains_hz or None)
