@@ -16,8 +16,8 @@ RETIRED = {
     "wired": "simulated_board",
 }  # fmt: skip
 """Identifiers that gave way to terms of the field, and what stands for them now."""
-SHARED_YET = {"Fit", "Objective", "Problem"}
-"""Names that classes of paper and identification still share with others."""
+SHARED_YET = {"Objective"}
+"""Names that classes of paper still share with others."""
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "src" / "tactuator"

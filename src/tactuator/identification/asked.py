@@ -8,7 +8,7 @@ import numpy as np
 
 from tactuator.display.load import DERIVATIVES
 from tactuator.errors import BadInput
-from tactuator.identification.spectral.between import HOLDS
+from tactuator.identification.spectral.hold import HOLDS
 
 
 @dataclass(frozen=True)

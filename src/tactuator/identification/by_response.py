@@ -13,10 +13,10 @@ from tactuator.display.plant_model import Excess, PlantModel
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
 from tactuator.identification.by_spectrum import known_of
-from tactuator.identification.spectral.likelihood import Fit, information
+from tactuator.identification.spectral.initial_models import Starter
+from tactuator.identification.spectral.likelihood import SpectralFit, information
 from tactuator.identification.spectral.lines import LocalResponse
 from tactuator.identification.spectral.search import TIE, propose
-from tactuator.identification.spectral.start import Starter
 from tactuator.identification.spectral.uncertainty import left_over, log_slopes, moved, physical
 from tactuator.signals.frequency_response import FrequencyResponse
 
@@ -83,7 +83,7 @@ def _unsure(given: FrequencyResponse) -> FloatArray:
     return np.asarray(np.hypot(given.deviation, 0.02 + 0.13 * np.exp(-2.0 * to_end)))
 
 
-def _settled(fits: list[Fit], equations: int) -> Fit:
+def _settled(fits: list[SpectralFit], equations: int) -> SpectralFit:
     """Return the form of best criterion (Bayes); of those within a tie the one of fewer poles."""
     price = float(np.log(equations))
     scores = [2.0 * one.cost + price * one.form.count for one in fits]
@@ -91,11 +91,11 @@ def _settled(fits: list[Fit], equations: int) -> Fit:
     return fits[min(row for row in rows if row[1] < min(scores) + TIE)[2]]
 
 
-def fit_magnitude(fit: Fit, given: FrequencyResponse) -> Fit:
+def fit_magnitude(fit: SpectralFit, given: FrequencyResponse) -> SpectralFit:
     """Return the fit after Gauss and Newton's descent on the logarithm of the magnitudes alone."""
     goal = np.log(given.magnitude)
 
-    def left(one: Fit) -> FloatArray:
+    def left(one: SpectralFit) -> FloatArray:
         return np.asarray((goal - np.log(np.abs(one.response(given.frequency_hz)))) / given.deviation)
 
     now = left(fit)
@@ -114,7 +114,7 @@ def fit_magnitude(fit: Fit, given: FrequencyResponse) -> Fit:
     return replace(fit, cost=0.5 * float(now @ now))
 
 
-def magnitude_covariance(fit: Fit, given: FrequencyResponse) -> FloatArray:
+def magnitude_covariance(fit: SpectralFit, given: FrequencyResponse) -> FloatArray:
     """Return the covariance of (numerator, theta, dead time) by the magnitudes alone."""
     slopes = log_slopes(fit, given.frequency_hz).real / given.deviation[:, None]
     size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
@@ -123,7 +123,7 @@ def magnitude_covariance(fit: Fit, given: FrequencyResponse) -> FloatArray:
 
 
 def _judged(
-    given: FrequencyResponse, fit: Fit, covariance: FloatArray, local: LocalResponse, asked: Asked
+    given: FrequencyResponse, fit: SpectralFit, covariance: FloatArray, local: LocalResponse, asked: Asked
 ) -> ResponseFit:
     own = fit.response(given.frequency_hz)
     off_db = 20.0 * np.log10(np.abs(own) / given.magnitude)

@@ -19,10 +19,10 @@ from tactuator.identification.evidence.residuals import ResidualTests, check_res
 from tactuator.identification.evidence.whitening import apply_filter, whitening_filter
 from tactuator.identification.result import BetweenSamples, Identification
 from tactuator.identification.selection import Candidate
-from tactuator.identification.spectral.between import Between
-from tactuator.identification.spectral.estimate import SpectralEstimate, estimate
+from tactuator.identification.spectral.hold import Hold
+from tactuator.identification.spectral.hold_choice import SpectralEstimate, estimate
 from tactuator.identification.spectral.instrument import REMAINS, choice_by_reference
-from tactuator.identification.spectral.likelihood import Fit, information
+from tactuator.identification.spectral.likelihood import SpectralFit, information
 from tactuator.identification.spectral.lines import Spectrum
 from tactuator.identification.spectral.record_residual import Residual
 from tactuator.identification.spectral.search import Choice, Known
@@ -45,7 +45,7 @@ _CERTAIN_FRICTION = 100.0
 
 
 def spectral_estimate(
-    common: Prepared, holds: tuple[Between, ...], known: Known, note: Callable[[str], None]
+    common: Prepared, holds: tuple[Hold, ...], known: Known, note: Callable[[str], None]
 ) -> SpectralEstimate:
     """Return the frequency domain's estimate of the prepared record."""
     signals = [(one.command, one.position) for one in common.all_samples]
@@ -224,7 +224,7 @@ def _tests(common: Prepared, found: SpectralEstimate, residuals: Sequence[Residu
 
 
 def residual_tests(
-    samples: Samples, left: Residual, fit: Fit, taken: Spectrum, *, fitted: bool = True
+    samples: Samples, left: Residual, fit: SpectralFit, taken: Spectrum, *, fitted: bool = True
 ) -> ResidualTests:
     """Return the tests of what the fit leaves of one record; fitted: the record took part in the fit."""
     residual = left.measured - left.simulated
@@ -258,7 +258,7 @@ def _slow_pole_error(choice: Choice) -> float:
     return float(np.sqrt(max(float(gradient @ block @ gradient), 0.0))) * fit.grid.scale_rad_s
 
 
-def _slowest(fit: Fit, theta: FloatArray) -> float:
+def _slowest(fit: SpectralFit, theta: FloatArray) -> float:
     poles = replace(fit, theta=theta).poles_rad_s / fit.grid.scale_rad_s
     return float(poles[np.argmin(np.abs(poles.real))].real) if poles.size else 0.0
 

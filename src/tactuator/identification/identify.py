@@ -20,7 +20,7 @@ from tactuator.identification.evidence.empirical import empirical_response
 from tactuator.identification.evidence.excitation import excitation_report, require_excitation
 from tactuator.identification.result import BetweenSamples, Identification
 from tactuator.identification.selection import choose_structure
-from tactuator.identification.spectral.between import HOLDS, Between
+from tactuator.identification.spectral.hold import HOLDS, Hold
 from tactuator.identification.spectral.record_residual import record_residual
 from tactuator.identification.trust import distrusted
 from tactuator.signals.record import Record
@@ -172,7 +172,7 @@ def _by_spectrum(common: Prepared, asked: Asked, note: Callable[[str], None]) ->
     return by_spectrum.identification(common, found, residuals, between)
 
 
-def _holds(record: Record, asked: Asked) -> tuple[tuple[Between, ...], str]:
+def _holds(record: Record, asked: Asked) -> tuple[tuple[Hold, ...], str]:
     """Return the holds to try, and who says so: the user, the record's own file, or the data."""
     if asked.hold != "auto":
         return tuple(hold for hold in HOLDS if hold == asked.hold), "asked"

@@ -18,8 +18,8 @@ from tactuator.identification.estimate.refined import Samples
 from tactuator.identification.evidence.checks import check_record
 from tactuator.identification.evidence.residuals import ResidualTests
 from tactuator.identification.result import Identification, Validation
-from tactuator.identification.spectral.between import HOLDS, Between
-from tactuator.identification.spectral.likelihood import Fit, Problem
+from tactuator.identification.spectral.hold import HOLDS, Hold
+from tactuator.identification.spectral.likelihood import SpectralFit, SpectralProblem
 from tactuator.identification.spectral.lines import LocalResponse, Spectrum, equations, local_response, spectrum
 from tactuator.identification.spectral.noise import weights
 from tactuator.identification.spectral.of_model import fit_of_model
@@ -82,19 +82,19 @@ def _units(command: str, position: str) -> str:
     return f"{command or 'no unit'} and {position or 'no unit'}"
 
 
-def _hold(found: Identification, record: Record) -> Between:
+def _hold(found: Identification, record: Record) -> Hold:
     said = record.about.get("hold", found.between.hold)
     return next((hold for hold in HOLDS if hold == said), "zero-order")
 
 
-def _left(fit: Fit, samples: Samples) -> tuple[Spectrum, Residual]:
+def _left(fit: SpectralFit, samples: Samples) -> tuple[Spectrum, Residual]:
     """Return the record's lines and what the fit leaves of them, weighted by its own spectrum."""
     shift = min(max(int(fit.delay_s * samples.rate_hz + 1e-3) - 1, 0), samples.command.size // 4)
     taken = spectrum(samples.command, samples.position, samples.rate_hz, shift)
     given = equations(taken, 0.0, 0.5 * samples.rate_hz)
     grid = replace(fit.grid, frequency_hz=given.frequency_hz, shift=shift)
     highest = 0.47 * samples.rate_hz
-    problem = Problem(given, np.where(given.of_hz <= highest, 1.0, 0.0), grid)
+    problem = SpectralProblem(given, np.where(given.of_hz <= highest, 1.0, 0.0), grid)
     problem = problem.with_weight(weights(given, problem.residual(fit), highest))
     return taken, line_residual(fit, given, problem.weight, taken)
 
@@ -102,7 +102,7 @@ def _left(fit: Fit, samples: Samples) -> tuple[Spectrum, Residual]:
 def _judged(
     found: Identification,
     name: str,
-    fit: Fit,
+    fit: SpectralFit,
     samples: Samples,
     taken: Spectrum,
     left: Residual,
@@ -136,7 +136,7 @@ def _judged(
     return Validation(name, percent, tests, share, points, tuple(failures), tuple(remarks_))
 
 
-def _share_inside(model: PlantModel, fit: Fit, local: LocalResponse) -> tuple[float, int]:
+def _share_inside(model: PlantModel, fit: SpectralFit, local: LocalResponse) -> tuple[float, int]:
     """Return the share of the record's own points, magnitude and phase, within the band and their own error."""
     low, high = model.valid_hz or model.band_hz
     size, noise = np.abs(local.value), local.noise

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 
 from tactuator.arrays import FloatArray
-from tactuator.identification.spectral.likelihood import Fit
+from tactuator.identification.spectral.likelihood import SpectralFit
 from tactuator.identification.spectral.lines import Spectrum
 from tactuator.identification.spectral.record_residual import Residual
 from tactuator.identification.spectral.uncertainty import response_of_rows
@@ -21,7 +21,7 @@ _TOLD = 1000.0
 """Statistic that a weak loop would have had to bring for its absence to mean anything (chance is 1 a line)."""
 
 
-def feedback_seen(taken: Spectrum, left: Residual, fit: Fit) -> bool | None:
+def feedback_seen(taken: Spectrum, left: Residual, fit: SpectralFit) -> bool | None:
     """Return true where later commands follow the residual, false where they would have shown it, None otherwise.
 
     A weak loop is taken to be proportional, with a loop gain of one half where the plant is strongest, and to act there

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 
-Complex = NDArray[Any]
 Ladder = tuple[tuple[FloatArray, int], ...]
 MOST_POLES = 8
 
@@ -62,7 +61,7 @@ def section_list(theta: FloatArray, form: Form) -> list[FloatArray]:
     return [*pairs, np.array([1.0, theta[form.free - 1]])] if form.free % 2 else pairs
 
 
-def free_poles(theta: FloatArray, form: Form) -> Complex:
+def free_poles(theta: FloatArray, form: Form) -> ComplexArray:
     """Return the estimated poles, (free,)."""
     made: list[complex] = []
     for j in range(form.free // 2):
@@ -79,7 +78,7 @@ def free_poles(theta: FloatArray, form: Form) -> Complex:
     return np.array(made, dtype=np.complex128)
 
 
-def all_poles(theta: FloatArray, form: Form) -> Complex:
+def all_poles(theta: FloatArray, form: Form) -> ComplexArray:
     """Return all poles, those at zero last, (poles,)."""
     return np.concatenate([free_poles(theta, form), np.zeros(form.integrators)])
 
@@ -97,7 +96,7 @@ def sections_of(poles: NDArray[Any]) -> FloatArray:
     return np.array([*made, -real[-1]] if len(real) % 2 else made)
 
 
-def separated(poles: Complex) -> Complex:
+def separated(poles: ComplexArray) -> ComplexArray:
     """Return the poles with those that coincide moved apart by 1e-4 of their size: residues need single poles.
 
     The error of the response is of the square of that.
@@ -129,7 +128,7 @@ def ladder(theta: FloatArray, form: Form) -> Ladder:
     return tuple(made)
 
 
-def numerator_values(rungs: Ladder, s: Complex, form: Form) -> Complex:
+def numerator_values(rungs: Ladder, s: ComplexArray, form: Form) -> ComplexArray:
     """Return the numerators at s (m,), shape (m, numerators)."""
     values = [np.polyval(rungs[j][0], s) * s ** (rungs[j][1] + form.origin_zeros) for j in range(form.numerators)]
     return np.stack(values, axis=-1)
@@ -144,7 +143,7 @@ def numerator_polynomial(rungs: Ladder, weights: FloatArray, form: Form) -> Floa
     return made
 
 
-def denominator_values(theta: FloatArray, form: Form, s: Complex) -> Complex:
+def denominator_values(theta: FloatArray, form: Form, s: ComplexArray) -> ComplexArray:
     """Return the denominator at s (m,)."""
     value = s**form.integrators if form.integrators else np.ones(s.shape, dtype=np.complex128)
     for section in section_list(theta, form):

@@ -12,7 +12,6 @@ from functools import cached_property
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.spectral.between import Grid, edge_columns, response_columns, transient_columns
 from tactuator.identification.spectral.form import (
     Form,
     Ladder,
@@ -22,6 +21,7 @@ from tactuator.identification.spectral.form import (
     numerator_values,
     section_list,
 )
+from tactuator.identification.spectral.hold import Grid, edge_columns, response_columns, transient_columns
 from tactuator.identification.spectral.joined import JoinedEquations, equation_slices
 from tactuator.identification.spectral.lines import Equations
 
@@ -30,7 +30,7 @@ _LOST = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class SpectralFit:
     """A transfer function of scaled time: theta (sections), delay, numerator weights on its ladder; cost: half of
     -2 log likelihood for known noise."""
 
@@ -44,7 +44,7 @@ class Fit:
 
     def response(self, frequency_hz: FloatArray) -> ComplexArray:
         """Return the complex response at `frequency_hz` (m,), dead time included."""
-        s = 2j * np.pi * np.asarray(frequency_hz) / self.grid.scale_rad_s
+        s: ComplexArray = np.asarray(2j * np.pi * frequency_hz / self.grid.scale_rad_s)
         top = numerator_values(self.rungs, s, self.form) @ self.numerator
         return np.asarray(top * np.exp(-s * self.delay) / denominator_values(self.theta, self.form, s))
 
@@ -60,7 +60,7 @@ class Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class SpectralProblem:
     """Equations with weights (e,) under one hold; with the transient's columns unless the lines are free of one.
 
     All sums over the equations are taken once, as products of columns; what is linear is eliminated from them.
@@ -123,7 +123,9 @@ class Problem:
         made = nonlinear_slopes(self.grid, at.form, at.theta, at.delay, at.numerator, at.rungs)
         return self.weighted(self.given.response_of(made))
 
-    def descend(self, form: Form, theta: FloatArray, delay: float, *, most: int = 25, gain: float = 1e-4) -> Fit | None:
+    def descend(
+        self, form: Form, theta: FloatArray, delay: float, *, most: int = 25, gain: float = 1e-4
+    ) -> SpectralFit | None:
         """Return the fit after Levenberg and Marquardt's descent from theta, or None where there is no start."""
         with np.errstate(all="ignore"):
             now = self.evaluate(form, theta, delay)
@@ -138,7 +140,7 @@ class Problem:
                     break
         if now is None:
             return None
-        return Fit(form, now.theta, now.delay, now.numerator, now.rungs, self.grid, now.cost)
+        return SpectralFit(form, now.theta, now.delay, now.numerator, now.rungs, self.grid, now.cost)
 
     def _step(self, now: _Point, damping: float) -> tuple[_Point | None, float]:
         slopes = self.slopes(now)
@@ -171,7 +173,7 @@ class Problem:
         made[before:, :before] = cross[:before].T
         return made
 
-    def residual(self, fit: Fit) -> ComplexArray:
+    def residual(self, fit: SpectralFit) -> ComplexArray:
         """Return what the fit leaves of the goal, not weighted, its transient solved for anew, (e,)."""
         own = response_columns(self.grid, fit.theta, fit.delay, fit.form, fit.rungs) @ fit.numerator
         left = self.given.goal - self.given.response_of(own[:, None])[:, 0]
@@ -181,7 +183,7 @@ class Problem:
         solution = fitted_beside(columns, left, self.weight)
         return np.asarray(left - columns @ solution)
 
-    def with_weight(self, weight: FloatArray) -> Problem:
+    def with_weight(self, weight: FloatArray) -> SpectralProblem:
         """Return the same equations, weighted otherwise."""
         return replace(self, weight=weight)
 
@@ -271,7 +273,7 @@ def _size(theta: FloatArray, form: Form, j: int) -> float:
     return float(abs(theta[j]) + (np.sqrt(abs(theta[j + 1])) if first_of_pair else 0.0))
 
 
-def information(problem: Problem, fit: Fit) -> FloatArray:
+def information(problem: SpectralProblem, fit: SpectralFit) -> FloatArray:
     """Return the covariance of (numerator, theta, dead time), transients fitted beside, for noise of the weights."""
     linear = response_columns(problem.grid, fit.theta, fit.delay, fit.form, fit.rungs)
     bent = nonlinear_slopes(problem.grid, fit.form, fit.theta, fit.delay, fit.numerator, fit.rungs)

@@ -10,15 +10,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 
-Complex = NDArray[Any]
 NODES = 3
 _PLACES = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)[::-1]
 _FEWEST = 9
@@ -34,8 +32,8 @@ _WIDEST_TURNED_BACK = 1.0 / 150.0
 class Spectrum:
     """Lines of command and position over the square root of the number of samples, zero first; position shifted."""
 
-    command: Complex
-    position: Complex
+    command: ComplexArray
+    position: ComplexArray
     rate_hz: float
     samples: int
     shift: int = 0
@@ -77,11 +75,11 @@ class Equations:
 
     frequency_hz: FloatArray
     raw: int
-    command: Complex
-    position: Complex
-    by_response: Complex
-    by_transient: Complex
-    by_goal: Complex
+    command: ComplexArray
+    position: ComplexArray
+    by_response: ComplexArray
+    by_transient: ComplexArray
+    by_goal: ComplexArray
     rest: FloatArray
     lines: FloatArray
     centre_hz: FloatArray
@@ -94,7 +92,7 @@ class Equations:
         return (self,)
 
     @cached_property
-    def goal(self) -> Complex:
+    def goal(self) -> ComplexArray:
         """Return the left side, (e,)."""
         return np.concatenate([self.position, self.by_goal.reshape(-1)])
 
@@ -113,15 +111,15 @@ class Equations:
         """Return the number of real equations that the record gives."""
         return int(2 * (self.goal.size + self.spare.sum()))
 
-    def response_of(self, values: Complex) -> Complex:
+    def response_of(self, values: ComplexArray) -> ComplexArray:
         """Return the equations' right sides for responses (m, c) at the nodes: (e, c)."""
         return self._gathered(values[: self.raw] * self.command[:, None], self.by_response, values)
 
-    def transient_of(self, values: Complex) -> Complex:
+    def transient_of(self, values: ComplexArray) -> ComplexArray:
         """Return the same for transients (m, c)."""
         return self._gathered(values[: self.raw], self.by_transient, values)
 
-    def _gathered(self, top: Complex, operator: Complex, values: Complex) -> Complex:
+    def _gathered(self, top: ComplexArray, operator: ComplexArray, values: ComplexArray) -> ComplexArray:
         if not self.lines.size:
             return top
         width = values.shape[1]
@@ -129,7 +127,7 @@ class Equations:
         return np.concatenate([top, low.reshape(-1, width)])
 
 
-def points(frequency_hz: FloatArray, response: Complex, rate_hz: float) -> Equations:
+def points(frequency_hz: FloatArray, response: ComplexArray, rate_hz: float) -> Equations:
     """Return equations of a response by itself, (m,): command 1, no bands."""
     none = np.zeros((0, 2 * NODES, NODES), dtype=np.complex128)
     ones = np.ones(frequency_hz.size, dtype=np.complex128)
@@ -169,7 +167,7 @@ def equations(taken: Spectrum, low_hz: float, high_hz: float, share: float = 0.0
         middle, half = 0.5 * (begin + end - 1), 0.5 * (end - 1 - begin)
         shape = _lagrange(np.asarray((np.arange(begin, end) - middle) / half, dtype=np.float64))
         u, y = taken.command[begin:end, None], taken.position[begin:end, None]
-        triangle: Complex = np.asarray(np.linalg.qr(np.hstack([u * shape, shape, y]), mode="r"))
+        triangle: ComplexArray = np.asarray(np.linalg.qr(np.hstack([u * shape, shape, y]), mode="r"))
         by_response[i], by_transient[i] = triangle[: 2 * NODES, :NODES], triangle[: 2 * NODES, NODES : 2 * NODES]
         by_goal[i] = triangle[: 2 * NODES, 2 * NODES]
         rest[i] = float(np.abs(triangle[2 * NODES, 2 * NODES]) ** 2)
@@ -198,7 +196,7 @@ class LocalResponse:
     of a position's line that is not the command's), excitation (power of a command's line), lines; all (m,)."""
 
     frequency_hz: FloatArray
-    value: Complex
+    value: ComplexArray
     variance: FloatArray
     noise: FloatArray
     excitation: FloatArray

@@ -6,21 +6,17 @@ the rate take part: what the loop feeds back of the noise is causal, so that its
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.spectral.joined import JoinedEquations, equation_slices
 from tactuator.identification.spectral.lines import Equations
 
-Complex = NDArray[Any]
 _WIDTH = 0.12
 _FEWEST = 40
 
 
-def noise_power(given: Equations, residual: Complex) -> tuple[FloatArray, FloatArray]:
+def noise_power(given: Equations, residual: ComplexArray) -> tuple[FloatArray, FloatArray]:
     """Return the residual's mean power at each equation (e,) and each band (b,), over 12 % of frequency, 40 lines."""
     frequency = np.concatenate([given.of_hz, given.centre_hz])
     power = np.concatenate([np.abs(residual) ** 2, given.rest])
@@ -48,7 +44,7 @@ def noise_power(given: Equations, residual: Complex) -> tuple[FloatArray, FloatA
     return at(given.of_hz), at(given.centre_hz) if given.centre_hz.size else np.zeros(0)
 
 
-def weights(given: Equations | JoinedEquations, residual: Complex, highest_hz: float) -> FloatArray:
+def weights(given: Equations | JoinedEquations, residual: ComplexArray, highest_hz: float) -> FloatArray:
     """Return one over the noise's deviation at each equation up to highest_hz, zero beyond, (e,); the noise of each
     record is its own.
     """
@@ -57,7 +53,7 @@ def weights(given: Equations | JoinedEquations, residual: Complex, highest_hz: f
     return np.where(given.of_hz <= highest_hz, 1.0 / np.sqrt(by_equation), 0.0)
 
 
-def misfit(given: Equations | JoinedEquations, residual: Complex, highest_hz: float) -> float:
+def misfit(given: Equations | JoinedEquations, residual: ComplexArray, highest_hz: float) -> float:
     """Return -2 log likelihood of the residual with its own noise (Whittle), constants aside, up to highest_hz."""
     total = 0.0
     for one, piece in zip(given.parts, equation_slices(given), strict=True):

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from tactuator.display.plant_model import PlantModel
-from tactuator.identification.spectral.between import Between, Grid
 from tactuator.identification.spectral.form import Form, ladder, numerator_polynomial, sections_of
-from tactuator.identification.spectral.likelihood import Fit
+from tactuator.identification.spectral.hold import Grid, Hold
+from tactuator.identification.spectral.likelihood import SpectralFit
 
 
-def fit_of_model(model: PlantModel, rate_hz: float, hold: Between, gain: float) -> Fit:
+def fit_of_model(model: PlantModel, rate_hz: float, hold: Hold, gain: float) -> SpectralFit:
     """Return the model as a fit whose command and position are scaled: gain is position's unit over command's."""
     poles, zeros = np.roots(model.den), model.num.size - 1
     size = np.abs(poles[poles != 0.0])
@@ -22,4 +22,4 @@ def fit_of_model(model: PlantModel, rate_hz: float, hold: Between, gain: float) 
     powers = poles.size - np.arange(zeros, -1, -1.0)
     numerator = np.asarray(np.linalg.solve(basis, model.num / gain / scale**powers), dtype=np.float64)
     grid = Grid(np.zeros(0), rate_hz, scale, hold)
-    return Fit(form, theta, model.delay_s * scale, numerator, rungs, grid, 0.0)
+    return SpectralFit(form, theta, model.delay_s * scale, numerator, rungs, grid, 0.0)

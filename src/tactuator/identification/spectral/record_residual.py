@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactuator.arrays import FloatArray
-from tactuator.identification.spectral.between import edge_lines, transient_columns
+from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.identification.spectral.hold import edge_lines, transient_columns
 from tactuator.identification.spectral.joined import equation_slices
-from tactuator.identification.spectral.likelihood import Fit, beside_columns, fitted_beside
+from tactuator.identification.spectral.likelihood import SpectralFit, beside_columns, fitted_beside
 from tactuator.identification.spectral.lines import Equations, Spectrum
 from tactuator.identification.spectral.search import Choice
 from tactuator.identification.spectral.uncertainty import response_of_rows
-
-Complex = NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +22,7 @@ class Residual:
     deviation; simulated, measured: samples of the shifted record, without mean, (n,).
     """
 
-    lines: Complex
+    lines: ComplexArray
     weight: FloatArray
     simulated: FloatArray
     measured: FloatArray
@@ -39,7 +35,7 @@ def record_residual(choice: Choice, spectra: Sequence[Spectrum]) -> tuple[Residu
     return tuple(line_residual(choice.fit, part, weight[piece], taken) for part, piece, taken in pieces)
 
 
-def line_residual(fit: Fit, given: Equations, weight: FloatArray, taken: Spectrum) -> Residual:
+def line_residual(fit: SpectralFit, given: Equations, weight: FloatArray, taken: Spectrum) -> Residual:
     """Return the residual of a fit on all lines of one record, the transient solved for on its weighted equations."""
     hertz = taken.frequency_hz[1:]
     ahead = np.exp(2j * np.pi * hertz * taken.shift / taken.rate_hz)

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactuator.arrays import FloatArray
-from tactuator.identification.spectral.between import Between, Grid
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.spectral.form import MOST_POLES, Form, free_poles, sections_of
+from tactuator.identification.spectral.hold import Grid, Hold
+from tactuator.identification.spectral.initial_models import Starter
 from tactuator.identification.spectral.joined import JoinedEquations
-from tactuator.identification.spectral.likelihood import Fit, Problem
+from tactuator.identification.spectral.likelihood import SpectralFit, SpectralProblem
 from tactuator.identification.spectral.lines import Equations, LocalResponse
 from tactuator.identification.spectral.noise import misfit, weights
-from tactuator.identification.spectral.start import Starter
 
-Complex = NDArray[Any]
 TIE = 6.0
 """Difference of the criterion within which the form of fewer poles is taken (Raftery 1995: from 6 on it is strong)."""
 _HIGHEST = {"zero-order": 0.4999, "first-order": 0.4999, "band-limited": 0.47}
@@ -71,13 +68,13 @@ class Choice:
     """Under one hold: the fit chosen, every form that was fitted to the record with its criterion (Bayes), the problem
     with the noise's weights, and -2 log likelihood with the noise fitted too."""
 
-    hold: Between
-    fit: Fit
-    fits: dict[Form, Fit]
-    problem: Problem
+    hold: Hold
+    fit: SpectralFit
+    fits: dict[Form, SpectralFit]
+    problem: SpectralProblem
     likelihood: float
 
-    def criterion(self, fit: Fit) -> float:
+    def criterion(self, fit: SpectralFit) -> float:
         """Return -2 log likelihood for the noise of the chosen fit, with Bayes' penalty."""
         return 2.0 * fit.cost + float(np.log(self.problem.given.total)) * fit.form.count
 
@@ -91,14 +88,14 @@ def propose(
     local: LocalResponse,
     rate_hz: float,
     scale_rad_s: float,
-    holds: tuple[Between, ...],
+    holds: tuple[Hold, ...],
     known: Known,
     note: Callable[[str], None] = lambda _: None,
-) -> dict[Between, list[Fit]]:
+) -> dict[Hold, list[SpectralFit]]:
     """Return fits to the local response under each hold, best first: poles are added until two
     more bring nothing."""
     starters = {hold: Starter(local, rate_hz, hold, scale_rad_s) for hold in holds}
-    found: dict[Between, list[tuple[float, Fit]]] = {hold: [] for hold in holds}
+    found: dict[Hold, list[tuple[float, SpectralFit]]] = {hold: [] for hold in holds}
     price = float(np.log(2.0 * local.frequency_hz.size))
     best, stale = np.inf, 0
     least = max(1, known.integrators, known.origin_zeros, known.zeros or 0)
@@ -127,13 +124,13 @@ def propose(
     return {hold: [fit for _, fit in sorted(found[hold], key=lambda one: one[0])] for hold in holds}
 
 
-def _all_poor(found: dict[Between, list[tuple[float, Fit]]], local: LocalResponse) -> bool:
+def _all_poor(found: dict[Hold, list[tuple[float, SpectralFit]]], local: LocalResponse) -> bool:
     costs = [min((fit.cost for _, fit in fits), default=np.inf) for fits in found.values()]
     return min(costs) > _POOR * local.frequency_hz.size
 
 
 def choose(
-    given: Equations | JoinedEquations, proposals: list[Fit], hold: Between, known: Known, *, quick: bool = False
+    given: Equations | JoinedEquations, proposals: list[SpectralFit], hold: Hold, known: Known, *, quick: bool = False
 ) -> Choice:
     """Return the form of best criterion on the record, simpler ones tried from there (quick: the best two only)."""
     highest = _HIGHEST[hold] * given.rate_hz
@@ -141,8 +138,8 @@ def choose(
     first = kept[0]
     grid = Grid(given.frequency_hz, given.rate_hz, first.grid.scale_rad_s, hold, given.shift)
     flat = np.where(given.of_hz <= highest, 1.0, 0.0)
-    problem = Problem(given, flat, grid)
-    fits: dict[Form, Fit] = {}
+    problem = SpectralProblem(given, flat, grid)
+    fits: dict[Form, SpectralFit] = {}
     for _ in range(2):
         problem = problem.with_weight(weights(given, problem.residual(first), highest))
         first = _again(problem, first, 8) or first
@@ -167,30 +164,30 @@ def choose(
     return Choice(hold, best, near | {best.form: best}, problem, likelihood)
 
 
-def _kept(proposals: list[Fit]) -> list[Fit]:
+def _kept(proposals: list[SpectralFit]) -> list[SpectralFit]:
     """Return the best few, three of each number of poles at most."""
-    made: list[Fit] = []
+    made: list[SpectralFit] = []
     for one in proposals:
         if sum(other.form.poles == one.form.poles for other in made) < 3:
             made.append(one)
     return made[:_KEPT]
 
 
-def _again(problem: Problem, fit: Fit, most: int) -> Fit | None:
+def _again(problem: SpectralProblem, fit: SpectralFit, most: int) -> SpectralFit | None:
     return problem.descend(fit.form, fit.theta, fit.delay, most=most)
 
 
-def _score(problem: Problem, fit: Fit) -> float:
+def _score(problem: SpectralProblem, fit: SpectralFit) -> float:
     return 2.0 * fit.cost + float(np.log(problem.given.total)) * fit.form.count
 
 
-def _best(problem: Problem, fits: dict[Form, Fit]) -> Fit:
+def _best(problem: SpectralProblem, fits: dict[Form, SpectralFit]) -> SpectralFit:
     lowest = min(_score(problem, one) for one in fits.values())
     near = [one for one in fits.values() if _score(problem, one) < lowest + TIE]
     return min(near, key=lambda one: (one.form.poles, _score(problem, one)))
 
 
-def _settled(problem: Problem, fits: dict[Form, Fit], known: Known) -> Fit:
+def _settled(problem: SpectralProblem, fits: dict[Form, SpectralFit], known: Known) -> SpectralFit:
     """Return the best form after all that are simpler by a pole, a zero or a dead time have been tried from it."""
     tried: set[Form] = set()
     while True:
@@ -207,7 +204,7 @@ def _settled(problem: Problem, fits: dict[Form, Fit], known: Known) -> Fit:
             return best
 
 
-def _simpler(fit: Fit) -> Iterator[tuple[Form, FloatArray]]:
+def _simpler(fit: SpectralFit) -> Iterator[tuple[Form, FloatArray]]:
     """Return the forms beside the fit's, with where to start: a far pole less (perhaps a dead time for it), a slow one
     with a zero less, a zero less, no dead time.
     """
@@ -227,7 +224,7 @@ def _simpler(fit: Fit) -> Iterator[tuple[Form, FloatArray]]:
         yield replace(form, dead_time=False), fit.theta
 
 
-def _fewer_poles(poles: Complex) -> tuple[Complex | None, Complex | None]:
+def _fewer_poles(poles: ComplexArray) -> tuple[ComplexArray | None, ComplexArray | None]:
     """Return the poles without the farthest and without the slowest real pole; a far pair becomes one real pole where
     none is real.
     """

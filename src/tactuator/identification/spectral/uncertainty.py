@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.display.plant_model import Excess
-from tactuator.identification.spectral.between import response_columns
 from tactuator.identification.spectral.form import (
     Form,
     denominator_polynomial,
@@ -19,21 +16,21 @@ from tactuator.identification.spectral.form import (
     numerator_values,
     section_list,
 )
-from tactuator.identification.spectral.likelihood import Fit, information, nonlinear_slopes
+from tactuator.identification.spectral.hold import response_columns
+from tactuator.identification.spectral.likelihood import SpectralFit, information, nonlinear_slopes
 from tactuator.identification.spectral.lines import LocalResponse, Spectrum
 from tactuator.identification.spectral.search import Choice
 
-Complex = NDArray[Any]
 _LEAST_WEIGHT = 14.0
 """Difference of the criterion beyond which a form does not count (odds of 1 : 1100)."""
 _POOLED = 0.15
 
 
-def log_slopes(fit: Fit, frequency_hz: FloatArray) -> Complex:
+def log_slopes(fit: SpectralFit, frequency_hz: FloatArray) -> ComplexArray:
     """Return the derivatives of the response's logarithm by (numerator, theta, dead time), (m, k)."""
-    s = 2j * np.pi * np.asarray(frequency_hz) / fit.grid.scale_rad_s
+    s: ComplexArray = np.asarray(2j * np.pi * frequency_hz / fit.grid.scale_rad_s)
     rungs = numerator_values(fit.rungs, s, fit.form)
-    columns: list[Complex] = [rungs / (rungs @ fit.numerator)[:, None]]
+    columns: list[ComplexArray] = [rungs / (rungs @ fit.numerator)[:, None]]
     for section in section_list(fit.theta, fit.form):
         under = np.polyval(section, s)[:, None]
         columns.append(-np.hstack([s[:, None], np.ones((s.size, 1))])[:, 3 - section.size :] / under)
@@ -66,12 +63,12 @@ def other_forms(choice: Choice, frequency_hz: FloatArray) -> Excess:
     return Excess(frequency_hz, np.sqrt(magnitude / max(total, 1e-300)), np.sqrt(phase / max(total, 1e-300)))
 
 
-def _variances(slopes: Complex, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _variances(slopes: ComplexArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     made = [np.einsum("ij,jk,ik->i", part, covariance, part) for part in (slopes.real, slopes.imag)]
     return np.maximum(made[0], 0.0), np.maximum(made[1], 0.0)
 
 
-def left_over(fit: Fit, local: LocalResponse, seen: Complex, frequency_hz: FloatArray) -> FloatArray:
+def left_over(fit: SpectralFit, local: LocalResponse, seen: ComplexArray, frequency_hz: FloatArray) -> FloatArray:
     """Return the relative error, (m,), by which the record's own response departs from the model beyond its noise.
 
     seen: the model's response at the local points, hold included. Means over 15 % of frequency; what feedback of the
@@ -127,14 +124,14 @@ def fed_back(choice: Choice, spectra: Sequence[Spectrum]) -> FloatArray | None:
     return np.asarray(2.0 * information(problem, fit) @ missing)
 
 
-def moved(fit: Fit, change: FloatArray) -> Fit:
+def moved(fit: SpectralFit, change: FloatArray) -> SpectralFit:
     """Return the fit with (numerator, theta, dead time) changed, its ladder as it was."""
     first, last = fit.numerator.size, fit.numerator.size + fit.theta.size
     delay = max(fit.delay + float(change[-1]), 0.0) if fit.form.dead_time else fit.delay
     return replace(fit, numerator=fit.numerator + change[:first], theta=fit.theta + change[first:last], delay=delay)
 
 
-def physical(fit: Fit, covariance: FloatArray, gain: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def physical(fit: SpectralFit, covariance: FloatArray, gain: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return num, den (descending powers of s in rad/s, den monic) and the covariance of (num, den[1:], delay_s).
 
     gain: position's unit over command's, as the lines were scaled.
@@ -153,7 +150,7 @@ def physical(fit: Fit, covariance: FloatArray, gain: float) -> tuple[FloatArray,
     return num, den, slopes @ covariance @ slopes.T
 
 
-def _polynomials(fit: Fit, gain: float) -> tuple[FloatArray, FloatArray]:
+def _polynomials(fit: SpectralFit, gain: float) -> tuple[FloatArray, FloatArray]:
     form: Form = fit.form
     scale = fit.grid.scale_rad_s
     num = numerator_polynomial(fit.rungs, fit.numerator, form)
@@ -163,7 +160,7 @@ def _polynomials(fit: Fit, gain: float) -> tuple[FloatArray, FloatArray]:
     return gain * num * scale ** (n - top), den * scale ** (n - under)
 
 
-def response_of_rows(fit: Fit, rows: FloatArray) -> Complex:
+def response_of_rows(fit: SpectralFit, rows: FloatArray) -> ComplexArray:
     """Return the sampled response (hold included) at frequencies `rows` (m,) of the unshifted record."""
     grid = replace(fit.grid, frequency_hz=rows, shift=0)
     return np.asarray(response_columns(grid, fit.theta, fit.delay, fit.form, fit.rungs) @ fit.numerator)

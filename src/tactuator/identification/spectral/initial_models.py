@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.spectral.between import Between, Grid
 from tactuator.identification.spectral.form import (
     Form,
     denominator_values,
@@ -21,7 +20,8 @@ from tactuator.identification.spectral.form import (
     sections_of,
     separated,
 )
-from tactuator.identification.spectral.likelihood import Fit, Problem
+from tactuator.identification.spectral.hold import Grid, Hold
+from tactuator.identification.spectral.likelihood import SpectralFit, SpectralProblem
 from tactuator.identification.spectral.lines import LocalResponse, points
 
 _FLOOR = 3e-3
@@ -33,11 +33,13 @@ _THIN = 120
 class Starter:
     """Fits to one local response under one hold, and what was learnt from them on the way."""
 
-    def __init__(self, local: LocalResponse, rate_hz: float, hold: Between, scale_rad_s: float) -> None:
+    def __init__(self, local: LocalResponse, rate_hz: float, hold: Hold, scale_rad_s: float) -> None:
         self.local, self.hold = local, hold
         weight = 1.0 / np.sqrt(local.variance + (_FLOOR * np.abs(local.value)) ** 2)
         grid = Grid(local.frequency_hz, rate_hz, scale_rad_s, hold)
-        self.problem = Problem(points(local.frequency_hz, local.value, rate_hz), weight, grid, with_transient=False)
+        self.problem = SpectralProblem(
+            points(local.frequency_hz, local.value, rate_hz), weight, grid, with_transient=False
+        )
         # what the hold adds, aliases aside, is taken off; the descent has the exact one
         turn = 2j * np.pi * local.frequency_hz / rate_hz
         held = -np.expm1(-turn) / turn
@@ -48,7 +50,7 @@ class Starter:
         self._scale, self._rate_hz = scale_rad_s, rate_hz
         self._last_delay: float | None = None
 
-    def fit(self, form: Form, delay: float = 0.0) -> Fit | None:
+    def fit(self, form: Form, delay: float = 0.0) -> SpectralFit | None:
         """Return the best fit of that form; `delay` (scaled) holds where the form has no dead time to estimate."""
         candidates = []
         for lag in self._lags(form) if form.dead_time else [delay]:

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.spectral.form import (
     Form,
     Ladder,
@@ -24,9 +24,8 @@ from tactuator.identification.spectral.form import (
     separated,
 )
 
-Complex = NDArray[Any]
-Between = Literal["zero-order", "first-order", "band-limited"]
-HOLDS: tuple[Between, ...] = ("zero-order", "first-order", "band-limited")
+Hold = Literal["zero-order", "first-order", "band-limited"]
+HOLDS: tuple[Hold, ...] = ("zero-order", "first-order", "band-limited")
 _EDGE = 10
 """Samples at either end of the record that are given up: what came before and comes after shows there."""
 
@@ -40,11 +39,11 @@ class Grid:
     frequency_hz: FloatArray
     rate_hz: float
     scale_rad_s: float
-    hold: Between
+    hold: Hold
     shift: int = 0
 
     @cached_property
-    def s(self) -> Complex:
+    def s(self) -> ComplexArray:
         """Return i omega in scaled time, (m,)."""
         return np.asarray(2j * np.pi * self.frequency_hz / self.scale_rad_s)
 
@@ -54,36 +53,36 @@ class Grid:
         return self.scale_rad_s / self.rate_hz
 
     @cached_property
-    def back(self) -> Complex:
+    def back(self) -> ComplexArray:
         """Return one sample back, 1/z, (m,)."""
         return np.asarray(np.exp(-2j * np.pi * self.frequency_hz / self.rate_hz))
 
     @cached_property
-    def step(self) -> Complex:
+    def step(self) -> ComplexArray:
         """Return 1 - 1/z to full precision, (m,)."""
         return np.asarray(-np.expm1(-2j * np.pi * self.frequency_hz / self.rate_hz))
 
     @cached_property
-    def _powers(self) -> dict[float, Complex]:
+    def _powers(self) -> dict[float, ComplexArray]:
         return {}
 
-    def back_by(self, samples: float) -> Complex:
+    def back_by(self, samples: float) -> ComplexArray:
         """Return a whole number of samples back, (m,)."""
         if samples not in self._powers:
             self._powers[samples] = np.exp(-2j * np.pi * samples * self.frequency_hz / self.rate_hz)
         return self._powers[samples]
 
-    def late(self, delay: float) -> Complex:
+    def late(self, delay: float) -> ComplexArray:
         """Return the dead time's factor for a band-limited command, (m,)."""
         return np.asarray(np.exp(-self.s * (delay - self.shift * self.period)))
 
-    def lag(self, pole: NDArray[Any]) -> Complex:
+    def lag(self, pole: NDArray[Any]) -> ComplexArray:
         """Return 1 - exp(p T)/z for each pole (n,), shape (m, n), to full precision."""
         fall = -np.expm1(_bounded(pole * self.period))
         return np.asarray(self.step[:, None] * (1.0 - fall) + fall)
 
 
-def response_columns(grid: Grid, theta: FloatArray, delay: float, form: Form, rungs: Ladder) -> Complex:
+def response_columns(grid: Grid, theta: FloatArray, delay: float, form: Form, rungs: Ladder) -> ComplexArray:
     """Return what each numerator of the ladder makes of the command's lines, (m, numerators)."""
     if grid.hold == "band-limited":
         under = denominator_values(theta, form, grid.s)
@@ -97,7 +96,7 @@ def response_columns(grid: Grid, theta: FloatArray, delay: float, form: Form, ru
     return np.asarray(made)
 
 
-def _held(grid: Grid, poles: Complex, delay: float) -> Complex:
+def _held(grid: Grid, poles: ComplexArray, delay: float) -> ComplexArray:
     """Return the answer of 1/(s - p), late by `delay`, to the lines of a held command, (m, n)."""
     whole, part = divmod(delay / grid.period - grid.shift, 1.0)
     period, back = grid.period, grid.back[:, None]
@@ -108,7 +107,7 @@ def _held(grid: Grid, poles: Complex, delay: float) -> Complex:
     return np.asarray(grid.back_by(whole + 1.0)[:, None] * (now + before * back) / grid.lag(poles))
 
 
-def _ramped(grid: Grid, poles: Complex, whole: float, part: float) -> Complex:
+def _ramped(grid: Grid, poles: ComplexArray, whole: float, part: float) -> ComplexArray:
     """Return the same for a command that is a straight line between samples; the dead time's fraction is
     interpolated.
     """
@@ -120,17 +119,17 @@ def _ramped(grid: Grid, poles: Complex, whole: float, part: float) -> Complex:
     return np.asarray(grid.back_by(whole)[:, None] * (1.0 - part + part * back) * exact)
 
 
-def _integral(poles: Complex, duration: float) -> Complex:
+def _integral(poles: ComplexArray, duration: float) -> ComplexArray:
     """Return the integral of exp(p t) over 0 .. duration, (n,)."""
     small = np.abs(poles * duration) < 1e-8
     return np.where(small, duration, np.expm1(_bounded(poles * duration)) / np.where(small, 1.0, poles))
 
 
-def _bounded(exponent: NDArray[Any]) -> Complex:
+def _bounded(exponent: NDArray[Any]) -> ComplexArray:
     return np.asarray(np.minimum(exponent.real, 40.0) + 1j * exponent.imag)
 
 
-def edge_columns(grid: Grid) -> Complex:
+def edge_columns(grid: Grid) -> ComplexArray:
     """Return what the ends of the record, `_EDGE` samples each, and a drift may add to the position's lines, (m, k).
 
     The coefficients are real.
@@ -139,7 +138,7 @@ def edge_columns(grid: Grid) -> Complex:
     return np.stack([*made, 1.0 / grid.step], axis=1)
 
 
-def edge_lines(weights: FloatArray, samples: int) -> Complex:
+def edge_lines(weights: FloatArray, samples: int) -> ComplexArray:
     """Return the sum of `edge_columns` with weights (k,) on all lines of a record, (samples // 2 + 1,)."""
     made = weights[-1] * (1.0 - np.arange(1.0, samples + 1.0) / samples)
     for k, weight in zip(range(-_EDGE, _EDGE + 1), weights[:-1], strict=True):
@@ -147,10 +146,10 @@ def edge_lines(weights: FloatArray, samples: int) -> Complex:
     return np.asarray(np.fft.rfft(made))
 
 
-def transient_columns(grid: Grid, theta: FloatArray, form: Form) -> Complex:
+def transient_columns(grid: Grid, theta: FloatArray, form: Form) -> ComplexArray:
     """Return what the state before the record may add to the position's lines: a decay of each pole, (m, poles)."""
     poles = separated(all_poles(theta, form))
-    made: list[Complex] = []
+    made: list[ComplexArray] = []
     for pole in poles[poles.imag >= -1e-14]:
         decay = 1.0 / grid.lag(np.array([pole]))[:, 0]
         if pole.imag > 1e-14:

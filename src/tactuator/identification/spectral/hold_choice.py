@@ -9,9 +9,9 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.identification.spectral.between import Between
+from tactuator.identification.spectral.hold import Hold
 from tactuator.identification.spectral.joined import join, join_local
-from tactuator.identification.spectral.likelihood import Fit
+from tactuator.identification.spectral.likelihood import SpectralFit
 from tactuator.identification.spectral.lines import LocalResponse, Spectrum, equations, local_response, spectrum
 from tactuator.identification.spectral.search import Choice, Known, choose, propose
 
@@ -37,7 +37,7 @@ class SpectralEstimate:
     advantage: float
     local: LocalResponse
     spectra: tuple[Spectrum, ...]
-    before: Fit | None = None
+    before: SpectralFit | None = None
 
     @property
     def spacing_hz(self) -> float:
@@ -49,7 +49,7 @@ class SpectralEstimate:
 def estimate(
     signals: Sequence[tuple[FloatArray, FloatArray]],
     rate_hz: float,
-    holds: tuple[Between, ...],
+    holds: tuple[Hold, ...],
     known: Known,
     note: Callable[[str], None] = lambda _: None,
 ) -> SpectralEstimate:
