@@ -66,7 +66,7 @@ def test_trace__holds_what_the_processor_knows_and_no_truth() -> None:
     ]
     public = {name for name in dir(SimulatedRig(display())) if not name.startswith("_")}
     does = {"load", "play", "stream", "drive", "rest", "finger", "close"}
-    assert public == {"display", "rate_hz", "channels", "has_finger_ports", "began_at"} | does
+    assert public == {"display", "rate_hz", "channels", "has_finger_ports", "began_at", "rows_played"} | does
     port = {name for name in dir(SimulatedRig(display()).finger("index")) if not name.startswith("_")}
     assert port == {"touch", "press", "attach", "detach"}
 

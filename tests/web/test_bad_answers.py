@@ -84,6 +84,37 @@ def test_answer__that_cannot_be__is_refused_the_session_goes_on_and_nobody_else_
         assert snapshot["fault"] is None
 
 
+def test_answer__that_cannot_be__is_not_noticed_by_another_subject(client, lab) -> None:
+    """The other subject waits for the rig. All that its page is told meanwhile is read, up to a reply of its own."""
+    with (
+        client.websocket_connect("/ws/subject/token-S1") as socket,
+        client.websocket_connect("/ws/subject/token-S2") as other,
+    ):
+        stands = begun(socket)
+        until(other, "stage")
+        other.send_json({"type": "consent"})
+        until(other, "stage")
+        other.send_json({"type": "ready", "stage": "trial"})
+        waits = until(other, "stage")
+        assert waits["waiting"]
+        good = {"type": "answer", "run": stands["run"], "number": 0, "response": "1"}
+        for text in [json.dumps(good | change) for change in BAD] + RAW:
+            socket.send_text(text)
+            until(socket, "refused")
+        socket._connection.send(b"\x00\xff\x00")
+        until(socket, "refused")
+        heard: list[dict] = []
+        other.send_json({"type": "nothing"})
+        until(other, "refused", heard)
+        assert all(message == waits for message in heard)  # the page is told every few seconds that it still waits
+        assert (response_count(lab), lab.active, lab.calls, lab.fault) == (0, 1, {}, None)
+        socket.send_json(good)
+        assert until(socket, "ack")["number"] == 0
+        other.send_json({"type": "nothing"})
+        until(other, "refused", heard)
+        assert {message["type"] for message in heard} <= {"stage"}
+
+
 def test_answer__before_its_last_interval_has_ended__is_refused_and_asked_for_again(client, lab) -> None:
     with client.websocket_connect("/ws/subject/token-S1") as socket:
         until(socket, "stage")

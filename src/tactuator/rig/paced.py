@@ -22,6 +22,7 @@ class PacedRig(ClosingRig):
     def __init__(self, rig: Rig, speed: float = 1.0) -> None:
         self._rig = rig
         self._speed = speed
+        self._rows_played = 0
 
     @property
     def rate_hz(self) -> float:
@@ -37,6 +38,11 @@ class PacedRig(ClosingRig):
     def began_at(self) -> int | None:
         """Return the tick that the rig itself tells."""
         return self._rig.began_at if isinstance(self._rig, Ticking) else None
+
+    @property
+    def rows_played(self) -> int:
+        """Return the number of rows of the stream for which the rig has waited."""
+        return self._rows_played
 
     @property
     def speed(self) -> float:
@@ -64,10 +70,12 @@ class PacedRig(ClosingRig):
 
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
         """Stream, and wait with each piece of the trace until it would have been played."""
-        began_s, count = time.monotonic(), 0
+        began_s, self._rows_played = time.monotonic(), 0
         for trace in self._rig.stream(blocks):
-            count += len(trace)
-            yield self._wait(trace, began_s, count)
+            count = self._rows_played + len(trace)
+            self._wait(trace, began_s, count)
+            self._rows_played = count
+            yield trace
 
     def drive(self, command_v: ArrayLike) -> Trace:
         """Drive, and wait until the block would be over."""

@@ -45,6 +45,7 @@ class Rig(Protocol):
         every sample, in pieces as they come.
 
         A block is asked for when it is needed, which is some time before it is played (none where time waits for it).
+        A piece may be empty: where time goes on, one comes whenever the rig has told of its time (Ticking).
         Ask for the traces as fast as they come. Left before its end, the stream goes on to the end of what was fed;
         `rest` ends it at once. Raises as `play` does, and DeviceFault if the stream ran dry: there is no silent gap.
         """
@@ -90,9 +91,17 @@ class ClosingRig:
 
 @runtime_checkable
 class Ticking(Protocol):
-    """A rig that tells by its own clock when it began what it played last."""
+    """A rig that tells by its own clock when it began what it played last, and how far it has come since."""
 
     @property
     def began_at(self) -> int | None:
         """Return the tick (sample of its run) of the first row of the last block or stream; None before the first."""
+        ...
+
+    @property
+    def rows_played(self) -> int:
+        """Return the number of rows of the stream that the rig has played, as far as it has told.
+
+        On a board whose time goes on that is more than the rows of which the trace has been read.
+        """
         ...

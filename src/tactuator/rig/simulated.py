@@ -52,6 +52,11 @@ class SimulatedRig(ClosingRig):
         return self._began_at
 
     @property
+    def rows_played(self) -> int:
+        """Return the number of samples played since the last block or stream began."""
+        return 0 if self._began_at is None else self._ticks - self._began_at
+
+    @property
     def rate_hz(self) -> float:
         """Return the sampling rate, hertz."""
         return self.display.rate_hz

@@ -14,7 +14,6 @@ from tactuator.experiment.procedure.up_down import IMECE2004
 from tactuator.experiment.procedure.up_down_batch import run_tracks
 from tactuator.perception.psychometric import Logistic, Psychometric
 
-
 LOUD_SHARE = 0.2
 """Share of all trials that are loud catch trials, as in the protocols that the package ships."""
 

@@ -8,8 +8,13 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.experiment.trial.marks import Marks
 from tactuator.experiment.trial.presenter import Halted, Presenter
+from tactuator.rig.board.link import LinkClient
+from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.trace import Trace
+from tactuator.rig.transport.transport import InProcess
+from tactuator.runtime.simulated_board import simulated_board_bytes
 from tests.experiment.session.apparatuses import apparatus
+from tests.rig.guard.guarded import designed
 
 RATE_HZ = 4000.0
 
@@ -20,12 +25,13 @@ class Recorder:
     rate_hz, channels = RATE_HZ, ("index", "thumb")
 
     def __init__(self, behind=0):
-        self.behind, self.played, self.rests, self.began_at = behind, [], 0, 7000
+        self.behind, self.played, self.rests, self.began_at, self.rows_played = behind, [], 0, 7000, 0
 
     def stream(self, blocks):
         rows = np.concatenate(list(blocks))
         self.played.append(rows)
         for start in range(0, len(rows), 40 + self.behind):
+            self.rows_played = min(start + 40 + self.behind, len(rows))
             yield self.trace(rows[start : start + 40 + self.behind])
 
     def trace(self, rows):
@@ -59,6 +65,22 @@ def test_present__watch__is_told_in_order_by_the_rigs_time_and_how_late() -> Non
     assert told == [(0, True), (0, False), (1, True), (1, False), (2, True), (2, False)]
     assert all(0.0 <= one.lamp_late_s < 111 / RATE_HZ for one in shown.intervals)
     assert any(one.lamp_late_s > 0.0 for one in shown.intervals)
+
+
+def test_present__rig_ahead_of_its_trace__lights_lamps_by_the_rigs_own_count() -> None:
+    class Ahead(Recorder):
+        """A rig that tells its time every 16 rows, in empty pieces, and gives the trace of all only at the end."""
+
+        def stream(self, blocks):
+            rows = np.concatenate(list(blocks))
+            for self.rows_played in range(0, len(rows), 16):
+                yield self.trace(rows[:0])
+            yield self.trace(rows)
+
+    told, rig = [], Ahead()
+    shown = Presenter(rig, "index", lambda *edge: told.append((*edge, rig.rows_played))).present(tones(), 0.3, 0.25)
+    assert [(interval, at) for interval, begins, at in told if begins] == [(0, 1200), (1, 4208), (2, 7200)]
+    assert [one.lamp_late_s for one in shown.intervals] == [0.0, 8 / RATE_HZ, 0.0]
 
 
 def test_present__simulated_rig__stands_at_each_onset_when_the_watch_is_told() -> None:
@@ -110,3 +132,26 @@ def test_marks__each_interval__is_announced_by_as_many_taps_and_the_end_by_a_lon
 def test_marks__that_cannot_be__are_refused(amiss) -> None:
     with pytest.raises(BadInput, match=r"marks: .*allowed"):
         Marks("thumb", **amiss)
+
+
+def test_present__board_whose_time_goes_on__lamps_light_within_twenty_milliseconds_of_the_boards_onset() -> None:
+    """The witness is the board's own counter, read where it stands in memory: no request of the test moves it."""
+    transport = InProcess()
+    rig = BoardRig(LinkClient(transport), designed().display, waits=False, sleep=lambda seconds: None)
+    rig.simulate(*simulated_board_bytes(designed().display, 1))
+    rig.load(designed())
+    stands: list[tuple[int, bool, int]] = []
+    presenter = Presenter(rig, "index", lambda *edge: stands.append((*edge, int(transport.board.tick))))
+    late_s, stored_s = [], []
+    for trial in range(4):
+        stands.clear()
+        tone = presenter.on_channel(np.ones(701 + 37 * trial))
+        shown = presenter.present([tone] * 3, 0.31, 0.13)
+        begun = [tick for _, begins, tick in stands if begins]
+        assert len(begun) == 3
+        for tick, one in zip(begun, shown.intervals, strict=True):
+            late_s.append((tick - shown.rig_tick) / RATE_HZ - one.onset_s)
+            stored_s.append(one.lamp_late_s)
+    assert min(late_s) >= 0.0
+    assert max(late_s) <= 0.020, sorted(late_s)
+    assert np.abs(np.array(stored_s) - late_s).max() <= 0.010

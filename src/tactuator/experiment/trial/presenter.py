@@ -141,22 +141,25 @@ class Presenter:
     def _played(
         self, stretch: FloatArray, edges: Sequence[tuple[int, int, bool]], lates: list[float]
     ) -> Iterator[Trace]:
-        """Yield the trace in pieces, and tell the watch of each edge as the rig reaches it."""
-        waiting, got = list(edges), 0
+        """Yield the trace in pieces, and tell the watch of each edge as the rig reaches it.
+
+        A rig that tells its time is ahead of its trace, which comes in blocks: its own count of rows is what counts.
+        """
+        waiting, got, rig = list(edges), 0, self.rig
         self._notify_watch(waiting, got, lates)
-        for trace in self.rig.stream(self._pieces(stretch, [edge[0] for edge in edges])):
+        for trace in rig.stream(self._pieces(stretch, [edge[0] for edge in edges])):
             got += len(trace)
-            self._notify_watch(waiting, got, lates)
+            self._notify_watch(waiting, max(got, rig.rows_played) if isinstance(rig, Ticking) else got, lates)
             yield trace
             if self.halted():
                 self.rig.rest()
                 raise Halted
 
-    def _notify_watch(self, waiting: list[tuple[int, int, bool]], got: int, lates: list[float]) -> None:
-        while waiting and waiting[0][0] <= got:
+    def _notify_watch(self, waiting: list[tuple[int, int, bool]], reached: int, lates: list[float]) -> None:
+        while waiting and waiting[0][0] <= reached:
             sample, interval, begins = waiting.pop(0)
             if begins:
-                lates[interval] = (got - sample) / self.rig.rate_hz
+                lates[interval] = (reached - sample) / self.rig.rate_hz
             self.watch(interval, begins)
 
     def _pieces(self, stretch: FloatArray, cuts: Sequence[int]) -> Iterator[FloatArray]:

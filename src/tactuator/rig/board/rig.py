@@ -73,6 +73,7 @@ class BoardRig(ClosingRig):
         self._waits, self._lead_s = waits and status.allows_hold, lead_s
         self._run, self._at, self._drives, self._loaded = status.run, 0, False, False
         self._began: int | None = None
+        self._rows_played = 0
         self._fingers: tuple[BoardFinger, ...] = ()
         self._lag, self._lead_most = status.trace_capacity // 2, status.stream_capacity * 7 // 8
         if status.safety_crc == 0:
@@ -202,6 +203,11 @@ class BoardRig(ClosingRig):
         """Return the tick of its run at which the board played the first row of the last block or stream."""
         return self._began
 
+    @property
+    def rows_played(self) -> int:
+        """Return the number of rows of the last block or stream that the board has played, as far as it has told."""
+        return self._rows_played
+
     def status(self) -> Status:
         """Return the status that the board reports."""
         return self._client.status()
@@ -306,9 +312,13 @@ class BoardRig(ClosingRig):
             stream = self._streaming(lead_s)
             try:
                 for part in stream.play(fed(), self._at, round(0.25 * lead_s * self.rate_hz)):
-                    yield self._trace(part, _take(asked, len(part.flags)), drives)
+                    self._began, self._rows_played = stream.first, stream.rows_played
+                    if part is None:
+                        yield join_traces([], self.rate_hz, self.channels)
+                    else:
+                        yield self._trace(part, _take(asked, len(part.flags)), drives)
             finally:
-                self._at, self._began = stream.end, stream.first
+                self._at, self._began, self._rows_played = stream.end, stream.first, stream.rows_played
         except LinkDown:
             raise
         except (Exception, KeyboardInterrupt):  # of the blocks' own making, too

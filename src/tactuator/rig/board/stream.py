@@ -57,9 +57,17 @@ class BoardStream:
         self._tick = 0
         self.first = self._got = self.end = 0
 
-    def play(self, blocks: Iterable[Rows], first: int = 0, start: int = 0) -> Iterator[TraceRows]:
+    @property
+    def rows_played(self) -> int:
+        """Return the number of rows that the board has played, as far as it has told; where its time stands still,
+        those of which the trace has been read.
+        """
+        reached = self._got if self._waits else min(max(self._tick, self._got), self.end)
+        return max(0, reached - self.first)
+
+    def play(self, blocks: Iterable[Rows], first: int = 0, start: int = 0) -> Iterator[TraceRows | None]:
         """Yield the trace of all rows, in pieces as it comes; the next block (n, channels) is asked for when there is
-        room for it.
+        room for it. None is yielded where the board told its tick and gave no rows.
 
         first: tick of the first row, on a board that waits; on another it is `start` ticks from now. Raises RigFault
         and StreamDry.
@@ -71,10 +79,12 @@ class BoardStream:
                 more = self._take_block(next(source, None))
             if len(self._rows) and self._ahead() < self._lead and self._tick - self._got < self._lag:
                 self._feed(start)
-                if not self._waits and self._ahead() < self._lead // 4:
-                    continue  # first what is needed first
+                if not self._waits:
+                    yield None
+                    if self._ahead() < self._lead // 4:
+                        continue  # first what is needed first
             part = self._read()
-            if part is not None:
+            if part is not None or not self._waits:
                 yield part
 
     def _ahead(self) -> int:
