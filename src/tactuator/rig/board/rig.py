@@ -27,7 +27,7 @@ from tactuator.rig.board.link import (
     Status,
     TraceRows,
 )
-from tactuator.rig.board.stream import BoardStream, Rows
+from tactuator.rig.board.stream import BoardStream, Rows, take_rows
 from tactuator.rig.board.tones import LONGEST_S, BoardTone, read_run, stimulus_payloads
 from tactuator.rig.rig import ClosingRig
 from tactuator.rig.samples import take_command, take_reference
@@ -153,7 +153,7 @@ class BoardRig(ClosingRig):
         waiting = [asked]
         try:
             return join_traces(
-                (self._trace(part, _take(waiting, len(part.flags)), False) for part in parts),
+                (self._trace(part, take_rows(waiting, len(part.flags)), False) for part in parts),
                 self.rate_hz,
                 self.channels,
             )
@@ -316,7 +316,7 @@ class BoardRig(ClosingRig):
                     if part is None:
                         yield join_traces([], self.rate_hz, self.channels)
                     else:
-                        yield self._trace(part, _take(asked, len(part.flags)), drives)
+                        yield self._trace(part, take_rows(asked, len(part.flags)), drives)
             finally:
                 self._at, self._began, self._rows_played = stream.end, stream.first, stream.rows_played
         except LinkDown:
@@ -345,15 +345,3 @@ class BoardRig(ClosingRig):
         except BadInput:
             self.rest()
             raise
-
-
-def _take(blocks: list[Rows], count: int) -> Rows:
-    """Take the first `count` rows off a list of blocks and return them."""
-    taken = []
-    while count:
-        block = blocks.pop(0)
-        taken.append(block[:count])
-        if len(block) > count:
-            blocks.insert(0, block[count:])
-        count -= len(taken[-1])
-    return np.concatenate(taken)

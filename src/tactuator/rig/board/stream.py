@@ -164,3 +164,15 @@ class BoardStream:
             )
         self._tick = status.tick
         return status.stream_end
+
+
+def take_rows(blocks: list[Rows], count: int) -> Rows:
+    """Take the first `count` rows off a list of blocks and return them."""
+    taken = []
+    while count:
+        block = blocks.pop(0)
+        taken.append(block[:count])
+        if len(block) > count:
+            blocks.insert(0, block[count:])
+        count -= len(taken[-1])
+    return np.concatenate(taken)
