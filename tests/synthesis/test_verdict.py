@@ -105,6 +105,45 @@ def test_judge__open_loop__hum_and_load_are_not_called_met() -> None:
     assert "nothing else holds the position" in only(verdict, "iv", "index", "finger", "change of |H|").remark
 
 
+@pytest.mark.parametrize(
+    ("valid_hz", "open_ones"),
+    [
+        ((0.2, 400.0), set()),
+        ((2.0, 400.0), {"error of |H| beyond the known band"}),
+        ((0.2, 100.0), {"error of |H| beyond the known band", "felt hum", "felt noise"}),
+        ((0.2, 15.0), {"error of |H| beyond the known band", "felt hum", "felt noise", "max|T|"}),
+        ((500.0, 600.0), {"error of |H| beyond the known band", "error of |H|", "felt hum", "felt noise", "max|T|"}),
+    ],
+    ids=["all known", "low end", "above 100 Hz", "crossover", "nothing"],
+)
+def test_judge__beyond_where_the_plant_is_known__not_judged(valid_hz: tuple[float, float], open_ones: set[str]) -> None:
+    known = channel(loads=(), valid_hz=valid_hz)
+    verdict = judge(paper_controller(), replace(paper_alone(), channels=(known,)))
+    open_findings = [
+        one for objective in verdict.objectives[:3] for one in objective.findings if one.outcome is Outcome.NOT_JUDGED
+    ]
+    assert {one.quantity for one in open_findings} == open_ones
+    assert all("the plant" in one.remark for one in open_findings)
+
+
+def test_judge__load_where_nothing_is_known__not_judged() -> None:
+    known = replace(paper_alone().channels[0], valid_hz=(20.0, 400.0), loads=(Load("finger", 0.12, 31.0, 360.0),))
+    verdict = judge(paper_controller(), replace(paper_alone(), channels=(known,)))
+    assert outcomes(verdict)["iv"] == "not judged"
+
+
+def test_judge__magnitude_that_is_unsure__counts_against_flatness() -> None:
+    sure, unsure = channel(loads=()), channel(loads=(), model_error_db=0.8)
+    flat = [
+        only(judge(paper_controller(), replace(paper_alone(), channels=(one,))), "i", "index", "none", "error of |H|")
+        for one in (sure, unsure)
+    ]
+    assert flat[0].outcome is Outcome.MET
+    assert flat[1].outcome is Outcome.NOT_MET
+    assert flat[1].value == pytest.approx(flat[0].value + 0.8)
+    assert "0.80 dB that the plant itself is unsure of" in flat[1].remark
+
+
 def test_judge__much_noise__third_objective_not_met() -> None:
     noisy = channel(loads=(), environment=Environment(noise_v_rms=0.02))
     verdict = judge(paper_controller(), replace(paper_alone(), channels=(noisy,)))

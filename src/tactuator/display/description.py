@@ -15,6 +15,8 @@ from tactuator.signals.systems import ContinuousSystem
 
 HIGHEST_RATE_HZ = 1e6
 """Beyond it double precision has too few digits for what is slow."""
+KNOWN_EDGE = 1.05
+"""A frequency within this factor of `valid_hz` counts as known."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,7 @@ class Channel:
     sensor_gain_v_per_mm in volts per mm, mm/s or mm/s^2 accordingly. travel_mm: mechanical limit, +/-. family: other
     plants that identification cannot tell from `plant`; a design must hold for them too. covariance: of the plant's
     numerator, its monic denominator after the leading one, and its dead time, as `identify` found it; empty: unknown.
+    valid_hz: where the plant is known (None: everywhere). model_error_db: what its magnitude may be off there.
     """
 
     name: str
@@ -118,6 +121,8 @@ class Channel:
     environment: Environment = field(default_factory=Environment)
     family: tuple[ContinuousSystem, ...] = ()
     covariance: tuple[tuple[float, ...], ...] = ()
+    valid_hz: tuple[float, float] | None = None
+    model_error_db: float = 0.0
 
     def __post_init__(self) -> None:
         for key in ("sensor_gain_v_per_mm", "travel_mm"):
@@ -131,6 +136,9 @@ class Channel:
             raise BadInput(
                 f"channel {self.name!r}: covariance of {len(self.covariance)} rows; allowed: {size} rows of {size}"
             )
+        if self.valid_hz is not None and not 0.0 < self.valid_hz[0] < self.valid_hz[1]:
+            low, high = self.valid_hz
+            raise BadInput(f"channel {self.name!r}: valid_hz is [{low:g}, {high:g}]; allowed: 0 < low < high")
         if len({load.name for load in self.loads}) != len(self.loads):
             raise BadInput(f"channel {self.name!r}: two loads have the same name; allowed: each name once")
 

@@ -48,6 +48,8 @@ def _channel_document(channel: Channel) -> dict[str, Any]:
         "loads": [asdict(load) for load in channel.loads],
         "family": [_system_document(member) for member in channel.family],
         **({"covariance": [list(row) for row in channel.covariance]} if channel.covariance else {}),
+        **({"valid_hz": list(channel.valid_hz)} if channel.valid_hz else {}),
+        **({"model_error_db": channel.model_error_db} if channel.model_error_db else {}),
         **asdict(channel.converter),
         "curve": _curve_document(channel.threshold.curve),
         "band_hz": list(channel.threshold.band_hz),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 from tactuator.display.description import DISTURBANCES, Channel, Converter, Display, Environment, Threshold
 from tactuator.display.load import Load
 from tactuator.display.requirements import FeedbackRequirements, Objectives, PrefilterRequirements
+from tactuator.display.response_plant import ResponsePlant, plant_of_response
 from tactuator.errors import BadInput
 from tactuator.files.curve import resolve_curve
 from tactuator.files.display_schema import (
@@ -29,6 +31,7 @@ from tactuator.files.display_schema import (
     PrefilterKeys,
     ThresholdKeys,
 )
+from tactuator.files.foreign_response import is_response, read_foreign_response
 from tactuator.files.formats.text import parse_toml, read_finite_json, read_text
 from tactuator.files.model import FORMAT, parse_model
 from tactuator.perception.curve import ThresholdCurve
@@ -111,23 +114,33 @@ def _channel(document: Document, entry: Mapping[str, Any], beside: Path) -> Chan
     shared = {key for model in SHARED_TABLES.values() for key in model.model_fields}
     own = _checked(ChannelOwnKeys, {key: value for key, value in entry.items() if key not in shared}, where)
     tables = {name: _merged(model, document, entry, name, where) for name, model in SHARED_TABLES.items()}
-    plant, scale, family, found = _plant_and_family(own, beside, where)
+    feedback = _feedback(tables["feedback"], where)
+    found = _plant(own.plant, beside, where, feedback.structure != "none")
+    scale, model = found.scale, found.model
+    if own.loads and found.is_response:
+        raise BadInput(
+            f"{where} loads: what a load changes cannot be told from a response by itself; "
+            "allowed: none, or the model that `identify` makes of it"
+        )
     loads = (Load(one.name, one.mass / scale, one.damping / scale, one.stiffness / scale) for one in own.loads)
+    family = tuple(system_of(member, f"{where} family") for member in own.family)
     return Channel(
         name=own.name,
         finger=own.finger or own.name,
         sensor_gain_v_per_mm=own.sensor_gain_v_per_mm,
         travel_mm=own.travel_mm,
-        plant=plant,
+        plant=found.system,
         threshold=_threshold(tables["threshold"], beside),
         quantity=own.quantity,
         loads=tuple(loads),
         converter=_converter(tables["converter"]),
-        feedback=_feedback(tables["feedback"], where),
+        feedback=feedback,
         prefilter=_prefilter(tables["prefilter"]),
-        environment=_environment(tables["environment"], None if found is None else found.get("friction") or {}),
-        family=family,
-        covariance=_covariance(own.covariance or (found or {}).get("covariance", ()), plant),
+        environment=_environment(tables["environment"], None if model is None else model.get("friction") or {}),
+        family=family + found.family,
+        covariance=_covariance(own.covariance or (model or {}).get("covariance", ()), found.system),
+        valid_hz=own.valid_hz or found.valid_hz,
+        model_error_db=found.error_db if own.model_error_db is None else own.model_error_db,
     )
 
 
@@ -189,30 +202,86 @@ def _threshold(keys: ThresholdKeys, beside: Path) -> Threshold:
     return Threshold(curve, keys.band_hz)
 
 
-def _plant_and_family(
-    own: ChannelOwnKeys, beside: Path, where: str
-) -> tuple[ContinuousSystem, float, tuple[ContinuousSystem, ...], Document | None]:
-    """Return the plant, the leading coefficient its file gave the denominator (loads are in its units), its family, and
-    the model's document where the plant is one that `identify` wrote."""
-    found: Document | None = None
-    family = tuple(system_of(member, f"{where} family") for member in own.family)
-    table = own.plant
-    if isinstance(table, str):
-        document = _model_document(beside / table, where)
-        found = document
-        table = _checked(PlantTable, {k: document[k] for k in ("num", "den", "delay_s") if k in document}, where)
-        family += tuple(
-            system_of(_checked(PlantTable, member, where), f"{where} family") for member in document.get("family", [])
+_KEYS = ("num", "den", "delay_s")
+
+
+@dataclass(frozen=True)
+class _Plant:
+    """A plant with what its file says of it.
+
+    scale: the leading coefficient its file gave the denominator (loads are in its units). family: plants that
+    identification cannot tell from it. model: the document of model.json, None where the plant is no such file.
+    valid_hz: where it says something of the mechanism, None: not known. error_db: what its magnitude may be off there.
+    is_response: whether it was made of a response by itself.
+    """
+
+    system: ContinuousSystem
+    scale: float = 1.0
+    family: tuple[ContinuousSystem, ...] = ()
+    model: Mapping[str, Any] | None = field(default=None, repr=False)
+    valid_hz: tuple[float, float] | None = None
+    error_db: float = 0.0
+    is_response: bool = False
+
+
+def _plant(plant: PlantTable | str, beside: Path, where: str, looped: bool) -> _Plant:
+    """Return the plant of a channel; a path starts at the folder `beside`.
+
+    looped: whether a loop is to be closed, for which a response by itself is no plant. Raises BadInput.
+    """
+    if not isinstance(plant, str):
+        return _Plant(system_of(plant, f"{where} plant"), _leading(plant))
+    path = beside / plant
+    if path.suffix.lower() != ".json" and is_response(path):
+        return _of_response(path, where, looped)
+    document = _model_document(path, where)
+    table = _checked(PlantTable, {key: document[key] for key in _KEYS if key in document}, f"{where} plant")
+    family = tuple(
+        system_of(_checked(PlantTable, member, f"{where} family"), f"{where} family")
+        for member in document.get("family", [])
+    )
+    return _Plant(system_of(table, f"{where} plant"), _leading(table), family, document, _valid_hz(document, where))
+
+
+def _valid_hz(document: Mapping[str, Any], where: str) -> tuple[float, float] | None:
+    values = document.get("valid_hz")
+    if values is None:
+        return None
+    try:
+        low, high = values
+        return float(low), float(high)
+    except (TypeError, ValueError):
+        raise BadInput(f"{where} plant: valid_hz is {values!r}; allowed: two frequencies") from None
+
+
+def _of_response(path: Path, where: str, looped: bool) -> _Plant:
+    if looped:
+        raise BadInput(
+            f"{where} plant {path}: a response, for which no loop can be designed; "
+            'allowed: structure = "none", or the model that `identify` makes of it'
         )
-    scale = 1.0 if table.den is None else next((value for value in table.den if value != 0.0), 1.0)
-    return system_of(table, f"{where} plant"), scale, family, found
+    try:
+        found = _fitted(path, path.stat().st_mtime_ns)
+    except BadInput as error:
+        raise BadInput(f"{where} plant {path}: {error}") from None
+    return _Plant(found.system, valid_hz=found.valid_hz, error_db=found.error_db, is_response=True)
+
+
+@lru_cache(maxsize=16)
+def _fitted(path: Path, changed_ns: int) -> ResponsePlant:
+    """Return the plant of a response file; one fit for all channels that name it."""
+    return plant_of_response(read_foreign_response(path))
+
+
+def _leading(table: PlantTable) -> float:
+    return 1.0 if table.den is None else next((value for value in table.den if value != 0.0), 1.0)
 
 
 def _model_document(path: Path, where: str) -> dict[str, Any]:
     try:
         document = read_finite_json(path)
     except BadInput as error:
-        raise BadInput(f"{where} plant {path}: {error}; allowed: a model file that can be read") from None
+        raise BadInput(f"{where} plant {path}: {error}; allowed: a model or response file that can be read") from None
     if not isinstance(document, dict) or not {"num", "den"} <= set(document):
         raise BadInput(f"{where} plant {path}: num and den are not in it; allowed: a file that `identify` wrote")
     try:

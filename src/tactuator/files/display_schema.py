@@ -143,6 +143,8 @@ class ChannelOwnKeys(_Table):
     loads: list[LoadTable] = []
     family: list[PlantTable] = []
     covariance: list[list[Number]] = []
+    valid_hz: tuple[Positive, Positive] | None = None
+    model_error_db: Annotated[float, Field(strict=True, ge=0.0, allow_inf_nan=False)] | None = None
 
 
 SHARED_TABLES: dict[str, type[_Table]] = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactuator.display.description import Channel
+from tactuator.display.description import KNOWN_EDGE, Channel
 from tactuator.errors import BadInput
 from tactuator.signals.systems import ContinuousSystem
 
@@ -15,6 +15,8 @@ def require_suitable(channel: Channel, rate_hz: float) -> None:
     Whether a loop can be found for an unstable plant, or one with zeros right of the axis, is the synthesis's to say.
     """
     looped = channel.feedback.structure != "none"
+    if not looped:
+        _require_known(channel)
     for model, plant in enumerate((channel.plant, *channel.family)):
         where = f"channel {channel.name!r}: " + ("the plant" if model == 0 else f"model {model} of the family")
         _require_sound(plant, where, looped)
@@ -23,6 +25,17 @@ def require_suitable(channel: Channel, rate_hz: float) -> None:
         raise BadInput(
             f"channel {channel.name!r}: the plant gives nothing at rest (a zero at s = 0), where an integrator would "
             'run away; allowed: structure = "none", or a plant of displacement'
+        )
+
+
+def _require_known(channel: Channel) -> None:
+    """Raise BadInput where a prefilter would equalise what nobody measured: without a loop all rests on the plant."""
+    low, high = channel.threshold.band_hz
+    first, last = channel.valid_hz or (0.0, np.inf)
+    if low < first / KNOWN_EDGE or high > last * KNOWN_EDGE:
+        raise BadInput(
+            f"channel {channel.name!r}: band_hz is [{low:g}, {high:g}], but the plant is known from {first:.4g} to "
+            f"{last:.4g} Hz only (valid_hz); allowed without a loop: a band within that"
         )
 
 

@@ -7,13 +7,14 @@ judged by its rms times the root of two, the peak of the sinusoid of the same po
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.display.controller import ChannelController, Controller
-from tactuator.display.description import Channel, Display
+from tactuator.display.description import KNOWN_EDGE, Channel, Display
 from tactuator.display.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.loop.margins import margins
@@ -84,25 +85,43 @@ class _Judge:
         )
 
     def flatness(self) -> Finding:
-        """Judge objective i; under a load, where feedback cannot help above its bandwidth, the figure is told only."""
-        frequency = _band(self.channel)
+        """Judge objective i, with what the plant's magnitude may be off, over the frequencies where the plant is known;
+        under a load, where feedback cannot help above its bandwidth, the figure is told only.
+        """
+        frequency = _known_part(self.channel, _band(self.channel))
+        if frequency.size == 0:
+            return self.open("i", "error of |H|", _known_words(self.channel))
         error = db(np.abs(self.loop.position_response(frequency)) / self.channel.threshold_voltage(frequency))
-        worst = int(np.argmax(np.abs(error)))
+        worst, unsure_db = int(np.argmax(np.abs(error))), self.channel.model_error_db
         found = compared(
             "i",
             self.channel.name,
             self.member.name,
             "error of |H|",
-            float(abs(error[worst])),
+            float(abs(error[worst])) + unsure_db,
             self.display.objectives.flatness_db,
             _DB,
             float(frequency[worst]),
             remedy="more poles in [prefilter], or a wider flatness_db",
         )
+        if unsure_db > 0.0:
+            told = f"of which {unsure_db:.2f} dB that the plant itself is unsure of"
+            found = replace(found, remark=f"{found.remark}; {told}" if found.remark else told)
         if self.member.load == UNLOADED:
             return found
         told = "told only: what a load changes is objective iv's"
-        return Finding(**{**vars(found), "outcome": Outcome.NOT_JUDGED, "remark": told, "counts": False})
+        return replace(found, outcome=Outcome.NOT_JUDGED, remark=told, counts=False)
+
+    def unknown(self) -> Iterator[Finding]:
+        """Tell where band and crossover leave the frequencies at which the plant is known."""
+        low, high = self.channel.threshold.band_hz
+        if not all(_is_known(self.channel, edge) for edge in (low, high)):
+            yield self.open("i", "error of |H| beyond the known band", _known_words(self.channel))
+        if self.loop.feedback is not None:
+            crossover_hz = margins(self.loop.feedback).crossover_hz
+            if not (np.isnan(crossover_hz) or _is_known(self.channel, crossover_hz)):
+                words = f"the crossover is at {crossover_hz:.4g} Hz; {_known_words(self.channel)}"
+                yield self.open("iii", "max|T|", words)
 
     def mains(self) -> Iterator[Finding]:
         """Judge objective ii, line by line."""
@@ -126,7 +145,7 @@ class _Judge:
                 self.display.objectives.mains_max_db_sl,
                 _DB_SL,
                 line,
-                assumed=" and ".join(unknown),
+                assumed=" and ".join([*unknown, *_guessed(self.channel, line)]),
                 remedy=f"a lower |T| at {line:g} Hz (mains_max_db), or less hum at the sensor",
             )
 
@@ -151,7 +170,10 @@ class _Judge:
                 allowed.noise_max_db_sl,
                 _DB_SL,
                 float(centres[worst]),
-                assumed="noise" if looped and "noise" in self.channel.environment.assumed else "",
+                assumed=" and ".join(
+                    ["noise"] * (looped and "noise" in self.channel.environment.assumed)
+                    + _guessed(self.channel, float(centres[worst]))
+                ),
                 remedy="less noise at the sensor, or a lower command_noise_gain_max",
             )
         else:
@@ -175,13 +197,12 @@ class _Judge:
         asked = self.display.objectives
         frequency = _band(self.channel)
         change = db(np.abs(self.loop.position_response(frequency)) / np.abs(self.nominal.position_response(frequency)))
-        low = frequency <= asked.load_band_hz
+        low = (frequency <= asked.load_band_hz) & _is_known(self.channel, frequency)
         worst = int(np.argmax(np.abs(change)))
         told = f"over the band {change[worst]:+.2f} dB at {frequency[worst]:.3g} Hz"
         if not np.any(low):
-            return self.open(
-                "iv", "change of |H|", f"the band begins above load_band_hz {asked.load_band_hz:g}; {told}"
-            )
+            below = f"no frequency of the band up to load_band_hz {asked.load_band_hz:g}"
+            return self.open("iv", "change of |H|", f"{below} at which the plant is known; {told}")
         place = int(np.argmax(np.abs(change[low])))
         found = compared(
             "iv",
@@ -196,7 +217,7 @@ class _Judge:
             if self.loop.feedback is not None
             else "a loop: nothing else holds the position against a load",
         )
-        return Finding(**{**vars(found), "remark": f"{found.remark}; {told}" if found.remark else told})
+        return replace(found, remark=f"{found.remark}; {told}" if found.remark else told)
 
 
 def judge_channel(own: ChannelController, channel: Channel, display: Display) -> Iterator[Finding]:
@@ -210,6 +231,8 @@ def judge_channel(own: ChannelController, channel: Channel, display: Display) ->
             yield from _unstable(judge)
             continue
         yield judge.flatness()
+        if member is family[0]:
+            yield from judge.unknown()
         yield from judge.mains()
         yield from judge.noise()
         if member.load != UNLOADED and _is_stable(loops[0]):
@@ -235,3 +258,23 @@ def _band(channel: Channel) -> FloatArray:
     low, high = channel.threshold.band_hz
     own = channel.threshold.curve.frequency_hz
     return np.unique(np.append(np.geomspace(low, high, _POINTS), own[(own >= low) & (own <= high)]))
+
+
+def _is_known(channel: Channel, frequency_hz: ArrayLike) -> NDArray[np.bool_]:
+    """Tell, frequency by frequency, whether the plant is known there; an edge counts with what rounding makes of it."""
+    frequency = np.asarray(frequency_hz, dtype=np.float64)
+    low, high = channel.valid_hz or (0.0, np.inf)
+    return np.asarray((frequency >= low / KNOWN_EDGE) & (frequency <= high * KNOWN_EDGE))
+
+
+def _known_part(channel: Channel, frequency_hz: FloatArray) -> FloatArray:
+    return np.asarray(frequency_hz[_is_known(channel, frequency_hz)])
+
+
+def _known_words(channel: Channel) -> str:
+    low, high = channel.valid_hz or (0.0, np.inf)
+    return f"the plant is known from {low:.4g} to {high:.4g} Hz only (valid_hz)"
+
+
+def _guessed(channel: Channel, frequency_hz: float) -> list[str]:
+    return [] if _is_known(channel, frequency_hz) else [f"the plant at {frequency_hz:.4g} Hz"]

@@ -35,8 +35,16 @@ class Program:
     """The linear program of one goal and order; constraints may be added where the grid overlooked something."""
 
     def __init__(
-        self, goal: MagnitudeGoal, rate_hz: float, order: int, shaped: bool, former: Program | None = None
+        self,
+        goal: MagnitudeGoal,
+        rate_hz: float,
+        order: int,
+        shaped: bool,
+        former: Program | None = None,
+        within_db: float | None = None,
     ) -> None:
+        """Solve for the least common error or, where `within_db` is given, for any within that; BadInput for none."""
+        self._within_db = within_db
         self._goal, self._rate_hz, self.order = goal, rate_hz, order
         inside = goal.frequency_hz[goal.allowance_db == 0.0]
         low, high = np.tan(np.pi * inside[[0, -1]] / rate_hz) ** 2
@@ -140,6 +148,11 @@ class Program:
 
         It is bracketed from the first guess in growing steps, then bisected.
         """
+        if self._within_db is not None:
+            within = self._solve(self._within_db)
+            if within is None:
+                raise BadInput(f"no filter of {self.order} poles is within {self._within_db:g} dB; allowed: more poles")
+            return within
         low, high = self._bracket()
         while high - low > _PRECISION * max(low, 0.05) and high >= _LEAST_DB:
             middle = float(np.sqrt(low * high))

@@ -1,0 +1,58 @@
+"""A plant of magnitudes alone, held against actuators with no rational model behind them, at frequencies left out."""
+
+import numpy as np
+import pytest
+
+from tactuator.arrays import FloatArray
+from tactuator.display.response_plant import plant_of_response
+from tactuator.errors import BadInput
+from tactuator.signals.decibels import db
+from tactuator.signals.frequency_response import FrequencyResponse
+from tests.display.beams import Beam
+
+BAND = np.geomspace(8.0, 300.0, 3000)
+
+
+def measured(beam: Beam, points: int, noise_db: float = 0.0) -> FrequencyResponse:
+    frequency = np.geomspace(7.9, 305.0, points)
+    noise = 10.0 ** (noise_db * np.random.default_rng(points).standard_normal(points) / 20.0)
+    deviation = np.full(points, max(noise_db / 8.686, 1e-3))
+    return FrequencyResponse(frequency, np.abs(beam.response(frequency)) * noise, None, deviation)
+
+
+def error_db(beam: Beam, given: FrequencyResponse) -> FloatArray:
+    return db(np.abs(plant_of_response(given).system.response(BAND)) / np.abs(beam.response(BAND)))
+
+
+@pytest.mark.parametrize("beam", [Beam(), Beam(25.0, 0.1), Beam(90.0, 0.06, 400.0, 0.2)], ids=["two", "three", "eddy"])
+def test_plant_of_response__beam__followed_between_the_points(beam: Beam) -> None:
+    given = measured(beam, 90)
+    found = plant_of_response(given)
+    assert found.system.is_stable
+    assert np.max(np.abs(error_db(beam, given))) < 0.2
+    assert found.valid_hz == pytest.approx((7.9, 305.0))
+
+
+def test_plant_of_response__noise_of_a_tenth_db__no_more_poles_than_it_bears() -> None:
+    found = plant_of_response(measured(Beam(), 90, 0.1))
+    assert np.max(np.abs(error_db(Beam(), measured(Beam(), 90, 0.1)))) < 0.6
+    assert found.system.poles.size <= plant_of_response(measured(Beam(), 90)).system.poles.size
+    assert found.error_db < 0.8
+
+
+def test_plant_of_response__too_few_points_for_its_notches__says_so() -> None:
+    """Twelve points over two modes: what lies between is missed by decibels, and the figure says it."""
+    given = measured(Beam(), 12)
+    assert np.max(np.abs(error_db(Beam(), given))) > 3.0
+    assert plant_of_response(given).error_db > 3.0
+
+
+def test_plant_of_response__nothing_follows__refused() -> None:
+    with pytest.raises(BadInput, match="allowed: more points where it turns sharply"):
+        plant_of_response(measured(Beam(25.0, 0.02), 12))
+
+
+def test_plant_of_response__a_phase__changes_nothing() -> None:
+    bare = measured(Beam(), 40)
+    turned = FrequencyResponse(bare.frequency_hz, bare.magnitude, np.linspace(0.0, -9.0, 40), bare.deviation)
+    assert np.array_equal(plant_of_response(turned).system.poles, plant_of_response(bare).system.poles)
