@@ -1,5 +1,6 @@
 """record, identify, measure, noise, disturb and calibrate, as a user types them."""
 
+import csv
 import json
 from pathlib import Path
 
@@ -84,12 +85,30 @@ def test_measure__multisine_and_stepped__print_responses(folder: Path, capsys) -
     common = ["measure", "--controller", str(folder / "controller.json"), "--json"]
     assert main([*common, "--method", "multisine", "--out", str(folder / "resp.h5")]) == 0
     assert len(printed(capsys)["responses"][0]["frequency_hz"]) == 30
-    assert main([*common, "--frequency-hz", "5,120", "--load", "finger", "--level", "40"]) == 0
+    asked = ["--frequency-hz", "5,120", "--load", "finger", "--level", "40", "--figures", str(folder / "measured")]
+    assert main([*common, *asked]) == 0
     one = printed(capsys)["responses"][0]
+    off = np.array(one["sensation_level_db"]) - np.array(one["expected_level_db_sl"])
+    assert np.all(np.abs(off) < 0.25)  # the expected is that under the load, which takes a third of a decibel at 122 Hz
+    assert one["expected_level_db_sl"][1] < 39.8
+    with (folder / "measured" / "response.csv").open() as table:
+        rows = list(csv.DictReader(table))
+    assert [float(row["measured_v"]) for row in rows][:2] == pytest.approx(one["magnitude_v"])
+    assert (folder / "measured" / "response.svg").exists()
     assert one["frequency_hz"] == [5.0, 122.0]
     assert one["load"] == "finger"
     assert (folder / "resp.h5").exists()
     assert main([*common, "--frequency-hz", "200", "--level", "0", "--confidence-db", "0.05", "--longest-s", "1"]) == 1
+
+
+def test_measure__table__the_worst_against_the_expected_first(folder: Path, capsys) -> None:
+    capsys.readouterr()
+    assert main(["measure", "--controller", str(folder / "controller.json"), "--frequency-hz", "2,20,200"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    rows = [line.split("│") for line in lines if line.startswith("│")]
+    errors = [abs(float(row[5])) for row in rows if row[2].strip() in ("2", "20", "200")]
+    assert len(errors) == 3
+    assert errors == sorted(errors, reverse=True)
 
 
 def test_noise__gains__verdict_and_levels(folder: Path, capsys) -> None:

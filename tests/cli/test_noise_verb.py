@@ -109,3 +109,25 @@ def test_noise__display_without_a_loop__closes_none(tmp_path: Path, capsys: pyte
     assert [run["under"] for run in found["runs"]] == ["loop"]
     assert set(found["not_played"].values()) == {"the display is driven without a loop: there is nothing to close"}
     assert {one["outcome"] for one in found["objectives"].values()} == {"not judged"}
+
+
+def test_noise__what_it_measured__is_what_check_then_judges_by(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A display whose file says nothing of hum and noise: not judged; with what `noise` told of it put in: judged."""
+    made, path = str(tmp_path / "c.json"), tmp_path / "d.toml"
+    silent = DISPLAY.split("[environment]")[0] + "[environment]\nfriction_v = 0.0\n[[channel]]"
+    text = silent + DISPLAY.split("[[channel]]")[1]
+    path.write_text(text.format(structure="paper", plant=MOTOR))
+    assert main(["design", str(path), "--out", made, "--json"]) == 0
+    assert main(["check", made, "--json"]) == 0
+    assert main(["noise", "--controller", made, "--gains", "", "--json"]) == 0
+    *_, before, heard = (json.loads(line) for line in capsys.readouterr().out.splitlines())
+    assert before["objectives"]["ii"]["outcome"] == before["objectives"]["iii"]["outcome"] == "not judged"
+    sensor = heard["runs"][-1]["channels"][0]["sensor"]
+    keys = "".join(f"{key} = {value}\n" for key, value in sensor.items())
+    path.write_text(path.read_text().replace("friction_v", keys + "friction_v"))
+    assert main(["check", made, "--display", str(path), "--json"]) == 0
+    after = json.loads(capsys.readouterr().out)
+    assert after["objectives"]["ii"]["outcome"] == after["objectives"]["iii"]["outcome"] == "met"
+    assert after["assumptions"] == []

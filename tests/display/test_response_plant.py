@@ -8,6 +8,7 @@ from tactuator.display.response_plant import plant_of_response
 from tactuator.errors import BadInput
 from tactuator.signals.decibels import db
 from tactuator.signals.frequency_response import FrequencyResponse
+from tactuator.synthesis.family import sampled_plant
 from tests.display.beams import Beam
 
 BAND = np.geomspace(8.0, 300.0, 3000)
@@ -31,6 +32,14 @@ def test_plant_of_response__beam__followed_between_the_points(beam: Beam) -> Non
     assert found.system.is_stable
     assert np.max(np.abs(error_db(beam, given))) < 0.2
     assert found.valid_hz == pytest.approx((7.9, 305.0))
+
+
+def test_plant_of_response__notch_at_the_end__not_filled_by_images() -> None:
+    """What lies beyond the points is a guess, and must not fold back into a deep notch through the sampling."""
+    beam = Beam(67.0, 0.147, 519.0, 0.2)
+    plant = plant_of_response(measured(beam, 80, 0.1)).system
+    held = np.abs(plant.response(BAND) * np.sinc(BAND / 8000.0))
+    assert np.max(np.abs(db(np.abs(sampled_plant(plant, 8000.0, 1).response(BAND)) / held))) < 0.1
 
 
 def test_plant_of_response__noise_of_a_tenth_db__no_more_poles_than_it_bears() -> None:

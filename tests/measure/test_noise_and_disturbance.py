@@ -7,6 +7,7 @@ from tactuator.errors import BadInput
 from tactuator.measure.disturbance import disturbance
 from tactuator.measure.noise import felt_noise, felt_of_command
 from tactuator.measure.proportional import proportional_controller
+from tactuator.measure.sensor_noise import sensor_noise
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.lockin import lock_in
 from tactuator.signals.spectra import power_spectrum
@@ -34,6 +35,25 @@ def test_felt_noise__lines__as_the_finger_feels_them(probed) -> None:
             np.abs(lock_in(felt, [60.0, 120.0, 180.0], RATE_HZ)) / curve.displacement_mm([60.0, 120.0, 180.0])
         )
         np.testing.assert_allclose(said.line_db_sl[:3], truth, atol=0.5)
+
+
+def test_felt_noise__sensor__what_the_simulated_display_has(probed) -> None:
+    """Told apart from the motion at every gain, though the loop moves the sensor at 60 Hz by more than its hum."""
+    stated = display().channels[0].environment
+    for said, _ in probed.values():
+        assert said.sensor.hum_hz.tolist() == list(stated.hum_hz)
+        np.testing.assert_allclose(said.sensor.hum_v_peak, stated.hum_v_peak, rtol=0.1)
+        assert said.sensor.noise_v_rms == pytest.approx(stated.noise_v_rms, rel=0.1)
+
+
+def test_sensor_noise__no_mains__no_lines_and_the_noise() -> None:
+    rng = np.random.default_rng(1)
+    channel = display().channels[0]
+    reading = 1e-3 * rng.standard_normal(40_000)
+    found = sensor_noise(reading, np.zeros(40_000), RATE_HZ, channel, PLANT, None)
+    assert found.hum_hz.size == 0
+    assert found.noise_v_rms == pytest.approx(1e-3, rel=0.05)
+    assert sensor_noise(reading, np.zeros(40_000), RATE_HZ, channel, PLANT).hum_hz.size == 0
 
 
 def test_felt_noise__rising_gain__resonance_rises_in_level_and_frequency(probed) -> None:

@@ -2,17 +2,22 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tactuator.display.requirements import Objectives
+from tactuator.measure.noise import noise_verdict
+from tactuator.paper.objectives import judge_objectives
 from tactuator.paper.plan import LEVELS_DB_SL, MAINS_HZ, RESPONSE_HZ, THRESHOLD_HZ
 from tactuator.paper.publication.comparison import comparison
 from tactuator.paper.publication.summary import summary
 from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint, worst_error_db
 from tactuator.paper.run import PaperStudy
 from tactuator.paper.thresholds import bias_and_spread_db
+from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, RESONANCE
 from tests.paper.conftest import Reproduced
 
 CHANNELS = ("index", "thumb", "middle")
@@ -127,7 +132,28 @@ def test_speech__shipped_sample__is_felt_as_asked(study: PaperStudy) -> None:
 
 
 def test_objectives__paper_display__are_met(study: PaperStudy) -> None:
-    assert [(one.number, one.met) for one in study.objectives] == [(n, True) for n in ("i", "ii", "iii", "iv")]
+    assert [(one.number, one.outcome.value) for one in study.verdict.objectives] == [
+        (number, "met") for number in ("i", "ii", "iii", "iv")
+    ]
+    assert {one.channel for objective in study.verdict.objectives for one in objective.findings} == set(CHANNELS)
+
+
+def test_objectives__what_check_and_noise_say__is_told_in_the_same_findings(study: PaperStudy) -> None:
+    """One verdict: hum and noise are the findings of `noise`, max|T| that of `check`, in the same words."""
+    told = {one.quantity for objective in study.verdict.objectives for one in objective.findings}
+    assert told == {"error of |H|", FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|"}
+    heard = noise_verdict(study.noise.designed, study.plan.display)
+    own = {one.number: one.findings for one in study.verdict.objectives}
+    for objective in heard.objectives:
+        assert set(objective.findings) <= set(own[objective.number])
+
+
+def test_objectives__tighter_tolerances__not_met(study: PaperStudy) -> None:
+    strict = replace(
+        study.plan.display, objectives=Objectives(flatness_db=0.01, load_max_db=0.01, noise_max_db_sl=-90.0)
+    )
+    verdict = judge_objectives(replace(study.plan, display=strict), study.controller, study.responses, study.noise)
+    assert [one.number for one in verdict.objectives if one.outcome.value == "not met"] == ["i", "iii", "iv"]
 
 
 def test_summary__keys__are_those_promised(study: PaperStudy) -> None:
@@ -152,7 +178,7 @@ def test_summary__keys__are_those_promised(study: PaperStudy) -> None:
     assert tuple(made["response"][0]) == keys
     assert {"frequency_hz", "level_db_re_1um", "se_db", "true_db", "trials"} <= set(made["thresholds"]["S1"][0])
     assert {"file", "duration_s", "felt_error_db_rms", "peak_db_sl"} <= set(made["speech"])
-    assert all("met" in objective for objective in made["objectives"].values())
+    assert all(objective["outcome"] == "met" for objective in made["objectives"].values())
 
 
 def test_publish__folder__holds_every_figure_with_its_table(reproduced: Reproduced) -> None:

@@ -1,18 +1,23 @@
 """Charts of a design: everything is in them, inside the frame, and no label covers another."""
 
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from tactuator.errors import BadInput
 from tactuator.loop.feedback import FeedbackLoop
 from tactuator.report.plate import Plate
 from tactuator.report.plates.controller.design import design_plates, save_design_plates
+from tactuator.report.plates.controller.envelope import hull
 from tactuator.report.plates.controller.nichols import NicholsInput, nichols_plate
 from tactuator.signals.discretise import bilinear
+from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis.family import plant_family
 from tests.synthesis.displays import channel, paper_controller, three_finger_controller
@@ -70,6 +75,40 @@ def test_nichols__caption__says_which_contours_are_touched() -> None:
     caption = paper_chart().caption
     assert "|T| = 0.79 dB" in caption
     assert "|S| = 2.95 dB" in caption
+
+
+def many_models() -> dict[str, Plate]:
+    """The charts of a channel of eight models beside the nominal one, without and under a load: eighteen plants."""
+    made = three_finger_controller()
+    rng = np.random.default_rng(0)
+    factors = rng.normal(1.0, 0.1, (8, 3))
+    models = tuple(ContinuousSystem.from_polynomials([2875.0 * a], [1.0, 94.0 * b, 290.0 * c]) for a, b, c in factors)
+    channels = (replace(made.display.channels[0], family=models), *made.display.channels[1:])
+    shown = replace(made, display=replace(made.display, channels=channels))
+    return {plate.name.split("-")[0]: plate for plate in design_plates(shown, "index")}
+
+
+def test_plates__eighteen_plants__a_legend_of_few_lines_and_an_envelope() -> None:
+    plates = many_models()
+    for kind in ("nichols", "sensitivity", "headroom"):
+        texts = [one.get_text() for one in plates[kind].figure.axes[0].get_legend().get_texts()]
+        assert len(texts) <= 6, texts
+        assert not any("model" in text for text in texts)
+    assert "all 18 plants" in plates["nichols"].caption
+    table = {name: np.array(column) for name, column in plates["sensitivity"].table.items()}
+    assert np.all(table["S finger least dB"] <= table["S finger dB"])
+    assert np.all(table["S finger greatest dB"] >= table["S finger dB"])
+    assert np.max(table["S finger greatest dB"] - table["S finger least dB"]) > 1.0
+    assert set(plates["headroom"].table["load"]) == {"none", "finger"}
+
+
+@given(st.lists(st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0)), min_size=3, max_size=30))
+def test_hull__any_points__holds_them_all_and_turns_one_way(points: list[tuple[float, float]]) -> None:
+    corners = hull(np.array(points))
+    following = np.roll(corners, -1, axis=0)
+    edges = following - corners
+    away = np.array(points)[:, None] - corners
+    assert np.all(edges[:, 0] * away[..., 1] - edges[:, 1] * away[..., 0] >= -1e-6)
 
 
 def test_equality__felt_level__flat() -> None:

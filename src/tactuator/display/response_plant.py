@@ -22,7 +22,8 @@ ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 14, 16)
 _CLOSE_DB, _DEVIATIONS = 0.1, 3.0
 _RATE_OVER_TOP = 400.0
 """The sampled fit's rate over the last frequency: so high that the bilinear transform bends nothing."""
-_FALLS_AT = 4.0
+_FALLS_AT, _FALL_POLES = 4.0, 4
+"""Beyond the last point nothing is known: so steep a fall that no image of the converter's adds to a notch."""
 _BETWEEN_DB = 1.0
 _TURNS = 4
 _WITHIN = (1.0, 1.5, 2.5, 5.0, 10.0, 25.0)
@@ -92,7 +93,7 @@ def _followed(
     """
     top = float(frequency_hz[-1])
     corner = 2.0 * np.pi * _FALLS_AT * top
-    fall = ContinuousSystem(np.empty(0), np.array([-corner, -corner]), corner**2)
+    fall = ContinuousSystem(np.empty(0), np.full(_FALL_POLES, -corner), corner**_FALL_POLES)
     level = level_db - db(np.abs(fall.response(frequency_hz)))
     between = np.sqrt(frequency_hz[1:] * frequency_hz[:-1])
     places = np.append(frequency_hz, between)

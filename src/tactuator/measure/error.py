@@ -1,4 +1,4 @@
-"""The measured level against the level that was asked: the error in dB, and objective i judged by it."""
+"""The measured level against what was asked and what the model expects, in dB, and objective i judged by it."""
 
 from __future__ import annotations
 
@@ -8,16 +8,37 @@ from dataclasses import replace
 import numpy as np
 
 from tactuator.arrays import FloatArray
+from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.display.verdict import Finding, Outcome, Verdict, compared, verdict_of
+from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.signals.decibels import db
 from tactuator.signals.response import Response
+from tactuator.synthesis.family import sampled_plant
 
 
 def error_db(response: Response, display: Display) -> FloatArray:
     """Return the sensation level measured less the level asked, dB, (m,)."""
     threshold_v = display.channel(response.channel).threshold_voltage(response.frequency_hz)
     return db(response.magnitude_v / (response.reference * threshold_v))
+
+
+def expected_v(response: Response, controller: Controller) -> FloatArray:
+    """Return the peak volts at the sensor that the controller's own model expects of each point, (m,): the shipped
+    sections on the nominal plant under the response's load.
+    """
+    display = controller.display
+    channel, own = display.channel(response.channel), controller.channel(response.channel)
+    load = None if response.load == "none" else channel.load(response.load)
+    plant = sampled_plant(channel.loaded_plant(load), display.rate_hz, display.delay_samples)
+    loop = TwoDegreeLoop(own.prefilter(display.rate_hz), own.feedback(display.rate_hz), plant)
+    return np.asarray(response.reference * np.abs(loop.position_response(response.frequency_hz)))
+
+
+def expected_level_db_sl(response: Response, controller: Controller) -> FloatArray:
+    """Return the sensation level that the controller's own model expects of each point, dB SL, (m,)."""
+    threshold_v = controller.display.channel(response.channel).threshold_voltage(response.frequency_hz)
+    return db(expected_v(response, controller) / threshold_v)
 
 
 def response_verdict(responses: Sequence[Response], display: Display) -> Verdict:

@@ -8,7 +8,7 @@ is felt. The command is (design.md, facts): what it does to the fingertip is the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from tactuator.display.description import Channel, Display
 from tactuator.display.load import DERIVATIVES
 from tactuator.display.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.errors import BadInput
+from tactuator.measure.sensor_noise import SensorNoise, sensor_noise
 from tactuator.rig.rig import Rig
 from tactuator.signals.bands import third_octave_bands
 from tactuator.signals.decibels import db
@@ -35,7 +36,7 @@ class FeltNoise:
     line_hz (k,), line_db_sl: mains and its multiples. band_hz (b,), band_db_sl: third octaves, lines left out; the
     level of a band is that of a sinusoid at its centre with the same power. resonance_hz, resonance_db_sl: the loop's
     resonance, None where the felt spectrum has no peak. resonance_gain_db: that peak over the felt density below it.
-    saturated: a converter or limit was reached.
+    saturated: a converter or limit was reached. sensor: hum and noise of the sensor by itself, None: not told apart.
     """
 
     channel: str
@@ -48,6 +49,7 @@ class FeltNoise:
     resonance_db_sl: float | None
     resonance_gain_db: float | None
     saturated: bool
+    sensor: SensorNoise | None = None
 
     @property
     def worst_line_db_sl(self) -> float:
@@ -92,7 +94,10 @@ def felt_noise(
         column = trace.channel(name)
         saturated = bool(np.any(trace.saturated[start:, column]))
         command = trace.command_v[start:, column]
-        heard.append(felt_of_command(command, rig.rate_hz, channel, plant, load or "none", mains_hz, saturated))
+        felt = felt_of_command(command, rig.rate_hz, channel, plant, load or "none", mains_hz, saturated)
+        position = trace.position_v[start:, column]
+        own = sensor_noise(position, command, rig.rate_hz, channel, plant, mains_hz)
+        heard.append(replace(felt, sensor=own))
     return tuple(heard)
 
 

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactuator.display.controller import Controller
+from tactuator.display.verdict import Verdict
 from tactuator.identification.calibration import Calibration
 from tactuator.paper.calibration import calibrate
 from tactuator.paper.controllers import paper_controller, reshaped_controller
 from tactuator.paper.loops import PaperLoop, paper_loop
 from tactuator.paper.motor import IdentifiedMotor, OpenLoopResponse, identify_motors, measure_motors, record_motors
 from tactuator.paper.noise import NoiseProbe, probe_noise
-from tactuator.paper.objectives import Objective, judge_objectives
+from tactuator.paper.objectives import judge_objectives
 from tactuator.paper.plan import Plan, Progress
 from tactuator.paper.prefilters import Prefilters, judge_prefilters
 from tactuator.paper.resolution import bits_needed
@@ -62,7 +63,7 @@ class PaperStudy:
     curve: ThresholdCurve
     reshaped: Reshaped
     spoken: Spoken
-    objectives: tuple[Objective, ...]
+    verdict: Verdict
 
 
 def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> PaperStudy:
@@ -86,7 +87,7 @@ def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> PaperStudy:
     detected = measure_thresholds(plan, controller, progress)
     reshaped = _reshape(plan, detected.curve, progress)
     spoken = speak(plan, controller, file, progress)
-    objectives = judge_objectives(plan, controller, responses, noise)
+    verdict = judge_objectives(plan, controller, responses, noise)
     return PaperStudy(
         plan,
         calibration,
@@ -104,7 +105,7 @@ def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> PaperStudy:
         detected.curve,
         reshaped,
         spoken,
-        objectives,
+        verdict,
     )
 
 

@@ -25,7 +25,7 @@ from tactuator.synthesis.felt import felt_db_sl, felt_hum_v, felt_noise_rms_v
 
 _POINTS = 600
 _DB, _DB_SL = "dB", "dB SL"
-FELT_HUM, FELT_NOISE = "felt hum", "felt noise"
+FELT_HUM, FELT_NOISE, RESONANCE = "felt hum", "felt noise", "max|T|"
 NO_LOOP = "no loop carries what the sensor hears to the finger; the amplifier's own was not measured"
 
 
@@ -121,7 +121,7 @@ class _Judge:
             crossover_hz = margins(self.loop.feedback).crossover_hz
             if not (np.isnan(crossover_hz) or _is_known(self.channel, crossover_hz)):
                 words = f"the crossover is at {crossover_hz:.4g} Hz; {_known_words(self.channel)}"
-                yield self.open("iii", "max|T|", words)
+                yield self.open("iii", RESONANCE, words)
 
     def mains(self) -> Iterator[Finding]:
         """Judge objective ii, line by line."""
@@ -184,7 +184,7 @@ class _Judge:
                 "iii",
                 self.channel.name,
                 self.member.name,
-                "max|T|",
+                RESONANCE,
                 peak_t.value,
                 allowed.resonance_peak,
                 "",

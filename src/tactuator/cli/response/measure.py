@@ -16,10 +16,9 @@ from tactuator.cli.answer import answer, progress, working, written
 from tactuator.cli.chosen import ask_for_load, chosen_controller
 from tactuator.cli.controller.check import verdict_table
 from tactuator.display.controller import Controller
-from tactuator.display.description import Display
 from tactuator.errors import BadInput
 from tactuator.files.response import write_responses
-from tactuator.measure.error import error_db, response_verdict
+from tactuator.measure.error import error_db, expected_level_db_sl, response_verdict
 from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.rig.open import open_rig
@@ -46,6 +45,7 @@ def run(
     longest_s: float,
     mains_hz: float,
     out: Path | None,
+    figures: Path | None,
     rig: str,
     seed: int,
     as_json: bool,
@@ -77,14 +77,18 @@ def run(
                 responses = multisine_response(opened, wanted, level_db_sl, rng, exactly=exactly, **asked)
     if out is not None:
         write_responses(out, responses)
-    _report(responses, made.display, out, as_json)
+    if figures is not None:
+        from tactuator.report.plates.device.response import save_measured  # matplotlib takes a second
+
+        save_measured(responses, made, figures)
+    _report(responses, made, out, as_json)
 
 
-def _report(responses: tuple[Response, ...], display: Display, out: Path | None, as_json: bool) -> None:
+def _report(responses: tuple[Response, ...], made: Controller, out: Path | None, as_json: bool) -> None:
     """Print the responses with their verdict; exit with status 1 where the confidence was not reached everywhere."""
-    verdict = response_verdict(responses, display)
-    shown = Group(_table(responses, display), verdict_table(verdict), *written(out))
-    answer(document(responses, display) | verdict.document(), as_json, shown)
+    verdict = response_verdict(responses, made.display)
+    shown = Group(_table(responses, made), verdict_table(verdict), *written(out))
+    answer(document(responses, made) | verdict.document(), as_json, shown)
     if not all(bool(np.all(one.reached)) for one in responses):
         sys.stderr.write("tactuator: the confidence was not reached everywhere in the time allowed\n")
         raise typer.Exit(1)
@@ -122,7 +126,7 @@ def frequencies(text: str) -> Frequencies:
         raise BadInput(f"frequencies {text!r}; allowed: numbers of hertz with commas between") from None
 
 
-def document(responses: Sequence[Response], display: Display) -> dict[str, Any]:
+def document(responses: Sequence[Response], made: Controller) -> dict[str, Any]:
     """Return the answer that `--json` prints."""
     return {
         "responses": [
@@ -133,8 +137,9 @@ def document(responses: Sequence[Response], display: Display) -> dict[str, Any]:
                 "method": one.method,
                 "controller_hash": one.controller_hash,
                 "frequency_hz": one.frequency_hz,
-                "sensation_level_db": one.level_db_sl + error_db(one, display),
-                "error_db": error_db(one, display),
+                "sensation_level_db": one.level_db_sl + error_db(one, made.display),
+                "error_db": error_db(one, made.display),
+                "expected_level_db_sl": expected_level_db_sl(one, made),
                 "magnitude_v": one.magnitude_v,
                 "magnitude_db": one.magnitude_db,
                 "phase_rad": one.phase_rad,
@@ -151,20 +156,22 @@ def document(responses: Sequence[Response], display: Display) -> dict[str, Any]:
     }
 
 
-def _table(responses: Sequence[Response], display: Display) -> Table:
+def _table(responses: Sequence[Response], made: Controller) -> Table:
     table = Table(
-        "channel", "Hz", "dB SL", "error dB", "±dB", "phase °", "latency ms", "distortion dB", "limited",
-        caption="against the level asked, the worst first",
+        "channel", "Hz", "dB SL", "expected", "error dB", "±dB", "phase °", "latency ms", "distortion dB", "limited",
+        caption="error against what the controller's model expects, the worst first",
     )  # fmt: skip
     for one in responses:
-        error = error_db(one, display)
-        for k in np.argsort(-np.abs(error), kind="stable"):
+        level = one.level_db_sl + error_db(one, made.display)
+        expected = expected_level_db_sl(one, made)
+        for k in np.argsort(-np.abs(level - expected), kind="stable"):
             ratio = one.distortion_v[k] / one.magnitude_v[k] if one.magnitude_v[k] > 0.0 else np.inf
             table.add_row(
                 one.channel,
                 f"{one.frequency_hz[k]:.4g}",
-                f"{one.level_db_sl + error[k]:.2f}",
-                f"{error[k]:+.2f}",
+                f"{level[k]:.2f}",
+                f"{expected[k]:.2f}",
+                f"{level[k] - expected[k]:+.2f}",
                 f"{one.confidence_db[k]:.2f}",
                 f"{np.degrees(one.phase_rad[k]):.1f}",
                 f"{1e3 * one.latency_s[k]:.2f}",

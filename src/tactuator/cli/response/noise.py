@@ -61,7 +61,12 @@ def run(
             **verdict.document(),
         },
         as_json,
-        Group(_table(runs), *(f"not played: {name}: {why}" for name, why in left_out.items()), verdict_table(verdict)),
+        Group(
+            _table(runs),
+            *(f"not played: {name}: {why}" for name, why in left_out.items()),
+            *(f"measured, {one.channel}: {one.sensor.environment()}" for one in runs[-1][1] if one.sensor is not None),
+            verdict_table(verdict),
+        ),
     )
     if verdict.outcome is Outcome.NOT_MET:
         raise typer.Exit(1)
@@ -86,6 +91,7 @@ def _probes(made: Controller, gains: Iterable[float], load: str) -> tuple[list[t
 def document(felt: FeltNoise) -> dict[str, Any]:
     """Return one channel under one controller, as `--json` prints it."""
     return vars(felt) | {
+        "sensor": None if felt.sensor is None else vars(felt.sensor),
         "worst_line_db_sl": felt.worst_line_db_sl,
         "worst_noise_db_sl": felt.worst_noise_db_sl,
     }

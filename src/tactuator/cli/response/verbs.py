@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from tactuator.cli.deferred import Verbs, does
-from tactuator.cli.options import AsJson, ControllerOption, DisplayOption, RigOption, Seed
+from tactuator.cli.options import AsJson, ControllerOption, DisplayOption, FiguresOption, RigOption, Seed
 
 
 @does("response.noise:run", reads=["display", "controller"])
@@ -45,6 +45,7 @@ def measure(
     longest_s: Annotated[float, typer.Option("--longest-s", help="Seconds per point at most.")] = 30.0,
     mains_hz: Annotated[float, typer.Option("--mains-hz", help="Mains frequency; 0 for none.")] = 60.0,
     out: Annotated[Path | None, typer.Option("--out", help="Response to write (.h5 or .csv).")] = None,
+    figures: FiguresOption = None,
     rig: RigOption = "simulated",
     seed: Seed = 0,
     as_json: AsJson = False,

@@ -78,8 +78,8 @@ def _response_rows(study: PaperStudy) -> list[Row]:
     smooth = max(abs(one.error_db) for one in study.without_friction if one.frequency_hz <= 50.0)
     here = f"down to {low:.2f} dB below 50 Hz: friction (without it within {smooth:.2f} dB)"
     rows.append(Row("response at 0 dB SL, unloaded", "deviations at a few frequencies", here))
-    for objective in study.objectives:
-        rows.append(Row(f"objective {objective.number}", "asked", "met" if objective.met else "not met"))
+    for objective in study.verdict.objectives:
+        rows.append(Row(f"objective {objective.number}", "asked", objective.outcome.value))
     return rows
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tactuator import __version__
-from tactuator.paper.objectives import Figures
+from tactuator.display.verdict import Finding, Objective
 from tactuator.paper.publication.comparison import comparison
 from tactuator.paper.response import LOADED, UNLOADED, worst_error_db
 from tactuator.paper.run import PaperStudy
@@ -37,7 +37,10 @@ def report_page(study: PaperStudy, plates: Sequence[Plate]) -> str:
 
 
 def _objectives(study: PaperStudy) -> Section:
-    rows = [(one.number, _met(one.met), one.asks, _worded(one.figures)) for one in study.objectives]
+    rows = [
+        (objective.number, objective.outcome.value, objective.words, "; ".join(map(_worded, _worst(objective))))
+        for objective in study.verdict.objectives
+    ]
     compared = [(row.what, row.paper, row.here) for row in comparison(study)]
     return Section(
         "The four objectives, and paper against here",
@@ -150,25 +153,21 @@ def _some(plates: dict[str, Plate], *names: str) -> tuple[Plate, ...]:
     return tuple(plates[name] for name in names)
 
 
-_WORDS = {
-    "max_error_db": "largest error {} dB",
-    "at_hz": "at {} Hz",
-    "channel": "{}",
-    "worst_line_db_sl": "strongest line {} dB SL",
-    "line_hz": "at {} Hz",
-    "worst_band_db_sl": "strongest third octave {} dB SL",
-    "band_hz": "at {} Hz",
-    "complementary_peak": "max|T| {}",
-    "max_difference_db": "largest difference {} dB",
-    "worst_difference_db": "over the whole band {} dB",
-    "worst_hz": "at {} Hz",
-}
+def _worst(objective: Objective) -> list[Finding]:
+    """Return for each quantity that was judged the finding that comes nearest to its limit, or passes it by most."""
+    found: dict[str, Finding] = {}
+    for one in objective.worst():
+        known = found.get(one.quantity)
+        if known is None or one.excess > known.excess:
+            found[one.quantity] = one
+    return list(found.values())
 
 
-def _worded(figures: Figures) -> str:
-    """Return the figures of an objective as a person reads them."""
-    return ", ".join(_WORDS[key].format(v if isinstance(v, str) else f"{v:.3g}") for key, v in figures.items())
-
-
-def _met(met: bool) -> str:
-    return "met" if met else "not met"
+def _worded(one: Finding) -> str:
+    """Return a finding as a person reads it: what was found where, and what is allowed."""
+    if one.value is None:
+        return f"{one.quantity}: {one.outcome}, {one.remark}"
+    unit = f" {one.unit}" if one.unit else ""
+    at = "" if one.frequency_hz is None else f" at {one.frequency_hz:.3g} Hz"
+    told = f"; {one.remark}" if one.remark else ""
+    return f"{one.quantity} {one.value:.3g}{unit}{at}, {one.channel} (allowed {one.allowed:g}{unit}){told}"

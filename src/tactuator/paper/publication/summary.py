@@ -38,7 +38,7 @@ def summary(study: PaperStudy) -> dict[str, Any]:
         "noise": _noise(study),
         "response": [asdict(point) for point in study.responses],
         "friction": {"response_without_friction": [asdict(point) for point in study.without_friction]},
-        "objectives": {one.number: {"met": one.met, "asks": one.asks, **one.figures} for one in study.objectives},
+        "objectives": study.verdict.document()["objectives"],
         "thresholds": _thresholds(study),
         "curve": {
             "frequency_hz": study.curve.frequency_hz.tolist(),

@@ -23,6 +23,8 @@ STEEP_DB = 60.0
 _WIDEST_DB = 16.0
 _PRECISION = 0.01
 _LEAST_DB = 1e-3
+_ALLOWED_MORE = (1.01, 1.0, 1.05, 1.2, 2.0, 4.0)
+"""Factors of the least error: one rule of pivoting may miss, by rounding, what another found possible."""
 _QUICK = {"simplex_dual_edge_weight_strategy": "devex"}
 _TYPICAL_DB = 12.0
 """The least error times the square of the order, for threshold curves: where the search for it begins."""
@@ -158,9 +160,11 @@ class Program:
             middle = float(np.sqrt(low * high))
             low, high = (low, middle) if self._is_possible(middle) else (middle, high)
         self._lower_bound_db, self._guess_db = low, high
-        found = self._solve(1.01 * high + 0.002) or self._solve(high)
-        assert found is not None
-        return found
+        for times in _ALLOWED_MORE:
+            found = self._solve(times * high + 0.002)
+            if found is not None:
+                return found
+        raise BadInput(f"no filter of {self.order} poles was found; allowed: another number of poles")
 
     def _bracket(self) -> tuple[float, float]:
         """Return an error that is impossible, or next to zero, and one that is possible, dB."""

@@ -10,7 +10,7 @@ from tactuator.display.controller import Controller
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.report.plate import Plate, save_plates
 from tactuator.report.plates.controller.bode import bode_plate
-from tactuator.report.plates.controller.headroom import headroom_plate
+from tactuator.report.plates.controller.headroom import headroom_plate, lowest
 from tactuator.report.plates.controller.nichols import NicholsInput, nichols_plate
 from tactuator.report.plates.controller.sensitivity import sensitivity_plate
 from tactuator.report.plates.felt.equality import equality_plate
@@ -45,8 +45,8 @@ def design_plates(controller: Controller, channel_name: str) -> tuple[Plate, ...
         plates.append(bode_plate(open_systems, wide, f"bode-{channel_name}", f"Bode diagram, {channel_name}"))
     grid = headroom_grid_hz(channel)
     comfort = display.objectives.comfort_db_sl
-    rooms = {name: headroom(channel, loop, grid, comfort) for name, loop in loops.items()}
-    plates.append(headroom_plate(rooms, f"headroom-{channel_name}", f"Headroom, {channel_name}"))
+    rooms = {one.name: headroom(channel, loops[one.name], grid, comfort) for one in family}
+    plates.append(headroom_plate(lowest(rooms), f"headroom-{channel_name}", f"Headroom, {channel_name}"))
     fine = np.geomspace(low, high, 400)
     response = loops[UNLOADED].position_response(fine)
     title = f"Response + sensitivity = constant, {channel_name}"

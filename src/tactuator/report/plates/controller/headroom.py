@@ -7,10 +7,22 @@ from collections.abc import Mapping
 import numpy as np
 
 from tactuator.report.plate import Plate
+from tactuator.report.plates.controller.envelope import by_load
 from tactuator.report.style import BLUE, GREEN, INK, RED, figure, frequency_axis, legend
 from tactuator.synthesis.headroom import Headroom
 
 _COLOURS = {"comfort": GREEN, "command": RED, "travel": BLUE}
+
+
+def lowest(rooms: Mapping[str, Headroom]) -> dict[str, Headroom]:
+    """Return for each load the lowest headroom of all its models, frequency by frequency."""
+    found = {}
+    for load, names in by_load(list(rooms)).items():
+        levels = np.array([rooms[name].level_db_sl for name in names])
+        which, columns = np.argmin(levels, axis=0), range(levels.shape[1])
+        binding = tuple(rooms[names[row]].binding[column] for row, column in zip(which, columns, strict=True))
+        found[load] = Headroom(rooms[names[0]].frequency_hz, levels.min(axis=0), binding)
+    return found
 
 
 def headroom_plate(rooms: Mapping[str, Headroom], name: str = "headroom", title: str = "Headroom") -> Plate:

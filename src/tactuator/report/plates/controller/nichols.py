@@ -16,6 +16,7 @@ from tactuator.loop.margins import Margins, margins
 from tactuator.loop.stability import System
 from tactuator.report.labels import LabelPlacer
 from tactuator.report.plate import Plate
+from tactuator.report.plates.controller.envelope import hull, swept
 from tactuator.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, figure
 from tactuator.signals.decibels import db
 
@@ -24,6 +25,7 @@ _PHASE_LEVELS_DEG = (-5.0, -15.0, -30.0, -60.0, -90.0, -120.0, -150.0, -210.0, -
 _MARKS_HZ = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 _GRID = "#c4cad0"
 _GRID_INK = "#76818c"
+_FAMILY = "#ece4f3"
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class NicholsInput:
     """Curves and limits that a Nichols chart shows.
 
     sampled: the loop as it runs, whose margins are marked. plant: P alone, and continuous: the loop in continuous
-    time, if wanted. family: the same controller on every other plant, shown as templates at the marked frequencies.
+    time, if wanted. family: the same controller on every other plant, shown as the envelope of them all.
     band_hz: from where to where the curves are drawn.
     """
 
@@ -51,12 +53,13 @@ def nichols_plate(shown: NicholsInput, name: str = "nichols", title: str = "Nich
     others = _other_tracks(shown, frequency)
     made, axes = figure(height_in=5.4)
     axes.grid(False)
-    _frame(axes, [run, *(track for track, _ in others)])
+    family = [_Track(frequency, loop.open_response(frequency)) for loop in shown.family]
+    _frame(axes, [run, *family, *(track for track, _ in others)])
     _grid(axes)
     _touched_contours(axes, found)
     for track, style in others:
         axes.plot(track.phase_deg, track.level_db, **style)
-    clouds = _templates(axes, shown, run)
+    clouds = _templates(axes, family, run)
     axes.plot(run.phase_deg, run.level_db, color=BLUE, linewidth=2.0, label="C P, sampled, as it runs", zorder=4)
     _legend(axes)
     lines = [run.line, *(track.line for track, _ in others), *clouds]
@@ -72,7 +75,10 @@ def nichols_plate(shown: NicholsInput, name: str = "nichols", title: str = "Nich
         f"|S| = {db(found.sensitivity_peak):.2f} dB (at {found.sensitivity.frequency_hz:.1f} Hz)."
     )
     if shown.family:
-        caption += " Templates: the same controller on every plant of the family, at the marked frequencies."
+        caption += (
+            f" Shaded: the same controller on all {len(shown.family) + 1} plants of the family; at the marked "
+            "frequencies their convex hulls, the templates."
+        )
     table = {"frequency_hz": frequency.tolist(), "phase_deg": run.phase_deg.tolist(), "gain_db": run.level_db.tolist()}
     for track, style in others:
         if "label" in style:
@@ -108,11 +114,9 @@ class _Track:
 
 def _other_tracks(shown: NicholsInput, frequency: FloatArray) -> list[tuple[_Track, dict[str, Any]]]:
     found: list[tuple[_Track, dict[str, Any]]] = []
-    for loop in shown.family:
-        style = {"color": PURPLE, "linewidth": 0.8, "alpha": 0.7, "zorder": 2}
+    for loop in shown.family[:1] if len(shown.family) == 1 else ():
+        style = {"color": PURPLE, "linewidth": 0.8, "alpha": 0.7, "zorder": 2, "label": "C P, under load"}
         found.append((_Track(frequency, loop.open_response(frequency)), style))
-    if found:
-        found[0][1]["label"] = "C P, under load"
     if shown.plant is not None:
         style = {"color": GREEN, "linestyle": "-.", "linewidth": 1.4, "label": "P alone", "zorder": 3}
         found.append((_Track(frequency, shown.plant.response(frequency)), style))
@@ -175,18 +179,19 @@ def _touched_contours(axes: Axes, found: Margins) -> None:
     )
 
 
-def _templates(axes: Axes, shown: NicholsInput, run: _Track) -> list[FloatArray]:
-    """Draw lines at each marked frequency that join the family's points to the nominal one; return their points."""
-    lines = []
+def _templates(axes: Axes, family: Sequence[_Track], run: _Track) -> list[FloatArray]:
+    """Draw the shade that the family covers, and its convex hull at each marked frequency; return the corners."""
+    if not family:
+        return []
+    for polygon in swept([run.line, *(track.line for track in family)]):
+        axes.fill(*polygon.T, facecolor=_FAMILY, edgecolor=_FAMILY, linewidth=0.4, zorder=0.5)
+    axes.fill([], [], facecolor=_FAMILY, label=f"C P, family of {len(family) + 1}")
+    outlines = []
     for mark in (f for f in _MARKS_HZ if run.frequency_hz[0] <= f <= run.frequency_hz[-1]):
-        points = [run.at(mark)]
-        for loop in shown.family:
-            points.append(_Track(run.frequency_hz, loop.open_response(run.frequency_hz)).at(mark))
-        if len(points) > 1:
-            outline = np.array([*points, points[0]]).T
-            axes.fill(outline[0], outline[1], facecolor=PURPLE, alpha=0.25, edgecolor=PURPLE, linewidth=0.8, zorder=2)
-            lines.append(outline)
-    return lines
+        corners = hull(np.array([run.at(mark), *(track.at(mark) for track in family)]))
+        axes.fill(*corners.T, facecolor=PURPLE, alpha=0.3, edgecolor=PURPLE, linewidth=0.9, zorder=2)
+        outlines.append(corners.T)
+    return outlines
 
 
 def _legend(axes: Axes) -> None:

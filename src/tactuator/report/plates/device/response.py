@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,9 +12,12 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.report.plate import Plate
+from tactuator.display.controller import Controller
+from tactuator.measure.error import expected_v
+from tactuator.report.plate import Plate, save_plates
 from tactuator.report.style import BLUE, INK, ORANGE, RED, dress, figure, frequency_axis
 from tactuator.signals.decibels import db
+from tactuator.signals.response import Response
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +38,33 @@ class LevelResponse:
         return db(self.measured_v) - db(self.expected_v)
 
 
-def response_plate(runs: Sequence[LevelResponse], condition: str, name: str) -> Plate:
+def save_measured(responses: Sequence[Response], controller: Controller, folder: Path) -> None:
+    """Write the figure of measured responses (SVG, with its numbers as CSV) into `folder`, whole or not at all.
+
+    Raises BadInput for a folder that holds anything else.
+    """
+    runs = [
+        LevelResponse(
+            one.channel,
+            one.level_db_sl,
+            one.frequency_hz,
+            expected_v(one, controller),
+            one.magnitude_v,
+            one.confidence_db,
+            one.saturated,
+        )
+        for one in responses
+    ]
+    load = responses[0].load
+    words = "without load" if load == "none" else f"under the load {load!r}"
+    save_plates([response_plate(runs, words, "response", f"the nominal plant {words}")], folder)
+
+
+def response_plate(
+    runs: Sequence[LevelResponse], condition: str, name: str, plant: str = "the nominal plant without load"
+) -> Plate:
     """Draw a panel for each channel: sensor output (dB re 1 V) against frequency, below it the error with its
-    confidence.
+    confidence; `plant`: what the expected output was computed from, in words.
     """
     channels = list(dict.fromkeys(run.channel for run in runs))
     made, grid = figure(2, len(channels), 4.8, sharex=True, sharey="row", squeeze=False, height_ratios=(2.4, 1.0))
@@ -52,11 +80,14 @@ def response_plate(runs: Sequence[LevelResponse], condition: str, name: str) -> 
     grid[0, 0].set_ylabel("sensor output (dB re 1 V peak)", fontsize=9)
     grid[1, 0].set_ylabel("error (dB)", fontsize=9)
     _key(grid[0, -1])
-    clean = max(float(np.max(np.abs(run.error_db[~run.saturated]), initial=0.0)) for run in runs if run.level_db_sl > 0)
+    clean = max(
+        (float(np.max(np.abs(run.error_db[~run.saturated]), initial=0.0)) for run in runs if run.level_db_sl > 0),
+        default=float("nan"),
+    )
     quiet = ", 0 dB SL in orange, higher levels in deeper blue" if any(run.level_db_sl == 0.0 for run in runs) else ""
     caption = (
         f"Sensor output at {', '.join(f'{level:g}' for level in sorted({run.level_db_sl for run in runs}))} dB SL, "
-        f"{condition}: measured (circles) and expected from the shipped sections and the nominal plant without load "
+        f"{condition}: measured (circles) and expected from the shipped sections and {plant} "
         f"(lines). Below, the difference with its confidence{quiet}. Largest difference above 0 dB SL, "
         f"saturated points left out: {clean:.2f} dB."
     )
@@ -74,7 +105,7 @@ def _levels(axes: Axes, runs: Sequence[LevelResponse]) -> None:
 
 
 def _errors(axes: Axes, runs: Sequence[LevelResponse]) -> None:
-    shades = np.linspace(0.25, 1.0, len(runs))
+    shades = np.linspace(1.0, 0.25, len(runs))[::-1]
     for shade, run in zip(shades, sorted(runs, key=lambda one: one.level_db_sl), strict=True):
         good = ~run.saturated
         error, ci = run.error_db[good], run.ci_db[good]
