@@ -2,6 +2,7 @@
 
 import json
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from fastapi import FastAPI
 from websockets.sync.client import ClientConnection, connect
 
 from tactuator.web.listener import listener
+from tactuator.web.serving import server_config
 
 
 @dataclass
@@ -58,7 +60,7 @@ class Client:
 
 @contextmanager
 def served(app: FastAPI) -> Iterator[Client]:
-    config = uvicorn.Config(app, log_level="error", timeout_graceful_shutdown=2)
+    config = server_config(app, time.monotonic, timeout_graceful_shutdown=2)
     server, sock = uvicorn.Server(config), listener("127.0.0.1", 0)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)
     thread.start()

@@ -51,7 +51,9 @@ class Server:
 
     def start(self) -> None:
         arguments = ["experiment", "serve", str(self.protocol), "--store", str(self.store), "--port", str(self.port)]
-        arguments += ["--controller", str(self.controller), "--operator-token", "op"]
+        token = self.store.with_name("token.txt")
+        token.write_text("the operator's own".replace(" ", "-"))
+        arguments += ["--controller", str(self.controller), "--operator-token-file", str(token)]
         arguments += ["--speed", "0", "--auto-start", "--no-show", *self.more]
         hears, told = FORKS.Pipe(duplex=False)
         self.process = FORKS.Process(target=_serve, args=(arguments, told), daemon=True)

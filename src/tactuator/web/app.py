@@ -96,6 +96,10 @@ def _pages(app: FastAPI, lab: Lab) -> None:
     async def told(request: Request, error: StarletteHTTPException) -> Response:
         return plain_text(lab.words("page.no_page"), error.status_code)
 
+    @app.exception_handler(Exception)
+    async def failed(request: Request, error: Exception) -> Response:
+        return plain_text(lab.words("page.no_page"), 500)
+
     @app.exception_handler(RequestValidationError)
     async def refused(request: Request, error: RequestValidationError) -> Response:
         return plain_text(lab.words("page.no_page"), 422)

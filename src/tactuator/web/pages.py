@@ -15,7 +15,7 @@ from fastapi.responses import HTMLResponse, PlainTextResponse
 from tactuator.experiment.language.words import Words
 
 _TYPES = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
-_HEADERS = {
+HEADERS = {
     "Content-Security-Policy": "default-src 'self'; connect-src 'self' ws: wss:; frame-ancestors 'none'",
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
@@ -60,7 +60,7 @@ def page(name: str, words: Words, scripts: Sequence[str]) -> Response:
             words=json.dumps(texts, ensure_ascii=False).replace("<", "\\u003c"),
             body=body,
         ),
-        headers=_HEADERS,
+        headers=HEADERS,
     )
 
 
@@ -69,12 +69,12 @@ def static_file(name: str) -> Response | None:
     suffix = name[name.rfind(".") :]
     if "/" in name or suffix not in _TYPES or not _resource(name).is_file():
         return None
-    return Response(_resource(name).read_bytes(), media_type=_TYPES[suffix], headers=_HEADERS)
+    return Response(_resource(name).read_bytes(), media_type=_TYPES[suffix], headers=HEADERS)
 
 
 def plain_text(text: str, status: int = 200) -> Response:
     """Return a page of one line of text."""
-    return PlainTextResponse(f"{text}\n", status_code=status, headers=_HEADERS)
+    return PlainTextResponse(f"{text}\n", status_code=status, headers=HEADERS)
 
 
 def _resource(name: str) -> Traversable:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 import sys
+import time
 from pathlib import Path
 
 import uvicorn
 
 from tactuator.cli.experiment.terminal import fresh_token
+from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import read_any_protocol
 from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.clock import SystemClock
@@ -19,6 +22,10 @@ from tactuator.experiment.store.store import Store
 from tactuator.web.app import build_app
 from tactuator.web.lab import Lab
 from tactuator.web.listener import listener
+from tactuator.web.serving import server_config
+
+TOKEN_VARIABLE = "TACTUATOR_OPERATOR_TOKEN"
+_SHORTEST_TOKEN = 16
 
 
 def serve(
@@ -27,18 +34,18 @@ def serve(
     apparatus: Apparatus,
     host: str,
     port: int,
-    token: str | None,
+    token_file: Path | None,
     auto_start: bool,
     amend: str | None = None,
     show: bool = True,
 ) -> None:
     """Serve until interrupted. Addresses go to standard error, a line each: the operator's, then each subject's.
 
-    amend: why the protocol is another than before; show: stimuli of a simulated display are shown on the page. Raises
+    token_file: its first line is the operator's token; amend: why the protocol is another than before; show: stimuli of a simulated display are shown on the page. Raises
     BadInput where another process runs the sessions of the store.
     """
     with sessions_of(store_path):
-        _serve(protocol_path, store_path, apparatus, host, port, token, auto_start, amend, show)
+        _serve(protocol_path, store_path, apparatus, host, port, token_file, auto_start, amend, show)
 
 
 def _serve(
@@ -47,21 +54,19 @@ def _serve(
     apparatus: Apparatus,
     host: str,
     port: int,
-    token: str | None,
+    token_file: Path | None,
     auto_start: bool,
     amend: str | None,
     show: bool,
 ) -> None:
+    operator_token = _operator_token(token_file)
     protocol, text = read_any_protocol(protocol_path)
     task = task_of(protocol, protocol_path.parent, apparatus)
     sock = listener(host, port)
     store, clock = Store(store_path), SystemClock()
     study = open_study(store, task, text, clock, fresh_token, amend, protocol_path.parent)
-    operator_token = secrets.token_urlsafe(16) if token is None else token
     lab = Lab(study, auto_start, "seen or heard" if show and apparatus.simulated else "")
-    config = uvicorn.Config(
-        build_app(lab, operator_token), host=host, port=port, log_level="warning", ws_max_size=65536
-    )
+    config = server_config(build_app(lab, operator_token), time.monotonic, host=host, port=port)
     server = uvicorn.Server(config)
     base = f"http://{host}:{sock.getsockname()[1]}"
     lines = [f"operator: {base}/operator#{operator_token}"]
@@ -75,6 +80,25 @@ def _serve(
     finally:
         lab.close()
         store.close()
+
+
+def _operator_token(path: Path | None) -> str:
+    """Return the token of the file's first line, of the environment, or a fresh one; never of the command line, which
+    every user of the machine can read. Raises BadInput for one that may be guessed.
+    """
+    try:
+        given = os.environ.get(TOKEN_VARIABLE) if path is None else path.read_text("utf-8").partition("\n")[0].strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(
+            f"token file {path}: {getattr(error, 'strerror', 'it is not text')}; allowed: a text file"
+        ) from None
+    if given is None:
+        return secrets.token_urlsafe(_SHORTEST_TOKEN)
+    if len(given) < _SHORTEST_TOKEN or not given.isascii() or not given.isprintable() or " " in given:
+        raise BadInput(
+            f"the operator's token has {len(given)} characters; allowed: {_SHORTEST_TOKEN} or more, ASCII, no space"
+        )
+    return given
 
 
 def _who(row: Found) -> str:

@@ -29,7 +29,7 @@ def serve_study(
     controller: Path | None,
     host: str,
     port: int,
-    operator_token: str | None,
+    operator_token_file: Path | None,
     speed: float,
     auto_start: bool,
     amend: str | None,
@@ -42,7 +42,7 @@ def serve_study(
     its protocol are enrolled, anything else that changed takes --amend.
     """
     with opened_apparatus(rig, display, controller, seed, speed or None) as place:
-        serve(protocol, store, place, host, port, operator_token, auto_start, amend, show)
+        serve(protocol, store, place, host, port, operator_token_file, auto_start, amend, show)
 
 
 def observe(

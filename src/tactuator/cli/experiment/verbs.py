@@ -32,7 +32,10 @@ def serve(
         str, typer.Option(help="Address to listen at; another than loopback lets others in.")
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Port; 0: any that is free.")] = 8765,
-    operator_token: Annotated[str | None, typer.Option(help="The operator's token; default: a fresh one.")] = None,
+    operator_token_file: Annotated[
+        Path | None,
+        typer.Option(help="File with the operator's token; default: TACTUATOR_OPERATOR_TOKEN, or a fresh one."),
+    ] = None,
     speed: Annotated[
         float, typer.Option(help="Speed of presentation on a rig that could go faster; 0: as fast as it can.")
     ] = 1.0,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,9 @@ class Store:
             raise BadInput(f"store {path} is not there; allowed: the file of an experiment's database")
         if not self.path.parent.is_dir():
             raise BadInput(f"store {path}: its folder is not there; allowed: a place in a folder that exists")
+        if not must_exist:
+            with suppress(OSError):  # what keeps it from being made is told by SQLite
+                os.close(os.open(self.path, os.O_CREAT | os.O_CLOEXEC, 0o600))
         self.engine: Engine = create_engine(f"sqlite:///{self.path}", connect_args={"check_same_thread": False})
         event.listen(self.engine, "connect", _prepare)
         event.listen(self.engine, "begin", _begin)

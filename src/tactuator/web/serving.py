@@ -1,0 +1,108 @@
+"""The server's own limits: who may hold how many connections for how long, and how much it may log."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from typing import Any
+
+import h11
+from fastapi import FastAPI
+from uvicorn import Config
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from tactuator.web.pages import HEADERS
+
+CONNECTIONS_MAX, CONNECTIONS_PER_ADDRESS_MAX = 256, 64
+"""Open connections in all and from one address: descriptors are left for the store and the rig."""
+HEADER_TIMEOUT_S = 10.0
+"""Time in which a request's head has to be there."""
+_LOGGED_PER_MINUTE = 15
+_LOGGERS = ("uvicorn.error", "asyncio", "websockets.server", "tactuator.web.lab")
+
+
+class LimitedHttp(H11Protocol):
+    """One connection, closed at once beyond the limits, and later where the head of a request does not come."""
+
+    _deadline: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: Any) -> None:
+        """Take the connection, or close it where there are too many."""
+        mine = _address(transport)
+        same = sum(_address(getattr(one, "transport", None)) == mine for one in self.connections)
+        if len(self.connections) >= CONNECTIONS_MAX or same >= CONNECTIONS_PER_ADDRESS_MAX:
+            self.transport = transport
+            transport.abort()
+            return
+        super().connection_made(transport)
+        self._watch()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget the connection."""
+        self._unwatch()
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Take bytes; the time runs while the head of a request is not whole."""
+        super().data_received(data)
+        if self.conn.their_state is not h11.IDLE:
+            self._unwatch()
+        elif self._deadline is None:
+            self._watch()
+
+    def send_400_response(self, msg: str) -> None:
+        """Answer what is no HTTP with the headers that every page has."""
+        headers = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
+        headers += [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close")]
+        body = f"{msg}\n".encode()
+        for event in (
+            h11.Response(status_code=400, headers=headers, reason=b"Bad Request"),
+            h11.Data(data=body),
+            h11.EndOfMessage(),
+        ):
+            self.transport.write(self.conn.send(event) or b"")
+        self.transport.close()
+
+    def _watch(self) -> None:
+        self._deadline = self.loop.call_later(HEADER_TIMEOUT_S, self.transport.abort)
+
+    def _unwatch(self) -> None:
+        if self._deadline is not None:
+            self._deadline.cancel()
+            self._deadline = None
+
+
+class LogLimit(logging.Filter):
+    """Lets so many lines a minute through, and tells with the next how many were left out. clock: seconds."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        super().__init__()
+        self._clock, self._began, self._count = clock, clock(), 0
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Return whether the record is to be logged."""
+        now = self._clock()
+        if now - self._began >= 60.0:
+            left_out, self._began, self._count = max(self._count - _LOGGED_PER_MINUTE, 0), now, 0
+            if left_out:
+                record.msg = f"{record.getMessage()} ({left_out} lines before it were left out)"
+                record.args = None
+        self._count += 1
+        return self._count <= _LOGGED_PER_MINUTE
+
+
+def server_config(app: FastAPI, clock: Callable[[], float], **more: Any) -> Config:
+    """Return the configuration of the server with these limits. clock: monotonic, seconds."""
+    config = Config(app, http=LimitedHttp, ws_max_size=65536, ws_max_queue=8, log_level="warning", **more)
+    for name in _LOGGERS:
+        logger = logging.getLogger(name)
+        for before in [one for one in logger.filters if isinstance(one, LogLimit)]:
+            logger.removeFilter(before)
+        logger.addFilter(LogLimit(clock))
+    return config
+
+
+def _address(transport: Any) -> str | None:
+    peer = None if transport is None else transport.get_extra_info("peername")
+    return peer[0] if peer else None

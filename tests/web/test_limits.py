@@ -1,0 +1,104 @@
+"""The server's limits: connections, heads that never come, lines of log, tokens, and who reads the store."""
+
+from __future__ import annotations
+
+import logging
+import socket
+import stat
+from pathlib import Path
+
+import pytest
+
+from tactuator.cli.experiment import serve
+from tactuator.errors import BadInput
+from tactuator.experiment.store.store import Store
+from tactuator.web import serving
+from tests.experiment.session.apparatuses import ObedientClock, opened_study
+from tests.web.labs import begun, client, make_lab, until  # noqa: F401
+
+
+@pytest.fixture
+def lab(make_lab):
+    return make_lab(lambda store: opened_study(store, ObedientClock()))
+
+
+def half_open(port: int) -> socket.socket:
+    made = socket.create_connection(("127.0.0.1", port), timeout=10.0)
+    made.sendall(b"GET / HTTP/1.1\r\nHost: ")
+    return made
+
+
+def closed(one: socket.socket) -> bool:
+    try:
+        return one.recv(1) == b""
+    except ConnectionResetError:
+        return True
+
+
+def test_connections__beyond_the_limit__closed_and_the_open_session_goes_on(client, lab, monkeypatch) -> None:
+    monkeypatch.setattr(serving, "CONNECTIONS_PER_ADDRESS_MAX", 8)
+    with client.websocket_connect("/ws/subject/token-S1") as subject:
+        trial = begun(subject)
+        held = [half_open(client.port) for _ in range(40)]
+        assert sum(closed(one) for one in held[7:]) == 33
+        subject.send_json({"type": "pause"})
+        assert until(subject, "stage")
+        assert trial["type"] == "answer-now"
+        for one in held:
+            one.close()
+    assert client.get("/").status == 200
+
+
+def test_head__that_never_comes__is_not_waited_for(client, monkeypatch) -> None:
+    monkeypatch.setattr(serving, "HEADER_TIMEOUT_S", 0.1)
+    with half_open(client.port) as one:
+        assert closed(one)
+
+
+def test_request__that_is_no_http__answered_with_the_headers_of_every_page(client) -> None:
+    with socket.create_connection(("127.0.0.1", client.port), timeout=10.0) as one:
+        one.sendall(b"\x00\x01nonsense\r\n\r\n")
+        answer = b""
+        while part := one.recv(4096):
+            answer += part
+    assert answer.startswith(b"HTTP/1.1 400")
+    assert b"nosniff" in answer
+    assert b"default-src 'self'" in answer
+
+
+def test_log__a_flood_of_lines__is_limited_and_told(caplog) -> None:
+    now = [0.0]
+    logger = logging.getLogger("tests.flood")
+    logger.addFilter(serving.LogLimit(lambda: now[0]))
+    for _ in range(1000):
+        logger.warning("again")
+    assert len(caplog.records) == 15
+    now[0] = 61.0
+    logger.warning("later")
+    assert caplog.records[-1].getMessage() == "later (985 lines before it were left out)"
+
+
+@pytest.mark.parametrize("content", ["", "\n", "short", "a token with spaces in it", "fünfzehn-und-mehr-zeichen"])
+def test_operator_token__that_may_be_guessed__refused(tmp_path: Path, monkeypatch, content: str) -> None:
+    (tmp_path / "token").write_text(content)
+    with pytest.raises(BadInput, match="16 or more"):
+        serve._operator_token(tmp_path / "token")
+    monkeypatch.setenv(serve.TOKEN_VARIABLE, content)
+    with pytest.raises(BadInput, match="16 or more"):
+        serve._operator_token(None)
+
+
+def test_operator_token__of_file_environment_or_fresh__is_taken(tmp_path: Path, monkeypatch) -> None:
+    (tmp_path / "token").write_text("0123456789abcdef\nsecond line\n")
+    monkeypatch.delenv(serve.TOKEN_VARIABLE, raising=False)
+    assert serve._operator_token(tmp_path / "token") == "0123456789abcdef"
+    assert len(serve._operator_token(None)) >= 16
+    monkeypatch.setenv(serve.TOKEN_VARIABLE, "fedcba9876543210")
+    assert serve._operator_token(None) == "fedcba9876543210"
+    with pytest.raises(BadInput, match="No such file"):
+        serve._operator_token(tmp_path / "other")
+
+
+def test_store__made__is_read_by_its_owner_alone(tmp_path: Path) -> None:
+    Store(tmp_path / "lab.db").close()
+    assert stat.S_IMODE((tmp_path / "lab.db").stat().st_mode) == 0o600
