@@ -41,8 +41,8 @@ def serve(
 ) -> None:
     """Serve until interrupted. Addresses go to standard error, a line each: the operator's, then each subject's.
 
-    token_file: its first line is the operator's token; amend: why the protocol is another than before; show: stimuli of a simulated display are shown on the page. Raises
-    BadInput where another process runs the sessions of the store.
+    token_file: its first line is the operator's token. amend: why the protocol is another than before. show: stimuli of
+    a simulated display are shown on the page. Raises BadInput where another process runs the sessions of the store.
     """
     with sessions_of(store_path):
         _serve(protocol_path, store_path, apparatus, host, port, token_file, auto_start, amend, show)
