@@ -80,6 +80,13 @@ def test_matlab__claims_more_than_it_holds__refused(tmp_path: Path, monkeypatch:
     one_line(lambda: read_record(tmp_path / "r.mat"), "claims to hold 5000 numbers")
 
 
+def test_matlab__damaged_so_that_the_library_crashes__refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scipy.io.savemat(tmp_path / "r.mat", {"u": U, "y": Y, "fs": 1000.0})
+    assert read_record(tmp_path / "r.mat").rate_hz == 1000.0
+    monkeypatch.setattr(scipy.io, "loadmat", lambda *_, **__: os.abort())
+    one_line(lambda: read_record(tmp_path / "r.mat"), "breaks down")
+
+
 def test_csv__one_line_without_end__refused(tmp_path: Path) -> None:
     (tmp_path / "r.csv").write_text("1," * 2_000_000)
     one_line(lambda: read_record(tmp_path / "r.csv"), "a line is longer")

@@ -18,7 +18,7 @@ import soundfile
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.files.formats.hdf5 import opened_hdf5
+from tactuator.files.formats.hdf5 import opened_hdf5, require_survivable
 from tactuator.files.formats.sound import require_whole
 from tactuator.files.formats.text import check_commas, decimal_point, encoding_of
 
@@ -190,6 +190,7 @@ def _read_matlab(path: Path) -> Columns:
     if h5py.is_hdf5(path):
         return _read_hdf5(path)
     _require_room(sum(math.prod(shape) for _, shape, _ in scipy.io.whosmat(path)))
+    require_survivable(lambda: scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False))
     content = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
     found: dict[str, FloatArray] = {}
     for name, value in content.items():

@@ -34,7 +34,7 @@ class ModelKeys(BaseModel):
 
     model_config = ConfigDict(extra="ignore")
 
-    friction: dict[str, Number | None] | None = None
+    friction: dict[str, Number] | None = None
     family: list[PlantTable] = []
     covariance: list[list[Number]] = []
 

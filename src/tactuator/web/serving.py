@@ -39,7 +39,7 @@ class LimitedHttp(H11Protocol):
         self._watch()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget the connection."""
+        """Remove the connection from those that are open."""
         self._unwatch()
         super().connection_lost(exc)
 
@@ -52,7 +52,7 @@ class LimitedHttp(H11Protocol):
             self._watch()
 
     def send_400_response(self, msg: str) -> None:
-        """Answer what is no HTTP with the headers that every page has."""
+        """Send a refusal of what is no HTTP, with the headers that every page has."""
         headers = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
         headers += [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close")]
         body = f"{msg}\n".encode()

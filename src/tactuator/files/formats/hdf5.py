@@ -12,7 +12,7 @@ import os
 import resource
 import signal
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ def opened_hdf5(path: Path) -> Iterator[h5py.File]:
     Raises BadInput, without the file's name, for one on which the library crashes or comes to no end; OSError and
     whatever else the library raises on a file that is not sound.
     """
-    _require_survivable(path)
+    require_survivable(lambda: _look_through(path))
     with h5py.File(path, "r") as file:
         yield file
 
@@ -85,19 +85,20 @@ def written_hdf5(path: Path) -> Iterator[WrittenHdf5]:
         made.check()
 
 
-def _require_survivable(path: Path) -> None:
+def require_survivable(trial: Callable[[], object]) -> None:
+    """Raise BadInput where a library that reads a file crashes on it, or comes to no end, in a child process."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # the child of a process with threads only reads and ends
         child = os.fork()
     if child == 0:
-        _try_out(path)
+        _try_out(trial)
     status = os.waitpid(child, 0)[1]
     if os.WIFSIGNALED(status):
-        raise BadInput("it is damaged: the HDF5 library breaks down over it; allowed: a sound file")
+        raise BadInput("it is damaged: the library breaks down over it; allowed: a sound file")
 
 
-def _try_out(path: Path) -> None:
-    """Look at everything in the file, and end the process: by a signal where the library does not survive it."""
+def _try_out(trial: Callable[[], object]) -> None:
+    """Read the file, and end the process: by a signal where the library does not survive it."""
     try:
         faulthandler.disable()
         for number in (signal.SIGALRM, signal.SIGXCPU, signal.SIGTERM, signal.SIGINT):
@@ -107,11 +108,16 @@ def _try_out(path: Path) -> None:
         limit = int(used.ru_utime + used.ru_stime) + _CPU_S
         resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
         signal.alarm(_WALL_S)
-        with suppress(Exception), h5py.File(path, "r") as file:
-            _look(file)
-            file.visititems(lambda _, item: _look(item))
+        with suppress(Exception):
+            trial()
     finally:
         os._exit(0)
+
+
+def _look_through(path: Path) -> None:
+    with h5py.File(path, "r") as file:
+        _look(file)
+        file.visititems(lambda _, item: _look(item))
 
 
 def _look(item: Any) -> None:
