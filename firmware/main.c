@@ -60,6 +60,7 @@ int main(void)
     for (;;) {
         const size_t size = tact_port_receive(bytes, sizeof bytes);
         tact_supervisor_heard(&supervisor, &board);
+        tact_link_give_tones(&link);
         for (size_t i = 0; i < size; i++)
             if (tact_link_receive(&link, bytes[i]))
                 send(link.wire, link.wire_size);

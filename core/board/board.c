@@ -182,7 +182,7 @@ int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t dr
     board->cuts = 0;
     empty_queues(board);
     board->run = run;
-    board->tick = board->stream_at = board->stream_end = 0;
+    board->tick = board->stream_at = board->stream_end = board->tones_end = 0;
     board->source = source;
     board->drives = drives;
     board->runs_designed = board->is_designed && !drives;

@@ -13,7 +13,7 @@
  * lock_faults of them until a person has acknowledged them: a sensor that lies must not drive the motor on by clearing.
  *
  * The reference comes from a stream (samples for given ticks of the run, kept in a ring), from the stimulus on the
- * board, or is zero. With `hold` the run waits, without time passing, while the stream is dry: for boards whose
+ * board (whose samples are made outside of the interrupt, some ticks ahead, and go into the same ring), or is zero. With `hold` the run waits, without time passing, while the stream is dry: for boards whose
  * display is simulated. Drive puts the stream straight to the motors, through the guard but no controller.
  * The caller owns rings: stream_capacity rows of channels_max floats, trace_capacity rows of channels_max codes, twice.
  *
@@ -33,7 +33,7 @@
 #include "board/safety.h"
 #include "board/stimulus.h"
 
-enum { TACT_BOARD_DELAY_MAX = 8 };
+enum { TACT_BOARD_DELAY_MAX = 8, TACT_TONES_AHEAD = 32 };
 typedef enum { TACT_OFF = 0, TACT_ARMED, TACT_RUNNING, TACT_FAULT } tact_board_mode;
 typedef enum { TACT_SILENT = 0, TACT_STREAM, TACT_STIMULUS } tact_board_source;
 typedef enum { TACT_STAYS = 0, TACT_FADES, TACT_RAMPS, TACT_RAMPS_QUICKLY, TACT_CUT } tact_board_ending;
@@ -86,6 +86,7 @@ typedef struct {
     int32_t runs_designed; /* and this run has them run */
     float *stream;
     uint32_t stream_capacity, stream_at, stream_end; /* ticks of the run; stream_at: first of the unbroken samples */
+    uint32_t tones_end; /* tick up to which the stimulus has been asked */
     int32_t *trace; /* rows; of each channel the command's code as in `delayed`, and the position's */
     uint32_t trace_capacity;
     tact_board_channel channel[TACT_CHANNELS_MAX];
@@ -140,6 +141,15 @@ void tact_board_fade(tact_board *board);
 /* count samples (rows) for the ticks from `first` on; gives the tick up to which samples are there now. What was there
  * stays; what does not follow on is left out. References are limited to comfort and travel here, where they come in. */
 uint32_t tact_board_stream(tact_board *board, uint32_t first, const float *rows, uint32_t count);
+
+/* Whether samples of the stimulus are due. Outside of the interrupt: for as long as they are, make a row (which takes
+ * its time), and put it in (which must not be interrupted; what is late only moves the limits on). */
+int tact_board_wants_tones(const tact_board *board);
+void tact_board_make_tones(tact_board *board, float *row);
+void tact_board_take_tones(tact_board *board, const float *row);
+
+/* The three together, where there is no interrupt. */
+void tact_board_give_tones(tact_board *board);
 
 /* New table or image, only in OFF: 1 if taken. */
 int tact_board_take_safety(tact_board *board, const tact_safety *safety);

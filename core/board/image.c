@@ -1,7 +1,7 @@
 #include "board/image.h"
 
+#include "board/sealed.h"
 #include "wire/bytes.h"
-#include "wire/crc32.h"
 
 #define COEFFICIENT_MAX 1e6f
 #define COMMAND_LIMIT_MAX 31.0f
@@ -128,26 +128,6 @@ static int32_t read_channel(tact_reader *reader, tact_image *image, int32_t chan
     return read_q31(reader, &image->tables.q31[channel], prefilters, feedbacks, limit_v);
 }
 
-/* What can be said of the bytes before their meaning is looked at. */
-static int32_t check_whole(const uint8_t *bytes, size_t size)
-{
-    tact_reader reader = {bytes, size, 0, 0};
-    const uint32_t magic = tact_read_u32(&reader);
-    const uint16_t version = tact_read_u16(&reader);
-    (void)tact_read_u16(&reader);
-    const uint32_t length = tact_read_u32(&reader);
-    if (reader.overrun)
-        return TACT_IMAGE_TRUNCATED;
-    if (magic != TACT_IMAGE_MAGIC)
-        return TACT_IMAGE_NOT_ONE;
-    if (version != TACT_IMAGE_VERSION)
-        return TACT_IMAGE_VERSION_UNKNOWN;
-    if (length != size || length > TACT_IMAGE_MAX || length < 16)
-        return TACT_IMAGE_TRUNCATED;
-    reader.at = size - 4;
-    return tact_read_u32(&reader) == tact_crc32(0, bytes, size - 4) ? TACT_IMAGE_GOOD : TACT_IMAGE_CHECKSUM;
-}
-
 static int32_t read_header(tact_reader *reader, tact_image *image)
 {
     reader->at = 6;
@@ -164,7 +144,8 @@ static int32_t read_header(tact_reader *reader, tact_image *image)
 int32_t tact_image_parse(tact_image *image, const uint8_t *bytes, size_t size, float rate_hz, int32_t delay_samples,
                          int32_t channels)
 {
-    int32_t refusal = check_whole(bytes, size);
+    const tact_sealed_kind kind = {TACT_IMAGE_MAGIC, TACT_IMAGE_VERSION, TACT_IMAGE_MAX};
+    int32_t refusal = tact_sealed_check(&kind, bytes, size);
     if (refusal)
         return refusal;
     tact_reader reader = {bytes, size - 4, 0, 0};

@@ -216,14 +216,12 @@ static inline int run_designed(tact_board *board, const int32_t *codes, const fl
     return found;
 }
 
-/* What the stimulus on the board, or silence, asks for in this tick. */
+/* Nothing is asked for in this tick. */
 SELDOM void ask(tact_board *board, float *wants)
 {
-    for (int32_t c = 0; c < board->channels; c++) {
-        const float want =
-            board->source == TACT_STIMULUS ? tact_stimulus_next(&board->stimulus[c], board->tick) : 0.0f;
-        wants[c] = board->drives ? want : tact_board_limit(&board->safety, c, &board->channel[c], want);
-    }
+    const int limits = board->source == TACT_STREAM && !board->drives;
+    for (int32_t c = 0; c < board->channels; c++)
+        wants[c] = limits ? tact_board_limit(&board->safety, c, &board->channel[c], 0.0f) : 0.0f;
 }
 
 static inline void step_running(tact_board *board, const int32_t *codes)
@@ -232,7 +230,7 @@ static inline void step_running(tact_board *board, const int32_t *codes)
     const float *wants = asked;
     const uint32_t tick = board->tick;
     int found;
-    if (board->source == TACT_STREAM && tick - board->stream_at < board->stream_end - board->stream_at)
+    if (tick - board->stream_at < board->stream_end - board->stream_at)
         wants = board->stream + (size_t)((tick & (board->stream_capacity - 1)) * (uint32_t)board->channels);
     else
         ask(board, asked);

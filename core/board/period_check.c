@@ -268,6 +268,7 @@ static void tick(tact_period_check *check)
     const uint32_t late = check->is_late ? tact_drawn_of(&check->noise, 300) : 0;
     if (!check->is_silent)
         board->silence = 0;
+    tact_board_give_tones(board);
     tact_period_latch(board, out);
     tact_drawn_codes(&check->display, &check->safety, out, in, &check->noise);
     tact_period_step(board, in, late * late / 600u);

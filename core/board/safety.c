@@ -1,7 +1,7 @@
 #include "board/safety.h"
 
+#include "board/sealed.h"
 #include "wire/bytes.h"
-#include "wire/crc32.h"
 
 enum { TICKS_MAX = TACT_SAFETY_NEVER };
 
@@ -66,28 +66,10 @@ static void read_channel(tact_reader *reader, tact_safety_channel *channel, int 
     }
 }
 
-static int32_t check_whole(const uint8_t *bytes, size_t size)
-{
-    tact_reader reader = {bytes, size, 0, 0};
-    const uint32_t magic = tact_read_u32(&reader);
-    const uint16_t version = tact_read_u16(&reader);
-    (void)tact_read_u16(&reader);
-    const uint32_t length = tact_read_u32(&reader);
-    if (reader.overrun)
-        return TACT_SAFETY_TRUNCATED;
-    if (magic != TACT_SAFETY_MAGIC)
-        return TACT_SAFETY_NOT_ONE;
-    if (version != TACT_SAFETY_VERSION)
-        return TACT_SAFETY_VERSION_UNKNOWN;
-    if (length != size || length > TACT_SAFETY_MAX || length < 16)
-        return TACT_SAFETY_TRUNCATED;
-    reader.at = size - 4;
-    return tact_read_u32(&reader) == tact_crc32(0, bytes, size - 4) ? TACT_SAFETY_GOOD : TACT_SAFETY_CHECKSUM;
-}
-
 int32_t tact_safety_parse(tact_safety *table, const uint8_t *bytes, size_t size, int32_t channels_max)
 {
-    const int32_t refusal = check_whole(bytes, size);
+    const tact_sealed_kind kind = {TACT_SAFETY_MAGIC, TACT_SAFETY_VERSION, TACT_SAFETY_MAX};
+    const int32_t refusal = tact_sealed_check(&kind, bytes, size);
     int bad = 0;
     if (refusal)
         return refusal;

@@ -22,7 +22,7 @@ static void take_row(tact_board *board, float *to, const float *row)
 uint32_t tact_board_stream(tact_board *board, uint32_t first, const float *rows, uint32_t count)
 {
     const uint32_t width = (uint32_t)board->channels;
-    if (board->mode != TACT_RUNNING || board->source != TACT_STREAM)
+    if (board->mode != TACT_RUNNING || board->source == TACT_SILENT)
         return board->stream_end;
     if (board->tick - board->stream_end < 0x80000000u && first - board->tick < 0x40000000u)
         board->stream_at = board->stream_end = first; /* dry: a new stretch may begin now or later */
@@ -36,4 +36,37 @@ uint32_t tact_board_stream(tact_board *board, uint32_t first, const float *rows,
         board->stream_end = end + 1;
     }
     return board->stream_end;
+}
+
+/* -- tones of the board's own ---------------------------------------------------------------------------------------- */
+
+int tact_board_wants_tones(const tact_board *board)
+{
+    const uint32_t late = board->tick + TACT_TONES_AHEAD - board->tones_end;
+    return board->mode == TACT_RUNNING && board->source == TACT_STIMULUS && late - 1u < 0x7fffffffu;
+}
+
+void tact_board_make_tones(tact_board *board, float *row)
+{
+    for (int32_t c = 0; c < board->channels; c++)
+        row[c] = tact_stimulus_next(&board->stimulus[c], board->tones_end);
+}
+
+void tact_board_take_tones(tact_board *board, const float *row)
+{
+    float late[TACT_CHANNELS_MAX];
+    const uint32_t at = board->tones_end++;
+    if (at - board->tick < 0x80000000u)
+        (void)tact_board_stream(board, at, row, 1);
+    else
+        take_row(board, late, row);
+}
+
+void tact_board_give_tones(tact_board *board)
+{
+    float row[TACT_CHANNELS_MAX];
+    while (tact_board_wants_tones(board)) {
+        tact_board_make_tones(board, row);
+        tact_board_take_tones(board, row);
+    }
 }

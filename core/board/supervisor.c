@@ -1,6 +1,6 @@
 #include "board/supervisor.h"
 
-enum { WORDS_A_TICK = 256 };
+enum { WORDS_A_TICK = 64 };
 
 void tact_supervisor_reset(tact_supervisor *supervisor)
 {

@@ -188,6 +188,7 @@ int tact_simulated_board_period(tact_simulated_board *simulated, tact_board *boa
     int32_t codes[TACT_CHANNELS_MAX];
     if (simulated->channels != board->channels || tact_board_waits(board))
         return 0;
+    tact_board_give_tones(board);
     tact_period_latch(board, codes);
     tact_simulated_board_press(simulated, board);
     tact_simulated_board_latch(simulated, codes);

@@ -4,7 +4,7 @@
 #include "wire/crc32.h"
 #include "link/report.h"
 
-enum { ROWS_AT_ONCE = 16 };
+enum { ROWS_AT_ONCE = 4 };
 
 static uint32_t keep_out(const tact_link *link)
 {
@@ -236,6 +236,17 @@ static int32_t move(tact_link *link, uint8_t type, tact_reader *in, tact_writer 
     let_in(link, before);
     tact_write_u8(out, (uint8_t)board->mode);
     return outcome;
+}
+
+void tact_link_give_tones(tact_link *link)
+{
+    float row[TACT_CHANNELS_MAX];
+    for (int i = 0; i < ROWS_AT_ONCE && tact_board_wants_tones(link->board); i++) {
+        tact_board_make_tones(link->board, row);
+        const uint32_t before = keep_out(link);
+        tact_board_take_tones(link->board, row);
+        let_in(link, before);
+    }
 }
 
 /* -- trials ---------------------------------------------------------------------------------------------------------- */

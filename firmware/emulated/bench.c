@@ -23,6 +23,7 @@ static uint32_t since(uint32_t before)
 static uint32_t count_period(uint32_t reading)
 {
     int32_t codes[TACT_CHANNELS_MAX];
+    tact_board_give_tones(the_board);
     uint32_t before = tact_systick_left();
     tact_period_latch(the_board, codes);
     uint32_t count = since(before) - reading;

@@ -58,5 +58,6 @@ int tact_emulated_runs_freely(void)
 int tact_emulated_is_behind(void)
 {
     const uint32_t ahead = seen->stream_end - seen->tick;
-    return tact_emulated_runs_freely() && (seen->silence > BEHIND_TICKS || (ahead != 0 && ahead < BEHIND_ROWS));
+    const int is_short = seen->source == TACT_STREAM && ahead != 0 && ahead < BEHIND_ROWS;
+    return tact_emulated_runs_freely() && (seen->silence > BEHIND_TICKS || is_short);
 }

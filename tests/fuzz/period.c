@@ -101,6 +101,8 @@ static void tick(uint32_t lateness, int heard, int noisy)
     const int32_t before = board.mode;
     if (heard)
         board.silence = 0;
+    if (heard)
+        tact_board_give_tones(&board);
     tact_period_latch(&board, out);
     judge_codes(out);
     if (board.safety.channels)

@@ -168,8 +168,11 @@ def test_emulated_board_in_free_run__reference_streams_in__no_interrupt_is_late(
     assert found.holds
 
 
-def test_emulated_board_in_free_run__processor_far_too_slow__is_late():
-    found = check_streaming("mps2-an500", designed(), 0.5, instruction_ns=256)
+def test_emulated_board_in_free_run__tick_longer_than_its_period__is_late():
+    """At 512 ns an instruction 772 of them take 395 of 250 us. From 32 to 128 ns the interrupt is in time; what fails
+    there is the emulator's UART, whose bytes take time of this machine, so that the board hears nothing: not judged.
+    """
+    found = check_streaming("mps2-an500", designed(), 0.5, instruction_ns=512)
     assert found.late > 0
     assert found.fault == "late"
     assert not found.holds

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.rig.board.link import Mode, RigFault
+from tactuator.rig.board.link import STIMULUS, Mode, RigFault
 from tactuator.rig.board.tones import TONES_MAX, BoardTone
 from tactuator.rig.boards import emulated_rig, in_process_rig
-from tests.rig.guard.guarded import designed
+from tactuator.runtime._core import lib
+from tests.rig.guard.guarded import Guarded, designed
 
 TRIAL = {
     "index": (BoardTone(40.0, 100.0, 0.05, 0.2), BoardTone(40.0, 50.0, 0.35, 0.2, 0.02)),
@@ -95,3 +96,29 @@ def test_play_tones__what_the_board_does_not_take__is_refused_before_anything_mo
 def test_board_tone__amiss__is_refused(numbers, words):
     with pytest.raises(BadInput, match=words):
         BoardTone(*numbers)
+
+
+def test_play_tones__main_loop_late__tones_stay_at_their_ticks() -> None:
+    """Samples that are made too late are left out, those after them are where they belong."""
+    made = []
+    for pause in (0, 50):
+        guarded = Guarded(designed())
+        board = guarded.board
+        lib.tact_board_stop(board)
+        guarded.run(np.zeros((800, 3)))
+        for channel in range(3):
+            stimulus = board.stimulus[channel]
+            stimulus.count, tone = 1, stimulus.tone[0]
+            tone.start, tone.length, tone.ramp, tone.amplitude = 0, 4000, 0, 50.0
+            tone.cosine, tone.sine, tone.ramp_cosine, tone.ramp_sine = np.cos(0.1), np.sin(0.1), 1.0, 0.0
+        assert lib.tact_board_start(board, board.run + 1, STIMULUS, 0, 0)
+        board.tick = pause  # as many ticks have passed without the main loop
+        lib.tact_board_give_tones(board)
+        made.append([board.stream[(tick & (board.stream_capacity - 1)) * 3] for tick in range(50, 60)])
+        if not pause:
+            for tick in range(60):
+                board.tick = tick
+                lib.tact_board_give_tones(board)
+            made[0] = [board.stream[(tick & (board.stream_capacity - 1)) * 3] for tick in range(50, 60)]
+    assert made[0] == made[1]
+    assert np.allclose(made[1], 50.0 * np.sin(0.1 * np.arange(50, 60)), atol=1e-3)

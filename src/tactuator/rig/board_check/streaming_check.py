@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.display.controller import Controller
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, DeviceFault
 from tactuator.rig.board.commissioning import LATENESS_MAX, soft_ticks
 from tactuator.rig.board.link import LinkClient, RigFault
 from tactuator.rig.board.rig import BoardRig
@@ -18,6 +18,7 @@ from tactuator.rig.board.stream import StreamDry
 from tactuator.rig.boards import in_process_rig
 from tactuator.rig.trace import Trace, join_traces
 from tactuator.rig.transport.emulator import EmulatorUart
+from tactuator.runtime.safety_table import Fault
 from tactuator.runtime.simulated_board import simulated_board_bytes
 
 INSTRUCTION_NS = 8
@@ -68,7 +69,8 @@ def check_streaming(
     """Stream noise of 26 dB SL rms, other on each channel, for duration_s of the board's time.
 
     The emulator's time follows the instructions, instruction_ns each, link and all; only the display's simulation takes
-    none. Raises BadInput for a clock that the emulator does not have, or where it is missing.
+    none. Raises BadInput for a clock that the emulator does not have, or where it is missing, and DeviceFault where
+    the emulator's time ran ahead of this machine.
     """
     if instruction_ns not in [1 << shift for shift in range(11)]:
         raise BadInput(f"{instruction_ns} ns an instruction; allowed: 1, 2, 4, ... {_LONGEST_NS}")
@@ -88,6 +90,11 @@ def check_streaming(
         status = client.status()
         first = rig.fed_to - samples
         board_s = max(status.tick, 1) / rig.rate_hz
+    if fault == Fault.SILENCE.words:
+        raise DeviceFault(
+            "the emulator's time ran ahead of this machine: the board heard nothing for 0.2 s of it, "
+            "and whether it would have been late cannot be told; try it with less else to do"
+        )
     to_board, from_board = ((late - early) / board_s for late, early in zip(after, before, strict=True))
     return StreamingCheck(
         board, 1e9 / instruction_ns, rig.rate_hz, len(rig.channels), samples, len(trace), status.late, LATENESS_MAX,
