@@ -36,9 +36,9 @@ def write_tables(folder: Path) -> None:
     other = replace(controller, channels=tuple(uncommon))
     contents = {
         "SAFETY_TABLE": safety_bytes(safety_table(controller.display)),
-        "IMAGE_SINGLE": build_image(controller, "float32", "0" * 64),
-        "IMAGE_Q31": build_image(controller, "q31", "0" * 64),
-        "IMAGE_OTHER": build_image(other, "float32", "0" * 64),
+        "IMAGE_SINGLE": build_image(controller, "float32"),
+        "IMAGE_Q31": build_image(controller, "q31"),
+        "IMAGE_OTHER": build_image(other, "float32"),
     }
     arrays = (
         f"static const uint8_t {name}[] = {{{','.join(map(str, content))}}};" for name, content in contents.items()

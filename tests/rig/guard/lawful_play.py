@@ -33,7 +33,7 @@ def build(folder: Path) -> Path:
     controller = designed()
     contents = {
         "SAFETY_TABLE": safety_bytes(safety_table(controller.display)),
-        "IMAGE_SINGLE": build_image(controller, "float32", "0" * 64),
+        "IMAGE_SINGLE": build_image(controller, "float32"),
         "DISPLAY": simulated_board_bytes(controller.display, 1)[0],
     }
     arrays = (f"static const uint8_t {name}[] = {{{','.join(map(str, of))}}};\n" for name, of in contents.items())
