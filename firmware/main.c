@@ -5,7 +5,7 @@
 #include "board/period.h"
 #include "board/supervisor.h"
 
-enum { CHANNELS = 3, CHUNK = 512, SENT_AT_ONCE = 256 };
+enum { CHANNELS = 3, CHUNK = 512, SENT_AT_ONCE = 256, TONES_AT_ONCE = 4 };
 
 static tact_board board;
 static tact_link link;
@@ -45,6 +45,18 @@ static void send(const uint8_t *bytes, size_t size)
     }
 }
 
+/* Some samples of the board's own tones, where they are due. */
+static void give_tones(void)
+{
+    float row[TACT_CHANNELS_MAX];
+    for (int i = 0; i < TONES_AT_ONCE && tact_board_wants_tones(&board); i++) {
+        tact_board_make_tones(&board, row);
+        const uint32_t before = tact_port_enter();
+        tact_board_take_tones(&board, row);
+        tact_port_leave(before);
+    }
+}
+
 int main(void)
 {
     static const uint8_t FRAMES_END = 0;
@@ -60,7 +72,7 @@ int main(void)
     for (;;) {
         const size_t size = tact_port_receive(bytes, sizeof bytes);
         tact_supervisor_heard(&supervisor, &board);
-        tact_link_give_tones(&link);
+        give_tones();
         for (size_t i = 0; i < size; i++)
             if (tact_link_receive(&link, bytes[i]))
                 send(link.wire, link.wire_size);

@@ -238,17 +238,6 @@ static int32_t move(tact_link *link, uint8_t type, tact_reader *in, tact_writer 
     return outcome;
 }
 
-void tact_link_give_tones(tact_link *link)
-{
-    float row[TACT_CHANNELS_MAX];
-    for (int i = 0; i < ROWS_AT_ONCE && tact_board_wants_tones(link->board); i++) {
-        tact_board_make_tones(link->board, row);
-        const uint32_t before = keep_out(link);
-        tact_board_take_tones(link->board, row);
-        let_in(link, before);
-    }
-}
-
 /* -- trials ---------------------------------------------------------------------------------------------------------- */
 
 static int32_t run_check(tact_link *link, tact_reader *in, tact_writer *out)

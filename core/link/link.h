@@ -115,9 +115,6 @@ void tact_link_reset(tact_link *link, tact_board *board, const char *name);
 /* One byte in; 1 when an answer lies in `wire`, to be sent before the next byte is given. */
 int tact_link_receive(tact_link *link, uint8_t byte);
 
-/* Some samples of the board's own tones, where they are due: from the main loop, at least once a tick. */
-void tact_link_give_tones(tact_link *link);
-
 /* size bytes in; answers to all of them into `answers`, as far as they fit: how many bytes. */
 size_t tact_link_serve(tact_link *link, const uint8_t *bytes, size_t size, uint8_t *answers, size_t capacity);
 
