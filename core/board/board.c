@@ -1,5 +1,7 @@
 #include "board/board.h"
 
+#include "board/fade.h"
+
 extern inline float tact_board_within(float value, float most);
 
 static void empty_queue(tact_board_channel *channel)
@@ -31,7 +33,7 @@ void tact_board_reset(tact_board *board, int32_t channels_max, float *stream, ui
 
 /* -- ending ------------------------------------------------------------------------------------------------------ */
 
-static void leave(tact_board *board, int32_t how)
+void tact_board_leave(tact_board *board, int32_t how)
 {
     if (how <= board->ending)
         return;
@@ -57,7 +59,7 @@ static void cut(tact_board *board, tact_board_channel *channel)
     channel->is_cut = 1;
     board->cuts++;
     empty_queue(channel);
-    leave(board, board->cuts < board->channels ? TACT_FADES : TACT_CUT);
+    tact_board_leave(board, board->cuts < board->channels ? TACT_FADES : TACT_CUT);
 }
 
 static int32_t way_out(int32_t fault)
@@ -88,7 +90,7 @@ static void fail(tact_board *board, int32_t fault, int32_t channel)
     if (way_out(fault) == TACT_CUT)
         cut(board, &board->channel[channel]);
     else
-        leave(board, way_out(fault));
+        tact_board_leave(board, way_out(fault));
 }
 
 void tact_board_fail(tact_board *board, uint32_t faults, int32_t channel)
@@ -100,37 +102,6 @@ void tact_board_fail(tact_board *board, uint32_t faults, int32_t channel)
     for (int32_t fault = TACT_FAULT_LAST; fault > TACT_FAULT_NONE; fault--)
         if (faults & (1u << fault))
             fail(board, fault, channel);
-}
-
-/* The soft start's first half is the command's, its second the reference's: with both at once, what is felt would not be
- * an answer to the reference. */
-static float soft_step(const tact_board *board)
-{
-    return 2.0f / (float)board->safety.soft_start_ticks;
-}
-
-void tact_board_fade(tact_board *board)
-{
-    board->fade += board->fade_step;
-    board->command_fade += board->command_fade_step;
-    if (board->fade >= 1.0f)
-        board->fade = 1.0f, board->fade_step = 0.0f;
-    if (board->command_fade >= 1.0f) {
-        board->command_fade = 1.0f, board->command_fade_step = 0.0f;
-        if (board->ending == TACT_STAYS && board->fade == 0.0f)
-            board->fade_step = soft_step(board);
-    }
-    if (board->ending != TACT_STAYS && board->fade <= 0.0f) {
-        board->fade = board->fade_step = 0.0f;
-        leave(board, TACT_RAMPS);
-    }
-    if (board->ending != TACT_STAYS && board->command_fade <= 0.0f) {
-        board->command_fade = board->command_fade_step = 0.0f;
-        board->ending = board->mode == TACT_RUNNING ? TACT_STAYS : TACT_CUT;
-        if (board->mode == TACT_RUNNING)
-            board->mode = TACT_ARMED;
-    }
-    board->fading = board->fade_step != 0.0f || board->command_fade_step != 0.0f;
 }
 
 /* -- transitions -------------------------------------------------------------------------------------------------- */
@@ -189,9 +160,7 @@ int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t dr
     board->holds = holds;
     board->silence = 0;
     board->ending = TACT_STAYS;
-    board->fade = board->command_fade = 0.0f;
-    board->fade_step = 0.0f;
-    board->command_fade_step = soft_step(board);
+    tact_board_fade_in(board);
     board->fading = 1;
     board->mode = TACT_RUNNING;
     return 1;
@@ -200,7 +169,7 @@ int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t dr
 int tact_board_stop(tact_board *board)
 {
     if (board->mode == TACT_RUNNING)
-        leave(board, TACT_FADES);
+        tact_board_leave(board, TACT_FADES);
     return board->mode != TACT_FAULT;
 }
 

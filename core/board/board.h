@@ -135,8 +135,8 @@ int tact_board_waits(const tact_board *board);
 /* Faults found in a channel (-1: in none), 1 << fault for each: the run ends in the way that the gravest asks. */
 void tact_board_fail(tact_board *board, uint32_t faults, int32_t channel);
 
-/* Fades move on by one tick; what has come to its end leads to what follows. */
-void tact_board_fade(tact_board *board);
+/* The run ends in this way (TACT_FADES...), unless a graver one has begun. */
+void tact_board_leave(tact_board *board, int32_t how);
 
 /* count samples (rows) for the ticks from `first` on; gives the tick up to which samples are there now. What was there
  * stays; what does not follow on is left out. References are limited to comfort and travel here, where they come in. */

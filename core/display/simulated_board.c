@@ -1,5 +1,7 @@
 #include "display/simulated_board.h"
 
+#include "display/touch.h"
+
 #include "wire/bytes.h"
 #include "wire/crc32.h"
 #include "board/period.h"
@@ -110,34 +112,10 @@ static int take(void *context, const uint8_t *bytes, size_t size, int32_t channe
     return tact_simulated_board_parse(context, bytes, size, channels);
 }
 
-/* The same fault again goes on: the request may have come twice. */
-static void break_sensor(tact_sensor_fault *fault, int32_t kind, float value, int32_t code)
-{
-    if (fault->kind != kind || !(fault->value == value || (fault->value != fault->value && value != value)))
-        tact_sensor_fault_set(fault, kind, value, code);
-}
-
-static int32_t touch_or_break(void *context, uint8_t type, tact_reader *in)
-{
-    tact_simulated_board *simulated = context;
-    const uint32_t channel = tact_read_u8(in);
-    const int32_t what = tact_read_u8(in);
-    const float value = type == TACT_ASK_BREAK ? tact_read_f32(in) : 0.0f;
-    if (in->overrun || in->at != in->size || channel >= (uint32_t)simulated->channels)
-        return TACT_BAD_PAYLOAD;
-    if (type == TACT_ASK_BREAK && what <= TACT_SENSOR_LAST)
-        break_sensor(&simulated->sensor[channel], what, value, simulated->code[channel]);
-    else if (type == TACT_ASK_TOUCH && what < simulated->table[channel].plant_count)
-        simulated->state[channel].touched = what;
-    else
-        return TACT_BAD_PAYLOAD;
-    return TACT_DONE;
-}
-
 void tact_simulated_board_join(tact_simulated_board *simulated, tact_link *link)
 {
     link->display = (tact_link_display){simulated,        take,
-                                        touch_or_break,   simulated->force,
+                                        tact_simulated_board_touch, simulated->force,
                                         simulated->felt_mm, &simulated->crc};
 }
 

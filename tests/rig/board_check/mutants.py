@@ -91,6 +91,7 @@ class Bench:
 
 
 _PERIOD, _BOARD, _GUARD = "core/board/period.c", "core/board/board.c", "core/board/guard.h"
+_FADE = "core/board/fade.c"
 _Q31 = "core/control/controller_q31.h"
 _SECTION = "core/arithmetic/section.h"
 
@@ -101,7 +102,7 @@ FEW = (
            "if (!(place <= resting.second && apart <= table->differing.first)) {", "if (0) {"),
     Mutant("reference not within comfort", "core/board/stream.c",
            "tact_board_within(want, safety->channel[channel].reference_max)", "want"),
-    Mutant("fade never ends", _BOARD, "board->fade += board->fade_step;", "board->fade += 0.0f;"),
+    Mutant("fade never ends", _FADE, "board->fade += board->fade_step;", "board->fade += 0.0f;"),
     Mutant("code not rounded", _PERIOD, "__builtin_copysignf(0.5f, steps)", "0.0f"),
     Mutant("command not faded in q31", _PERIOD, "board->command_fade * command_v, state->clamped)",
            "command_v, state->clamped)", "q31"),
@@ -146,13 +147,13 @@ MANY = (
     Mutant("limit of the command off", _PERIOD, "if (__builtin_fabsf(command_v) <= channel->command_max_v)",
            "if (__builtin_fabsf(command_v) <= 2.0f * channel->command_max_v)", "float32"),
     # the board
-    Mutant("soft start half as long", _BOARD, "return 2.0f / (float)board->safety.soft_start_ticks;",
+    Mutant("soft start half as long", _FADE, "return 2.0f / (float)board->safety.soft_start_ticks;",
            "return 4.0f / (float)board->safety.soft_start_ticks;"),
     Mutant("ramp as long as the fade", _BOARD, "-1.0f / (float)board->safety.ramp_ticks",
            "-1.0f / (float)board->safety.fade_ticks"),
     Mutant("quick ramp as long as the ramp", _BOARD, "-1.0f / (float)board->safety.quick_ticks",
            "-1.0f / (float)board->safety.ramp_ticks"),
-    Mutant("fade beyond one", _BOARD, "board->fade = 1.0f, board->fade_step = 0.0f;", "board->fade_step = 0.0f;"),
+    Mutant("fade beyond one", _FADE, "board->fade = 1.0f, board->fade_step = 0.0f;", "board->fade_step = 0.0f;"),
     Mutant("cut after the queue", _BOARD, "    board->cuts++;\n    empty_queue(channel);", "    board->cuts++;"),
     Mutant("others are cut as well", _BOARD, "board->cuts < board->channels ? TACT_FADES : TACT_CUT", "TACT_CUT"),
     Mutant("mildest fault first", _BOARD, "int32_t fault = TACT_FAULT_LAST; fault > TACT_FAULT_NONE; fault--",
@@ -177,8 +178,8 @@ MANY = (
     Mutant("limit of the q31 image alone", _BOARD,
            "table->command_max = table->command_max < limit ? table->command_max : limit;", "(void)limit;", "q31"),
     Mutant("any form is the designed one", _BOARD, "table->feedback[2].b0 == 1.0f &&", "1 &&", "float32"),
-    Mutant("stop is a cut", _BOARD, "    if (board->mode == TACT_RUNNING)\n        leave(board, TACT_FADES);",
-           "    if (board->mode == TACT_RUNNING)\n        leave(board, TACT_RAMPS);"),
+    Mutant("stop is a cut", _BOARD, "TACT_RUNNING)\n        tact_board_leave(board, TACT_FADES);",
+           "TACT_RUNNING)\n        tact_board_leave(board, TACT_RAMPS);"),
     Mutant("travel on one side", "core/board/stream.c", "below < low ? low : below", "below"),
     Mutant("slow part of another share", "core/board/stream.c",
            "safety->travel_share * (limited - state->slow)", "safety->travel_share * (want - state->slow)"),

@@ -176,5 +176,8 @@ def test_lawful_play__two_thousand_seconds_of_sound_sensors__trip_nothing(lawful
 
 
 @pytest.mark.soak
-def test_lawful_play__million_seconds_of_sound_sensors__trip_nothing(lawful: Path) -> None:
-    assert play(lawful, 2, 1e6).faults == {}
+def test_lawful_play__million_seconds_of_sound_sensors__no_sensor_is_called_false(lawful: Path) -> None:
+    """A finger that pushes with 0.6 V in play at the limit is stopped for its travel, a few times in 10^5 s."""
+    found = play(lawful, 2, 1e6).faults
+    assert set(found) <= {Fault.TRAVEL.words}
+    assert found.get(Fault.TRAVEL.words, 0) < 100
