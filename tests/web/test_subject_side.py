@@ -227,7 +227,7 @@ def test_practice__not_passed_and_given_up__goes_on_without(make) -> None:
     presented = lab.study.session(lab.sessions[0])
     presented.give_consent()
     from tactuator.experiment.session.presented_session import PresentedSession
-    from tactuator.experiment.store.records import Answer
+    from tactuator.experiment.store.answer_records import Answer
 
     held = PresentedSession(presented)
     presented.introduce()
@@ -246,7 +246,7 @@ def test_time_left__falls_with_every_run_and_is_nothing_at_the_end(make) -> None
     left = [presented.time_left_s]
     presented.give_consent()
     from tactuator.experiment.session.presented_session import PresentedSession
-    from tactuator.experiment.store.records import Answer
+    from tactuator.experiment.store.answer_records import Answer
 
     at = PresentedSession(presented)
     while presented.stage != "done":

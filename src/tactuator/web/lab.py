@@ -18,7 +18,7 @@ from tactuator.experiment.session.clock import JumpWatch
 from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.standing import NextTrial
 from tactuator.experiment.session.studies import Study
-from tactuator.experiment.store import records
+from tactuator.experiment.store import run_records
 from tactuator.experiment.store.cells import Found
 from tactuator.experiment.trial.presenter import Halted, Watch
 
@@ -139,7 +139,7 @@ class Lab:
         """
         async with self._opening:
             if row.id not in self._presented:
-                sitting = records.Sitting("person", self.shown)
+                sitting = run_records.Sitting("person", self.shown)
                 self._presented[row.id] = await self.work(lambda: PresentedSession(self.study.session(row, sitting)))
             return self._presented[row.id]
 
@@ -218,7 +218,7 @@ class Lab:
         jump_s = self.jumps.jump_s()
         if jump_s is not None:
             with self.store.begin() as connection:
-                records.note(
+                run_records.note(
                     connection, None, "clock-jump", f"the wall clock moved by {jump_s:.1f} s", self.clock.utc()
                 )
 

@@ -14,7 +14,7 @@ from tactuator.experiment.export.export import export
 from tactuator.experiment.export.writing import cell
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers
-from tactuator.experiment.store.records import Answer
+from tactuator.experiment.store.answer_records import Answer
 from tactuator.experiment.store.store import Store
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, apparatus, begin, opened_study
 

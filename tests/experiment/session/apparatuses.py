@@ -9,7 +9,7 @@ from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.studies import Study, open_session, open_study
-from tactuator.experiment.store.records import Answer
+from tactuator.experiment.store.answer_records import Answer
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.trial import Trial
 from tactuator.paper.controllers import paper_controller

@@ -11,7 +11,7 @@ from tactuator.experiment.session.identification_task import IdentificationTask
 from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.respondent import run_session
 from tactuator.experiment.session.studies import open_session, open_study
-from tactuator.experiment.store import records
+from tactuator.experiment.store import answer_records
 from tactuator.experiment.store.store import Store
 from tactuator.files.display import parse_display
 from tactuator.rig.open import open_rig
@@ -137,7 +137,7 @@ THREE = ("M-index", "C-index", "L-index")
 
 def answer(presented, response=None, watch=nobody):
     following = presented.present(watch)
-    return presented.answer(records.Answer(response or following.trial.correct, presented.session.clock.utc()))
+    return presented.answer(answer_records.Answer(response or following.trial.correct, presented.session.clock.utc()))
 
 
 def go_on(presented, trials):

@@ -7,7 +7,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.study import SubjectPart
 from tactuator.experiment.session.studies import open_session
 from tactuator.experiment.store import schema
-from tactuator.experiment.store.records import Sitting
+from tactuator.experiment.store.run_records import Sitting
 from tactuator.experiment.store.store import Store
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, opened_study
 

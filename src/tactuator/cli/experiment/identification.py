@@ -25,7 +25,7 @@ from tactuator.experiment.session.respondent import run_session
 from tactuator.experiment.session.studies import open_session, open_study, task_of
 from tactuator.experiment.simulated.respondents import ErringRespondent
 from tactuator.experiment.store.lock import sessions_of
-from tactuator.experiment.store.records import Sitting
+from tactuator.experiment.store.run_records import Sitting
 from tactuator.experiment.store.store import Store
 from tactuator.files.matrix import read_matrix
 

@@ -9,7 +9,7 @@ from tactuator.display.description import Channel
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.plan import ALL_FINGERS
-from tactuator.experiment.store.records import ApparatusRecord
+from tactuator.experiment.store.run_records import ApparatusRecord
 from tactuator.experiment.trial.timing import Timing
 from tactuator.rig.paced import PacedRig
 from tactuator.rig.rig import Rig

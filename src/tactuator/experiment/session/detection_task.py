@@ -23,7 +23,7 @@ from tactuator.experiment.result.thresholds import thresholds
 from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.task import Envelope, OfferedResponse, Picture, PlaybackCallbacks, Question, Rules
 from tactuator.experiment.store import schema
-from tactuator.experiment.store.records import PlayedTrial
+from tactuator.experiment.store.answer_records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.experiment.trial.detection_run import Detection

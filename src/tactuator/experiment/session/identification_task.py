@@ -21,7 +21,7 @@ from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.identification_items import LoadedItem, keep_items, load_items
 from tactuator.experiment.session.identification_plan import ABX_RESPONSES, block_seed, block_trials, plan_blocks
 from tactuator.experiment.session.task import Envelope, OfferedResponse, Picture, PlaybackCallbacks, Question, Rules
-from tactuator.experiment.store.records import PlayedTrial
+from tactuator.experiment.store.answer_records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.presenter import Presentation, Presenter
 from tactuator.experiment.trial.trial import IntervalRecord, Trial

@@ -9,7 +9,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.standing import Acknowledged, NextTrial
 from tactuator.experiment.session.task import PlaybackCallbacks
-from tactuator.experiment.store.records import Answer, PlayedTrial
+from tactuator.experiment.store.answer_records import Answer, PlayedTrial
 from tactuator.experiment.trial.presenter import Watch
 from tactuator.rig.board.stream import StreamDry
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.standing import Acknowledged, NextTrial
-from tactuator.experiment.store.records import Answer, PlayedTrial
+from tactuator.experiment.store.answer_records import Answer, PlayedTrial
 from tactuator.experiment.trial.trial import Trial
 
 

@@ -17,7 +17,7 @@ from tactuator.experiment.session.clock import Clock
 from tactuator.experiment.session.pace import Pace
 from tactuator.experiment.session.standing import Acknowledged, NextTrial, Running, RunTally, replay
 from tactuator.experiment.session.task import Course, SessionTask
-from tactuator.experiment.store import records, study_records
+from tactuator.experiment.store import answer_records, run_records, study_records
 from tactuator.experiment.store.cells import Found, stamp
 from tactuator.experiment.store.store import Store
 
@@ -39,10 +39,10 @@ class Session:
         task: SessionTask,
         version: int,
         clock: Clock,
-        sitting: records.Sitting | None = None,
+        sitting: run_records.Sitting | None = None,
     ) -> None:
         self.store, self.id, self.task, self.version, self.clock = store, int(row.id), task, version, clock
-        self.sitting = sitting or records.Sitting()
+        self.sitting = sitting or run_records.Sitting()
         self._who = (int(row.subject_number), int(row.visit))
         self.runs = task.runs(*self._who)
         self.held: PlannedRun | None = None
@@ -63,13 +63,13 @@ class Session:
             row = study_records.session(connection, self.id)
             self._ended, pinned = row.ended, row.protocol_version_id
             self._consented = row.consented_utc is not None or not self.task.protocol.study.consent
-            last = records.last_answer_utc(connection, self.id)
-            self.trials = records.trial_count(connection, self.id)
-            self._since_break = self.trials - records.last_break(connection, self.id)
-            runs = records.latest_runs(connection, self.id)
-            tallies = records.tallies(connection, self.id)
+            last = answer_records.last_answer_utc(connection, self.id)
+            self.trials = answer_records.trial_count(connection, self.id)
+            self._since_break = self.trials - run_records.last_break(connection, self.id)
+            runs = run_records.latest_runs(connection, self.id)
+            tallies = answer_records.tallies(connection, self.id)
             going = next((run for run in runs if run.state == "running"), None)
-            answers = [] if going is None else records.answers(connection, going.id)
+            answers = [] if going is None else answer_records.answers(connection, going.id)
         if pinned not in (None, self.version):
             raise BadInput(f"session {self.id} began under another version of the protocol; allowed: that one")
         self._rested_since_s = self.clock.monotonic_s() - (0.0 if last is None else max(self._since_s(last), 0.0))
@@ -197,17 +197,19 @@ class Session:
 
     def _attempts(self, position: int) -> int:
         with self.store.read() as connection:
-            return records.attempts(connection, self.id, position)
+            return run_records.attempts(connection, self.id, position)
 
     def _begin(self, planned: PlannedRun, attempt: int, replaced: Running | None = None) -> Running:
         now = self.clock.utc()
         with self.store.begin() as connection:
             if replaced is not None:
-                records.end_run(connection, replaced.row, "restarted", now)
+                run_records.end_run(connection, replaced.row, "restarted", now)
                 limit = self.task.rules.resume_within_s
-                records.note(connection, self.id, "restart", f"run {replaced.row} lay longer than {limit:g} s", now)
+                run_records.note(connection, self.id, "restart", f"run {replaced.row} lay longer than {limit:g} s", now)
             apparatus = self.task.apparatus.record(planned.finger)
-            row = records.begin_run(connection, self.id, planned, attempt, apparatus, self.sitting, self.version, now)
+            row = run_records.begin_run(
+                connection, self.id, planned, attempt, apparatus, self.sitting, self.version, now
+            )
             study_records.change_session(connection, self.id, protocol_version_id=self.version)
         self._states[planned.position], self._tally[planned.position] = "running", (0, 0)
         self._running = self._new_running(row, planned, attempt)
@@ -215,7 +217,7 @@ class Session:
 
     # -- answers and events
 
-    def answer(self, played: records.PlayedTrial, answer: records.Answer) -> Acknowledged:
+    def answer(self, played: answer_records.PlayedTrial, answer: answer_records.Answer) -> Acknowledged:
         """Save the answer to the trial that stands; it returns only after the commit.
 
         Raises BadInput for an answer that is not allowed or to another trial, and StoreFault, with nothing changed,
@@ -227,7 +229,7 @@ class Session:
             raise BadInput(f"answer to trial {number}; allowed: to the trial that stands")
         correct = played.trial.judge(answer.response)
         with self.store.begin() as connection:
-            records.save_answer(connection, running.row, played, answer)
+            answer_records.save_answer(connection, running.row, played, answer)
         running.course.record(answer.response)
         running.last_heard_s = self._rested_since_s = self.clock.monotonic_s()
         self._pace.answered(running.last_heard_s, self.task.expected(running.planned)[1])
@@ -242,7 +244,7 @@ class Session:
     def already(self, run: int, number: int) -> Acknowledged | None:
         """Return the acknowledgement of an answer that is in the store, for one that is sent again, or None."""
         with self.store.read() as connection:
-            row = records.answer(connection, self.id, run, number)
+            row = answer_records.answer(connection, self.id, run, number)
         if row is None:
             return None
         told = row.correct_response if self.runs[row.position].feedback else None
@@ -260,11 +262,11 @@ class Session:
         self._leave_run(state)
         with suppress(StoreFault), self.store.begin() as connection:
             now = self.clock.utc()
-            records.end_run(connection, running.row, state, now)
+            run_records.end_run(connection, running.row, state, now)
             if state == "restarted":
                 self.held = running.planned
                 detail = f"run {running.row}: {running.course.trials} trials"
-                records.note(connection, self.id, "practice-not-passed", detail, now)
+                run_records.note(connection, self.id, "practice-not-passed", detail, now)
 
     def _leave_run(self, state: str) -> None:
         assert self._running is not None
@@ -298,7 +300,7 @@ class Session:
         running = self._running
         if running is not None:
             with self.store.begin() as connection:
-                records.end_run(connection, running.row, "stopped", self.clock.utc())
+                run_records.end_run(connection, running.row, "stopped", self.clock.utc())
             self._leave_run("stopped")
         self._end("withdrawn" if keep else "withdrawn-discard", "answers kept" if keep else "answers not to be used")
 
@@ -306,7 +308,7 @@ class Session:
         now = self.clock.utc()
         with self.store.begin() as connection:
             study_records.change_session(connection, self.id, ended=how, ended_utc=stamp(now))
-            records.note(connection, self.id, how, detail, now)
+            run_records.note(connection, self.id, how, detail, now)
         self._ended = how
 
     def end_break(self) -> None:
@@ -333,16 +335,16 @@ class Session:
         if self._running is None:
             raise BadInput("no run goes on; allowed: stopping one that does")
         with self.store.begin() as connection:
-            records.end_run(connection, self._running.row, "stopped", self.clock.utc())
+            run_records.end_run(connection, self._running.row, "stopped", self.clock.utc())
         self._leave_run("stopped")
 
     def _give_up_held(self, planned: PlannedRun) -> None:
         with self.store.begin() as connection:
-            row = next(run for run in records.latest_runs(connection, self.id) if run.position == planned.position)
-            records.end_run(connection, row.id, "stopped", self.clock.utc())
+            row = next(run for run in run_records.latest_runs(connection, self.id) if run.position == planned.position)
+            run_records.end_run(connection, row.id, "stopped", self.clock.utc())
         self._states[planned.position], self.held = "stopped", None
 
     def note(self, kind: str, detail: str, trials: int | None = None) -> None:
         """Store an event of that kind."""
         with self.store.begin() as connection:
-            records.note(connection, self.id, kind, detail, self.clock.utc(), trials)
+            run_records.note(connection, self.id, kind, detail, self.clock.utc(), trials)

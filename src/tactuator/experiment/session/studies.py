@@ -22,7 +22,7 @@ from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.task import SessionTask
 from tactuator.experiment.store import study_records
 from tactuator.experiment.store.cells import Found, stamp
-from tactuator.experiment.store.records import Sitting, note
+from tactuator.experiment.store.run_records import Sitting, note
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.study_records import NewSubject, Tokens
 

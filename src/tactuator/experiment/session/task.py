@@ -17,7 +17,7 @@ from tactuator.experiment.protocol.plan import PlannedRun
 from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.result.tables import ResultTable
 from tactuator.experiment.session.apparatus import Apparatus
-from tactuator.experiment.store.records import PlayedTrial
+from tactuator.experiment.store.answer_records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.presenter import Watch
 from tactuator.experiment.trial.trial import Trial

@@ -12,7 +12,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.session.identification_plan import ABX_RESPONSES, asked_label
 from tactuator.experiment.session.respondent import Respondent
 from tactuator.experiment.session.standing import Acknowledged
-from tactuator.experiment.store.records import PlayedTrial
+from tactuator.experiment.store.answer_records import PlayedTrial
 from tactuator.experiment.trial.trial import Trial
 from tactuator.rig.touchable import TouchableRig
 from tactuator.signals.bands import third_octave_bands

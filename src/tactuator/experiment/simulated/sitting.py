@@ -20,7 +20,8 @@ from tactuator.experiment.session.standing import NextTrial
 from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.simulated.observer import Observer
 from tactuator.experiment.simulated.observer_at_rig import ObserverAtRig
-from tactuator.experiment.store.records import PlayedTrial, Sitting
+from tactuator.experiment.store.answer_records import PlayedTrial
+from tactuator.experiment.store.run_records import Sitting
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.trial import Trial
 from tactuator.perception.curve import ThresholdCurve
