@@ -11,6 +11,7 @@ from tactuator.experiment.export.export import export
 from tactuator.experiment.procedure.refit import refit
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.result.group_curve import circumstances, group_curve
+from tactuator.experiment.result.psychometric_trials import psychometric_trials
 from tactuator.experiment.result.thresholds import thresholds
 from tactuator.experiment.session.clock import SystemClock
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers
@@ -18,6 +19,7 @@ from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.files.curve import read_curve, write_curve
 from tactuator.perception.library import curve
+from tactuator.report.plates.felt.psychometric import psychometric_plate
 from tests.experiment.session.apparatuses import PROTOCOL, apparatus
 
 TEXT = (
@@ -55,8 +57,16 @@ def test_whole_curve__through_the_display__follows_the_truth(tmp_path) -> None:
     store = Store(tmp_path / "lab.db")
     observers = simulated_observers(curve("bolanowski-1988"), 1, seed=2)
     run_study(store, parse_protocol(text), text, apparatus(), observers, SystemClock(), "finger")
-    found = thresholds(detection_runs(store))
+    runs = detection_runs(store)
+    found = thresholds(runs)
     store.close()
+    (drawn,) = psychometric_trials(runs, found)["S1"]
+    assert drawn.whole_curve
+    assert drawn.count.sum() == 60
+    assert drawn.threshold.refit_db_sl == pytest.approx(0.0, abs=2.5)  # curve and function tell the same story
+    plate = psychometric_plate("S1", [drawn])
+    assert "relative to the run's own curve" in plate.caption
+    assert plate.figure.axes[0].get_title().startswith("index, whole curve")
     truth = observers[0].curve.level_db_re_1um_at([one.frequency_hz for one in found])
     errors = np.array([one.level_db_re_1um for one in found]) - truth
     assert float(np.sqrt(np.mean(errors**2))) < 3.5

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tactuator.cli.experiment.results import person_thresholds
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.result.group_curve import group_curve
 from tactuator.experiment.result.psychometric_trials import psychometric_trials
 from tactuator.experiment.result.tables import threshold_table
-from tactuator.experiment.result.thresholds import MeasuredThreshold, thresholds
+from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold, thresholds
 from tactuator.experiment.session.clock import SystemClock
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
 from tactuator.experiment.store.store import Store
@@ -19,6 +20,7 @@ from tactuator.experiment.trial.delivered_level import delivered_level
 from tactuator.perception import library
 from tactuator.perception.relative_curve import RelativeCurve
 from tactuator.report.plates.felt.psychometric import psychometric_plate
+from tactuator.report.plates.felt.thresholds import thresholds_plate
 from tests.experiment.session.apparatuses import apparatus
 
 LIBRARY = library.curve("bolanowski-1988")
@@ -105,6 +107,20 @@ def test_thresholds__on_a_simulated_rig__are_called_simulated(study) -> None:
     plate = psychometric_plate("S1", plates["S1"])
     assert "simulated" in plate.caption
     assert sum(plate.table["trials"]) == sum(int(one.count.sum()) for one in plates["S1"])
+
+
+def test_figure__thresholds_with_disqualifying_flags__are_crossed_out_and_told(study) -> None:
+    found = thresholds(detection_runs(study[0]))
+    people = person_thresholds(found)
+    assert [one.name for one in people] == ["S1", "S2"]
+    assert people[1].flagged.all()
+    plate = thresholds_plate(people, LIBRARY, None)
+    count = sum(bool(DISQUALIFYING & set(one.flags)) for one in found)
+    assert f"Crossed out: {count} thresholds" in plate.caption
+    assert sum(plate.table["flagged"]) == count
+    crosses = [line for line in plate.figure.axes[0].lines if line.get_marker() == "x"]
+    assert sum(line.get_xdata().size for line in crosses) == count
+    assert "flagged" not in thresholds_plate([replace(one, flagged=None) for one in people], LIBRARY, None).table
 
 
 def test_group_curve__measured_by_people__is_called_measured(study) -> None:

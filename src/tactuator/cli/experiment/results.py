@@ -51,7 +51,7 @@ def results(
         write_curve(curve_out, across.curve, circumstances(across, runs))
     if across is not None and figures is not None:
         figures.mkdir(parents=True, exist_ok=True)
-        thresholds_plate(_people(found), original, across.curve).save(figures)
+        thresholds_plate(person_thresholds(found), original, across.curve).save(figures)
         for subject, trials in psychometric_trials(runs, found).items():
             psychometric_plate(subject, trials).save(figures)
     answer = {"thresholds": [_plain(one) for one in found], "curve": _curve(across), "left_out": _left_out(across)}
@@ -79,13 +79,14 @@ def _left_out(group: GroupCurve | None) -> list[dict[str, Any]]:
     return [{**{key: getattr(one, key) for key in keys}, "flags": list(one.flags)} for one in left_out]
 
 
-def _people(found: Sequence[MeasuredThreshold]) -> list[PersonThresholds]:
+def person_thresholds(found: Sequence[MeasuredThreshold]) -> list[PersonThresholds]:
     """Return each subject's thresholds by frequency; every finger and repeat is a point."""
     people = []
     for subject in sorted({one.subject for one in found}):
         mine = sorted((one for one in found if one.subject == subject), key=lambda one: one.frequency_hz)
-        columns = np.array([(one.frequency_hz, one.level_db_re_1um, one.sd_db) for one in mine]).T
-        people.append(PersonThresholds(subject, *columns))
+        hertz, level, error = np.array([(one.frequency_hz, one.level_db_re_1um, one.sd_db) for one in mine]).T
+        flagged = np.array([bool(DISQUALIFYING & set(one.flags)) for one in mine])
+        people.append(PersonThresholds(subject, hertz, level, error, flagged))
     return people
 
 

@@ -30,7 +30,7 @@ def psychometric_plate(subject: str, runs: Sequence[PsychometricTrials]) -> Plat
     for row in grid:
         row[0].set_ylabel("share correct", fontsize=8)
     for panel in panels[max(len(runs) - _COLUMNS, 0) : len(runs)]:
-        panel.set_xlabel("level (dB SL)", fontsize=8)
+        panel.set_xlabel(_level_label(runs[panels.index(panel)]), fontsize=8)
     simulated = any(run.threshold.simulated for run in runs)
     who = f"{subject} (simulated: nobody felt this)" if simulated else subject
     caption = (
@@ -38,7 +38,16 @@ def psychometric_plate(subject: str, runs: Sequence[PsychometricTrials]) -> Plat
         f"function of the refit; the bar is the threshold at {100.0 * runs[0].threshold.point:.1f} % correct with its "
         "95 % interval, the triangle the procedure's own number."
     )
+    if any(run.whole_curve for run in runs):
+        caption += (
+            " Whole-curve runs: levels relative to the run's own curve at each trial's frequency, in classes of 2 dB; "
+            "a threshold at 0 dB agrees with the curve."
+        )
     return Plate(f"psychometric-{subject}", f"Psychometric functions, {subject}", caption, made, _table(runs))
+
+
+def _level_label(run: PsychometricTrials) -> str:
+    return "level above the curve (dB)" if run.whole_curve else "level (dB SL)"
 
 
 def _panel(axes, run: PsychometricTrials) -> None:  # type: ignore[no-untyped-def]
@@ -54,7 +63,8 @@ def _panel(axes, run: PsychometricTrials) -> None:  # type: ignore[no-untyped-de
         axes.plot([one.own_db_sl], [one.point - 0.05], "^", color=RED, markersize=4)
     bound = {"": "", ">=": " (≥)", "<=": " (≤)"}[one.bound]
     flags = f"\n{', '.join(one.flags)}" if one.flags else ""
-    axes.set_title(f"{one.finger}, {one.frequency_hz:.4g} Hz{bound}{flags}", fontsize=7)
+    where = "whole curve" if run.whole_curve else f"{one.frequency_hz:.4g} Hz"
+    axes.set_title(f"{one.finger}, {where}{bound}{flags}", fontsize=7)
     axes.set_ylim(-0.03, 1.05)
     axes.tick_params(labelsize=7)
 

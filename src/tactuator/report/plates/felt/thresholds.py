@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.perception.curve import ThresholdCurve
@@ -17,19 +18,23 @@ _MARKERS = "os^Dv<>"
 
 @dataclass(frozen=True, eq=False)
 class PersonThresholds:
-    """One person's thresholds: level (dB re 1 um peak) and standard error at frequency_hz, all of shape (n,)."""
+    """One person's thresholds: level (dB re 1 um peak) and standard error at frequency_hz, all of shape (n,).
+
+    flagged: True at each threshold whose run has a flag that disqualifies it, None where runs have no flags.
+    """
 
     name: str
     frequency_hz: FloatArray
     level_db_re_1um: FloatArray
     standard_error_db: FloatArray
+    flagged: NDArray[np.bool_] | None = None
 
 
 def thresholds_plate(
     people: Sequence[PersonThresholds], library: ThresholdCurve, new: ThresholdCurve | None, name: str = "fig11"
 ) -> Plate:
     """Draw points with standard errors for every person, the library's curve (solid) and the new one (dashed, with
-    band).
+    band). Flagged points are crossed out.
     """
     made, axes = figure(height_in=4.2)
     low = min(float(one.frequency_hz.min()) for one in people)
@@ -50,6 +55,8 @@ def thresholds_plate(
             at, one.level_db_re_1um, one.standard_error_db, fmt=marker, color=colour, markersize=4, fillstyle="none",
             elinewidth=0.8, label=one.name,
         )  # fmt: skip
+        if one.flagged is not None and one.flagged.any():
+            axes.plot(at[one.flagged], one.level_db_re_1um[one.flagged], "x", color=INK, markersize=9, zorder=5)
     frequency_axis(axes, low / 1.15, high * 1.15)
     axes.set_ylabel("threshold (dB re 1 µm peak)", fontsize=9)
     legend(axes, loc="lower left")
@@ -58,6 +65,8 @@ def thresholds_plate(
         f"of the design ({library.name}, {library.provenance})"
     )
     caption += "; dashed: the new curve, with its standard error." if new is not None else "."
+    crossed = sum(0 if one.flagged is None else int(one.flagged.sum()) for one in people)
+    caption += f" Crossed out: {crossed} thresholds of runs with a disqualifying flag." if crossed else ""
     table: dict[str, list[object]] = {
         key: [] for key in ("person", "frequency_hz", "level_db_re_1um", "standard_error_db")
     }
@@ -66,6 +75,9 @@ def thresholds_plate(
         for row in zip(*(column.tolist() for column in columns), strict=True):
             for cells, cell in zip(table.values(), (one.name, *row), strict=True):
                 cells.append(cell)
+    if any(one.flagged is not None for one in people):
+        marks = [np.zeros(one.frequency_hz.size, bool) if one.flagged is None else one.flagged for one in people]
+        table["flagged"] = [int(mark) for marked in marks for mark in marked]
     return Plate(name, "Detection thresholds and the new curve", caption, made, table)
 
 
