@@ -123,6 +123,7 @@ def uncovered(folder: Path, corpus: Path) -> dict[str, list[int]]:
     return missed
 
 
+@pytest.mark.slow
 def test_period__some_seconds_of_fuzzing__break_nothing(tmp_path: Path) -> None:
     _, steps = fuzz(tmp_path, "-max_total_time=5")
     assert steps > 10_000

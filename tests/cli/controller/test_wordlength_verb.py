@@ -101,7 +101,7 @@ def test_wordlength__misused__is_refused(
 NOT_CONTROLLERS = {
     "nothing": (None, "No such file or directory"),
     "not JSON": ("{", "it is not JSON"),
-    "not text": (b"\xff\xfe\x00", "it is not JSON"),
+    "not text": (b"\xff\xfe\x00", "it is not text"),
     "another file": ("{}", "format is None; allowed: 'tactuator-controller/1'"),
     "a list": ("[]", "format is 'list'"),
     "a later version": ('{"format": "tactuator-controller/2"}', "format is 'tactuator-controller/2'; allowed"),
