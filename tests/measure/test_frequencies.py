@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.measure.frequencies import TOLERANCE, multisine_lines, tones
+from tactuator.measure.frequencies import TOLERANCE, multisine_lines, sweep_lines, tones
 
 RATE_HZ = 4000.0
 
@@ -65,3 +65,23 @@ def test_tones__beside_mains__refused_with_what_is_allowed() -> None:
         tones([60.0], 60.0, (0.4, 300.0))
     assert tones([120.0, 300.0], 60.0, (0.4, 300.0)).tolist() == [122.0, 298.0]
     assert tones([60.0], None, (0.4, 300.0)).tolist() == [60.0]
+
+
+@pytest.mark.parametrize("band", [(40.0, 300.0), (0.4, 300.0), (100.0, 130.0), (55.0, 65.0)])
+@pytest.mark.parametrize("mains", [None, 50.0, 60.0])
+def test_sweep__any_band__stays_inside_it(band: tuple[float, float], mains: float | None) -> None:
+    """A band of less than three octaves was played up to ten times its end."""
+    period, bins = sweep_lines(np.geomspace(*band, 30), RATE_HZ, 20.0, mains, band)
+    played = bins * RATE_HZ / period
+    assert band[0] * 0.999 <= played.min()
+    assert played.max() <= band[1] * 1.001
+    assert played.size == 30 or (played.size > 10 and band[1] < 1.5 * band[0])
+    assert np.all(bins % 2 == 1)
+    if mains:
+        high = played[played > 0.5 * mains]
+        assert np.all(np.abs(high - mains * np.round(high / mains)) >= 2.0 - 1e-9)
+
+
+def test_sweep__too_short_for_two_periods__is_refused() -> None:
+    with pytest.raises(BadInput, match=r"two periods of 0\.4 Hz within 4 s"):
+        sweep_lines([0.4, 3.0], RATE_HZ, 4.0, None, (0.4, 300.0))

@@ -5,6 +5,8 @@ What the sensor shows at a multiple of mains is not what the finger feels, so th
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -85,3 +87,29 @@ def multisine_lines(
     raise BadInput(
         f"multisine: {missed}; allowed: a longer time, frequencies further apart or off mains, or the stepped sine"
     )
+
+
+def sweep_lines(
+    frequency_hz: ArrayLike, rate_hz: float, longest_s: float, mains_hz: float | None, band_hz: Band
+) -> tuple[int, Bins]:
+    """Return (period in samples, odd lines of it) for a sweep whose frequencies (m,) nobody asked for: the shortest
+    period whose nearest lines all lie inside band_hz, or the longest that fits, with those of its lines that do.
+
+    Raises BadInput where two periods of the lowest frequency do not fit into longest_s, or no line is inside the band.
+    """
+    wanted = np.sort(np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64)))
+    found: tuple[int, Bins] | None = None
+    for times in range(1, _DENSEST + 1, 2):
+        period = round(times * rate_hz / wanted[0])
+        if 2.0 * period / rate_hz > longest_s:
+            break
+        with suppress(BadInput):  # more frequencies than such a period has lines
+            bins = place_lines(wanted, rate_hz, period, mains_hz=mains_hz)
+            played = bins * rate_hz / period
+            inside = (played >= band_hz[0] * (1 - 1e-9)) & (played <= band_hz[1] * (1 + 1e-9))
+            found = (period, bins[inside])
+            if inside.all():
+                break
+    if found is None or found[1].size == 0:
+        raise BadInput(f"two periods of {wanted[0]:g} Hz within {longest_s:g} s; allowed: a longer time")
+    return found

@@ -14,13 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.errors import BadInput
-from tactuator.measure.frequencies import multisine_lines
+from tactuator.measure.frequencies import multisine_lines, sweep_lines
 from tactuator.measure.stepped_sine import check_asked
 from tactuator.rig.rig import Rig
 from tactuator.rig.trace import recut_traces
 from tactuator.signals.decibels import from_db
-from tactuator.signals.multisine import Multisine, multisine, place_lines
+from tactuator.signals.multisine import Multisine, multisine
 from tactuator.signals.response import Response
 
 
@@ -52,23 +51,16 @@ def multisine_response(
     (default all).
 
     Lines stand at odd multiples of one period's frequency, within 2 % of what is asked, 2 Hz off mains and inside
-    band_hz (default: below 0.45 of the rate): the shortest period that has them all. Not `exactly`: the period is that
-    of the lowest frequency and the lines are the nearest it has, for a sweep whose frequencies nobody asked for. After
+    band_hz (default: below 0.45 of the rate): the shortest period that has them all. Not `exactly`: the nearest lines
+    inside the band, for a sweep whose frequencies nobody asked for. After
     settle_s of the same signal two periods are averaged, and more until every line's 95 % half-width is at most
     confidence_db or longest_s are over. The half-width covers noise and distortion. Raises BadInput as `stepped_sine`
     does.
     """
     names = check_asked(rig, frequency_hz, level_db_sl, confidence_db, longest_s, channels)
     frequency = np.sort(np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64)))
-    if exactly:
-        period, bins = multisine_lines(
-            frequency, rig.rate_hz, longest_s, mains_hz, band_hz or (0.0, 0.45 * rig.rate_hz)
-        )
-    else:
-        period = round(rig.rate_hz / frequency[0])
-        if 2.0 * period / rig.rate_hz > longest_s:
-            raise BadInput(f"two periods of {frequency[0]:g} Hz within {longest_s:g} s; allowed: a longer time")
-        bins = place_lines(frequency, rig.rate_hz, period, mains_hz=mains_hz)
+    lines = multisine_lines if exactly else sweep_lines
+    period, bins = lines(frequency, rig.rate_hz, longest_s, mains_hz, band_hz or (0.0, 0.45 * rig.rate_hz))
     excited = multisine(rig.rate_hz, period, bins, float(from_db(level_db_sl)), rng)
     columns = [rig.channels.index(name) for name in names]
     player = _Player(rig, excited, columns, mains_hz)
