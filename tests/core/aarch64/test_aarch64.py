@@ -29,7 +29,8 @@ def images() -> dict[str, bytes]:
 def compiled(compiler: str, out: Path, flags: list[str]) -> Path:
     """Compile the program with the core's own sources."""
     sources = [path for part in PARTS for path in sorted((ROOT / "core" / part).glob("*.c"))]
-    sources += [ROOT / "core" / "board" / "image.c", Path(__file__).with_name("bits.c")]
+    board = ROOT / "core" / "board"
+    sources += [board / "image.c", board / "sealed.c", Path(__file__).with_name("bits.c")]
     subprocess.run([compiler, *flags, "-static", "-I", ROOT / "core", *sources, "-o", out], check=True)
     return out
 
