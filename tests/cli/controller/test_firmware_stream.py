@@ -29,7 +29,7 @@ def test_stream__fast_enough__exits_0_with_one_object(stream, capsys):
 
 
 def test_stream__far_too_slow_a_processor__exits_1(stream, capsys):
-    assert stream("--instruction-ns", "128") == 1
+    assert stream("--instruction-ns", "256") == 1
     assert "late" in capsys.readouterr().out
 
 
