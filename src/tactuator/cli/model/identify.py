@@ -19,7 +19,7 @@ from tactuator.files.foreign_response import is_response, read_foreign_response
 from tactuator.files.model import write_model
 from tactuator.files.record import read_record
 from tactuator.identification.asked import Asked
-from tactuator.identification.by_response import identify_response
+from tactuator.identification.by_response import ResponseFit, identify_response
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification, resonances
 from tactuator.identification.validation import validated
@@ -78,16 +78,21 @@ def run(
     deliver(found, parts[0], out, figures, as_json)
 
 
-def deliver_response(path: Path, asked: Asked, out: Path | None, as_json: bool) -> None:
-    """Identify a frequency response; exit status 1 where the model is not to be trusted."""
-    with steps() as note:
-        found = identify_response(read_foreign_response(path), asked, note)
+def _say_and_write(found: Identification | ResponseFit, out: Path | None) -> None:
+    """Say what there is to remark and why not to trust the model, and write it where it is asked for."""
     for remark in found.remarks:
         sys.stderr.write(f"tactuator: note: {remark}\n")
     for reason in found.distrust:
         sys.stderr.write(f"tactuator: the model is not to be trusted: {reason}\n")
     if out is not None:
         write_model(out, found.model, found.model.family(_FAMILY, np.random.default_rng(0)))
+
+
+def deliver_response(path: Path, asked: Asked, out: Path | None, as_json: bool) -> None:
+    """Identify a frequency response; exit status 1 where the model is not to be trusted."""
+    with steps() as note:
+        found = identify_response(read_foreign_response(path), asked, note)
+    _say_and_write(found, out)
     table = Table("what", "value", title=f"response: {found.order} poles, {found.model.num.size - 1} zeros")
     for name, value in (("num", found.model.num), ("den", found.model.den), ("dead time (s)", found.model.delay_s)):
         table.add_row(name, np.array2string(np.atleast_1d(value), precision=6))
@@ -99,12 +104,7 @@ def deliver_response(path: Path, asked: Asked, out: Path | None, as_json: bool) 
 
 def deliver(found: Identification, read: Record, out: Path | None, figures: Path | None, as_json: bool) -> None:
     """Say, write and print what was found; exit status 1 where the model is not to be trusted."""
-    for remark in found.remarks:
-        sys.stderr.write(f"tactuator: note: {remark}\n")
-    for reason in found.distrust:
-        sys.stderr.write(f"tactuator: the model is not to be trusted: {reason}\n")
-    if out is not None:
-        write_model(out, found.model, found.model.family(_FAMILY, np.random.default_rng(0)))
+    _say_and_write(found, out)
     if figures is not None:
         from tactuator.report.plates.device.identification import save_identification  # matplotlib takes a second
 
