@@ -31,16 +31,23 @@ def controller() -> Controller:
     return design_controller(parse_display(three_finger_display()))
 
 
-class _OneStudy(LoadScopeScheduling):  # type: ignore[misc]
-    """Every test goes to the worker that is free, but those of the paper's study to one, so that it runs once."""
+#: What is made once for several tests: those tests go to one worker.
+_SHARED = {
+    "tests/paper/test_": "the study",
+    "tests/repository/installed/": "the installed wheel",
+}
+
+
+class _MadeOnce(LoadScopeScheduling):  # type: ignore[misc]
+    """Every test goes to the worker that is free, but those that share something long to make go to one worker."""
 
     def _split_scope(self, nodeid: str) -> str:
-        return "study" if nodeid.startswith("tests/paper/test_") else nodeid
+        return next((shared for start, shared in _SHARED.items() if nodeid.startswith(start)), nodeid)
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """Return the scheduler of the tests."""
-    return _OneStudy(config, log)
+    return _MadeOnce(config, log)
 
 
 _BROWSER = ("chromium",)

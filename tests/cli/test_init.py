@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from tactuator.cli import main
+from tactuator.experiment.protocol.file import read_identification
 from tactuator.files.start.shipped import example_names
 from tactuator.files.start.template import DISPLAY_KINDS
 from tests.cli.refusals import refused
@@ -27,6 +28,15 @@ def test_init__display_and_protocol__are_written_and_named(empty: Path, capsys: 
     assert main(["init", "--like", "voice-coil", "--protocol", "quest-plus"]) == 0
     assert capsys.readouterr().out.split() == ["written:", "display.toml", "written:", "protocol.toml"]
     assert "flexure" in (empty / "display.toml").read_text()
+
+
+def test_init__protocol_that_presents_items__brings_them(empty: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["init", "--protocol", "identification", "--json"]) == 0
+    written = json.loads(capsys.readouterr().out)["written"]
+    assert {"protocol.toml", "a.wav", "a.json", "i.wav", "u.wav"} <= set(written)
+    assert all((empty / name).exists() for name in written)
+    protocol, _ = read_identification(empty / "protocol.toml")
+    assert [item.label for item in protocol.item] == ["a", "i", "u"]
 
 
 @pytest.mark.parametrize(
@@ -52,15 +62,6 @@ def test_init__where_a_file_is_already__refused_and_left(
     (empty / there).write_text("mine")
     refused(["init", "--protocol", "abx"], f"{there} is there already", capsys, empty)
     assert (empty / there).read_text() == "mine"
-
-
-@pytest.mark.slow
-def test_init__examples_then_three_commands__a_controller_that_was_checked(empty: Path) -> None:
-    assert main(["init", "--examples", "."]) == 0
-    columns = ["--input", "drive", "--output", "encoder", "--time", "t"]
-    assert main(["identify", "bench.csv", *columns, "--out", "model.json"]) == 0
-    assert main(["design", "bench.toml", "--out", "controller.json"]) == 0
-    assert main(["check", "controller.json"]) == 0
 
 
 @pytest.mark.slow

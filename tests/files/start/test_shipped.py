@@ -102,18 +102,16 @@ def test_copy__where_something_else_lies__nothing_is_written(tmp_path):
 
 
 def test_copy__that_fails_midway__takes_back_what_it_wrote(tmp_path, monkeypatch):
-    import shutil
-
     copied = []
 
-    def full(source, target):
+    def full(target, content):
         if len(copied) == 5:
             raise OSError(28, "No space left on device")
         copied.append(target)
-        return real(source, target)
+        return real(target, content)
 
-    real = shutil.copyfile
-    monkeypatch.setattr(shutil, "copyfile", full)
+    real = Path.write_bytes
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(BadInput, match="No space left"):
         copy_examples(tmp_path / "new")
     assert list(tmp_path.iterdir()) == []

@@ -8,12 +8,12 @@ from typing import Any
 
 from tactuator.cli.answer import answer
 from tactuator.errors import BadInput
-from tactuator.files.atomic import write_text
 from tactuator.files.model import read_model
-from tactuator.files.start.shipped import copy_examples
+from tactuator.files.start.shipped import copy_examples, write_all
 from tactuator.files.start.template import (
     DISPLAY_KINDS,
     display_template,
+    protocol_items,
     protocol_template,
     with_model,
 )
@@ -29,18 +29,22 @@ def run(
         if like is not None or model is not None or protocol is not None:
             raise BadInput("--examples with another option; allowed: --examples alone, since it copies everything")
         written = [str(path) for path in copy_examples(examples)]
-        answer({"written": written}, as_json, f"{len(written)} files in {examples}; README.md says what each is")
+        said = f"{len(written)} files written into {examples}; {examples / 'README.md'} says what each is"
+        answer({"written": written}, as_json, said)
         return
-    texts = {out: _display(like or DISPLAY_KINDS[0], model, out)}
+    contents = {out: _display(like or DISPLAY_KINDS[0], model, out).encode()}
     if protocol is not None:
-        texts[out.parent / _PROTOCOL] = protocol_template(protocol)
-    for path in texts:
+        contents[out.parent / _PROTOCOL] = protocol_template(protocol).encode()
+    for path in contents:
         if path.exists():
             raise BadInput(f"{path} is there already; allowed: --out with a name that is free")
-    for path, text in texts.items():
-        write_text(path, text)
-    result: dict[str, Any] = {"written": [str(path) for path in texts]}
-    answer(result, as_json, "\n".join(f"written: {path}" for path in texts))
+    if not out.parent.is_dir():
+        raise BadInput(f"{out.parent} is not a folder; allowed: --out in a folder that is there")
+    if protocol is not None:
+        contents |= {out.parent / name: content for name, content in protocol_items(protocol).items()}
+    write_all(contents)
+    result: dict[str, Any] = {"written": [str(path) for path in contents]}
+    answer(result, as_json, "\n".join(f"written: {path}" for path in contents))
 
 
 def _display(kind: str, model: Path | None, out: Path) -> str:

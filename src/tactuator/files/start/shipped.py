@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
+from collections.abc import Mapping
 from pathlib import Path
 
 from tactuator.errors import BadInput
@@ -22,31 +22,40 @@ def copy_examples(folder: Path) -> tuple[Path, ...]:
     A file that is there already with the same content stays. Raises BadInput, with nothing written, for one with
     another content, and for a folder that cannot be written.
     """
-    targets = {folder / name: EXAMPLES / name for name in example_names()}
-    missing = {target: source for target, source in targets.items() if not _is_there(target, source)}
+    contents = {folder / name: (EXAMPLES / name).read_bytes() for name in example_names()}
+    write_all(contents)
+    return tuple(contents)
+
+
+def write_all(contents: Mapping[Path, bytes]) -> None:
+    """Write every file, or none if one of them fails; folders that are not there are made.
+
+    A file that is there already with the same content stays. Raises BadInput for one with another content, and where
+    a folder cannot be written.
+    """
+    missing = {target: content for target, content in contents.items() if not _is_there(target, content)}
     written: list[Path] = []
     made: list[Path] = []
     try:
-        for target, source in missing.items():
+        for target, content in missing.items():
             made += _made_folders(target.parent)
             written.append(target)
-            shutil.copyfile(source, target)
+            target.write_bytes(content)
     except BaseException as error:
         for path in written:
             path.unlink(missing_ok=True)
         for path in reversed(made):
             path.rmdir()
         if isinstance(error, OSError):
-            raise BadInput(f"{folder} cannot be written: {error.strerror}; allowed: another folder") from None
+            raise BadInput(f"{target} cannot be written: {error.strerror}; allowed: another folder") from None
         raise
-    return tuple(targets)
 
 
-def _is_there(target: Path, source: Path) -> bool:
-    """Return whether the example lies there already; raise BadInput where something else does."""
+def _is_there(target: Path, content: bytes) -> bool:
+    """Return whether the file lies there already; raise BadInput where something else does."""
     if not target.exists():
         return False
-    if not target.is_file() or target.read_bytes() != source.read_bytes():
+    if not target.is_file() or target.read_bytes() != content:
         raise BadInput(f"{target} is there already, and not the example; allowed: a folder without it")
     return True
 

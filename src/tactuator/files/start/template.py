@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactuator.errors import BadInput
@@ -25,6 +26,13 @@ def display_template(kind: str) -> str:
 def protocol_template(kind: str) -> str:
     """Return the text of a commented protocol file of that kind; BadInput for another kind."""
     return _text("protocols", kind, PROTOCOL_KINDS)
+
+
+def protocol_items(kind: str) -> dict[str, bytes]:
+    """Return the files that a protocol of that kind presents, by their names beside it: sounds and their scales."""
+    sounds = [Path(name) for name in re.findall(r'^file = "([^"]+)"', protocol_template(kind), flags=re.MULTILINE)]
+    names = [str(name) for sound in sounds for name in (sound, sound.with_suffix(".json"))]
+    return {name: (EXAMPLES / "protocols" / name).read_bytes() for name in names}
 
 
 def _text(folder: str, kind: str, kinds: tuple[str, ...]) -> str:

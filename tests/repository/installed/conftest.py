@@ -1,0 +1,92 @@
+"""An environment that holds the wheel and the runtime set and nothing else, and a folder in which it was used.
+
+Both are made once, and every test that needs them is run by one worker (tests/conftest.py).
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tools import wheel as maker
+
+ROOT = Path(__file__).resolve().parents[3]
+#: Runs a command as the program does, and writes the libraries that its process has mapped at its end.
+RUN = """
+import atexit, pathlib, sys
+told = pathlib.Path(sys.argv[1])
+atexit.register(lambda: told.write_text(pathlib.Path("/proc/self/maps").read_text()))
+from tactuator.cli.main import main
+sys.exit(main(sys.argv[2:]))
+"""
+
+
+class Installation:
+    """The program as the wheel installs it, where there is no compiler, no checkout and no other package."""
+
+    def __init__(self, environment: Path, folder: Path) -> None:
+        self.prefix, self.folder = environment, folder
+        self.design_maps = ""
+
+    def environment(self, more_path: Path | None = None) -> dict[str, str]:
+        """Only the folder of the installed programs is on the path, and what a test adds."""
+        path = [str(self.prefix / "bin"), *([str(more_path)] if more_path else [])]
+        return {"PATH": os.pathsep.join(path), "HOME": str(self.folder), "OPENBLAS_NUM_THREADS": "1"}
+
+    def run(self, *words: str, path: Path | None = None) -> subprocess.CompletedProcess[str]:
+        """Run `tactuator` in the folder, and return what it said when it has ended well."""
+        return self._ended_well([str(self.prefix / "bin" / "tactuator"), *words], path)
+
+    def maps(self, *words: str) -> str:
+        """Run `tactuator` in the folder, and return what its process had mapped at its end."""
+        self._ended_well(self.command(*words), None)
+        return self.maps_file.read_text()
+
+    @property
+    def maps_file(self) -> Path:
+        return self.folder / "maps"
+
+    def command(self, *words: str) -> list[str]:
+        """The command that also writes the maps."""
+        return [str(self.prefix / "bin" / "python"), "-c", RUN, str(self.maps_file), *words]
+
+    def _ended_well(self, command: list[str], path: Path | None) -> subprocess.CompletedProcess[str]:
+        done = subprocess.run(
+            command, cwd=self.folder, env=self.environment(path), capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        return done
+
+
+@pytest.fixture(scope="session")
+def installation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Installation]:
+    """The wheel, built and installed with the runtime set; its folder is empty."""
+    place = tmp_path_factory.mktemp("wheel")
+    maker.main()
+    (wheel,) = maker.DIST.glob("*-cp311-abi3-*.whl")
+    environment = place / "environment"
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", environment], check=True)
+    # this environment's pip works in the other one: what it installs, and from where, is the same
+    pip = [sys.executable, "-m", "pip", "--python", environment, "install", "--quiet", "--no-compile"]
+    lock = ROOT / "requirements" / "run.txt"
+    subprocess.run([*pip, "--require-hashes", "--only-binary=:all:", "-r", lock], check=True)
+    subprocess.run([*pip, "--no-deps", "--no-index", wheel], check=True)
+    (place / "folder").mkdir()
+    yield Installation(environment, place / "folder")
+    shutil.rmtree(place, ignore_errors=True)
+
+
+@pytest.fixture(scope="session")
+def lab(installation: Installation) -> Installation:
+    """The same with the examples in its folder, the model of the example's record, and a controller for it."""
+    installation.run("init", "--examples", ".")
+    installation.run("identify", "bench.csv", "--input", "drive", "--output", "encoder", "--time", "t",
+                     "--out", "model.json")  # fmt: skip
+    installation.design_maps = installation.maps(
+        "design", "bench.toml", "--out", "controller.json", "--figures", "figures"
+    )
+    return installation
