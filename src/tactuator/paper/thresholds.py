@@ -117,7 +117,7 @@ def run_observer(plan: Plan, controller: Controller, observer: Observer, store: 
     rig = SimulatedRig(controller.display, plan.seed_of(f"thresholds of {observer.name}"))
     rig.load(controller)
     loads = controller.display.channels[0].loads
-    database = Store(store)
+    database = Store(store, durable=False)
     try:
         apparatus = Apparatus(rig, controller, "simulated")
         load = loads[0].name if loads else None

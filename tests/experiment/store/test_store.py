@@ -28,6 +28,15 @@ def test_store__new__has_the_latest_schema_in_wal_mode(tmp_path) -> None:
     store.close()
 
 
+def test_store__thrown_away__is_the_same_but_waits_for_no_disk(tmp_path: Path) -> None:
+    store = Store(tmp_path / "lab.db", durable=False)
+    with store.read() as connection:
+        assert connection.exec_driver_sql("PRAGMA journal_mode").scalar_one() == "wal"
+        assert connection.exec_driver_sql("PRAGMA synchronous").scalar_one() == 0
+        assert connection.exec_driver_sql("PRAGMA foreign_keys").scalar_one() == 1
+    store.close()
+
+
 def test_store__of_the_first_version__is_brought_up_and_keeps_its_rows(tmp_path) -> None:
     engine = create_engine(f"sqlite:///{tmp_path / 'lab.db'}")
     assert migrate(engine, upto=1) == 0

@@ -167,6 +167,7 @@ class DetectionCourse:
     procedure: Procedure
     seed: tuple[int, ...]
     _outcomes: list[tuple[float, bool]] = field(init=False, default_factory=list)
+    _standing: tuple[int, Trial | None] = field(init=False, default=(-1, None))
 
     @property
     def trials(self) -> int:
@@ -186,8 +187,13 @@ class DetectionCourse:
     def trial(self) -> Trial | None:
         """Return the trial where the procedure puts it, or None when the run is over.
 
-        Its frequency is the run's unless the procedure chooses that too.
+        Its frequency is the run's unless the procedure chooses that too. It is drawn once for each answer.
         """
+        if self._standing[0] != self.trials:
+            self._standing = (self.trials, self._draw())
+        return self._standing[1]
+
+    def _draw(self) -> Trial | None:
         placement = self.procedure.placement()
         if placement is None:
             return None

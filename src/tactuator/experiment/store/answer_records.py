@@ -96,7 +96,8 @@ def save_answer(connection: Connection, run: int, played: PlayedTrial, answer: A
         "presentations": played.presentations,
         "rig_tick": played.rig_tick,
     }
-    key = connection.execute(insert(schema.trial).values(row).returning(schema.trial.c.id)).scalar_one()
+    # the row goes beside the statement, not into it: the statement is then compiled once for all trials
+    key = connection.execute(insert(schema.trial).returning(schema.trial.c.id), row).scalar_one()
     lit = [*answer.client_lit_ms, *([None] * len(played.intervals))]
     rows = [
         {"trial_id": key, "position": index, **vars(one), "client_lit_ms": lit[index]}
@@ -113,7 +114,7 @@ def save_answer(connection: Connection, run: int, played: PlayedTrial, answer: A
         "server_received_utc": stamp(answer.received),
         "server_after_end_s": _after_s(played, answer),
     }
-    connection.execute(insert(schema.response).values(values))
+    connection.execute(insert(schema.response), values)
 
 
 def _after_s(played: PlayedTrial, answer: Answer) -> float | None:

@@ -21,10 +21,12 @@ _BUSY_TIMEOUT_MS = 2000
 class Store:
     """The database at a path, which is made if it is not there (unless must_exist).
 
-    Raises BadInput for a file that is not a sound database of this tool, or cannot be opened.
+    durable: every commit waits until it is on disk; False is for what simulated people answer into a folder that is
+    thrown away, where nobody's answer can be lost. Raises BadInput for a file that is not a sound database of this
+    tool, or cannot be opened.
     """
 
-    def __init__(self, path: str | Path, must_exist: bool = False) -> None:
+    def __init__(self, path: str | Path, must_exist: bool = False, durable: bool = True) -> None:
         self.path = Path(path)
         if must_exist and not self.path.is_file():
             raise BadInput(f"store {path} is not there; allowed: the file of an experiment's database")
@@ -34,7 +36,7 @@ class Store:
             with suppress(OSError):  # what keeps it from being made is told by SQLite
                 os.close(os.open(self.path, os.O_CREAT | os.O_CLOEXEC, 0o600))
         self.engine: Engine = create_engine(f"sqlite:///{self.path}", connect_args={"check_same_thread": False})
-        event.listen(self.engine, "connect", _prepare)
+        event.listen(self.engine, "connect", _prepare if durable else _prepare_throwaway)
         event.listen(self.engine, "begin", _begin)
         try:
             self._check()
@@ -83,6 +85,11 @@ def _prepare(connection: Any, record: Any) -> None:
     cursor.execute("PRAGMA synchronous = FULL")
     cursor.execute("PRAGMA foreign_keys = ON")
     cursor.close()
+
+
+def _prepare_throwaway(connection: Any, record: Any) -> None:
+    _prepare(connection, record)
+    connection.execute("PRAGMA synchronous = OFF")
 
 
 def _begin(connection: Connection) -> None:
