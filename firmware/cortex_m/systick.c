@@ -7,7 +7,9 @@
 #define RELOAD REGISTER(0xE000E014u)
 #define VALUE REGISTER(0xE000E018u)
 #define PRIORITY (*(volatile uint8_t *)0xE000ED23u)
+#define PENDING REGISTER(0xE000ED04u)
 
+enum { PENDS_SYSTICK = 1 << 26 };
 enum { ENABLED = 1, COUNTS = 5, RUNS = 7, WRAPPED = 1 << 16, LONGEST = 0xffffff };
 enum { TIMER_PRIORITY = 0x80 }; /* what receives bytes is more urgent: a byte waits for 5 us only */
 
@@ -47,6 +49,13 @@ void tact_systick_stand(void)
 void tact_systick_go_on(void)
 {
     CONTROL = runs;
+}
+
+void tact_systick_leap(void)
+{
+    VALUE = 0;
+    PENDING = PENDS_SYSTICK;
+    __asm volatile("dsb\n isb" ::: "memory");
 }
 
 int tact_systick_goes(void)

@@ -19,6 +19,9 @@ void tact_systick_stand(void);
 void tact_systick_go_on(void);
 int tact_systick_goes(void);
 
+/* Time leaps to the next interrupt, which comes at once: for an emulated board that waits for nothing but time. */
+void tact_systick_leap(void);
+
 /* Counts down in clocks, 24 bits, without an interrupt; and what is left. */
 void tact_systick_count(void);
 uint32_t tact_systick_left(void);
