@@ -139,21 +139,35 @@ class Screen:
         return worst
 
     def _holds(self, parameters: FloatArray) -> NDArray[np.bool_]:
-        """Return whether the rest of the limits is kept and every loop is stable, (n,)."""
-        asked = self._asked
-        ok = np.ones(parameters.shape[0], dtype=bool)
-        controllers = [self._structure.responses(parameters, grid.difference) for grid in (self._wide, self._noise)]
+        """Return whether the rest of the limits is kept and every loop is stable, (n,); what one plant fails is not
+        tried on the next.
+        """
+        asked, left = self._asked, np.arange(parameters.shape[0])
+        noise = self._structure.responses(parameters, self._noise.difference)
+        wide: ComplexArray | None = None
         with np.errstate(all="ignore"):
             for index in range(len(self._family)):
-                wide = controllers[0] * self._wide.plants[index]
-                ok &= self._is_stable(wide, index)
+                quiet = self._is_quiet(noise, index)
+                left, noise = left[quiet], noise[quiet]
+                if wide is None:
+                    wide = self._structure.responses(parameters[left], self._wide.difference)
+                else:
+                    wide = wide[quiet]
+                loop = wide * self._wide.plants[index]
+                sound = np.ones(left.size, dtype=bool)
                 if asked.phase_margin_deg is not None:
-                    ok &= _phase_margins_deg(wide) >= asked.phase_margin_deg
-                if asked.command_noise_gain_max is not None:
-                    felt = controllers[1] / (1.0 + controllers[1] * self._noise.plants[index])
-                    power = np.sum(self._noise_weight * np.abs(felt) ** 2, axis=1)
-                    ok &= power <= asked.command_noise_gain_max**2
-        return ok
+                    sound = _phase_margins_deg(loop) >= asked.phase_margin_deg
+                sound[sound] = self._is_stable(loop[sound], index)
+                left, noise, wide = left[sound], noise[sound], wide[sound]
+        return np.isin(np.arange(parameters.shape[0]), left)
+
+    def _is_quiet(self, controller: ComplexArray, index: int) -> NDArray[np.bool_]:
+        """Return whether the noise gain of controllers (n, f) on the noise's grid is kept, (n,)."""
+        most = self._asked.command_noise_gain_max
+        if most is None:
+            return np.ones(controller.shape[0], dtype=bool)
+        felt = controller / (1.0 + controller * self._noise.plants[index])
+        return np.asarray(np.sum(self._noise_weight * np.abs(felt) ** 2, axis=1) <= most**2)
 
     def _is_stable(self, loop: ComplexArray, index: int) -> NDArray[np.bool_]:
         """Return whether 1 + L turns as often as a stable loop's, at lower gains too; (n,)."""
