@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.table import Table
 
-from tactuator.cli.answer import answer, plain, progress
+from tactuator.cli.answer import answer, plain, progress, with_error
 
 
 @dataclass(frozen=True)
@@ -68,3 +68,23 @@ def test_progress__nobody_watching__is_silent(capsys):
         for _ in bars.track(range(3), description="counting"):
             pass
     assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "shown"),
+    [
+        (0.199196, 0.000243, ("0.19920", "0.00024")),
+        (2739.95, 0.367, ("2739.95", "0.37")),
+        (96.98917, 0.0183, ("96.989", "0.018")),
+        (-31.812, 1.4, ("-31.8", "1.4")),
+        (0.0, 0.0, ("0", "0")),
+        (1.5, float("inf"), ("1.5", "inf")),
+        (8.2572e7, 3.1e4, ("8.2572e+07", "3.1e+04")),
+        (8.016e-9, 1.7e-11, ("8.016e-09", "1.7e-11")),
+        (0.0, 3.0e-9, ("0", "3e-09")),
+        (12.0, 250.0, ("12", "250")),
+        (4.62278e12, 7.5e9, ("4.6228e+12", "7.5e+09")),
+    ],
+)
+def test_with_error__value__has_the_digits_that_its_error_leaves(value, error, shown):
+    assert with_error(value, error) == shown

@@ -48,12 +48,20 @@ def _plants_table(drawn: Sequence[DrawnPlants]) -> Table:
 
 
 def verdict_table(verdict: Verdict) -> Group:
-    """Return a table of one row for each objective, channel and quantity, the worst of its loads, models and lines."""
-    table = Table("objective", "channel", "outcome", "found", "allowed", "at", "load", "remark")
+    """Return a table of one row for each objective, channel and quantity, the worst of its loads, models and lines.
+
+    Remarks, which may be long, stand below it.
+    """
+    table = Table()
+    for name in ("objective", "channel", "outcome", "found", "allowed", "frequency", "load"):
+        table.add_column(name, no_wrap=name in ("objective", "outcome", "allowed", "frequency"))
+    told = []
     for objective in verdict.objectives:
         for one in objective.worst():
             table.add_row(*(Text(cell) for cell in _row(one)))
-    told = [f"assumed: {sentence}" for sentence in verdict.assumptions]
+            if one.remark:
+                told.append(f"{one.objective}, {one.channel}: {one.remark}")
+    told += [f"assumed: {sentence}" for sentence in verdict.assumptions]
     return Group(table, *told, f"verdict: {verdict.sentence}")
 
 
@@ -62,4 +70,4 @@ def _row(one: Finding) -> tuple[str, ...]:
     found = one.quantity if one.value is None else f"{one.quantity} {one.value:.2f}{unit}"
     allowed = "" if one.allowed is None else f"{one.allowed:g}{unit}"
     at = "" if one.frequency_hz is None else f"{one.frequency_hz:.4g} Hz"
-    return one.objective, one.channel, one.outcome.value, found, allowed, at, one.load, one.remark
+    return one.objective, one.channel, one.outcome.value, found, allowed, at, one.load

@@ -8,7 +8,7 @@ from typing import Any
 
 from rich.table import Table
 
-from tactuator.cli.answer import answer
+from tactuator.cli.answer import answer, with_error
 from tactuator.errors import BadInput
 from tactuator.files.pairs import read_pairs
 from tactuator.identification.calibration import Calibration, fit_line
@@ -42,7 +42,7 @@ def document(found: Calibration) -> dict[str, Any]:
 
 def _table(found: Calibration) -> Table:
     table = Table("what", "value", "±95 %", title=f"{found.displacement_mm.size} pairs, {len(found.refused)} refused")
-    table.add_row("gain (V/mm)", f"{found.gain_v_per_mm:.6g}", f"{found.gain_confidence_v_per_mm:.2g}")
-    table.add_row("offset (V)", f"{found.offset_v:.5g}", f"{found.offset_confidence_v:.2g}")
-    table.add_row("largest departure (% of span)", f"{found.linearity_percent:.3g}", "")
+    table.add_row("gain (V/mm)", *with_error(found.gain_v_per_mm, found.gain_confidence_v_per_mm))
+    table.add_row("offset (V)", *with_error(found.offset_v, found.offset_confidence_v))
+    table.add_row("largest departure from the line (% of span)", f"{found.linearity_percent:.2f}", "")
     return table

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import typer
+from rich.console import Group
 from rich.table import Table
 
-from tactuator.cli.answer import answer, progress
+from tactuator.cli.answer import answer, progress, with_error, written
 from tactuator.cli.model.identify_document import document, response_document
 from tactuator.errors import BadInput
 from tactuator.files.foreign_response import is_response, read_foreign_response
@@ -94,10 +95,13 @@ def deliver_response(path: Path, asked: Asked, out: Path | None, as_json: bool) 
         found = identify_response(read_foreign_response(path), asked, note)
     _say_and_write(found, out)
     table = Table("what", "value", title=f"response: {found.order} poles, {found.model.num.size - 1} zeros")
-    for name, value in (("num", found.model.num), ("den", found.model.den), ("dead time (s)", found.model.delay_s)):
-        table.add_row(name, np.array2string(np.atleast_1d(value), precision=6))
-    table.add_row("largest departure (dB)", f"{found.largest_db:.3g}")
-    answer(response_document(found) | {"out": out}, as_json, table)
+    for name, values in (("numerator", found.model.num), ("denominator", found.model.den)):
+        top = values.size - 1
+        for k, value in enumerate(values):
+            table.add_row(f"{name}, s^{top - k}", f"{value:.5g}")
+    table.add_row("dead time (ms)", f"{1e3 * found.model.delay_s:.3g}")
+    table.add_row("largest departure from the response (dB)", f"{found.largest_db:.2f}")
+    answer(response_document(found) | {"out": out}, as_json, Group(table, *written(out)))
     if found.distrust:
         raise typer.Exit(1)
 
@@ -135,42 +139,46 @@ def steps() -> Iterator[Callable[[str], None]]:
         yield lambda text: bars.update(task, description=f"identifying: {text}")
 
 
-def _table(found: Identification, about: dict[str, str], out: Path | None) -> Table:
+def _table(found: Identification, about: dict[str, str], out: Path | None) -> Group:
     model, confidence = found.model, found.model.confidence()
     table = Table("what", "value", "±95 %", title=f"{model.method}: {found.order} poles, {model.num.size - 1} zeros")
-    for name, values, first in (("num", model.num, 0), ("den", model.den, 1)):
+    for name, values, first in (("numerator", model.num, 0), ("denominator", model.den, 1)):
         top = values.size - 1
-        for k, value in enumerate(values):
-            if k >= first:
-                power = top - k
-                table.add_row(f"{name} s^{power}", f"{value:.6g}", f"{confidence[f'{name}_s{power}']:.2g}")
-    table.add_row("dead time (ms)", f"{1e3 * model.delay_s:.4g}", f"{1e3 * confidence['delay_s']:.2g}")
+        for k in range(first, values.size):
+            error = confidence[f"{name[:3]}_s{top - k}"]
+            table.add_row(f"{name}, s^{top - k}", *with_error(float(values[k]), error))
+    table.add_row("dead time (ms)", *with_error(1e3 * model.delay_s, 1e3 * confidence["delay_s"]))
     table.add_row("poles (Hz)", ", ".join(f"{pole:.4g}" for pole in found.poles_hz), "")
     for one in resonances(model.den):
         table.add_row(
-            f"resonance {one.frequency_hz:.4g} Hz", f"damping ratio {one.damping_ratio:.3g}, Q {one.q:.3g}", ""
+            f"resonance at {one.frequency_hz:.4g} Hz", f"damping ratio {one.damping_ratio:.3g}, Q {one.q:.3g}", ""
         )
-    sure = "" if found.between.certain else " (cannot be told; the band holds both)"
-    table.add_row("command between samples", f"{found.between.hold}, by the {found.between.source}{sure}", "")
-    seen = {True: "closed loop", False: "open loop", None: "cannot tell"}[found.tests.feedback]
-    table.add_row("recorded in", seen, "")
-    if model.valid_hz is not None:
-        table.add_row("says something (Hz)", f"{model.valid_hz[0]:.4g} to {model.valid_hz[1]:.4g}", "")
-    if {"input", "output"} <= set(about):
-        table.add_row("columns", f"{about['input']} -> {about['output']}", "")
-    if out is not None:
-        table.add_row("written to", str(out), "")
+    for words, value in _circumstances(found, about):
+        table.add_row(words, value, "")
     if found.friction is not None:
-        table.add_row("friction (command)", f"{found.friction.coulomb:.4g}", f"{found.friction.confidence:.2g}")
-        table.add_row("friction builds up over (position)", f"{found.friction.presliding:.3g}", "")
-    table.add_row("fit (%)", f"{found.fit_percent:.3f}", "")
-    table.add_row("residual white", "yes" if found.tests.white else "no", "")
-    table.add_row("residual free of the command", "yes" if found.tests.uncorrelated_with_input else "no", "")
+        command, position = model.command_unit, model.position_unit
+        level = with_error(found.friction.coulomb, found.friction.confidence)
+        table.add_row(f"Coulomb friction ({command} of command)", *level)
+        table.add_row(f"presliding distance ({position} of position)", f"{found.friction.presliding:.3g}", "")
+    return Group(table, *written(out))
+
+
+def _circumstances(found: Identification, about: dict[str, str]) -> Iterator[tuple[str, str]]:
+    """Yield what is to be known of the record, and how well the model follows it."""
+    model = found.model
+    sure = "" if found.between.certain else " (cannot be told; the band holds both)"
+    yield "command between samples", f"{found.between.hold}, by the {found.between.source}{sure}"
+    yield "recorded in", {True: "closed loop", False: "open loop", None: "cannot tell"}[found.tests.feedback]
+    if {"input", "output"} <= set(about):
+        yield "columns", f"{about['input']} -> {about['output']}"
+    yield "frequencies that the command excites", str(found.excitation.order)
+    if model.valid_hz is not None:
+        yield "the model is valid over (Hz)", f"{model.valid_hz[0]:.4g} to {model.valid_hz[1]:.4g}"
+    yield "widest 95 % band there (dB)", f"{float(np.max(model.band_db(found.frequency_hz()))):.2g}"
+    yield "fit of the simulated position (%)", f"{found.fit_percent:.2f}"
+    yield "residual is white noise", "yes" if found.tests.white else "no"
+    yield "residual is free of the command", "yes" if found.tests.uncorrelated_with_input else "no"
     for unseen in found.validations:
         verdict = "fails" if unseen.failures else "holds"
         inside = "not judged" if np.isnan(unseen.inside) else f"{100.0 * unseen.inside:.0f} % inside the band"
-        table.add_row(f"on {unseen.name}", f"{verdict}: fit {unseen.fit_percent:.2f} %, {inside}", "")
-    table.add_row("excitation order", str(found.excitation.order), "")
-    band = float(np.max(model.band_db(found.frequency_hz())))
-    table.add_row("widest band (dB)", f"{band:.2g}", "")
-    return table
+        yield f"on {unseen.name}", f"{verdict}: fit {unseen.fit_percent:.2f} %, {inside}"
