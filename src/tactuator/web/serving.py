@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import h11
@@ -12,6 +12,7 @@ from fastapi import FastAPI
 from uvicorn import Config
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from tactuator.web.gate import Gate
 from tactuator.web.pages import HEADERS
 
 CONNECTIONS_MAX, CONNECTIONS_PER_ADDRESS_MAX = 256, 64
@@ -92,9 +93,11 @@ class LogLimit(logging.Filter):
         return self._count <= _LOGGED_PER_MINUTE
 
 
-def server_config(app: FastAPI, clock: Callable[[], float], **more: Any) -> Config:
-    """Return the configuration of the server with these limits. clock: monotonic, seconds."""
-    config = Config(app, http=LimitedHttp, ws_max_size=65536, ws_max_queue=8, log_level="warning", **more)
+def server_config(app: FastAPI, clock: Callable[[], float], names: Iterable[str] = (), **more: Any) -> Config:
+    """Return the configuration of the server with these limits. clock: monotonic, seconds. names: those that the server
+    answers to beside this machine's own.
+    """
+    config = Config(Gate(app, names), http=LimitedHttp, ws_max_size=65536, ws_max_queue=8, log_level="warning", **more)
     for name in _LOGGERS:
         logger = logging.getLogger(name)
         for before in [one for one in logger.filters if isinstance(one, LogLimit)]:

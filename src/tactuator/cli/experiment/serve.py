@@ -19,10 +19,9 @@ from tactuator.experiment.session.studies import open_study, task_of
 from tactuator.experiment.store.cells import Found
 from tactuator.experiment.store.lock import sessions_of
 from tactuator.experiment.store.store import Store
+from tactuator.web.address import Address
 from tactuator.web.app import build_app
 from tactuator.web.lab import Lab
-from tactuator.web.listener import listener
-from tactuator.web.serving import server_config
 
 TOKEN_VARIABLE = "TACTUATOR_OPERATOR_TOKEN"
 _SHORTEST_TOKEN = 16
@@ -32,8 +31,7 @@ def serve(
     protocol_path: Path,
     store_path: Path,
     apparatus: Apparatus,
-    host: str,
-    port: int,
+    address: Address,
     token_file: Path | None,
     auto_start: bool,
     amend: str | None = None,
@@ -45,15 +43,14 @@ def serve(
     a simulated display are shown on the page. Raises BadInput where another process runs the sessions of the store.
     """
     with sessions_of(store_path):
-        _serve(protocol_path, store_path, apparatus, host, port, token_file, auto_start, amend, show)
+        _serve(protocol_path, store_path, apparatus, address, token_file, auto_start, amend, show)
 
 
 def _serve(
     protocol_path: Path,
     store_path: Path,
     apparatus: Apparatus,
-    host: str,
-    port: int,
+    address: Address,
     token_file: Path | None,
     auto_start: bool,
     amend: str | None,
@@ -62,17 +59,16 @@ def _serve(
     operator_token = _operator_token(token_file)
     protocol, text = read_any_protocol(protocol_path)
     task = task_of(protocol, protocol_path.parent, apparatus)
-    sock = listener(host, port)
+    sock = address.listen()
     store, clock = Store(store_path), SystemClock()
     study = open_study(store, task, text, clock, fresh_token, amend, protocol_path.parent)
     lab = Lab(study, auto_start, "seen or heard" if show and apparatus.simulated else "")
-    config = server_config(build_app(lab, operator_token), time.monotonic, host=host, port=port)
-    server = uvicorn.Server(config)
-    base = f"http://{host}:{sock.getsockname()[1]}"
+    server = uvicorn.Server(address.config(build_app(lab, operator_token), time.monotonic))
+    base = address.base_url(sock)
     lines = [f"operator: {base}/operator#{operator_token}"]
     lines += [f"{_who(row)}: {base}/s/{row.link_token}" for row in lab.sessions]
-    if host not in ("127.0.0.1", "localhost", "::1"):
-        lines.append("anyone who can reach this machine can reach these pages; the connection is not encrypted")
+    if address.warning:
+        lines.append(address.warning)
     sys.stderr.write("\n".join(lines) + "\n")
     sys.stderr.flush()
     try:

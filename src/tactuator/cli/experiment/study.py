@@ -19,6 +19,7 @@ from tactuator.experiment.simulated.sitting import run_study, simulated_observer
 from tactuator.experiment.store.lock import sessions_of
 from tactuator.experiment.store.store import Store
 from tactuator.rig.touchable import touchable
+from tactuator.web.address import Address
 
 
 def serve_study(
@@ -29,6 +30,9 @@ def serve_study(
     controller: Path | None,
     host: str,
     port: int,
+    allowed_host: list[str] | None,
+    tls_certificate: Path | None,
+    tls_key: Path | None,
     operator_token_file: Path | None,
     speed: float,
     auto_start: bool,
@@ -41,8 +45,9 @@ def serve_study(
     Without a display or controller file: the paper's display and C. A study is known by its name; further subjects in
     its protocol are enrolled, anything else that changed takes --amend.
     """
+    address = Address(host, port, tuple(allowed_host or ()), tls_certificate, tls_key)
     with opened_apparatus(rig, display, controller, seed, speed or None) as place:
-        serve(protocol, store, place, host, port, operator_token_file, auto_start, amend, show)
+        serve(protocol, store, place, address, operator_token_file, auto_start, amend, show)
 
 
 def observe(

@@ -32,6 +32,14 @@ def serve(
         str, typer.Option(help="Address to listen at; another than loopback lets others in.")
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Port; 0: any that is free.")] = 8765,
+    allowed_host: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Host name to answer to beside the own ones (of a proxy); repeatable."),
+    ] = None,
+    tls_certificate: Annotated[
+        Path | None, typer.Option(help="Certificate file (PEM) for an encrypted connection; with --tls-key.")
+    ] = None,
+    tls_key: Annotated[Path | None, typer.Option(help="Key file (PEM) of the certificate, without a password.")] = None,
     operator_token_file: Annotated[
         Path | None,
         typer.Option(help="File with the operator's token; default: TACTUATOR_OPERATOR_TOKEN, or a fresh one."),

@@ -1,0 +1,159 @@
+"""Which names the server answers to, what its refusals bear, and its encrypted connection."""
+
+from __future__ import annotations
+
+import ssl
+import threading
+import time
+from contextlib import closing
+from http.client import HTTPConnection, HTTPSConnection
+from pathlib import Path
+
+import pytest
+import uvicorn
+from fastapi import FastAPI, WebSocket
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from tactuator.cli import main
+from tactuator.errors import BadInput
+from tactuator.web.address import Address
+from tactuator.web.pages import HEADERS, plain_text
+from tests.experiment.session.apparatuses import PROTOCOL
+from tests.web.server import served
+
+TLS = Path(__file__).parent / "tls"
+
+
+def small() -> FastAPI:
+    app = FastAPI()
+
+    @app.get("/")
+    async def index():
+        return plain_text("here")
+
+    @app.get("/broken")
+    async def broken():
+        raise ArithmeticError
+
+    @app.exception_handler(Exception)
+    async def failed(request, error):
+        return plain_text("failed", 500)
+
+    @app.websocket("/ws")
+    async def echo(socket: WebSocket) -> None:
+        await socket.accept()
+        await socket.send_text(await socket.receive_text())
+        await socket.close()
+
+    return app
+
+
+@pytest.fixture(scope="module")
+def port():
+    with served(small()) as client:
+        yield client.port
+
+
+def asked(port: int, host: str, path: str = "/") -> tuple[int, dict[str, str]]:
+    with closing(HTTPConnection("127.0.0.1", port, timeout=10.0)) as connection:
+        connection.putrequest("GET", path, skip_host=True)
+        connection.putheader("Host", host)
+        connection.endheaders()
+        with connection.getresponse() as response:
+            return response.status, {name.lower(): value for name, value in response.getheaders()}
+
+
+def bears_headers(found: dict[str, str]) -> bool:
+    return {name.lower(): value for name, value in HEADERS.items()}.items() <= found.items()
+
+
+@pytest.mark.parametrize("host", ["localhost", "LOCALHOST:1", "127.0.0.1:8765", "192.168.1.7", "[::1]:9"])
+def test_gate__name_or_address_of_this_machine__is_answered(port: int, host: str) -> None:
+    assert asked(port, host)[0] == 200
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "localhost.evil.example", "127.0.0.1.evil.example", "[::1", "", "a@b"]
+)
+def test_gate__name_of_somebody_else__is_refused_with_the_headers(port: int, host: str) -> None:
+    status, headers = asked(port, host)
+    assert status == 421
+    assert bears_headers(headers)
+
+
+def test_gate__websocket_under_another_name__is_refused_with_the_headers(port: int) -> None:
+    with pytest.raises(InvalidStatus) as refused:
+        connect(f"ws://127.0.0.1:{port}/ws", additional_headers={"Host": "evil.example"}).close()
+    # a second Host beside the library's own is ambiguous, and refused as well
+    assert refused.value.response.status_code in (400, 421)
+    assert bears_headers({name.lower(): value for name, value in refused.value.response.headers.raw_items()})
+
+
+def test_gate__websocket_that_is_not_there__is_refused_with_the_headers(port: int) -> None:
+    with pytest.raises(InvalidStatus) as refused:
+        connect(f"ws://127.0.0.1:{port}/nothing").close()
+    assert refused.value.response.status_code == 403
+    assert bears_headers({name.lower(): value for name, value in refused.value.response.headers.raw_items()})
+
+
+def test_gate__websocket_that_is_there__is_opened(port: int) -> None:
+    with connect(f"ws://127.0.0.1:{port}/ws") as socket:
+        socket.send("hello")
+        assert socket.recv() == "hello"
+
+
+def test_page__that_fails__bears_the_headers(port: int) -> None:
+    status, headers = asked(port, "localhost", "/broken")
+    assert status == 500
+    assert bears_headers(headers)
+
+
+def test_address__certificate__encrypts_pages_and_answers_to_the_names_told() -> None:
+    address = Address(names=("lab.example",), certificate=TLS / "certificate.pem", key=TLS / "key.pem")
+    sock = address.listen()
+    server = uvicorn.Server(address.config(small(), time.monotonic))
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)
+    thread.start()
+    try:
+        port = sock.getsockname()[1]
+        assert address.base_url(sock) == f"https://127.0.0.1:{port}"
+        trusting = ssl.create_default_context(cafile=str(TLS / "certificate.pem"))
+        with closing(HTTPSConnection("127.0.0.1", port, context=trusting, timeout=10.0)) as connection:
+            connection.request("GET", "/", headers={"Host": "lab.example"})
+            with connection.getresponse() as response:
+                assert response.status == 200
+        with connect(f"wss://127.0.0.1:{port}/ws", ssl=trusting) as socket:
+            socket.send("hello")
+            assert socket.recv() == "hello"
+        with pytest.raises(OSError):
+            asked(port, "localhost")
+    finally:
+        server.should_exit = True
+        thread.join(timeout=10.0)
+        sock.close()
+
+
+@pytest.mark.parametrize(
+    ("certificate", "key", "message"),
+    [
+        (None, "key.pem", "a TLS key without a certificate"),
+        ("certificate.pem", None, "no pair"),
+        ("certificate.pem", "other.pem", "no pair"),
+        ("certificate.pem", "locked.pem", "no pair without a password"),
+        ("nothing.pem", "key.pem", "No such file"),
+        ("key.pem", "certificate.pem", "no pair"),
+    ],
+)
+def test_address__files_that_are_no_pair__are_refused(certificate: str | None, key: str | None, message: str) -> None:
+    with pytest.raises(BadInput, match=message):
+        Address(certificate=certificate and TLS / certificate, key=key and TLS / key)
+
+
+def test_serve__key_that_is_no_key__status_2_and_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "protocol.toml"
+    path.write_text(PROTOCOL)
+    options = ["--tls-certificate", str(TLS / "certificate.pem"), "--tls-key", str(TLS / "other.pem"), "--port", "0"]
+    assert main(["experiment", "serve", str(path), "--store", str(tmp_path / "lab.db"), *options]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "lab.db").exists()
