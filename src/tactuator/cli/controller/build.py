@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rich.table import Table
+from rich.console import Group
 
-from tactuator.cli.answer import answer
+from tactuator.cli.answer import answer, working, written
+from tactuator.cli.controller.image import image_rows, image_table
 from tactuator.files.atomic import atomic_path
 from tactuator.files.controller import read_controller
 from tactuator.runtime.image import read_image_header
@@ -17,7 +18,8 @@ def run(controller: Path, out: Path, number_format: str, as_json: bool) -> None:
     """Write a controller as the image that a board loads; a format that is not safe for it is refused."""
     made = read_controller(controller)
     with atomic_path(out) as beside:  # first, so that a folder that is not there is told at once
-        image, report = built(made, number_format)
+        with working("comparing the number format with double precision"):
+            image, report = built(made, number_format)
         header = read_image_header(image)
         beside.write_bytes(image)
     result = {
@@ -30,7 +32,5 @@ def run(controller: Path, out: Path, number_format: str, as_json: bool) -> None:
         "crc32": f"{header.crc:08x}",
         "response_error_db": report.response_error_db,
     }
-    table = Table("what", "is", title="Image")
-    for key, value in result.items():
-        table.add_row(key, str(value))
-    answer(result, as_json, table)
+    rows = image_rows(len(image), header) | {"greatest error of |H| (dB)": f"{report.response_error_db:.1g}"}
+    answer(result, as_json, Group(image_table(rows), *written(out)))

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from itertools import product
 from pathlib import Path
 from typing import cast
 
 import typer
+from rich.console import Group
 from rich.table import Table
 
-from tactuator.cli.answer import answer
+from tactuator.cli.answer import answer, progress, working, written
 from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.files.atomic import atomic_path
@@ -31,13 +33,14 @@ def program(board: str, out: Path, emulated: bool, crystal_mhz: int | None, as_j
     """Compile a board's program from core/ and firmware/."""
     found, form = find_board(board), form_of(out)
     flags = () if crystal_mhz is None else (f"-DTACT_CRYSTAL_MHZ={crystal_mhz}",)
-    built = build_firmware(board, emulated or not found.is_real, flags)
+    with working("compiling"):
+        built = build_firmware(board, emulated or not found.is_real, flags)
     with atomic_path(out) as beside:
         write_program(built, beside, form)
     flash, ram = memory_used(built)
     result = {"board": board, "processor": found.describes, "program": str(out)}
-    text = f"{out}: {found.describes}, {flash} bytes of flash, {ram} of RAM"
-    answer({**result, "flash_bytes": flash, "ram_bytes": ram}, as_json, text)
+    text = f"{found.describes}: {flash} bytes of flash, {ram} bytes of RAM"
+    answer({**result, "flash_bytes": flash, "ram_bytes": ram}, as_json, Group(text, *written(out)))
 
 
 def verify(board: str, rig: str | None, ticks: int, controller: Path | None, as_json: bool) -> None:
@@ -46,7 +49,7 @@ def verify(board: str, rig: str | None, ticks: int, controller: Path | None, as_
         _require_board(rig)
     made = _controller(controller)
     name = rig or f"emulated:{find_board(board).name}"
-    with cast(BoardRig, open_rig(name, made.display)) as target:
+    with working(f"comparing {ticks} ticks"), cast(BoardRig, open_rig(name, made.display)) as target:
         found = check_period(target, made, ticks)
     word = "bit for bit the same" if found.bit_exact else f"DIFFERENT ({found.first_difference})"
     shown = (
@@ -60,7 +63,9 @@ def verify(board: str, rig: str | None, ticks: int, controller: Path | None, as_
 
 def stream(board: str, seconds: float, instruction_ns: int, controller: Path | None, as_json: bool) -> None:
     """Stream a reference to a board whose time goes on; exit status 1 if an interrupt was late or a row missing."""
-    found = check_streaming(board, _controller(controller), seconds, instruction_ns)
+    made = _controller(controller)
+    with working(f"streaming {seconds:g} s"):
+        found = check_streaming(board, made, seconds, instruction_ns)
     answer({**asdict(found), "holds": found.holds}, as_json, _streaming_table(found))
     if not found.holds:
         raise typer.Exit(1)
@@ -69,7 +74,10 @@ def stream(board: str, seconds: float, instruction_ns: int, controller: Path | N
 def bench(controller: Path | None, as_json: bool) -> None:
     """Count the instructions of one period on every board, in every format, in the usual run and in others."""
     made = _controller(controller)
-    costs = [count_instructions(board, made, number_format) for board in BOARDS for number_format in FORMATS]
+    pairs = list(product(BOARDS, FORMATS))
+    with progress() as bars:
+        counted = bars.track(pairs, description="boards and formats")
+        costs = [count_instructions(board, made, number_format) for board, number_format in counted]
     cases = list(costs[0].cases)
     table = Table("board", "format", *cases, "worst at 168 MHz", title="Instructions of a period, the most of any")
     for cost in costs:
@@ -112,4 +120,7 @@ def _streaming_table(found: StreamingCheck) -> Table:
 
 def _controller(path: Path | None) -> Controller:
     """Return the controller of a file, or the one that `design` makes for the example display."""
-    return design_controller(paper_display()) if path is None else read_controller(path)
+    if path is not None:
+        return read_controller(path)
+    with working("designing a controller"):
+        return design_controller(paper_display())

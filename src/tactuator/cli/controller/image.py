@@ -10,7 +10,7 @@ from rich.table import Table
 from tactuator.cli.answer import answer
 from tactuator.errors import BadInput
 from tactuator.files.controller import read_controller
-from tactuator.runtime.image import REASONS, ImageRefusal, check_image, read_image_header
+from tactuator.runtime.image import REASONS, ImageHeader, ImageRefusal, check_image, read_image_header
 
 
 def run(file: Path, controller: Path | None, as_json: bool) -> None:
@@ -32,10 +32,10 @@ def run(file: Path, controller: Path | None, as_json: bool) -> None:
     }
     if controller is not None:
         result["is_of_controller"] = _is_of(controller, content, header.controller_hash, file)
-    table = Table("what", "is", title="Image")
-    for key, value in result.items():
-        table.add_row(key, str(value))
-    answer(result, as_json, table)
+    rows = image_rows(len(content), header)
+    if controller is not None:
+        rows[f"made from {controller}"] = "yes" if result["is_of_controller"] else "no"
+    answer(result, as_json, image_table(rows))
     if result.get("is_of_controller") is False:
         raise typer.Exit(1)
 
@@ -56,3 +56,24 @@ def _read(file: Path) -> bytes:
         return file.read_bytes()
     except OSError as error:
         raise BadInput(f"image {file}: {error.strerror}; allowed: a file that `build` wrote") from None
+
+
+def image_rows(size: int, header: ImageHeader) -> dict[str, str]:
+    """Return what a person reads of an image of `size` bytes."""
+    return {
+        "size (bytes)": str(size),
+        "number format": header.format,
+        "sampling rate (Hz)": f"{header.rate_hz:g}",
+        "computing delay (samples)": str(header.delay_samples),
+        "channels": str(header.channels),
+        "hash of the controller": header.controller_hash,
+        "checksum (CRC-32)": f"{header.crc:08x}",
+    }
+
+
+def image_table(rows: dict[str, str]) -> Table:
+    """Return the table that `build` and `image` show."""
+    table = Table("what", "value", title="Image")
+    for row in rows.items():
+        table.add_row(*row)
+    return table

@@ -6,9 +6,10 @@ from dataclasses import asdict
 from pathlib import Path
 
 import typer
+from rich.console import Group
 from rich.table import Table
 
-from tactuator.cli.answer import answer, progress
+from tactuator.cli.answer import answer, progress, working, written
 from tactuator.display.controller import Controller
 from tactuator.display.description import HIGHEST_RATE_HZ
 from tactuator.errors import BadInput
@@ -29,11 +30,14 @@ def run(controller: Path, rate: float | None, number_format: str | None, figures
     made = read_controller(controller)
     if rate is not None:
         made = at_rate(made, rate)
-    drawn = {} if figures is None else _draw(made, figures)
+    drawn: dict[str, object] = {}
+    if figures is not None:
+        with working("counting the bits that the coefficients need"):
+            drawn = _draw(made, figures)
     reports = _assess(made)
     best = recommended(reports)
     result = {"rate_hz": made.rate_hz, "formats": [asdict(report) for report in reports], "recommended": best}
-    answer(result | drawn, as_json, _table(reports, made.rate_hz, best))
+    answer(result | drawn, as_json, Group(_table(reports, made.rate_hz, best), *written(figures)))
     asked = [report.safe for report in reports if report.name == number_format]
     if best is None or not all(asked):
         raise typer.Exit(1)
@@ -66,13 +70,13 @@ def _draw(controller: Controller, folder: Path) -> dict[str, object]:
 
 def _table(reports: tuple[FormatReport, ...], rate_hz: float, best: str | None) -> Table:
     title = f"Word length at {rate_hz:g} Hz; recommended: {best or 'none of what a board runs'}"
-    table = Table("format", "stable", "error, dB", "round-off", "limit cycle", "safe", title=title)
-    notes = ["Round-off and limit cycle as felt, dB SL; a board runs float32 and q31."]
+    table = Table("format", "stable", "error (dB)", "round-off (dB SL)", "limit cycle (dB SL)", "safe", title=title)
+    notes = ["Round-off and limit cycle are the levels that a finger feels; a board runs float32 and q31."]
     for report in reports:
         if report.refused is not None:
             notes.append(f"{report.name}: {report.refused}.")
-        figures = (report.response_error_db, report.roundoff_db_sl, report.limit_cycle_db_sl)
-        cells = ["" if value is None else f"{value:.3g}" for value in figures]
-        table.add_row(report.name, "yes" if report.stable else "no", *cells, "yes" if report.safe else "no")
+        error = "" if report.response_error_db is None else f"{report.response_error_db:.2g}"
+        felt = ["" if value is None else f"{value:.0f}" for value in (report.roundoff_db_sl, report.limit_cycle_db_sl)]
+        table.add_row(report.name, "yes" if report.stable else "no", error, *felt, "yes" if report.safe else "no")
     table.caption = "\n".join(notes)
     return table

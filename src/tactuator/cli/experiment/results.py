@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from rich.console import Group
 
-from tactuator.cli.answer import shown, written
+from tactuator.cli.answer import shown, working, written
 from tactuator.errors import BadInput
 from tactuator.experiment.result.group_curve import GroupCurve, circumstances, group_curve
 from tactuator.experiment.result.psychometric_trials import psychometric_trials
@@ -39,7 +39,8 @@ def results(
         store.close()
     if not runs:
         raise BadInput(f"store {store_path} has no run of group {group!r}; allowed: a group that took part")
-    found = thresholds(runs)
+    with working(f"refitting {len(runs)} runs"):
+        found = thresholds(runs)
     names = sorted({run.run.curve for run in runs})
     if reference is None and len(names) > 1:
         raise BadInput(

@@ -8,7 +8,7 @@ from typing import Any
 from rich.table import Table
 
 from tactuator.api.plain import plain
-from tactuator.cli.answer import answer, progress
+from tactuator.cli.answer import answer, progress, working
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule
 from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule
@@ -37,9 +37,11 @@ def run(
     if procedure in PROCEDURES:
         if trials is not None:
             raise BadInput(f"--trials {trials} with {procedure}; allowed: with quest-plus and curve")
-        result: Any = simulate(PROCEDURES[procedure], setting)
+        with working(f"{runs} runs"):
+            result: Any = simulate(PROCEDURES[procedure], setting)
     elif procedure == "quest-plus":
-        result = simulate(QuestPlusRule(trials=48 if trials is None else trials), setting)
+        with working(f"{runs} runs"):
+            result = simulate(QuestPlusRule(trials=48 if trials is None else trials), setting)
     elif procedure == "curve":
         people = CurvePeople(None if truth is None else read_relative_curve(truth), guess, drift_db)
         result = _curve(WholeCurveRule(trials=150 if trials is None else trials), setting, people)

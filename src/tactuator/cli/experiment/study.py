@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from rich.console import Group
 from rich.table import Table
 
-from tactuator.cli.answer import answer, progress
+from tactuator.cli.answer import answer, progress, working, written
 from tactuator.cli.experiment.apparatus import opened_apparatus
 from tactuator.cli.experiment.observers import lapses_of, truths_of
 from tactuator.cli.experiment.results import results
@@ -113,9 +114,9 @@ def write_export(store: Path, out: Path, form: str, as_json: bool) -> None:
     """Write every answered trial in an open format, with its data dictionary."""
     database = Store(store, must_exist=True)
     try:
-        count = export(database, out, form)
+        with working("exporting"):
+            count = export(database, out, form)
     finally:
         database.close()
-    table = Table("folder", "trials")
-    table.add_row(str(out), str(count))
-    answer({"folder": str(out), "format": form, "trials": count}, as_json, table)
+    said = Group(f"{count} trials exported", *written(out))
+    answer({"folder": str(out), "format": form, "trials": count}, as_json, said)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.text import Text
+from rich.console import Group
+from rich.table import Table
 
-from tactuator.cli.answer import answer, working
+from tactuator.cli.answer import answer, working, written
 from tactuator.display.description import Channel
 from tactuator.errors import BadInput
 from tactuator.files.display import read_display
@@ -66,7 +69,17 @@ def run(
         "position_peak_v": float(np.max(np.abs(position))),
         "saturated": bool(np.any(trace.saturated[:, column])),
     }
-    answer(result, as_json, Text("\n".join(f"{key}: {value}" for key, value in result.items())))
+    answer(result, as_json, Group(_table(result), *written(out)))
+
+
+def _table(result: Mapping[str, Any]) -> Table:
+    table = Table("what", "value", title=f"Record of {result['channel']}")
+    table.add_row("duration (s)", f"{result['duration_s']:g}")
+    table.add_row("sampling rate (Hz)", f"{result['rate_hz']:g}")
+    table.add_row("greatest command (V)", f"{result['command_peak_v']:.2f}")
+    table.add_row("greatest position (V of the sensor)", f"{result['position_peak_v']:.3f}")
+    table.add_row("a converter reached its limit", "yes" if result["saturated"] else "no")
+    return table
 
 
 def planned(

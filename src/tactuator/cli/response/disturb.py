@@ -61,7 +61,7 @@ def _table(reports: list[DisturbanceReport]) -> Table:
     for report in reports:
         rejection = report.rejection
         for k in range(rejection.frequency_hz.size):
-            measured = f"{rejection.measured_db[k]:.2f} ± {rejection.confidence_db[k]:.2f} dB"
+            measured = f"{rejection.measured_db[k]:.2f} ± {rejection.confidence_db[k]:.2g} dB"
             expected = f"{rejection.expected_db[k]:.2f} dB"
             table.add_row(report.channel, f"{rejection.frequency_hz[k]:g} Hz", measured, expected)
         press, tremor = report.press, report.tremor

@@ -81,13 +81,13 @@ def run(
         from tactuator.report.plates.device.response import save_measured  # matplotlib takes a second
 
         save_measured(responses, made, figures)
-    _report(responses, made, out, as_json)
+    _report(responses, made, (figures, out), as_json)
 
 
-def _report(responses: tuple[Response, ...], made: Controller, out: Path | None, as_json: bool) -> None:
+def _report(responses: tuple[Response, ...], made: Controller, files: tuple[Path | None, ...], as_json: bool) -> None:
     """Print the responses with their verdict; exit with status 1 where the confidence was not reached everywhere."""
     verdict = response_verdict(responses, made.display)
-    shown = Group(_table(responses, made), verdict_table(verdict), *written(out))
+    shown = Group(_table(responses, made), verdict_table(verdict), *written(*files))
     answer(document(responses, made) | verdict.document(), as_json, shown)
     if not all(bool(np.all(one.reached)) for one in responses):
         sys.stderr.write("tactuator: the confidence was not reached everywhere in the time allowed\n")
@@ -158,8 +158,9 @@ def document(responses: Sequence[Response], made: Controller) -> dict[str, Any]:
 
 def _table(responses: Sequence[Response], made: Controller) -> Table:
     table = Table(
-        "channel", "Hz", "dB SL", "expected", "error dB", "±dB", "phase °", "latency ms", "distortion dB", "limited",
-        caption="error against what the controller's model expects, the worst first",
+        "channel", "Hz", "dB SL", "expected", "error dB", "± dB", "phase °", "delay ms", "dist. dB", "cut",
+        caption="error: against the level that the controller's model expects, the worst first; delay: of the phase; "
+        "dist.: distortion against the fundamental; cut: a converter or the command reached its limit",
     )  # fmt: skip
     for one in responses:
         level = one.level_db_sl + error_db(one, made.display)
@@ -172,7 +173,7 @@ def _table(responses: Sequence[Response], made: Controller) -> Table:
                 f"{level[k]:.2f}",
                 f"{expected[k]:.2f}",
                 f"{level[k] - expected[k]:+.2f}",
-                f"{one.confidence_db[k]:.2f}",
+                f"{one.confidence_db[k]:.2g}",
                 f"{np.degrees(one.phase_rad[k]):.1f}",
                 f"{1e3 * one.latency_s[k]:.2f}",
                 f"{20.0 * np.log10(ratio):.0f}" if ratio > 0.0 else "none",

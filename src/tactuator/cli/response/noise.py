@@ -98,7 +98,10 @@ def document(felt: FeltNoise) -> dict[str, Any]:
 
 
 def _table(runs: Sequence[tuple[str, Sequence[FeltNoise]]]) -> Table:
-    table = Table("under", "channel", "worst line", "worst third octave", "resonance", caption="dB SL as felt")
+    table = Table(
+        "under", "channel", "worst mains line (dB SL)", "worst third octave (dB SL)", "resonance (dB SL)",
+        caption="levels as a finger feels them",
+    )  # fmt: skip
     for name, felt in runs:
         for one in felt:
             resonance = (

@@ -9,7 +9,7 @@ import typer
 from rich.console import Group
 from rich.table import Table
 
-from tactuator.cli.answer import answer, progress
+from tactuator.cli.answer import answer, progress, written
 from tactuator.cli.chosen import chosen_controller
 from tactuator.corpus.corpus import MANIFEST, CorpusResult, run_corpus
 from tactuator.corpus.workers import DaskCluster, LocalProcesses, Workers
@@ -67,11 +67,12 @@ def run(
 
 
 def _shown(result: CorpusResult, out: Path) -> Group:
-    table = Table("", "files", title=str(out))
+    table = Table("what", "files", title="Corpus")
     for words, count in (
         ("rendered", result.done),
         ("kept from an earlier run", result.kept),
         ("failed", len(result.failures)),
     ):
         table.add_row(words, str(count))
-    return Group(table, *(f"failed: {failure['error']}" for failure in result.failures))
+    failed = (f"failed: {failure['error']}" for failure in result.failures)
+    return Group(table, *failed, *written(out, out / MANIFEST))

@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Group
 from rich.table import Table
 
-from tactuator.cli.answer import answer, progress
+from tactuator.cli.answer import answer, progress, written
 from tactuator.cli.chosen import chosen_controller
 from tactuator.errors import BadInput
 from tactuator.speech.coding.file import coding_of, write_coding
@@ -44,12 +44,16 @@ def run(
 
         plate = spectrogram_plate(rendered.felt, f"{speech.name}, coding “{coding}” at {level:g} dB SL")
         save_plates([plate], figures)
-    answer({"out": str(out), **rendered.document()}, as_json, _shown(rendered, out))
+    answer(
+        {"out": str(out), **rendered.document()},
+        as_json,
+        Group(_shown(rendered), *written(out, felt, save_coding, figures)),
+    )
 
 
-def _shown(rendered: Rendered, out: Path) -> Group:
+def _shown(rendered: Rendered) -> Group:
     table = Table(
-        "finger", "peak dB SL", "limiter", "felt − asked, rms", "median frame", "95 % of frames", title=str(out)
+        "finger", "peak dB SL", "limiter", "felt − asked, rms", "median frame", "95 % of frames", title="Reference"
     )
     figures: dict[str, Any] = {} if rendered.felt is None else rendered.felt.figures()
     for entry in rendered.limiting:

@@ -6,9 +6,10 @@ import string
 from dataclasses import replace
 from pathlib import Path
 
+from rich.console import Group
 from rich.table import Table
 
-from tactuator.cli.answer import answer
+from tactuator.cli.answer import answer, working, written
 from tactuator.cli.chosen import chosen_controller
 from tactuator.files.atomic import atomic_folder, write_text
 from tactuator.speech.waveforms import CUTANEOUS, KINESTHETIC, MIDDLE, WaveformSet, WrittenWaveform, write_waveforms
@@ -34,13 +35,15 @@ def run(
     made = WaveformSet(duration, components=components, fingers=groups)
     own = {f"{label}.{ending}" for label in made.labels() for ending in ("wav", "json")} | {PROTOCOL}
     with atomic_folder(out, frozenset(own)) as beside:
-        written = write_waveforms(made, chosen, beside)
-        write_text(beside / PROTOCOL, _protocol(written, duration, repetitions, seed))
-    table = Table("waveform", "limiter", title=str(out))
-    for one in written:
+        with working("rendering waveforms"):
+            made_ones = write_waveforms(made, chosen, beside)
+        write_text(beside / PROTOCOL, _protocol(made_ones, duration, repetitions, seed))
+    table = Table("waveform", "limiter", title="Waveforms")
+    for one in made_ones:
         table.add_row(one.label, f"{one.max_reduction_db:.1f} dB" if one.max_reduction_db else "untouched")
-    items = [{"label": one.label, "file": one.path.name, "max_reduction_db": one.max_reduction_db} for one in written]
-    answer({"out": str(out), "protocol": str(out / PROTOCOL), "items": items}, as_json, table)
+    items = [{"label": one.label, "file": one.path.name, "max_reduction_db": one.max_reduction_db} for one in made_ones]
+    shown = Group(table, *written(out, out / PROTOCOL))
+    answer({"out": str(out), "protocol": str(out / PROTOCOL), "items": items}, as_json, shown)
 
 
 def _protocol(written: tuple[WrittenWaveform, ...], duration_s: float, repetitions: int, seed: int) -> str:
