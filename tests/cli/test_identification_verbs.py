@@ -77,7 +77,7 @@ def test_identify__least_squares_and_charts__are_made(folder: Path, capsys) -> N
 
 def test_identify__table__is_for_people(folder: Path, capsys) -> None:
     assert main(["identify", str(folder / "r.h5"), "--order", "2"]) == 0
-    assert "den s^0" in capsys.readouterr().out
+    assert "denominator, s^0" in capsys.readouterr().out
 
 
 def test_measure__multisine_and_stepped__print_responses(folder: Path, capsys) -> None:

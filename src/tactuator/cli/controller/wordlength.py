@@ -70,8 +70,8 @@ def _draw(controller: Controller, folder: Path) -> dict[str, object]:
 
 def _table(reports: tuple[FormatReport, ...], rate_hz: float, best: str | None) -> Table:
     title = f"Word length at {rate_hz:g} Hz; recommended: {best or 'none of what a board runs'}"
-    table = Table("format", "stable", "error (dB)", "round-off (dB SL)", "limit cycle (dB SL)", "safe", title=title)
-    notes = ["Round-off and limit cycle are the levels that a finger feels; a board runs float32 and q31."]
+    table = Table("format", "stable", "error (dB)", "round-off", "limit cycle", "safe", title=title)
+    notes = ["Round-off and limit cycle: dB SL, as a finger feels them. A board runs float32 and q31."]
     for report in reports:
         if report.refused is not None:
             notes.append(f"{report.name}: {report.refused}.")

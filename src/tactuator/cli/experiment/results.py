@@ -64,9 +64,13 @@ def _told(group: GroupCurve | None) -> list[str]:
     """Return lines on who stands in the curve across subjects."""
     if group is None:
         return []
-    points = zip(group.curve.frequency_hz, group.subjects, strict=True)
-    people = ", ".join(f"{count} at {hertz:.4g} Hz" for hertz, count in points if count)
-    lines = [f"curve across subjects ({group.curve.provenance}): people {people}"]
+    points = [(hertz, count) for hertz, count in zip(group.curve.frequency_hz, group.subjects, strict=True) if count]
+    counts = {count for _, count in points}
+    if len(counts) == 1:
+        people = f"people: {counts.pop()} at each of {len(points)} frequencies"
+    else:
+        people = "people: " + ", ".join(f"{count} at {hertz:.4g} Hz" for hertz, count in points)
+    lines = [f"curve across subjects ({group.curve.provenance}): {people}"]
     lines += [
         f"left out: {one.subject}, {one.finger}, {one.frequency_hz:.4g} Hz, run {one.run}: {', '.join(one.flags)}"
         for one in group.left_out

@@ -71,7 +71,26 @@ def _table(title: str, figures: dict[str, Any]) -> Table:
     for key, value in figures.items():
         if isinstance(value, dict):
             for inner, number in value.items():
-                table.add_row(f"{key} {inner}", f"{number:.3f}")
+                table.add_row(*_row(f"{key} {inner}", number))
         else:
-            table.add_row(key, f"{value:.3f}" if isinstance(value, float) else str(value))
+            table.add_row(*_row(key, value))
     return table
+
+
+_WORDS = {
+    "sd": "standard deviation", "rmse": "rms error", "rms error median": "rms error of the median person",
+    "trials mean": "trials, mean", "trials p05": "trials, 5th percentile", "trials p95": "trials, 95th percentile",
+    "coverage95": "share inside the 95 % interval", "unfinished": "runs that did not end",
+    "flagged": "share of runs that are flagged",
+}  # fmt: skip
+
+
+def _row(key: str, value: object) -> tuple[str, str]:
+    """Return the words and the figure of one result, with its unit and digits."""
+    name = key.removesuffix("_db").replace("_", " ")
+    last = name.removeprefix("refit ")
+    words = f"refit: {_WORDS.get(last, last)}" if last != name else _WORDS.get(name, name)
+    if key.endswith("_db"):
+        return f"{words} (dB)", f"{value:.2f}"
+    digits = 0 if words.startswith("trials") else 2
+    return words, f"{value:.{digits}f}" if isinstance(value, float) else str(value)

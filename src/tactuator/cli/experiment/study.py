@@ -90,10 +90,10 @@ def observe(
         for subject, one in zip(read.subject, observers, strict=True)
         for hertz in read.conditions.frequencies_hz or np.geomspace(*place.band_hz, 12).round(3).tolist()
     ]
-    table = Table("subject", "Hz", "truth, dB re 1 µm")
+    table = Table("subject", "frequency (Hz)", "true threshold (dB re 1 µm)")
     for row in true:
-        table.add_row(str(row["subject"]), f"{row['frequency_hz']:g}", f"{row['true_db_re_1um']:.2f}")
-    answer({"store": str(store), "truth": true}, as_json, table)
+        table.add_row(str(row["subject"]), f"{row['frequency_hz']:.4g}", f"{row['true_db_re_1um']:.1f}")
+    answer({"store": str(store), "truth": true}, as_json, Group(table, *written(store)))
 
 
 def show_thresholds(
