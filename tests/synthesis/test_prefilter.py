@@ -68,7 +68,7 @@ def test_fit_prefilter__report__is_what_the_sections_do() -> None:
     fit = fit_prefilter(one, c, 4000.0, 1, 8)
     loop = TwoDegreeLoop(SampledSystem.from_sections(fit.sections, 4000.0), c, sampled_plant(one.plant, 4000.0, 1))
     error = response_error_db(one, loop, np.geomspace(0.4, 300.0, 777))
-    assert np.abs(error).max() <= fit.max_error_db + 1e-6
+    assert np.abs(error).max() <= fit.max_error_db + 1e-3  # other frequencies than those of the report
     assert np.abs(error).max() >= fit.max_error_db - 0.02
     assert 0.3 * fit.max_error_db < fit.rms_error_db < fit.max_error_db
 

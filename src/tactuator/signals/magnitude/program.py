@@ -21,13 +21,17 @@ Coefficients = tuple[FloatArray, FloatArray]
 STEEP_DB = 60.0
 """Range of a goal from which on a linear program comes near its solver's tolerance."""
 _WIDEST_DB = 16.0
-_PRECISION = 0.01
+_PRECISION = 0.015
+_EVERY = 3
+"""Of the grid's points, those that the search for the least error begins with."""
+_OVERLOOKED = 0.003
+"""Share of an error by which a point that the search left out may be off before it is taken in."""
 _LEAST_DB = 1e-3
 _ALLOWED_MORE = (1.01, 1.0, 1.05, 1.2, 2.0, 4.0)
 """Factors of the least error: one rule of pivoting may miss, by rounding, what another found possible."""
 _QUICK = {"simplex_dual_edge_weight_strategy": "devex"}
-_TYPICAL_DB = 12.0
-"""The least error times the square of the order, for threshold curves: where the search for it begins."""
+_TYPICAL_DB = 15.0
+"""Above the least error times the square of the order, for threshold curves: where the search for it begins."""
 _BETWEEN_DB = 6.0
 _EXCESS_DB = 0.05
 _MOST_NARROWED_DB, _FINE_DB, _COARSE_DB = 0.19, 0.235, 0.5
@@ -65,6 +69,8 @@ class Program:
         self._target = self._numerators(goal.frequency_hz) / ratio[:, None]
         self._scale = np.max(np.abs(self._target), axis=0)
         self._above = np.append(goal.above_hz, 0.5 * rate_hz)
+        self._taken = np.zeros(goal.frequency_hz.size, dtype=bool)
+        self._taken[::_EVERY] = self._taken[-1] = True
         self._lower_bound_db, self._is_delicate = 0.0, former is not None or steep
         self._guess_db, self._step = (_TYPICAL_DB / order**2, 1.4) if former is None else (former.least_db, 1.1)
         self._coefficients = self.best()
@@ -136,8 +142,8 @@ class Program:
         return np.asarray(fractions(square, self._zero_corners) * np.exp(np.sum(logs, axis=1))[:, None])
 
     def _sizes(self, frequency_hz: FloatArray) -> FloatArray:
-        """Return the size of D that the former solution suggests (1 without one), shape (n, 1): what constraints are
-        told in proportion to, since the solver's tolerance is one for all.
+        """Return the size of D that the last solution suggests (1 without one), shape (n, 1): what constraints are told
+        in proportion to, since the solver's tolerance is one for all.
         """
         square = self._squares(frequency_hz)[:, None]
         if self._sized_by is None:
@@ -158,7 +164,9 @@ class Program:
         low, high = self._bracket()
         while high - low > _PRECISION * max(low, 0.05) and high >= _LEAST_DB:
             middle = float(np.sqrt(low * high))
-            low, high = (low, middle) if self._is_possible(middle) else (middle, high)
+            low, high = (low, middle) if self._seems_possible(middle) else (middle, high)
+        while not self._is_possible(high) and high < _WIDEST_DB:
+            low, high = high, high * (1.0 + _PRECISION)
         self._lower_bound_db, self._guess_db = low, high
         for times in _ALLOWED_MORE:
             found = self._solve(times * high + 0.002)
@@ -169,43 +177,81 @@ class Program:
     def _bracket(self) -> tuple[float, float]:
         """Return an error that is impossible, or next to zero, and one that is possible, dB."""
         low, high, step = self._lower_bound_db, max(self._guess_db, 1.05 * self._lower_bound_db), self._step
-        if not self._is_possible(high):
-            while high < _WIDEST_DB:
-                low, high, step = high, min(high * step, _WIDEST_DB), step**1.5
-                if self._is_possible(high):
-                    return low, high
-            raise BadInput(
-                f"no prefilter of {self.order} poles follows the curve within {_WIDEST_DB:g} dB; allowed: more poles"
-            )
+        while not self._seems_possible(high):
+            if high >= _WIDEST_DB:
+                raise BadInput(
+                    f"no prefilter of {self.order} poles follows the curve within {_WIDEST_DB:g} dB; "
+                    "allowed: more poles"
+                )
+            # before a solution has told the size of D, "impossible" may be rounding alone
+            low = high if self._sized_by is not None else low
+            high, step = min(high * step, _WIDEST_DB), step**1.5
         while high >= _LEAST_DB:
-            below = high / step
+            below = high / self._step
             if below <= low:
-                return low, high
-            if not self._is_possible(below):
+                break
+            if not self._seems_possible(below):
                 return below, high
-            high, step = below, step**1.5
+            high = below
         return low, high
 
     def _is_possible(self, error_db: float) -> bool:
-        """Tell whether the linear program at that error has a solution, by the quickest rule of pivoting."""
-        return self._solve(error_db, {} if self._is_delicate else _QUICK) is not None
+        """Tell whether the linear program at that error has a solution on all of the grid."""
+        taken = 0
+        while taken < np.sum(self._taken):
+            taken = int(np.sum(self._taken))
+            if not self._seems_possible(error_db):
+                return False
+        return True
 
-    def _solve(self, error_db: float, options: dict[str, Any] | None = None) -> Coefficients | None:
-        """Find coefficients (of N, of D) that keep the error, as far inside the constraints as can be, or None."""
+    def _seems_possible(self, error_db: float) -> bool:
+        """Tell whether the linear program at that error has a solution on some points of the grid, by the quickest rule
+        of pivoting.
+
+        Points that the solution passes are taken in from then on. It tells the size of D too, in proportion to which
+        later constraints are told.
+        """
+        found = self._solve(error_db, {} if self._is_delicate else _QUICK, self._taken)
+        if found is None:
+            return False
+        self._taken |= self._passed(found, error_db)
+        self._sized_by = fraction_roots(found[1], self._corners)
+        return True
+
+    def _passed(self, coefficients: Coefficients, error_db: float) -> NDArray[np.bool_]:
+        """Return at which points of the grid the coefficients pass the error, where they pass it most, (n,)."""
+        with np.errstate(all="ignore"):
+            ratio = (self._target @ coefficients[0]) / (self._basis @ coefficients[1])
+            off_db = 10.0 * np.log10(ratio)
+        lowest, highest = self._tolerance_db(error_db)
+        over = np.nan_to_num(np.maximum(off_db - highest, lowest - off_db), nan=np.inf)
+        edged = np.concatenate([[-np.inf], over, [-np.inf]])
+        return np.asarray((over > _OVERLOOKED * error_db) & (over >= edged[:-2]) & (over >= edged[2:]))
+
+    def _tolerance_db(self, error_db: float) -> tuple[FloatArray, FloatArray]:
+        """Return the least and the greatest error at every point of the grid, dB, (n,) each."""
         floor = -np.inf if self._goal.floor_db is None else self._goal.floor_db
         spare = max(0.0, 1.0 - max(0.0, error_db - _FINE_DB) / (_COARSE_DB - _FINE_DB))
         most = min(0.0, _MOST_NARROWED_DB * spare - error_db)
         narrowed = np.minimum(np.maximum(-error_db, floor), most)
-        lowest = narrowed - self._goal.allowance_db
-        root = 10.0 ** ((error_db + self._goal.allowance_db[:, None]) / 20.0)
-        least = 10.0 ** (lowest[:, None] / 20.0)
+        return narrowed - self._goal.allowance_db, error_db + self._goal.allowance_db
+
+    def _solve(
+        self, error_db: float, options: dict[str, Any] | None = None, at: NDArray[np.bool_] | None = None
+    ) -> Coefficients | None:
+        """Find coefficients (of N, of D) that keep the error at the grid's points `at` (None: all), as far inside the
+        constraints as can be, or None.
+        """
+        places = np.ones(self._goal.frequency_hz.size, dtype=bool) if at is None else at
+        lowest, highest = (side[places, None] for side in self._tolerance_db(error_db))
+        root, least = 10.0 ** (highest / 20.0), 10.0 ** (lowest / 20.0)
         ceiling = self._ceiling(self._above, error_db)[:, None]
-        sizes, outside = self._sizes(self._goal.frequency_hz), self._sizes(self._above)
+        sizes, outside = self._sizes(self._goal.frequency_hz[places]), self._sizes(self._above)
         above = fractions(self._squares(self._above), self._corners) / outside
         over = self._numerators(self._above) / outside
         none = np.zeros_like(above)
-        n, m = self._basis.shape[0], above.shape[0]
-        top, bottom = self._target / self._scale / sizes, self._basis / sizes
+        n, m = int(np.sum(places)), above.shape[0]
+        top, bottom = self._target[places] / self._scale / sizes, self._basis[places] / sizes
         rows = np.vstack(
             [
                 np.hstack([top / root, -root * bottom, np.ones((n, 1))]),

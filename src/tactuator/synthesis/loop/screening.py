@@ -6,8 +6,8 @@ limit can only let more pass. What passes here is judged once more in full by wh
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ from tactuator.synthesis.noise_gain import quadrature
 DB = 20.0 / np.log(10.0)
 DEGREES_PER_DB = 5.0
 _AT_ONCE = 256
+_HELD_AT_ONCE = 48
+"""Candidates whose margins are looked at together: most callers want the first few alone."""
+_UNKNOWN = -1
 WEAKER = (1.0, 0.5, 0.2, 0.05)
 """Factors of the gain at which a loop has to be stable: a command at its limit is a loop of lower gain."""
 
@@ -34,6 +37,30 @@ class _Grid:
     frequency_hz: FloatArray
     difference: ComplexArray
     plants: ComplexArray
+
+
+@dataclass(frozen=True)
+class Survivors:
+    """Candidates that keep line limits and peaks, in the order of their mean |S|: parameter vectors (n, COUNT), max|T|
+    (n,), and what tells of some whether they keep the rest."""
+
+    parameters: FloatArray
+    peaks: FloatArray
+    holds: Callable[[FloatArray], NDArray[np.bool_]]
+    _known: NDArray[np.int8] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_known", np.full(self.peaks.size, _UNKNOWN, dtype=np.int8))
+
+    def kept(self, resonance_peak: float) -> Iterator[FloatArray]:
+        """Yield those that keep all limits and a greatest |T| of resonance_peak: parameter vectors (COUNT,)."""
+        within = np.flatnonzero(self.peaks <= resonance_peak)
+        for start in range(0, within.size, _HELD_AT_ONCE):
+            some = within[start : start + _HELD_AT_ONCE]
+            unknown = some[self._known[some] == _UNKNOWN]
+            if unknown.size:
+                self._known[unknown] = self.holds(self.parameters[unknown])
+            yield from self.parameters[some[self._known[some] == 1]]
 
 
 class Screen:
@@ -65,27 +92,28 @@ class Screen:
         plants = [member.sampled.response(frequency_hz) for member in self._family]
         return _Grid(frequency_hz, difference, np.array(plants).reshape(len(plants), frequency_hz.size))
 
-    def kept(self, shapes: FloatArray, resonance_peak: float) -> Iterator[FloatArray]:
-        """Yield the candidates of `shapes` (n, COUNT), over every gain, that keep all limits and a greatest |T| of
-        resonance_peak: parameter vectors (COUNT,) in the order of their mean |S|."""
-        parts = [self._possible(shapes[i : i + _AT_ONCE], resonance_peak) for i in range(0, len(shapes), _AT_ONCE)]
-        parameters = np.concatenate(parts)
+    def survivors(self, shapes: FloatArray) -> Survivors:
+        """Return the candidates of `shapes` (n, COUNT), over every gain, that keep line limits and peaks."""
+        parts = [self._possible(shapes[i : i + _AT_ONCE]) for i in range(0, len(shapes), _AT_ONCE)]
+        parameters, peaks = (np.concatenate(field) for field in zip(*parts, strict=True))
         order = np.argsort(self._mean_db(parameters), kind="stable")
-        for start in range(0, order.size, _AT_ONCE):
-            some = parameters[order[start : start + _AT_ONCE]]
-            yield from some[self._holds(some)]
+        return Survivors(parameters[order], peaks[order], self._holds)
 
-    def _possible(self, shapes: FloatArray, resonance_peak: float) -> FloatArray:
-        """Return the candidates that keep line limits and peaks, shape (m, COUNT)."""
+    def kept(self, shapes: FloatArray, resonance_peak: float) -> Iterator[FloatArray]:
+        """Yield the candidates of `shapes` (n, COUNT) that keep all limits and a greatest |T| of resonance_peak."""
+        return self.survivors(shapes).kept(resonance_peak)
+
+    def _possible(self, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the candidates that keep line limits and peaks, shape (m, COUNT), and their max|T|, (m,)."""
         gains, ok = self._gains(shapes)
         with np.errstate(all="ignore"):
             ok &= np.max(self._line_excess_db(shapes, gains), axis=-1, initial=-np.inf) <= 0.0
-            row = np.flatnonzero(np.any(ok, axis=1))
-            ok[row] &= self._peaks_hold(shapes[row], gains[row], resonance_peak)
-        which, column = np.nonzero(ok)
+            which, column = np.nonzero(ok)
+            holds, peaks = self._peaks(shapes, which, gains[which, column])
+        which, column = which[holds], column[holds]
         parameters = shapes[which].copy()
         parameters[:, 0] = np.log(gains[which, column])
-        return parameters
+        return parameters, peaks[holds]
 
     def _gains(self, shapes: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return the gains that put the nominal plant's crossover on the grid, (n, g), and which of them
@@ -114,20 +142,25 @@ class Screen:
                 worst[:, :, index] = np.maximum(worst[:, :, index], level - limit_db)
         return np.nan_to_num(worst, nan=np.inf)
 
-    def _peaks_hold(self, shapes: FloatArray, gains: FloatArray, resonance_peak: float) -> NDArray[np.bool_]:
-        """Return whether max|S| and max|T| hold on the wide grid: (n, g)."""
-        holds = np.ones(gains.shape, dtype=bool)
+    def _peaks(
+        self, shapes: FloatArray, which: NDArray[np.intp], gains: FloatArray
+    ) -> tuple[NDArray[np.bool_], FloatArray]:
+        """Return whether max|S| and max|T| hold on the wide grid for the shapes `which`, (m,), at their gains, and
+        max|T| there: (m,) each.
+        """
         controller = self._structure.responses(shapes, self._wide.difference)
-        least = 0.0 if self._asked.sensitivity_peak is None else self._asked.sensitivity_peak**-2
+        nearest, greatest = np.full(gains.size, np.inf), np.zeros(gains.size)
         squares = gains**2
         for plant in self._wide.plants:
-            loop = controller * plant
+            loop = (controller * plant).T
             size, twice = np.abs(loop) ** 2, 2.0 * loop.real
-            for index in range(plant.size):
-                above = squares * size[:, index, None]
-                away = 1.0 + gains * twice[:, index, None] + above
-                holds &= (away >= least) & (above <= resonance_peak**2 * away)
-        return holds
+            for own, part in zip(size, twice, strict=True):
+                above = squares * own[which]
+                away = 1.0 + gains * part[which] + above
+                np.minimum(nearest, away, out=nearest)
+                np.maximum(greatest, above / away, out=greatest)
+        least = 0.0 if self._asked.sensitivity_peak is None else self._asked.sensitivity_peak**-2
+        return (nearest >= least) & (greatest <= self._resonance_peak**2), np.sqrt(greatest)
 
     def _mean_db(self, parameters: FloatArray) -> FloatArray:
         """Return the mean |S| over the rejection band, dB, of the worst member, (n,)."""

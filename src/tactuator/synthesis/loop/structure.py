@@ -20,6 +20,9 @@ from tactuator.signals.systems import SampledSystem
 
 # Where each factor's parameters stand: (kind, first index, +1 numerator or -1 denominator)
 _PAIRS = ((1, 1), (4, 1), (6, -1), (8, 1), (10, -1))
+_FIRST = [index for index, _ in _PAIRS]
+_SECOND = [index + 1 for index, _ in _PAIRS]
+_SIGNS = np.array([[float(sign)] for _, sign in _PAIRS])
 _POLE = 3
 COUNT = 12
 FREQUENCIES = (1, 3, 4, 6, 8, 10)
@@ -37,16 +40,21 @@ class LoopStructure:
 
     def response_and_slope(self, parameters: FloatArray, difference: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """Return C, shape (n,), and the derivatives of log C, shape (COUNT, n), at difference = z - 1, shape (n,)."""
-        value: ComplexArray = np.exp(parameters[0]) / difference
-        slope = np.zeros((COUNT, difference.size), dtype=np.complex128)
+        coefficients, slopes = _all_coefficients(parameters)
+        c1, c0 = coefficients[:, :1], coefficients[:, 1:]
+        polynomials = difference * (difference + c1) + c0
+        inverse = _SIGNS / polynomials
+        along, rest = difference * inverse, inverse - _SIGNS / c0
+        slope = np.empty((COUNT, difference.size), dtype=np.complex128)
         slope[0] = 1.0
-        for index, sign in _PAIRS:
-            factor, by_frequency, by_damping = _pair(float(parameters[index]), float(parameters[index + 1]), difference)
-            value = value * factor if sign > 0 else value / factor
-            slope[index], slope[index + 1] = sign * by_frequency, sign * by_damping
+        slope[_FIRST] = slopes[0, :, :1] * along + slopes[0, :, 1:] * rest
+        slope[_SECOND] = slopes[1, :, :1] * along + slopes[1, :, 1:] * rest
         factor, by_frequency = _single(float(parameters[_POLE]), difference)
         slope[_POLE] = -by_frequency
-        return value / factor, slope
+        # the two pairs below appear as their inverses, each with the sign -1: the signs cancel
+        gain = np.exp(parameters[0]) * float(np.prod(c0[:, 0] ** -_SIGNS[:, 0]))
+        above = polynomials[0] * polynomials[1] * polynomials[3]
+        return gain * above * inverse[2] * inverse[4] / (difference * factor), slope
 
     def responses(self, parameters: FloatArray, difference: ComplexArray) -> ComplexArray:
         """Return C of many parameter vectors, (n, COUNT), at difference = z - 1, shape (f,): shape (n, f)."""
@@ -97,16 +105,16 @@ def _coefficient_slopes(
     return slopes[0], slopes[1]
 
 
-def _pair(
-    log_frequency: float, log_damping: float, difference: ComplexArray
-) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """Return a pair of unit gain at rest, and the derivatives of its logarithm by log frequency and log damping."""
-    c1, c0 = _coefficients(log_frequency, log_damping)
-    polynomial = difference * (difference + c1) + c0
-    inverse = 1.0 / polynomial
-    along = difference * inverse
-    slopes = [d1 * along + d0 * inverse - d0 / c0 for d1, d0 in _coefficient_slopes(log_frequency, log_damping, c0)]
-    return polynomial / c0, slopes[0], slopes[1]
+def _all_coefficients(parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (c1, c0) of every pair, shape (5, 2), and their derivatives by log frequency and by log damping,
+    shape (2, 5, 2).
+    """
+    own = [_coefficients(float(parameters[index]), float(parameters[index + 1])) for index in _FIRST]
+    slopes = [
+        _coefficient_slopes(float(parameters[index]), float(parameters[index + 1]), c0)
+        for index, (_, c0) in zip(_FIRST, own, strict=True)
+    ]
+    return np.array(own), np.array(slopes).transpose(1, 0, 2)
 
 
 def _pairs(log_frequency: FloatArray, log_damping: FloatArray, difference: ComplexArray) -> ComplexArray:

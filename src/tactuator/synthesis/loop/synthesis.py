@@ -11,10 +11,10 @@ at its limit is a loop of lower gain, and that has to be stable too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from heapq import merge
-from itertools import chain
+from itertools import chain, islice
 
 import numpy as np
 
@@ -25,13 +25,14 @@ from tactuator.synthesis.family import Member
 from tactuator.synthesis.loop.assessment import MemberAssessment, assess, figures, shortfalls
 from tactuator.synthesis.loop.candidates import shapes
 from tactuator.synthesis.loop.problem import DB, DEGREES_PER_DB, LoopProblem
-from tactuator.synthesis.loop.screening import Screen
+from tactuator.synthesis.loop.screening import Screen, Survivors
 from tactuator.synthesis.loop.solution import Solution, is_sound, solve
 from tactuator.synthesis.loop.starts import bounds, classical_starts
 from tactuator.synthesis.loop.structure import LoopStructure
 
 _FEASIBLE_DB = 1e-4
-_RESERVE_DB = 2e-4
+_RESERVES_DB = (2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
+"""What each round of settling keeps beyond the limits, dB: grids and assessment agree to about that."""
 _SAME_DB = 0.02
 _RESONANCE_SHARES = (0.5, 1.0)
 _WITNESSES = 3
@@ -65,21 +66,21 @@ def synthesise(task: Task) -> Iterator[Found]:
     Each keeps every requirement in a full assessment. The first ones are local optima, all different; what the fixed
     set of candidates holds comes behind them. Nothing is yielded where nothing is found.
     """
-    blocks = list(shapes(task.family[0].continuous, task.rate_hz))
-    held = _witnesses(task, blocks[:1])
+    first = next(shapes(task.family[0].continuous, task.rate_hz))
+    held = _witnesses(task, [first])
     found = _improved(task, [one for one, _ in held], classical=True)
     best = next(found, None)
     if best is None and not held:
-        held = _witnesses(task, blocks[1:])
+        held = _witnesses(task, _later(task))
         found = _improved(task, [one for one, _ in held], classical=False)
         best = next(found, None)
     if best is None and not held:
-        found = _improved(task, nearest(task, blocks), classical=False, shares=(1.0,))
+        found = _improved(task, nearest(task), classical=False, shares=(1.0,))
         best = next(found, None)
     optima = found if best is None else chain([best], found)
     yield from merge(optima, sorted((kept for _, kept in held), key=_mean_db), key=_mean_db)
     if best is not None or held:
-        yield from _all_candidates(task, blocks)
+        yield from _all_candidates(task, shapes(task.family[0].continuous, task.rate_hz))
 
 
 def is_possible(task: Task) -> bool:
@@ -88,21 +89,27 @@ def is_possible(task: Task) -> bool:
     return bool(_witnesses(task, [first])) or any(_settled(task, 1.0, [], classical=True))
 
 
-def nearest(task: Task, blocks: Sequence[FloatArray] | None = None) -> list[FloatArray]:
+def nearest(task: Task) -> list[FloatArray]:
     """Return the candidates that miss the requirements by least, the nearest first: parameter vectors."""
-    all_blocks = list(shapes(task.family[0].continuous, task.rate_hz)) if blocks is None else blocks
-    parts = [task.screen.nearest(block, _NEAREST) for block in all_blocks[:2]]
+    blocks = islice(shapes(task.family[0].continuous, task.rate_hz), 2)
+    parts = [task.screen.nearest(block, _NEAREST) for block in blocks]
     parameters, miss = (np.concatenate(one) for one in zip(*parts, strict=True))
     order = np.argsort(miss, kind="stable")
     return [parameters[i] for i in order if np.isfinite(miss[i])][:_NEAREST]
 
 
-def _witnesses(task: Task, blocks: Sequence[FloatArray]) -> list[tuple[FloatArray, Found]]:
+def _later(task: Task) -> Iterator[FloatArray]:
+    """Yield the blocks of candidates behind the first, each made when it is asked for."""
+    return islice(shapes(task.family[0].continuous, task.rate_hz), 1, None)
+
+
+def _witnesses(task: Task, blocks: Iterable[FloatArray]) -> list[tuple[FloatArray, Found]]:
     """Return the best few candidates, of different shapes, of the first block that holds any."""
     for block in blocks:
+        survivors = task.screen.survivors(block)
         for share in _RESONANCE_SHARES:
             found: list[tuple[FloatArray, Found]] = []
-            for parameters, one in _assessed(task, block, task.peak(share)):
+            for parameters, one in _assessed(task, survivors, task.peak(share)):
                 if all(not np.array_equal(parameters[1:], known[1:]) for known, _ in found):
                     found.append((parameters, one))
                 if len(found) == _WITNESSES:
@@ -112,17 +119,17 @@ def _witnesses(task: Task, blocks: Sequence[FloatArray]) -> list[tuple[FloatArra
     return []
 
 
-def _all_candidates(task: Task, blocks: Sequence[FloatArray]) -> Iterator[Found]:
+def _all_candidates(task: Task, blocks: Iterable[FloatArray]) -> Iterator[Found]:
     """Yield every candidate that keeps all limits, for the case that no prefilter fits the best ones."""
     for block in blocks:
-        for _, found in _assessed(task, block, task.resonance_peak):
+        for _, found in _assessed(task, task.screen.survivors(block), task.resonance_peak):
             yield found
 
 
-def _assessed(task: Task, block: FloatArray, resonance_peak: float) -> Iterator[tuple[FloatArray, Found]]:
-    """Yield the candidates of a block that a full assessment finds to keep everything."""
+def _assessed(task: Task, survivors: Survivors, resonance_peak: float) -> Iterator[tuple[FloatArray, Found]]:
+    """Yield those of a block's survivors that a full assessment finds to keep everything."""
     structure = LoopStructure(task.rate_hz)
-    for parameters in task.screen.kept(block, resonance_peak):
+    for parameters in survivors.kept(resonance_peak):
         found = judged(task, structure.system(parameters), resonance_peak)
         if found is not None:
             yield parameters, found
@@ -135,6 +142,10 @@ def judged(task: Task, feedback: SampledSystem, resonance_peak: float) -> Found 
     assessments = assess(feedback, task.family, task.requirements)
     if shortfalls(assessments, task.requirements, resonance_peak):
         return None
+    return _found(assessments, feedback)
+
+
+def _found(assessments: Sequence[MemberAssessment], feedback: SampledSystem) -> Found:
     return max(one.mean_rejection_db for one in assessments), feedback
 
 
@@ -182,14 +193,14 @@ def _settled(task: Task, share: float, starts: Sequence[FloatArray], classical: 
 def _settle(task: Task, problem: LoopProblem, solution: Solution) -> Found | None:
     """Return the solution with what its grids overlooked taken into account: a full assessment finds no shortfall."""
     limits = bounds(problem, task.family[0].continuous)
-    for _ in range(4):
+    for reserve_db in _RESERVES_DB:
         feedback = problem.structure.system(solution.parameters)
         if not is_sound(feedback, task.family, task.screen.must_bear_less):
             return None
-        found = judged(task, feedback, problem.resonance_peak)
-        if found is not None:
-            return found
-        _tighten(problem, solution.parameters, assess(feedback, task.family, problem.requirements))
+        assessments = assess(feedback, task.family, task.requirements)
+        if not shortfalls(assessments, task.requirements, problem.resonance_peak):
+            return _found(assessments, feedback)
+        _tighten(problem, solution.parameters, assessments, reserve_db)
         again = solve(problem, solution.parameters, limits)
         if again is None or again.excess_db > _FEASIBLE_DB:
             return None
@@ -197,8 +208,10 @@ def _settle(task: Task, problem: LoopProblem, solution: Solution) -> Found | Non
     return None
 
 
-def _tighten(problem: LoopProblem, parameters: FloatArray, assessments: Sequence[MemberAssessment]) -> None:
-    """Set the problem's `tighten` so that every excess is that of the assessment, and a trifle more."""
+def _tighten(
+    problem: LoopProblem, parameters: FloatArray, assessments: Sequence[MemberAssessment], reserve_db: float
+) -> None:
+    """Set the problem's `tighten` so that every excess is that of the assessment, and reserve_db more."""
     seen = problem.at(parameters).excess - problem.tighten
     true = {
         (name, one.member.name): _excess_db(name, asked, got)
@@ -206,7 +219,7 @@ def _tighten(problem: LoopProblem, parameters: FloatArray, assessments: Sequence
         for name, asked, got, _ in figures(one, problem.requirements, problem.resonance_peak)
     }
     problem.tighten = np.array(
-        [true.get(label, value) - value + _RESERVE_DB for label, value in zip(problem.labels, seen, strict=True)]
+        [true.get(label, value) - value + reserve_db for label, value in zip(problem.labels, seen, strict=True)]
     )
 
 
