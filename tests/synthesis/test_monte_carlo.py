@@ -30,7 +30,7 @@ def test_monte_carlo__family_and_load__greatest_peak_is_that_of_the_sampled_loop
     for load in ("none", "finger"):
         members = [member for member in plant_family(one, 4000.0, 1) if member.load == load]
         peaks = [margins(FeedbackLoop(feedback, member.sampled)).sensitivity_peak for member in members]
-        assert found[load].sensitivity_peak[-1] == pytest.approx(max(peaks), rel=0.01)
+        assert np.nanmax(found[load].sensitivity_peak) == pytest.approx(max(peaks), rel=0.01)
         assert found[load].unstable == 0.0
         assert found[load].source == "family"
 
@@ -48,9 +48,9 @@ def test_monte_carlo__covariance__spread_of_the_gain_is_that_of_the_flatness() -
         replace(made, display=replace(display, channels=(one,)), channels=(open_loop,)), 4000, np.random.default_rng(2)
     )
     nominal = monte_carlo(replace(made, channels=(open_loop,)), 1, np.random.default_rng(2))
-    spread = drawn[0].flatness_db[1] - nominal[0].flatness_db[1]
+    spread = float(np.quantile(drawn[0].flatness_db, 0.95) - nominal[0].flatness_db[0])
     assert spread == pytest.approx(20.0 * np.log10(1.0 + 1.645 * 0.05), abs=0.15)
-    assert np.isnan(drawn[0].sensitivity_peak[0])
+    assert np.all(np.isnan(drawn[0].sensitivity_peak))
 
 
 def test_monte_carlo__plants_that_the_loop_cannot_hold__counted() -> None:
@@ -59,7 +59,7 @@ def test_monte_carlo__plants_that_the_loop_cannot_hold__counted() -> None:
     made = replace(paper_controller(), display=replace(paper_alone(), channels=(one,)))
     (found,) = monte_carlo(made, 1000, np.random.default_rng(3))
     assert found.unstable == pytest.approx(0.5, abs=0.06)
-    assert found.sensitivity_peak.size == len(QUANTILES)
+    assert found.quantiles(found.sensitivity_peak).size == len(QUANTILES)
 
 
 @pytest.mark.parametrize(("count", "shift"), [(0, 0.02), (10_000_000, 0.02), (10, -0.1), (10, 0.5)])

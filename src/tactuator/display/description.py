@@ -142,6 +142,14 @@ class Channel:
         if len({load.name for load in self.loads}) != len(self.loads):
             raise BadInput(f"channel {self.name!r}: two loads have the same name; allowed: each name once")
 
+    def is_known(self, frequency_hz: ArrayLike) -> NDArray[np.bool_]:
+        """Tell, frequency by frequency, whether the plant is known there; an edge counts with what rounding makes of
+        it.
+        """
+        frequency = np.asarray(frequency_hz, dtype=np.float64)
+        low, high = self.valid_hz or (0.0, np.inf)
+        return np.asarray((frequency >= low / KNOWN_EDGE) & (frequency <= high * KNOWN_EDGE))
+
     def load(self, name: str) -> Load:
         """Return the load of that name. Raises BadInput if there is none."""
         for load in self.loads:

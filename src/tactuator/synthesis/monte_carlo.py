@@ -24,6 +24,7 @@ from tactuator.signals.decibels import db
 from tactuator.synthesis.family import UNLOADED
 
 QUANTILES = (0.5, 0.95, 0.99, 1.0)
+FIGURES = ("sensitivity_peak", "flatness_db", "felt_hum_db_sl")
 _AT_ONCE = 2000
 _LIGHT = 0.5
 _MOST = 1_000_000
@@ -33,23 +34,42 @@ _MOST = 1_000_000
 class DrawnPlants:
     """The fate of the plants drawn for one channel under one load.
 
-    unstable: share of unstable loops. sensitivity_peak, flatness_db, felt_hum_db_sl: max|S|, greatest error of |H| over
-    the band, level of the loudest mains line, each at `QUANTILES` of the stable plants (nan where none is, or where
-    there is nothing to judge). source: "covariance", "family" or "nominal", what the plants were drawn from.
+    stable: of each plant, shape (count,). sensitivity_peak, flatness_db, felt_hum_db_sl: max|S|, greatest error of |H|
+    over the band, level of the loudest mains line, each (count,) (nan where the loop is unstable, or where there is
+    nothing to tell). source: "covariance", "family" or "nominal", what the plants were drawn from. mode_shift: the
+    relative standard deviation with which the frequency of every lightly damped root was shifted; 0 where there is
+    none.
     """
 
     channel: str
     load: str
-    count: int
     source: str
-    unstable: float
+    mode_shift: float
+    stable: NDArray[np.bool_]
     sensitivity_peak: FloatArray
     flatness_db: FloatArray
     felt_hum_db_sl: FloatArray
 
+    @property
+    def count(self) -> int:
+        """Return the number of plants."""
+        return int(self.stable.size)
+
+    @property
+    def unstable(self) -> float:
+        """Return the share of unstable loops."""
+        return float(1.0 - np.mean(self.stable))
+
+    def quantiles(self, values: FloatArray) -> FloatArray:
+        """Return one of the three figures at `QUANTILES` of the stable plants, nan where there is none: shape (4,)."""
+        finite = values[np.isfinite(values)]
+        return np.quantile(finite, QUANTILES) if finite.size else np.full(len(QUANTILES), np.nan)
+
     def document(self) -> dict[str, Any]:
         """Return plain tables, as `--json` prints them."""
-        return {**vars(self), "quantiles": list(QUANTILES)}
+        figures = {name: self.quantiles(getattr(self, name)) for name in FIGURES}
+        told = {"channel": self.channel, "load": self.load, "count": self.count, "source": self.source}
+        return {**told, "unstable": self.unstable, **figures, "quantiles": list(QUANTILES)}
 
 
 def monte_carlo(
@@ -83,25 +103,20 @@ def _drawn_plants(
     for some in _counts(count):
         plants, lead = _drawn(channel, some, rng, mode_shift, grid.frequency_hz)
         rows.append(grid.figures(_loaded(plants, lead, load, channel, grid.frequency_hz)))
-    stable, peak, flat, hum = (np.concatenate(column) for column in zip(*rows, strict=True))
+    stable, *figures = (np.concatenate(column) for column in zip(*rows, strict=True))
     return DrawnPlants(
         channel.name,
         UNLOADED if load is None else load.name,
-        count,
         "covariance" if channel.covariance else "family" if channel.family else "nominal",
-        float(1.0 - np.mean(stable)),
-        *(_quantiles(values[stable]) for values in (peak, flat, hum)),
+        mode_shift if next(_light_roots(channel), None) is not None else 0.0,
+        stable,
+        *(np.where(stable, values, np.nan) for values in figures),
     )
 
 
 def _counts(count: int) -> Iterator[int]:
     for start in range(0, count, _AT_ONCE):
         yield min(_AT_ONCE, count - start)
-
-
-def _quantiles(values: FloatArray) -> FloatArray:
-    finite = values[np.isfinite(values)]
-    return np.quantile(finite, QUANTILES) if finite.size else np.full(len(QUANTILES), np.nan)
 
 
 class _Grids:
@@ -170,16 +185,20 @@ def _drawn(
         which = rng.integers(len(plants), size=count)
         made = np.array([plant.response(frequency_hz) for plant in plants])[which]
         lead = np.array([plant.gain for plant in plants])[which, None]
+    for root, sign in _light_roots(channel):
+        own, damping = abs(root), -root.real / abs(root)
+        moved = own * np.exp(mode_shift * rng.standard_normal((count, 1)))
+        # of unit gain far below the mode, so that a shift does not change the plant at rest
+        factor = (s**2 / moved**2 + 2.0 * damping * s / moved + 1.0) / (s**2 / own**2 + 2.0 * damping * s / own + 1.0)
+        made = made * factor**sign
+    return np.asarray(made, dtype=np.complex128), lead
+
+
+def _light_roots(channel: Channel) -> Iterator[tuple[complex, int]]:
+    """Yield the upper one of every lightly damped pair: poles with the sign -1, zeros with +1."""
     for roots, sign in ((channel.plant.poles, -1), (channel.plant.zeros, 1)):
         for root in roots[(roots.imag > 0.0) & (np.abs(roots.real) < _LIGHT * np.abs(roots))]:
-            own, damping = abs(root), -root.real / abs(root)
-            moved = own * np.exp(mode_shift * rng.standard_normal((count, 1)))
-            # of unit gain far below the mode, so that a shift does not change the plant at rest
-            factor = (s**2 / moved**2 + 2.0 * damping * s / moved + 1.0) / (
-                s**2 / own**2 + 2.0 * damping * s / own + 1.0
-            )
-            made = made * factor**sign
-    return np.asarray(made, dtype=np.complex128), lead
+            yield complex(root), sign
 
 
 def _from_covariance(

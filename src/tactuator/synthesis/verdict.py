@@ -10,11 +10,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.display.controller import ChannelController, Controller
-from tactuator.display.description import KNOWN_EDGE, Channel, Display
+from tactuator.display.description import Channel, Display
 from tactuator.display.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.loop.margins import margins
@@ -115,11 +114,11 @@ class _Judge:
     def unknown(self) -> Iterator[Finding]:
         """Tell where band and crossover leave the frequencies at which the plant is known."""
         low, high = self.channel.threshold.band_hz
-        if not all(_is_known(self.channel, edge) for edge in (low, high)):
+        if not all(self.channel.is_known(edge) for edge in (low, high)):
             yield self.open("i", "error of |H| beyond the known band", _known_words(self.channel))
         if self.loop.feedback is not None:
             crossover_hz = margins(self.loop.feedback).crossover_hz
-            if not (np.isnan(crossover_hz) or _is_known(self.channel, crossover_hz)):
+            if not (np.isnan(crossover_hz) or self.channel.is_known(crossover_hz)):
                 words = f"the crossover is at {crossover_hz:.4g} Hz; {_known_words(self.channel)}"
                 yield self.open("iii", RESONANCE, words)
 
@@ -197,7 +196,7 @@ class _Judge:
         asked = self.display.objectives
         frequency = _band(self.channel)
         change = db(np.abs(self.loop.position_response(frequency)) / np.abs(self.nominal.position_response(frequency)))
-        low = (frequency <= asked.load_band_hz) & _is_known(self.channel, frequency)
+        low = (frequency <= asked.load_band_hz) & self.channel.is_known(frequency)
         worst = int(np.argmax(np.abs(change)))
         told = f"over the band {change[worst]:+.2f} dB at {frequency[worst]:.3g} Hz"
         if not np.any(low):
@@ -260,15 +259,8 @@ def _band(channel: Channel) -> FloatArray:
     return np.unique(np.append(np.geomspace(low, high, _POINTS), own[(own >= low) & (own <= high)]))
 
 
-def _is_known(channel: Channel, frequency_hz: ArrayLike) -> NDArray[np.bool_]:
-    """Tell, frequency by frequency, whether the plant is known there; an edge counts with what rounding makes of it."""
-    frequency = np.asarray(frequency_hz, dtype=np.float64)
-    low, high = channel.valid_hz or (0.0, np.inf)
-    return np.asarray((frequency >= low / KNOWN_EDGE) & (frequency <= high * KNOWN_EDGE))
-
-
 def _known_part(channel: Channel, frequency_hz: FloatArray) -> FloatArray:
-    return np.asarray(frequency_hz[_is_known(channel, frequency_hz)])
+    return np.asarray(frequency_hz[channel.is_known(frequency_hz)])
 
 
 def _known_words(channel: Channel) -> str:
@@ -277,4 +269,4 @@ def _known_words(channel: Channel) -> str:
 
 
 def _guessed(channel: Channel, frequency_hz: float) -> list[str]:
-    return [] if _is_known(channel, frequency_hz) else [f"the plant at {frequency_hz:.4g} Hz"]
+    return [] if channel.is_known(frequency_hz) else [f"the plant at {frequency_hz:.4g} Hz"]

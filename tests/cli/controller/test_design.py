@@ -104,6 +104,27 @@ def test_check__display_without_loads_or_environment__not_judged_and_says_why(
     assert len(found["assumptions"]) == 3
 
 
+def test_check__monte_carlo__judged_and_in_the_verdict(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out, path = tmp_path / "controller.json", Path(display(tmp_path))
+    family = "family = [{ num = [3100.0], den = [1.0, 94.0, 290.0] }]\n"
+    path.write_text(path.read_text().replace("[[channel]]", STATED + "[[channel]]") + LOADED + family)
+    assert main(["design", str(path), "--out", str(out), "--json"]) == 0
+    capsys.readouterr()
+    outcomes = []
+    for count in ("20", "200"):
+        status = main(["check", str(out), "--monte-carlo", count, "--json"])
+        found = json.loads(capsys.readouterr().out)
+        assert status == (found["outcome"] == "not met")
+        drawn = [one for one in found["objectives"]["iii"]["findings"] if one["quantity"] == "max|S|, 95 % of plants"]
+        outcomes.append({one["outcome"] for one in drawn})
+        assert [one["load"] for one in drawn] == ["none", "finger"]
+        assert found["monte_carlo"][0]["count"] == int(count)
+    assert outcomes == [{"not judged"}, {"met"}]
+    path.write_text(path.read_text().replace("3100.0", "9000.0"))
+    assert main(["check", str(out), "--display", str(path), "--monte-carlo", "200"]) == 1
+    assert "of 200 plants drawn from the family pass it" in " ".join(capsys.readouterr().out.split())
+
+
 def test_check__not_met__status_1_and_the_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "controller.json"
     assert main(["design", display(tmp_path, flatness=0.3), "--out", str(out), "--json"]) == 0

@@ -24,10 +24,13 @@ from tactuator.synthesis.monte_carlo import monte_carlo as draw_plants
 def run(controller: Path, display: Path | None, monte_carlo: int, mode_shift: float, seed: int, as_json: bool) -> None:
     """Judge a controller by the paper's four objectives and by what a board takes; exit status 1 if one fails."""
     made, shown = read_controller(controller), None if display is None else read_display(display)
-    verdict = whole_verdict(made, shown)
-    on = made if shown is None else replace(made, display=shown)
-    with working("drawing plants"):
-        drawn = draw_plants(on, monte_carlo, np.random.default_rng(seed), mode_shift) if monte_carlo else []
+    drawn: list[DrawnPlants] = []
+    if monte_carlo:
+        on = made if shown is None else replace(made, display=shown)
+        on.require_runs(on.display)
+        with working("drawing plants"):
+            drawn = draw_plants(on, monte_carlo, np.random.default_rng(seed), mode_shift)
+    verdict = whole_verdict(made, shown, drawn)
     found = verdict.document() | ({"monte_carlo": [one.document() for one in drawn]} if drawn else {})
     answer(found, as_json, Group(verdict_table(verdict), *([_plants_table(drawn)] if drawn else [])))
     if verdict.outcome is Outcome.NOT_MET:
@@ -41,7 +44,7 @@ def _plants_table(drawn: Sequence[DrawnPlants]) -> Table:
         title="Monte Carlo",
     )  # fmt: skip
     for one in drawn:
-        cells = (one.sensitivity_peak, one.flatness_db, one.felt_hum_db_sl)
+        cells = [one.quantiles(values) for values in (one.sensitivity_peak, one.flatness_db, one.felt_hum_db_sl)]
         shown = ("—" if np.isnan(values[1]) else f"{values[1]:.2f}, {values[-1]:.2f}" for values in cells)
         table.add_row(one.channel, one.load, str(one.count), one.source, f"{100.0 * one.unstable:.2g} %", *shown)
     return table
@@ -62,7 +65,7 @@ def verdict_table(verdict: Verdict) -> Group:
             if one.remark:
                 told.append(f"{one.objective}, {one.channel}: {one.remark}")
     told += [f"assumed: {sentence}" for sentence in verdict.assumptions]
-    return Group(table, *told, f"verdict: {verdict.sentence}")
+    return Group(table, *dict.fromkeys(told), f"verdict: {verdict.sentence}")
 
 
 def _row(one: Finding) -> tuple[str, ...]:
