@@ -9,6 +9,8 @@ from pathlib import Path
 
 #: libFuzzer's library, which clang's package only recommends
 FUZZER = "/usr/lib/llvm-14/lib/clang/14.0.6/lib/linux/libclang_rt.fuzzer-x86_64.a"
+#: PortAudio, which sounddevice brings on other systems
+PORTAUDIO = "/usr/lib/x86_64-linux-gnu/libportaudio.so.2"
 #: command (or file) -> Debian package, by purpose. The one list of what comes from the system.
 SYSTEM_PACKAGES = {
     "boards": {"arm-none-eabi-gcc": "gcc-arm-none-eabi", "qemu-system-arm": "qemu-system-arm"},
@@ -19,8 +21,9 @@ SYSTEM_PACKAGES = {
         "/usr/aarch64-linux-gnu/lib/libc.a": "libc6-dev-arm64-cross",
         "qemu-aarch64": "qemu-user",
     },
+    "sound": {"jackd": "jackd2", PORTAUDIO: "libportaudio2"},
 }
-PURPOSES = {"boards": ("boards",), "test": ("boards", "fuzzing", "browser"), "slow": ("aarch64",)}
+PURPOSES = {"boards": ("boards",), "test": ("boards", "fuzzing", "browser"), "slow": ("aarch64", "sound")}
 
 
 def there(command):

@@ -17,4 +17,4 @@ ControllerOption = Annotated[Path | None, typer.Option("--controller", help="Con
 FiguresOption = Annotated[
     Path | None, typer.Option("--figures", help="Folder for the figures (SVG, and their numbers as CSV).")
 ]
-RigOption = Annotated[str, typer.Option("--rig", help="simulated, emulated:BOARD, board:URL.")]
+RigOption = Annotated[str, typer.Option("--rig", help="simulated, emulated:BOARD, board:URL, sound:DEVICE.")]

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactuator.display.load import DERIVATIVES, Load, Quantity
 from tactuator.display.requirements import FeedbackRequirements, Objectives, PrefilterRequirements
+from tactuator.display.sound_card import SoundCard
 from tactuator.errors import BadInput
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.systems import ContinuousSystem
@@ -173,13 +174,16 @@ class Channel:
 
 @dataclass(frozen=True)
 class Display:
-    """Channels that share one rate and one computing delay (samples from A/D to D/A)."""
+    """Channels that share one rate and one computing delay (samples from A/D to D/A). sound: their wiring to a sound
+    card, None where nothing is said of it.
+    """
 
     name: str
     rate_hz: float
     delay_samples: int
     channels: tuple[Channel, ...]
     objectives: Objectives = field(default_factory=Objectives)
+    sound: SoundCard | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.rate_hz <= HIGHEST_RATE_HZ:
@@ -190,6 +194,10 @@ class Display:
             raise BadInput("display: no channel; allowed: one or more")
         if len({channel.name for channel in self.channels}) != len(self.channels):
             raise BadInput("display: two channels have the same name; allowed: each name once")
+        if self.sound is not None and len(self.sound.wires) != len(self.channels):
+            raise BadInput(
+                f"display: {len(self.sound.wires)} wires for {len(self.channels)} channels; allowed: one for each"
+            )
         self._check_bands()
 
     def _check_bands(self) -> None:

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import Any
 
 from tactuator.display.description import Channel, Display
+from tactuator.display.sound_card import SoundCard
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.systems import ContinuousSystem
 
@@ -30,8 +31,22 @@ def display_document(display: Display) -> dict[str, Any]:
             "delay_samples": display.delay_samples,
         },
         "objectives": asdict(display.objectives),
-        "channel": [_channel_document(channel) for channel in display.channels],
+        **_sound_document(display.sound),
+        "channel": [
+            _channel_document(channel) | wires
+            for channel, wires in zip(display.channels, _wire_documents(display), strict=True)
+        ],
     }
+
+
+def _sound_document(sound: SoundCard | None) -> dict[str, Any]:
+    if sound is None:
+        return {}
+    return {"sound": {key: value for key, value in vars(sound).items() if key != "wires"}}
+
+
+def _wire_documents(display: Display) -> list[dict[str, Any]]:
+    return [{}] * len(display.channels) if display.sound is None else [asdict(one) for one in display.sound.wires]
 
 
 def _channel_document(channel: Channel) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from tactuator.display.description import DISTURBANCES, Channel, Converter, Disp
 from tactuator.display.load import Load
 from tactuator.display.requirements import FeedbackRequirements, Objectives, PrefilterRequirements
 from tactuator.display.response_plant import ResponsePlant, plant_of_response
+from tactuator.display.sound_card import SoundCard, Wires
 from tactuator.errors import BadInput
 from tactuator.files.curve import resolve_curve
 from tactuator.files.display_schema import (
@@ -29,7 +30,9 @@ from tactuator.files.display_schema import (
     ObjectivesKeys,
     PlantTable,
     PrefilterKeys,
+    SoundKeys,
     ThresholdKeys,
+    WireKeys,
 )
 from tactuator.files.foreign_response import is_response, read_foreign_response
 from tactuator.files.formats.text import parse_toml, read_finite_json, read_text
@@ -59,7 +62,7 @@ def read_display(path: str | Path) -> Display:
 
 def parse_display(document: Document, beside: Path = Path()) -> Display:
     """Return the display of a document's tables; relative paths in it start at the folder `beside`."""
-    allowed = {"display", "channel", "objectives", *SHARED_TABLES}
+    allowed = {"display", "channel", "objectives", "sound", *SHARED_TABLES}
     for key in document:
         if key not in allowed:
             raise BadInput(f"table [{key}] is not known; allowed: {', '.join(sorted(allowed))}")
@@ -74,7 +77,26 @@ def parse_display(document: Document, beside: Path = Path()) -> Display:
         head.delay_samples,
         tuple(_channel(document, entry, beside) for entry in channels),
         Objectives(**objectives.model_dump()),
+        _sound_card(_table(document, "sound"), channels) if "sound" in document else None,
     )
+
+
+def _sound_card(table: Document, channels: Sequence[Document]) -> SoundCard:
+    """Return the wiring of the channels, each with its own keys before those of [sound]."""
+    for key in table:
+        if key not in SoundKeys.model_fields and key not in WireKeys.model_fields:
+            allowed = ", ".join([*SoundKeys.model_fields, *WireKeys.model_fields])
+            raise BadInput(f"[sound] has no key {key!r}; allowed: {allowed}")
+    head = _checked(SoundKeys, {key: table[key] for key in SoundKeys.model_fields if key in table}, "[sound]")
+    wires = []
+    for place, entry in enumerate(channels, 1):
+        own = {key: entry.get(key, table.get(key)) for key in WireKeys.model_fields}
+        keys = _checked(WireKeys, own, f"[[channel]] {entry.get('name', '')!r}")
+        if keys.output_full_scale_v is None:
+            raise BadInput("[sound] lacks the key 'output_full_scale_v'; allowed: what `sound calibrate` measures")
+        given = {name: value for name, value in keys.model_dump().items() if value is not None}
+        wires.append(Wires(**{"output": place, "input": place} | given))
+    return SoundCard(tuple(wires), **head.model_dump())
 
 
 def with_curve(display: Display, curve: ThresholdCurve) -> Display:
@@ -112,6 +134,7 @@ def _first_fault(model: type[BaseModel], error: ValidationError, where: str) -> 
 def _channel(document: Document, entry: Mapping[str, Any], beside: Path) -> Channel:
     where = f"[[channel]] {entry.get('name', '')!r}"
     shared = {key for model in SHARED_TABLES.values() for key in model.model_fields}
+    shared |= set(WireKeys.model_fields if "sound" in document else ())
     own = _checked(ChannelOwnKeys, {key: value for key, value in entry.items() if key not in shared}, where)
     tables = {name: _merged(model, document, entry, name, where) for name, model in SHARED_TABLES.items()}
     feedback = _feedback(tables["feedback"], where)

@@ -147,6 +147,26 @@ class ChannelOwnKeys(_Table):
     model_error_db: Annotated[float, Field(strict=True, ge=0.0, allow_inf_nan=False)] | None = None
 
 
+class SoundKeys(_Table):
+    """Keys of [sound] for the card as a whole, each with its default."""
+
+    device: str = ""
+    input_device: str = ""
+    latency_samples: Whole = 0
+    lead_s: Positive = 0.25
+
+
+class WireKeys(_Table):
+    """Keys of [sound] that may stand in a channel as well, and win there; output and input count from 1 in the order of
+    the channels where nothing is said.
+    """
+
+    output: Whole | None = None
+    input: Whole | None = None
+    output_full_scale_v: Positive | None = None
+    input_full_scale_v: Positive | None = None
+
+
 SHARED_TABLES: dict[str, type[_Table]] = {
     "converter": ConverterKeys,
     "threshold": ThresholdKeys,

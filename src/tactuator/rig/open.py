@@ -1,4 +1,4 @@
-"""Rigs by name: "simulated", "emulated:mps2-an500", "board:URL"."""
+"""Rigs by name: "simulated", "emulated:mps2-an500", "board:URL", "sound:DEVICE"."""
 
 from __future__ import annotations
 
@@ -8,18 +8,21 @@ from tactuator.rig.boards import emulated_rig, in_process_rig, serial_rig
 from tactuator.rig.program import BOARDS
 from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
+from tactuator.rig.sound.open import sound_rig
 
 
 def rig_names() -> str:
     """Return the names of rigs that may be asked for, as a message or a help text lists them."""
-    return ", ".join(["simulated", "in-process", *(f"emulated:{name}" for name in BOARDS), "board:URL"])
+    return ", ".join(
+        ["simulated", "in-process", *(f"emulated:{name}" for name in BOARDS), "board:URL", "sound:DEVICE[@RATE]"]
+    )
 
 
 def open_rig(spec: str, display: Display, seed: int = 0) -> Rig:
     """Return the rig of that name with `display` on it.
 
     URL: a serial port (COM3, /dev/ttyACM0) or `socket://host:port`. Raises BadInput for another name, or for what is
-    missing (the emulator, the cross-compiler, pyserial, the port).
+    missing (the emulator, the cross-compiler, pyserial, the port, PortAudio, the card).
     """
     kind, _, rest = spec.partition(":")
     if spec == "simulated":
@@ -30,4 +33,6 @@ def open_rig(spec: str, display: Display, seed: int = 0) -> Rig:
         return emulated_rig(rest, display, seed)
     if kind == "board" and rest:
         return serial_rig(rest, display, seed)
+    if kind == "sound":
+        return sound_rig(rest, display)
     raise BadInput(f"rig {spec!r} is not known; allowed: {rig_names()}")

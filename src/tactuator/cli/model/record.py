@@ -54,8 +54,8 @@ def run(
             trace = opened.drive(everything)
             opened.rest()
     about = {"rig": rig, "channel": chosen.name, "load": load, "display": described.name, "excitation": excitation}
-    # every rig's converter holds the command between its samples
-    about["hold"] = "zero-order"
+    # a sound card's converters are band-limited, every other rig's hold the command between its samples
+    about["hold"] = "band-limited" if rig.startswith("sound:") else "zero-order"
     if rig != "simulated":
         about["date"] = datetime.now(UTC).isoformat(timespec="seconds")
     position = trace.position_v[:, column]

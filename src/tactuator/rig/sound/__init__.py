@@ -1,0 +1,1 @@
+"""Rigs on sound cards: PortAudio's streams, their rows and gaps, and what calibrates them."""

@@ -1,0 +1,117 @@
+"""A JACK server of our own without hardware, with simulated exciters on it, for the length of a context."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from tactuator.errors import BadInput, DeviceFault
+from tactuator.rig.sound.demo.client import CLIENT
+from tactuator.rig.sound.demo.exciter import Exciter
+from tactuator.rig.sound.library import leave_library
+
+PERIOD = 1024
+_START_S = 20.0
+_SERVERS = 6
+
+
+@dataclass
+class SimulatedCard:
+    """A running server with its client. name: the server's; device: what PortAudio calls the exciters."""
+
+    name: str
+    device: str
+    server: subprocess.Popen[bytes]
+    client: subprocess.Popen[bytes]
+
+
+@contextmanager
+def simulated_card(
+    exciters: Sequence[Exciter | None],
+    rate_hz: float = 48000.0,
+    period: int = PERIOD,
+    seed: int = 0,
+) -> Iterator[SimulatedCard]:
+    """Yield a sound card with an exciter (None: a wire) between each output and input, in real time; both programs are
+    ended at the end of the context.
+
+    The server is this process's default one meanwhile: PortAudio must not have been asked for before. Raises BadInput
+    where JACK is missing, DeviceFault where it does not start.
+    """
+    if shutil.which("jackd") is None:
+        raise BadInput("the simulated sound card needs jackd; allowed: where it is installed (apt-get install jackd2)")
+    if "sounddevice" in sys.modules:
+        raise BadInput("PortAudio has looked for its servers before; allowed: the simulated card in a fresh program")
+    documents = [None if one is None else one.document() for one in exciters]
+    with _server_name() as name, tempfile.TemporaryDirectory() as folder:
+        os.environ |= {"JACK_DEFAULT_SERVER": name, "JACK_NO_AUDIO_RESERVATION": "1", "JACK_NO_START_SERVER": "1"}
+        file = Path(folder) / "exciters.json"
+        file.write_text(json.dumps({"server": name, "seed": seed, "exciters": documents}), encoding="utf-8")
+        dummy = ["-d", "dummy", "-r", f"{rate_hz:g}", "-p", str(period), "-w", str(round(1e6 * period / rate_hz))]
+        server = subprocess.Popen(
+            ["jackd", "-n", name, "-r", "-T", "-t", "5000", *dummy, "-C", "2", "-P", "2"],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        client: subprocess.Popen[bytes] | None = None
+        try:
+            client = _started_client(file, server)
+            yield SimulatedCard(name, CLIENT, server, client)
+        finally:
+            leave_library()
+            for process in (client, server):
+                _end(process)
+
+
+@contextmanager
+def _server_name() -> Iterator[str]:
+    """Yield a name that no other program of ours holds. JACK has room for eight servers, and a name that died with its
+    server is freed only by the next server of that name: so the same few names are used again and again.
+    """
+    for number in range(1, _SERVERS + 1):
+        with (Path(tempfile.gettempdir()) / f"tactuator-jack-{os.getuid()}-{number}.lock").open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield f"tactuator-{number}"
+            return
+    raise DeviceFault(f"{_SERVERS} simulated sound cards run already; allowed: no more at once")
+
+
+def _started_client(settings: Path, server: subprocess.Popen[bytes]) -> subprocess.Popen[bytes]:
+    """Return the client's process once it is ready; it is begun again while the server is still starting."""
+    until = time.monotonic() + _START_S
+    while time.monotonic() < until and server.poll() is None:
+        client = subprocess.Popen(
+            [sys.executable, "-m", "tactuator.rig.sound.demo.client", str(settings)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+        assert client.stdout is not None
+        if client.stdout.readline() == b"ready\n":
+            return client
+        words = _end(client)
+        if b"No module named 'jack'" in words:
+            raise BadInput("the simulated sound card needs JACK-Client; allowed: pip install 'tactuator[sound]'")
+    raise DeviceFault("the JACK server did not start; allowed: a machine on which `jackd -d dummy` runs")
+
+
+def _end(process: subprocess.Popen[bytes] | None) -> bytes:
+    """End a process that we began, and return what it wrote to standard error."""
+    if process is None:
+        return b""
+    process.terminate()
+    try:
+        return process.communicate(timeout=5.0)[1] or b""
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.communicate()[1] or b""

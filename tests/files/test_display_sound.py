@@ -1,0 +1,70 @@
+"""The table [sound] of a display file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tactuator.display.document import display_document
+from tactuator.display.sound_card import Wires
+from tactuator.errors import BadInput
+from tactuator.files.display import parse_display
+from tests.three_fingers import three_finger_display
+
+FULL = {"output_full_scale_v": 2.0}
+
+
+def display_with(sound: dict[str, Any], *channels: dict[str, Any]):
+    document = three_finger_display()
+    for entry, more in zip(document["channel"], channels, strict=False):
+        entry.update(more)
+    return parse_display(document | {"sound": sound})
+
+
+def test_sound__nothing_said_of_wires__count_from_one():
+    card = display_with(FULL).sound
+    assert card.wires == tuple(Wires(k, k, 2.0, 1.0) for k in (1, 2, 3))
+    assert (card.device, card.latency_samples) == ("", 0)
+
+
+def test_sound__channel_says_otherwise__wins():
+    card = display_with(FULL | {"device": "x", "latency_samples": 512}, {"output": 7, "input": 0}).sound
+    assert card.wires[0] == Wires(7, 0, 2.0, 1.0)
+    assert card.latency_samples == 512
+
+
+def test_sound__written_in_a_controller__comes_back_equal():
+    display = display_with(FULL | {"device": "x", "lead_s": 0.5}, {"output": 9, "input_full_scale_v": 3.5})
+    assert parse_display(display_document(display)).sound == display.sound
+
+
+def test_sound__none__leaves_the_document_as_it_was():
+    assert "sound" not in display_document(parse_display(three_finger_display()))
+
+
+@pytest.mark.parametrize(
+    ("sound", "channel", "words"),
+    [
+        ({}, {}, r"\[sound\] lacks the key 'output_full_scale_v'"),
+        (FULL | {"volts": 1.0}, {}, r"\[sound\] has no key 'volts'; allowed: device, input_device"),
+        (FULL, {"output": 2}, "output 2 has two channels"),
+        (FULL, {"input": 3}, "input 3 has two channels"),
+        (FULL, {"output": 0}, "output is 0; allowed: 1 to 64"),
+        (FULL, {"output": 1.5}, "output is 1.5; allowed"),
+        (FULL, {"device": "x"}, r"has no key 'device'"),
+        ({"output_full_scale_v": -1.0}, {}, "output_full_scale_v is -1.0; allowed"),
+        (FULL | {"lead_s": 5.0}, {}, "lead_s is 5; allowed: 0.02 to 2 s"),
+        (FULL | {"latency_samples": -1}, {}, "latency_samples is -1; allowed: 0 to"),
+    ],
+)
+def test_sound__amiss__is_refused_in_one_line(sound: dict[str, Any], channel: dict[str, Any], words: str):
+    with pytest.raises(BadInput, match=words):
+        display_with(sound, channel)
+
+
+def test_channel__wires_without_the_table__are_unknown_keys():
+    document = three_finger_display()
+    document["channel"][0]["output"] = 2
+    with pytest.raises(BadInput, match="has no key 'output'"):
+        parse_display(document)

@@ -1,0 +1,49 @@
+"""The rig through PortAudio and a JACK server without hardware, in real time."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(shutil.which("jackd") is None, reason="no jackd here: python3 tools/system.py slow"),
+]
+
+
+def through_portaudio(program: str) -> dict[str, object]:
+    """What a program of its own prints as JSON: a server that PortAudio has seen stays with its process."""
+    code = f"import json, sys; sys.path.insert(0, {str(ROOT)!r})\n"
+    code += f"from tests.rig.sound.through_portaudio import {program} as run; print(json.dumps(run()))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return dict(json.loads(done.stdout))
+
+
+def test_loopback__float32_through_the_audio_path__bit_exact_after_a_constant_delay():
+    found = through_portaudio("loopback")
+    assert found["exact"] == [True, True, True]
+    assert len(set(found["delays"])) == 1
+
+
+def test_multisine__through_the_audio_path__is_the_exciters_truth():
+    found = through_portaudio("multisine_against_truth")
+    assert found["worst_db"] < 0.1
+    assert found["worst_deg"] < 1.0
+
+
+def test_server__killed_in_the_middle__one_fault_and_an_end():
+    found = through_portaudio("server_killed")
+    assert found["fault"] == "CardGone"
+    assert "the sound card has stopped" in found["words"]
+
+
+def test_client__stopped_for_a_while__its_gap_is_told():
+    found = through_portaudio("client_stopped")
+    assert found["told"] == found["provoked"]

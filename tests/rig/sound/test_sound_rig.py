@@ -1,0 +1,221 @@
+"""The rig on a sound card whose time is turned by hand: rows, alignment, gaps, limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from tactuator.errors import BadInput, DeviceFault
+from tactuator.rig.rig import Rig, Ticking
+from tactuator.rig.sound.rows import CardRows, SoundGap
+from tactuator.rig.sound.run import CardGone
+from tests.rig.sound.turned_card import OVERFLOW, PERIOD, RATE_HZ, flat_controller, sound_display, turned_rig
+
+
+def commands(count: int, seed: int = 1) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, (count, 2))
+
+
+def test_drive__outputs_wired_to_inputs__every_bit_comes_back_in_its_place():
+    rig, _ = turned_rig(sound_display(latency_samples=PERIOD))
+    trace = rig.drive(commands(3000))
+    soft = round(0.02 * RATE_HZ)
+    assert np.array_equal(trace.command_v[soft:], commands(3000)[soft:])
+    assert np.array_equal(trace.position_v, 4.0 * (trace.command_v / 2.0).astype(np.float32))
+    assert np.max(np.abs(trace.command_v[: soft // 4])) < 0.16
+
+
+def test_drive__latency_not_said__inputs_come_later_by_it():
+    rig, _ = turned_rig(sound_display(), delay=PERIOD + 7)
+    trace = rig.drive(commands(2000))
+    late = PERIOD + 7
+    assert not np.any(trace.position_v[:late])
+    assert np.array_equal(trace.position_v[late:, 1], 4.0 * (trace.command_v[:-late, 1] / 2.0).astype(np.float32))
+
+
+def test_drive__wires_crossed_in_the_file__channels_go_where_it_says():
+    display = sound_display(latency_samples=PERIOD)
+    one, other = display.sound.wires
+    crossed = type(display.sound)((other, one), latency_samples=PERIOD)
+    rig, card = turned_rig(type(display)(**vars(display) | {"sound": crossed}))
+    command = commands(500) * [1.0, 0.0]
+    trace = rig.drive(command)
+    put_out = np.concatenate(card.put_out)
+    assert not np.any(put_out[:, 0])
+    assert np.any(put_out[:, 1])
+    assert np.any(trace.position_v[:, 0])
+    assert not np.any(trace.position_v[:, 1])
+
+
+def test_stream__cut_into_blocks__same_trace_as_one_block():
+    display = sound_display(latency_samples=PERIOD)
+    reference = 5.0 * commands(6000)
+    traces = []
+    for cuts in ([], [1, 2, 700, 5999], list(range(100, 6000, 100))):
+        rig, _ = turned_rig(display)
+        rig.load(flat_controller(display))
+        blocks = np.split(reference, cuts)
+        parts = list(rig.stream(blocks))
+        traces.append(
+            [np.concatenate([getattr(p, n) for p in parts]) for n in ("reference", "command_v", "position_v")]
+        )
+        assert rig.rows_played == 6000
+    for other in traces[1:]:
+        assert all(np.array_equal(a, b) for a, b in zip(traces[0], other, strict=True))
+    assert np.array_equal(traces[0][0], reference)
+
+
+def test_rig__is_one_and_tells_of_its_time():
+    rig, _ = turned_rig(sound_display())
+    assert isinstance(rig, Rig)
+    assert isinstance(rig, Ticking)
+    assert rig.began_at is None
+    rig.drive(commands(100))
+    first = rig.began_at
+    rig.drive(commands(100))
+    assert first is not None
+    assert rig.began_at is not None
+    assert rig.began_at > first
+
+
+def test_command__prefilter_of_sections__what_scipy_computes_of_the_whole():
+    display = sound_display(latency_samples=PERIOD)
+    sos = signal.butter(4, 200.0, fs=RATE_HZ, output="sos") * [[0.01, 0.01, 0.01, 1, 1, 1], [1] * 6]
+    rig, _ = turned_rig(display)
+    rig.load(flat_controller(display, prefilter_sos=sos))
+    reference = 5.0 * commands(4000)
+    parts = list(rig.stream(np.split(reference, [123, 456, 3000])))
+    command = np.concatenate([one.command_v for one in parts])
+    assert np.allclose(command, signal.sosfilt(sos, reference, axis=0), rtol=0, atol=1e-12)
+
+
+def test_output__after_the_reference__rings_out_and_is_at_rest():
+    display = sound_display()
+    sos = signal.butter(2, 30.0, fs=RATE_HZ, output="sos") * [[0.05, 0.05, 0.05, 1, 1, 1]]
+    rig, card = turned_rig(display)
+    rig.load(flat_controller(display, prefilter_sos=sos))
+    rig.play(np.full((800, 2), 5.0))
+    rig.rest()
+    out = np.concatenate(card.put_out)[:, 0].astype(float)
+    assert out[-1] == 0.0
+    assert np.max(np.abs(np.diff(out))) < 1.1 * np.max(np.abs(np.diff(signal.sosfilt(sos, np.full(800, 2.5)))))
+
+
+def test_stream__card_faster_than_the_program__is_told():
+    display = sound_display()
+    rig, _ = turned_rig(display, hurry=60.0)
+    rig.load(flat_controller(display))
+    with pytest.raises(SoundGap, match="too slow to feed"):
+        list(rig.stream([np.zeros((400, 2))] * 50))
+
+
+def test_rows__not_read_in_time__are_told():
+    rows = CardRows(2, 2, 256, RATE_HZ)
+    card = turned_rig(sound_display())[1]
+    card.rows = rows
+    rows.feed(np.zeros((256, 2), dtype=np.float32))
+    rows.begin()
+    rows.end()
+    card.sleep(1000 / RATE_HZ)
+    with pytest.raises(SoundGap, match="too slow to read"):
+        rows.check()
+
+
+def test_drive__one_gap_told_by_the_card__is_repeated():
+    told: list[int] = []
+
+    def flags(call: int) -> int:
+        if not told and call > 10:
+            told.append(call)
+            return OVERFLOW
+        return 0
+
+    rig, _ = turned_rig(sound_display(latency_samples=PERIOD), flags=flags)
+    trace = rig.drive(commands(3000))
+    assert told
+    assert rig.gaps == 1
+    assert np.array_equal(trace.position_v, 4.0 * (trace.command_v / 2.0).astype(np.float32))
+
+
+def test_drive__a_gap_every_time__is_refused():
+    rig, _ = turned_rig(sound_display(), flags=lambda call: OVERFLOW)
+    with pytest.raises(SoundGap, match="told of a gap"):
+        rig.drive(commands(3000))
+
+
+def test_stream__gaps_allowed__all_are_counted():
+    display = sound_display()
+    rig, _ = turned_rig(display, flags=lambda call: OVERFLOW if call % 20 == 5 else 0)
+    rig.load(flat_controller(display))
+    rig.allow_gaps = True
+    calls = 128 * 100 // PERIOD
+    list(rig.stream([np.zeros((128, 2))] * 100))
+    assert calls // 20 - 1 <= rig.gaps <= calls // 20 + 4
+
+
+def test_drive__card_unplugged__ends_in_a_device_fault_and_closes():
+    rig, card = turned_rig(sound_display(), stops_at=20)
+    with pytest.raises(CardGone, match="has stopped") as told:
+        rig.drive(commands(20000))
+    assert isinstance(told.value, DeviceFault)
+    rig.close()
+    assert card.closed is False
+
+
+def test_drive__input_clips__is_refused_by_its_name():
+    rig, _ = turned_rig(sound_display(), answer=lambda out: np.clip(out * [[1.0, 5.0]], -1.0, 1.0).astype(np.float32))
+    with pytest.raises(BadInput, match="'right': input 2 of the card clips"):
+        rig.drive(commands(3000))
+
+
+def test_drive__beyond_the_range__is_cut_and_marked():
+    rig, _ = turned_rig(sound_display(latency_samples=PERIOD))
+    trace = rig.drive(np.full((2000, 2), 1.8))
+    assert np.max(trace.command_v) == 1.5
+    assert trace.saturated[-1].all()
+
+
+def test_load__closed_loop__is_refused():
+    display = sound_display()
+    rig, _ = turned_rig(display)
+    with pytest.raises(BadInput, match="closes a loop"):
+        rig.load(flat_controller(display, feedback_sos=np.array([[1.0, 0, 0, 1.0, 0, 0]])))
+
+
+@pytest.mark.parametrize(
+    ("level", "gain", "words"),
+    [(600.0, 1e-4, "comfort, 55 dB SL"), (20.0, 1.4 / 20, None), (np.inf, 0.01, "not finite")],
+)
+def test_play__level__within_comfort_only(level: float, gain: float, words: str | None):
+    display = sound_display()
+    rig, card = turned_rig(display)
+    rig.load(flat_controller(display, gain))
+    if words is None:
+        rig.play(np.full((100, 2), level))
+        return
+    with pytest.raises(BadInput, match=words):
+        rig.play(np.full((100, 2), level))
+    assert not np.any(np.concatenate([*card.put_out, np.zeros((1, 2))]))
+
+
+def test_play__beyond_the_travel_by_the_model__nothing_of_it_is_put_out():
+    loose = sound_display()
+    channels = tuple(type(one)(**vars(one) | {"travel_mm": 1e-5}) for one in loose.channels)
+    display = type(loose)(**vars(loose) | {"channels": channels})
+    rig, card = turned_rig(display)
+    rig.load(flat_controller(display, 0.07, limits=type(flat_controller(loose).channels[0].limits)(1.5, 2e-5)))
+    with pytest.raises(BadInput, match=r"'left': the reference moves it by .* allowed: its travel, 1e-05 mm"):
+        rig.play(np.full((2000, 2), 20.0))
+    assert not np.any(np.concatenate([*card.put_out, np.zeros((1, 2))]))
+
+
+def test_play__nothing_loaded__is_refused():
+    rig, _ = turned_rig(sound_display())
+    with pytest.raises(BadInput, match="no controller is loaded"):
+        rig.play(np.zeros((10, 2)))
+
+
+def test_channels__input_zero__have_no_sensor():
+    rig, _ = turned_rig(sound_display(input=0))
+    assert rig.without_sensor == ("left", "right")

@@ -1,0 +1,121 @@
+"""Programs that tests run in processes of their own, each with a simulated card."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from typing import Any
+
+import numpy as np
+
+from tactuator.errors import DeviceFault
+from tactuator.files.display import parse_display
+from tactuator.rig.open import open_rig
+from tactuator.rig.sound.demo.exciter import SUBSTEPS, Exciter
+from tactuator.rig.sound.demo.server import simulated_card
+from tactuator.rig.sound.rig import SoundRig
+from tactuator.rig.sound.rows import SoundGap
+
+RATE_HZ = 48000.0
+QUIET = {"noise": 0.0, "hum": 0.0}
+
+
+def display(count: int, **sound: Any):
+    plant = {"num": [20.0], "den": [1.0, 200.0, 4.8e5]}
+    channel = {"sensor_gain_v_per_mm": 1.0, "travel_mm": 2.0, "plant": plant}
+    return parse_display(
+        {
+            "display": {"name": "card", "rate_hz": RATE_HZ, "delay_samples": 0},
+            "threshold": {"curve": "bolanowski-1988", "band_hz": [10.0, 400.0]},
+            "feedback": {"structure": "none"},
+            "converter": {"range_v": 2.0},
+            "sound": {"output_full_scale_v": 2.0, "input_full_scale_v": 2.0, **sound},
+            "channel": [{"name": f"c{k + 1}", **channel} for k in range(count)],
+        }
+    )
+
+
+def opened(count: int, **sound: Any) -> SoundRig:
+    rig = open_rig("sound:exciters", display(count, **sound))
+    assert isinstance(rig, SoundRig)
+    return rig
+
+
+def delay_of(asked: np.ndarray, heard: np.ndarray) -> int:
+    size = 2 * asked.size
+    cross = np.fft.irfft(np.fft.rfft(heard, size) * np.conj(np.fft.rfft(asked, size)))
+    return int(np.argmax(cross[: asked.size]))
+
+
+def loopback() -> dict[str, object]:
+    with simulated_card([None, None, None]), opened(3) as rig:
+        delays, exact = [], []
+        for seed in (1, 2):
+            trace = rig.drive(np.random.default_rng(seed).uniform(-1.9, 1.9, (96000, 3)))
+            for column in range(3):
+                asked, heard = trace.command_v[:, column], trace.position_v[:, column]
+                late = delay_of(asked, heard)
+                delays.append(late)
+                exact.append(np.array_equal((asked[:-late] / 2.0).astype(np.float32) * 2.0, heard[late:]))
+        return {"delays": delays, "exact": exact[:3] if all(exact) else exact}
+
+
+def multisine_against_truth() -> dict[str, object]:
+    exciter = Exciter(q=12.0, felt_full_scale_mm=2.0, **QUIET)
+    with simulated_card([exciter, None]), opened(2) as rig:
+        period, lines = 96000, np.arange(16, 1200, 26)
+        spectrum = np.zeros(period // 2 + 1, dtype=complex)
+        spectrum[lines] = np.exp(2j * np.pi * np.random.default_rng(1).uniform(size=lines.size))
+        wave = np.fft.irfft(spectrum, period)
+        wave *= 0.5 / np.max(np.abs(wave))
+        trace = rig.drive(np.column_stack([np.tile(wave, 3)] * 2))
+        late = delay_of(trace.command_v[:, 1], trace.position_v[:, 1])
+        heard = np.fft.rfft(trace.position_v[-period:, 0])[lines] / np.fft.rfft(wave)[lines]
+        frequency = lines * RATE_HZ / period
+        s = 2j * np.pi * frequency
+        # the accelerometer's volts for 1.0 are 2 V at the card; its mean over a sample is told a sample late
+        scale = 2.0 / exciter.sensor_full_scale
+        truth = scale * s**2 * exciter.response(frequency) * np.exp(-s * late / RATE_HZ)
+        ratio = heard / truth
+    worst = np.argmax(np.abs(np.log(np.abs(ratio))))
+    return {
+        "worst_db": float(abs(20.0 * np.log10(abs(ratio[worst])))),
+        "worst_deg": float(np.max(np.abs(np.degrees(np.angle(ratio))))),
+        "substeps": SUBSTEPS,
+    }
+
+
+def server_killed() -> dict[str, object]:
+    with simulated_card([None]) as card, opened(1) as rig:
+        threading.Timer(1.0, card.server.kill).start()
+        try:
+            rig.drive(np.zeros((480000, 1)))
+        except DeviceFault as fault:
+            return {"fault": type(fault).__name__, "words": str(fault)}
+    return {"fault": "none"}
+
+
+def client_stopped() -> dict[str, object]:
+    """The exciter's program is stopped for half a second, again and again; the card has to tell."""
+    told = provoked = 0
+    with simulated_card([None]) as card, opened(1) as rig:
+        for _ in range(5):
+            provoked += 1
+
+            def stop() -> None:
+                os.kill(card.client.pid, signal.SIGSTOP)
+                time.sleep(0.5)
+                os.kill(card.client.pid, signal.SIGCONT)
+
+            timer = threading.Timer(0.3, stop)
+            timer.start()
+            try:
+                for _ in rig._begin(rig._driven(np.zeros((72000, 1)))):
+                    pass
+            except SoundGap:
+                told += 1
+            timer.join()
+            time.sleep(0.5)
+    return {"told": told, "provoked": provoked}

@@ -1,0 +1,99 @@
+"""A sound card that is turned by hand: it calls back when the program sleeps, and its inputs hear its outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from tactuator.display.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.display.description import Display
+from tactuator.files.display import parse_display
+from tactuator.rig.sound.rig import SoundRig
+from tactuator.rig.sound.rows import CardRows
+from tactuator.runtime._core import ffi, lib
+
+RATE_HZ = 8000.0
+PERIOD = 64
+OVERFLOW = 2  # PortAudio's paInputOverflow
+Answer = Callable[[np.ndarray], np.ndarray]
+
+
+def sound_display(**changes: Any) -> Display:
+    """Two channels on a card, each a light exciter of 150 Hz without loop; `changes` go into [sound]."""
+    plant = {"num": [40.0], "den": [1.0, 2 * 0.2 * 942.5, 942.5**2], "delay_s": 0.0}
+    channel = {"sensor_gain_v_per_mm": 2.0, "travel_mm": 1.0, "plant": plant}
+    sound = {"output_full_scale_v": 2.0, "input_full_scale_v": 4.0} | changes
+    return parse_display(
+        {
+            "display": {"name": "two exciters", "rate_hz": RATE_HZ, "delay_samples": 0},
+            "threshold": {"curve": "bolanowski-1988", "band_hz": [10.0, 400.0]},
+            "feedback": {"structure": "none"},
+            "converter": {"range_v": 1.5},
+            "sound": {key: value for key, value in sound.items() if value is not None},
+            "channel": [{"name": "left", **channel}, {"name": "right", **channel}],
+        }
+    )
+
+
+def flat_controller(display: Display, gain: float = 0.01, **channel: Any) -> Controller:
+    """A controller that multiplies by `gain` volts for a threshold unit."""
+    given: dict[str, Any] = {
+        "threshold_voltage_dc": 1.0,
+        "prefilter_sos": np.array([[gain, 0.0, 0.0, 1.0, 0.0, 0.0]]),
+        "feedback_sos": None,
+        "anti_windup": AntiWindup(),
+        "limits": Limits(1.5, 2.0),
+    } | channel
+    return Controller(display, tuple(ChannelController(name=one.name, **given) for one in display.channels))
+
+
+class TurnedCard:
+    """A card with `delay` samples from an output to the input of the same number. answer: what the inputs hear of the
+    outputs (n, channels); flags: told at the calls of those numbers; stops_at: the call from which it is silent.
+    """
+
+    def __init__(
+        self,
+        rows: CardRows,
+        delay: int = 0,
+        answer: Answer = lambda out: out,
+        flags: Callable[[int], int] = lambda call: 0,
+        stops_at: int | None = None,
+        hurry: float = 1.0,
+    ) -> None:
+        self.rows, self.answer, self.flags, self.stops_at, self.hurry = rows, answer, flags, stops_at, hurry
+        self.calls, self.owed = 0, 0.0
+        self.put_out: list[np.ndarray] = []
+        self._heard = np.zeros((delay, rows.outputs), dtype=np.float32)
+        self.closed: bool | None = None
+
+    def sleep(self, seconds: float) -> None:
+        self.owed += self.hurry * seconds * RATE_HZ
+        while self.owed >= PERIOD:
+            self.owed -= PERIOD
+            if self.stops_at is None or self.calls < self.stops_at:
+                self._call()
+
+    def _call(self) -> None:
+        out = np.zeros((PERIOD, self.rows.outputs), dtype=np.float32)
+        given = np.zeros((PERIOD, self.rows.outputs), dtype=np.float32)
+        own = ffi.cast("tact_audio *", self.rows.address)
+        buffers = [ffi.from_buffer("float[]", one) for one in (given, out)]
+        # an output is heard a period later, as between the ports of a server
+        given[: min(PERIOD, len(self._heard))] = self._heard[:PERIOD]
+        flags = self.flags(self.calls)
+        lib.tact_audio_callback(buffers[0], buffers[1], PERIOD, ffi.NULL, flags, own)
+        self.put_out.append(out)
+        self._heard = np.concatenate([self._heard[PERIOD:], self.answer(out)])
+        self.calls += 1
+
+    def close(self, alive: bool) -> None:
+        self.closed = alive
+
+
+def turned_rig(display: Display, **card: Any) -> tuple[SoundRig, TurnedCard]:
+    rows = CardRows(2, 2, 16384, RATE_HZ)
+    turned = TurnedCard(rows, **{"delay": PERIOD} | card)
+    return SoundRig(display, rows, turned, turned.sleep), turned
