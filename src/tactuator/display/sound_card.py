@@ -40,7 +40,7 @@ class Wires:
 
 @dataclass(frozen=True)
 class SoundCard:
-    """The card of a display. device, input_device: names as `tactuator sound devices` lists them; "" for the one that
+    """The card of a display. device, input_device: names as PortAudio lists them; "" for the one that
     --rig names, and for the same one. latency_samples: from a sample's output to its input through a wire, as
     `tactuator sound latency` measures it. lead_s: time by which a stream is fed ahead. wires: one for each channel.
     """

@@ -6,7 +6,7 @@ from tactuator.display.description import Display
 from tactuator.errors import BadInput
 from tactuator.rig.sound.cards import find_card, list_cards, sound_name
 from tactuator.rig.sound.port import CardPort
-from tactuator.rig.sound.rig import SoundRig, wired
+from tactuator.rig.sound.rig import SoundRig, sound_wiring
 from tactuator.rig.sound.rows import CardRows
 
 RING_S = 4.0
@@ -19,7 +19,7 @@ def sound_rig(spec: str, display: Display) -> SoundRig:
     Raises BadInput for a card that is not there or has too few channels, for a rate that is not the display's, and
     where a loop is asked for; DeviceFault where the card cannot be opened.
     """
-    card = wired(display)
+    card = sound_wiring(display)
     name, rate_hz = sound_name(spec)
     if rate_hz is not None and rate_hz != display.rate_hz:
         raise BadInput(f"sound card at {rate_hz:g} Hz; allowed for this display: its rate_hz, {display.rate_hz:g} Hz")

@@ -50,7 +50,7 @@ class SoundRig(ClosingRig):
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self._display, self._rows, self._port, self._sleep = display, rows, port, sleep
-        self._card = wired(display)
+        self._card = sound_wiring(display)
         self._run = CardRun(rows, max(1, round(self._card.lead_s * display.rate_hz)), sleep)
         self._loop: OpenLoop | None = None
         self._active: Iterator[Trace] = iter(())
@@ -223,14 +223,14 @@ class SoundRig(ClosingRig):
 
 
 class _Asked:
-    """What was asked of the rows on their way, until what they did comes back. wires: of the trace's channels."""
+    """Pieces that are on their way, until their answers come back. wires: of the trace's channels."""
 
     def __init__(self, wires: Sequence[Wires], rate_hz: float, channels: tuple[str, ...]) -> None:
         self._wires, self._rate_hz, self._channels = wires, rate_hz, channels
         self._pieces: list[Trace] = []
 
     def add(self, reference: FloatArray, command_v: FloatArray, limited: Flags) -> None:
-        """Keep a piece."""
+        """Keep a piece until it is answered."""
         nothing = np.zeros(reference.shape)
         self._pieces.append(Trace(self._rate_hz, self._channels, reference, command_v, nothing, limited))
 
@@ -255,11 +255,11 @@ class _Asked:
         return replace(asked, position_v=position_v, saturated=saturated)
 
 
-def wired(display: Display) -> SoundCard:
+def sound_wiring(display: Display) -> SoundCard:
     """Return the display's wiring. Raises BadInput where it has none."""
     if display.sound is None:
         raise BadInput(
-            f"display {display.name!r} does not say how it is wired to a sound card; "
+            f"display {display.name!r} does not say how it is sound_wiring to a sound card; "
             "allowed: a table [sound] with output_full_scale_v (docs/sound.md)"
         )
     return display.sound
