@@ -29,7 +29,7 @@ void tact_guard_make(tact_guard_table *table, const tact_safety_channel *safety,
     table->returning = pair(1.0f - safety->damp, safety->spring);
     table->correcting = pair(safety->correct_w, safety->correct_x);
     table->resting = pair(safety->stop_lead, safety->stop_max_v);
-    table->differing = pair(safety->disagreement_v, safety->comfort_max);
+    table->differing = pair(0.5f * safety->disagreement_v, safety->comfort_max);
     table->reversing = pair(share * power, power);
     table->jumping = pair(safety->jump_share * ticks, safety->jump_v);
     table->staying = pair(1.0f - ticks * safety->damp, ticks * ticks * safety->spring);

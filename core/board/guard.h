@@ -1,14 +1,14 @@
 /* Guard of one channel: what its sensor says is held against the plant, the travel and the skin, every tick.
  *
  *     m (motor, V) --> [ plant's model ] --> x, w          nu = y - x               |nu| > disagreement -> sensor, named
- *                            ^ correct                     |x' + lead w'| + |nu| > stop_max             -> travel
+ *                            ^ correct                     |p| or |p + nu| > stop_max, p = x' + lead w' -> travel
  *     code --> y ------------+---> [ weighting 1/H ] --> felt                       |felt| > comfort_max -> comfort
  *                                  (in turn)
  *
  * w is the velocity in volts of y per tick; x', w' are where the model will be a tick on, under the command that is out
- * now. Coasting with its own damping alone, the motor comes to rest `lead w'` further on. |nu| is added, so that the
- * place of rest by the reading and that by the model are both within the limit: a sensor that has just failed does not
- * hide a motion, and a model that is wrong hides none either.
+ * now. Coasting with its own damping alone, the motor comes to rest `lead w'` further on: at p by the model, at p + nu by
+ * the reading. Both are to be within the limit: a sensor that has just failed does not hide a motion, and a model that
+ * is wrong hides none either. The greater of the two is |p + nu / 2| + |nu / 2|.
  * Corrected by nu with a bandwidth of some 20 Hz, the model follows slow forces of a finger and lighter or heavier
  * loads, and contradicts a sensor that does not follow the command.
  *
@@ -60,7 +60,7 @@ typedef struct {
     tact_float_pair returning;  /* 1 - damp | spring */
     tact_float_pair correcting; /* w | x, per volt of nu */
     tact_float_pair resting;    /* stop_lead | stop_max_v */
-    tact_float_pair differing;  /* disagreement_v | comfort_max */
+    tact_float_pair differing;  /* half of disagreement_v | comfort_max */
     tact_float_pair reversing;  /* agreement below which the power is looked at | least power */
     float weighting[5 * TACT_WEIGHTING_COUNT];
     tact_float_pair jumping; /* share of the model's own change of motion, per its w | most that remains, volts of y */
@@ -78,7 +78,7 @@ typedef struct {
     tact_float_pair strayed; /* of a still reading: what it has corrected since then, place | velocity a turn */
     tact_section_state weighting[TACT_WEIGHTING_COUNT];
     float motor_before_v;             /* in the period before this one */
-    float place, apart;               /* of the last violation: predicted place of rest, and |nu|, by size */
+    float place, apart;               /* of the last violation: the farther place of rest, and |nu|, by size */
     int32_t violated;                 /* a limit is, and nobody has seen to it */
     int32_t last_code;                /* of the last tick */
     uint32_t changed_tick;            /* since when the reading is last_code */
@@ -125,11 +125,11 @@ inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *s
     const tact_float_pair resting = tact_float_pair_get(&table->resting);
     const float x = model.first, w = model.second;
     const float y = (float)code * reading.first;
-    const float nu = y - x, apart = __builtin_fabsf(nu);
+    const float nu = y - x, half = 0.5f * nu, half_apart = __builtin_fabsf(half);
     const float next = returning.first * w + (reading.second * (motor_v + state->motor_before_v) -
                                               (returning.second * x - correcting.first * nu));
     const float moved = x + (next + correcting.second * nu);
-    const float place = __builtin_fabsf(moved + resting.first * next) + apart;
+    const float place = __builtin_fabsf((moved + resting.first * next) + half) + half_apart;
     state->motor_before_v = motor_v;
     state->model.first = moved;
     state->model.second = next;
@@ -137,9 +137,9 @@ inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *s
         state->last_code = code;
         state->changed_tick = tick;
     }
-    if (!(place <= resting.second && apart <= table->differing.first)) {
+    if (!(place <= resting.second && half_apart <= table->differing.first)) {
         state->place = place;
-        state->apart = apart;
+        state->apart = half_apart + half_apart;
         state->violated = *violated = 1;
     }
     return y;

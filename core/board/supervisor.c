@@ -26,18 +26,32 @@ static int is_wanted(tact_supervisor *supervisor, const tact_board *board)
     return (float)supervisor->rest_ticks <= TACT_SUPERVISOR_BRAKE_S * board->safety.rate_hz;
 }
 
-int32_t tact_supervisor_tick(tact_supervisor *supervisor, const tact_board *board, int converters_are_sound)
+/* In any mode, whatever was lost. */
+static __attribute__((noinline)) int32_t judge(tact_supervisor *supervisor, const tact_board *board,
+                                               int converters_are_sound)
 {
     const int wanted = is_wanted(supervisor, board);
     const uint32_t deaf = wanted ? supervisor->deaf_ticks + 1u : 0;
     supervisor->deaf_ticks = deaf;
+    supervisor->deaf_most = (uint32_t)(TACT_SUPERVISOR_DEAF_S * board->safety.rate_hz);
     if (wanted && !converters_are_sound)
         lose(supervisor, TACT_LOST_CONVERTERS);
-    if ((float)deaf > TACT_SUPERVISOR_DEAF_S * board->safety.rate_hz)
+    if (deaf > supervisor->deaf_most)
         lose(supervisor, TACT_LOST_MAIN_LOOP);
     if (supervisor->lost)
         return TACT_OUTPUTS_SAFE;
     return TACT_WATCHDOG_FED | (wanted ? TACT_OUTPUTS_ON : 0);
+}
+
+int32_t tact_supervisor_tick(tact_supervisor *supervisor, const tact_board *board, int converters_are_sound)
+{
+    const uint32_t deaf = supervisor->deaf_ticks;
+    if (board->mode != TACT_RUNNING || !converters_are_sound || deaf >= supervisor->deaf_most ||
+        supervisor->lost != TACT_LOST_NOTHING)
+        return judge(supervisor, board, converters_are_sound);
+    supervisor->rest_ticks = 0;
+    supervisor->deaf_ticks = deaf + 1u;
+    return TACT_OUTPUTS_ON | TACT_WATCHDOG_FED;
 }
 
 void tact_supervisor_heard(tact_supervisor *supervisor, const tact_board *board)

@@ -31,6 +31,7 @@ typedef enum { TACT_LOST_NOTHING = 0, TACT_LOST_MAIN_LOOP, TACT_LOST_CONVERTERS,
 typedef struct {
     volatile uint32_t deaf_ticks; /* since the main loop was heard; while outputs are on */
     volatile int32_t lost;        /* the first tact_lost, until a reset */
+    uint32_t deaf_most;           /* ticks of TACT_SUPERVISOR_DEAF_S, once the table's rate is known */
     uint32_t rest_ticks;          /* since a fault's command came to zero */
     uint32_t checked;             /* the board's tick at which tables were looked at last */
     tact_tables tables;

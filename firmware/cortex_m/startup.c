@@ -41,7 +41,8 @@ __attribute__((used)) void tact_halt_here(void)
 /* The stack may be what is broken. */
 __attribute__((naked, used)) void tact_halt(void)
 {
-    __asm volatile("cpsid i\n ldr r0, =tact_stack_top\n mov sp, r0\n b tact_halt_here");
+    __asm volatile("cpsid i\n movw r0, #:lower16:tact_stack_top\n movt r0, #:upper16:tact_stack_top\n"
+                   " mov sp, r0\n b tact_halt_here");
 }
 
 __attribute__((used)) void tact_reset(void)

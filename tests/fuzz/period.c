@@ -84,6 +84,8 @@ static void judge_board(int32_t mode_before)
     MUST(board.fade >= 0.0f && board.fade <= 1.0f && board.command_fade >= 0.0f && board.command_fade <= 1.0f);
     MUST(mode_before != TACT_FAULT || board.mode == TACT_FAULT);
     MUST(board.mode != TACT_FAULT || board.fault != TACT_FAULT_NONE);
+    MUST(tact_board_is_at_rest(&board) == (board.mode != TACT_RUNNING &&
+                                           !(board.mode == TACT_FAULT && board.command_fade > 0.0f)));
     for (int32_t c = 0; c < table->channels; c++) {
         const tact_board_channel *channel = &board.channel[c];
         for (int32_t d = 0; d < table->delay_samples; d++)
@@ -103,6 +105,10 @@ static void tick(uint32_t lateness, int heard, int noisy)
         board.silence = 0;
     if (heard)
         tact_board_give_tones(&board);
+    if (tact_board_waits(&board)) { /* its port takes no step until rows come, or the run is stopped */
+        MUST(board.holds && board.mode == TACT_RUNNING && board.source == TACT_STREAM);
+        return;
+    }
     tact_period_latch(&board, out);
     judge_codes(out);
     if (board.safety.channels)
@@ -160,7 +166,8 @@ static void ask(input *in, uint8_t operation)
     else if (operation == ARM)
         MUST(!tact_board_arm(&board) || before != TACT_OFF || !tact_board_is_locked(&board));
     else if (operation == START)
-        (void)tact_board_start(&board, board.run + 1u + (byte >> 6), byte % 3, byte >> 2 & byte >> 3 & 1, 0);
+        (void)tact_board_start(&board, board.run + (byte & 32 ? 0u : 1u + (byte >> 6)), byte % 3,
+                               byte >> 2 & byte >> 3 & 1, byte >> 4 & 1);
     else if (operation == STOP)
         (void)tact_board_stop(&board);
     else if (operation == OFF)
@@ -206,6 +213,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     tact_noise_seed(&noise, 1u + next(&in), 0);
     tact_drawn_rest(&display);
     resting = fading = 0;
+    board.allows_hold = 1;
     tick(0, 1, 0); /* without a table */
     MUST(tact_board_take_safety(&board, &designed));
     MUST(tact_board_take_image(&board, &images[next(&in) % 3]));

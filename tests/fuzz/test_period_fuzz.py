@@ -68,8 +68,11 @@ def write_seeds(folder: Path) -> None:
         (folder / f"driven-{image}").write_bytes(bytes([2, image, *driven, *ended]))
         tones = [TONES, 30, 60, 2, 40, 31, 60, 2, 40, 32, 60, 2, 40, ARM, 0, START, 2, RUN, 255, STOP, 0, *ended]
         (folder / f"tones-{image}").write_bytes(bytes([3, image, *tones]))
+        held = [ARM, 0, START, 16, *feed, RUN, 100, START, 32, *feed, STOP, 0, RUN, 255, *ended]
+        (folder / f"held-{image}").write_bytes(bytes([5, image, *held]))
         drawn = ([SAFETY, 1, IMAGE, 128 + image, *begun, *feed, EVENT, 0, *feed, *ended]) * 4
-        (folder / f"drawn-{image}").write_bytes(bytes([4, image, *drawn]))
+        for seed in range(12):  # tables and images of every form are drawn
+            (folder / f"drawn-{image}-{seed}").write_bytes(bytes([seed, image, *drawn]))
 
 
 def build(folder: Path, flags: list[str], program: Path) -> None:

@@ -99,7 +99,7 @@ FEW = (
     Mutant("command doubled", _PERIOD, "put(channel, slot, command_fade * command_v);",
            "put(channel, slot, 2.0f * command_fade * command_v);", "float32"),
     Mutant("limits of the guard off", _GUARD,
-           "if (!(place <= resting.second && apart <= table->differing.first)) {", "if (0) {"),
+           "if (!(place <= resting.second && half_apart <= table->differing.first)) {", "if (0) {"),
     Mutant("reference not within comfort", "core/board/stream.c",
            "tact_board_within(want, safety->channel[channel].reference_max)", "want"),
     Mutant("fade never ends", _FADE, "board->fade += board->fade_step;", "board->fade += 0.0f;"),
@@ -113,8 +113,7 @@ FEW = (
     Mutant("comfort fades slowly", _BOARD, "fault == TACT_FAULT_COMFORT ? TACT_RAMPS_QUICKLY : TACT_CUT",
            "fault == TACT_FAULT_COMFORT ? TACT_FADES : TACT_CUT"),
     Mutant("q31 not rounded", "core/arithmetic/section_q31.h", "((int64_t)1 << (TACT_Q31_EXTRA - 1))", "0", "q31"),
-    Mutant("no place of rest", _GUARD, "__builtin_fabsf(moved + resting.first * next) + apart",
-           "__builtin_fabsf(moved) + apart"),
+    Mutant("no place of rest", _GUARD, "(moved + resting.first * next) + half", "moved + half"),
     Mutant("nothing put out", "firmware/main.c", "    tact_port_put_out(codes);\n", ""),
 )  # fmt: skip
 
@@ -198,7 +197,8 @@ MANY = (
     Mutant("standing still goes on", _BOARD, "        tact_guard_begin(&board->channel[c].guard);\n", ""),
     Mutant("half the drive", _GUARD, "reading.second * (motor_v + state->motor_before_v)",
            "reading.second * (motor_v + motor_v)"),
-    Mutant("reading and model apart", _GUARD, "next) + apart;", "next);"),
+    Mutant("reading and model apart", _GUARD, "+ half_apart;", ";"),
+    Mutant("place by the model alone", _GUARD, "next) + half) + half_apart;", "next));"),
     Mutant("no correction", _GUARD, "correcting.first * nu", "0.0f * nu"),
     Mutant("any reading is a change", _GUARD, "if (code != state->last_code) {", "{"),
     Mutant("power without end", _GUARD, "TACT_GUARD_KEPT * means.second + w * w", "means.second + w * w"),

@@ -79,7 +79,7 @@ static void draw_reference(player *p, float most)
     p->kind = (int)tact_drawn_of(&noise, LAST_KIND + 1);
     p->level = (float)spread(1.0, 10) * most;
     p->want = 0.0f;
-    if (p->kind == 4 || p->kind == 5) /* with a finger's force at the worst moment, more would be stopped for its travel */
+    if (p->kind == 4) /* a step across all that is allowed, with a finger's force at the worst moment, may be too far */
         p->level *= 0.5f;
     p->tones = p->kind < 3 ? 1 + (int)tact_drawn_of(&noise, TONES) : 0;
     for (int i = 0; i < p->tones; i++)

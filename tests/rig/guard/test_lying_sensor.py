@@ -17,7 +17,7 @@ from tactuator.runtime.safety_table import Fault
 from tests.rig.guard.felt_reference import FeltReference
 from tests.rig.guard.guarded import Guarded, designed
 from tests.rig.guard.lawful_play import build, play
-from tests.rig.guard.lying_sensor import DOCS, LIES, SITUATIONS, table, try_lie
+from tests.rig.guard.lying_sensor import BEGIN, DOCS, END, LIES, SITUATIONS, table, try_lie
 
 TRAVEL_MM, LOUDEST_DB_SL, RATE, SOFT = 12.5, 56.0, 4000, 410
 CODES = (2, -10, 60, -200, 700, -1350, 3000, -6422, 20000)
@@ -157,6 +157,12 @@ def test_break_sensor__unknown_or_without_its_value__is_refused() -> None:
             rig.finger("index").break_sensor("drift")
 
 
+def test_documentation__table_of_lies__names_every_lie() -> None:
+    """What it says of them is made by a run: the test below."""
+    shown = DOCS.read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0]
+    assert all(f"| {name} |" in shown for name, *_ in LIES)
+
+
 @pytest.mark.soak
 def test_documentation__table_of_lies__is_what_a_run_gives() -> None:
     assert table() in DOCS.read_text(encoding="utf-8")
@@ -176,8 +182,6 @@ def test_lawful_play__two_thousand_seconds_of_sound_sensors__trip_nothing(lawful
 
 
 @pytest.mark.soak
-def test_lawful_play__million_seconds_of_sound_sensors__no_sensor_is_called_false(lawful: Path) -> None:
-    """A finger that pushes with 0.6 V in play at the limit is stopped for its travel, a few times in 10^5 s."""
-    found = play(lawful, 2, 1e6).faults
-    assert set(found) <= {Fault.TRAVEL.words}
-    assert found.get(Fault.TRAVEL.words, 0) < 100
+@pytest.mark.parametrize("seed", range(2, 12))
+def test_lawful_play__million_seconds_in_ten_parts__trip_nothing(lawful: Path, seed: int) -> None:
+    assert play(lawful, seed, 1e5).faults == {}

@@ -1,0 +1,67 @@
+"""`firmware verify` where it is not usual: over a port, of a program that was optimised as a whole, on an STM32F405."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tactuator.cli import main
+from tactuator.rig.board_check.period_check import check_period
+from tactuator.rig.board_check.streaming_check import check_streaming
+from tactuator.rig.boards import emulated_rig, simulated_board_rig
+from tactuator.rig.program import BOARDS, build_firmware
+from tactuator.rig.transport.emulator import Emulator
+from tests.cli.controller.controller_files import paper_file
+from tests.rig.board.emulated_ports import serial_board
+from tests.rig.guard.guarded import designed
+
+
+@pytest.mark.slow
+def test_verify__board_at_a_serial_port__bit_exact(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = paper_file(tmp_path)
+    with serial_board() as (name, _):
+        told = [
+            "firmware",
+            "verify",
+            "--rig",
+            f"board:{name}@921600",
+            "--ticks",
+            "1000",
+            "--controller",
+            made,
+            "--json",
+        ]
+        assert main(told) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["board"], found["bit_exact"], found["formats"]) == ("mps2-an500", True, ["float32", "q31"])
+    assert found["played"] > 10_000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("board", [name for name, board in BOARDS.items() if board.has_fifos])
+def test_check_period__program_optimised_at_link_time__is_the_same(board: str) -> None:
+    """What interrupt and main loop share is read and written where it stands, although the compiler sees both."""
+    program = build_firmware(board, flags=("-flto",))
+    assert program != build_firmware(board)
+    with simulated_board_rig(Emulator(board, program=program), designed().display, 0, "float32") as rig:
+        found = check_period(rig, designed(), 10_000)
+    assert found.first_difference == ""
+    assert found.played > 10_000
+
+
+@pytest.mark.soak
+def test_check_period__million_ticks_on_an_stm32f405__are_the_same() -> None:
+    with emulated_rig("stm32f405", designed().display) as rig:
+        found = check_period(rig, designed(), 1_000_000)
+    assert found.first_difference == ""
+    assert len(found.faults) == 12
+
+
+@pytest.mark.soak
+def test_check_streaming__forty_thousand_rows_on_an_stm32f405__none_late_none_dry() -> None:
+    found = check_streaming("stm32f405", designed(), 10.0)
+    assert (found.samples, found.late, found.dry, found.dropped, found.fault) == (40_000, 0, 0, 0, "none")
+    assert found.bit_exact
+    assert found.holds
