@@ -114,7 +114,8 @@ def _same_origin(socket: WebSocket) -> bool:
 async def _has_operator_token(socket: WebSocket, token: str) -> bool:
     """Return whether the first message is the operator's token."""
     try:
-        received = await asyncio.wait_for(receive_text(socket), _TOKEN_TIMEOUT_S)
+        async with asyncio.timeout(_TOKEN_TIMEOUT_S):
+            received = await receive_text(socket)
     except (TimeoutError, WebSocketDisconnect, BadInput):
         return False
     return hmac.compare_digest(received.encode(), token.encode())

@@ -229,10 +229,10 @@ class Lab:
 
     async def until_changed(self, timeout_s: float) -> None:
         """Wait for a change, at most timeout_s seconds."""
-        try:
-            await asyncio.wait_for(self.changed.wait(), timeout_s)
-        except TimeoutError:
-            return
+        # not `wait_for`: of Python 3.11 it swallows a cancellation that comes together with the change
+        with suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s):
+                await self.changed.wait()
 
     def close(self) -> None:
         """Finish what is being done and let go of the rig, which is put to rest."""

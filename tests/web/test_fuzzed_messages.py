@@ -1,0 +1,172 @@
+"""Messages that nobody means: whatever a connection says, the server stays, and other sessions notice nothing.
+
+The messages come from a mutator that knows the message kinds but not the server's checks.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import logging
+import threading
+from contextlib import ExitStack, suppress
+from importlib import import_module
+
+import numpy as np
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+from tests.experiment.session.apparatuses import ObedientClock, opened_study
+from tests.web.labs import TOKEN, client, make_lab, response_count, until  # noqa: F401
+
+FEW, MANY = 1500, 100_000
+LAST = "the-last-of-these"
+LOGGERS = ("uvicorn", "uvicorn.error", "uvicorn.access", "asyncio", "tactuator.web.lab")
+SUBJECT = [
+    {"type": "consent"},
+    {"type": "ready", "stage": "trial"},
+    {"type": "ready", "stage": "introduction"},
+    {"type": "ready", "stage": "paused"},
+    {"type": "ready", "stage": "break"},
+    {"type": "pause"},
+    {"type": "answer", "run": 1, "number": 0, "response": "1", "shown_ms": 10.0, "pressed_ms": 400.0, "lit_ms": [1, 2]},
+]
+OPERATOR = [
+    {"type": "start", "session": 1},
+    {"type": "pause"},
+    {"type": "resume"},
+    {"type": "give-up-run"},
+    {"type": "clear-fault"},
+    {"type": "take-control"},
+    {"type": "results", "session": 1},
+    {"type": "enrol", "code": "S1", "group": "hearing", "participant_id": "p", "demographics": {"age": "30"}},
+    {"type": "new-visit", "subject": "S9"},
+    {"type": "day", "session": 1, "skin_temperature_c": 31.0, "preload_n": 0.5},
+]
+NASTY = (
+    *(2**63, -(2**63), 2**200, -1, 0, 0.5, 1e308, float("nan"), float("inf"), -float("inf"), True, False, None, ""),
+    *(" ", "1", "x" * 300, "\u0000", "\u202e", "\ud800", "=1+1", "'; DROP TABLE trial;--", "S1", "trial", "withdraw"),
+    *([], {}, [[[[]]]], {"a": {"b": []}}, [None] * 20, ["1"], {"type": "answer"}),
+)
+
+
+def mutated(rng: np.random.Generator, message: dict) -> str | bytes:
+    """A message changed somewhere: a value, a key, the text, the bytes; now and then it is left as it is."""
+    made, kind = dict(message), int(rng.integers(8))
+    key = list(made)[int(rng.integers(len(made)))]
+    nasty = NASTY[int(rng.integers(len(NASTY)))]
+    if kind == 0:
+        return json.dumps(made)
+    if kind in (1, 2):
+        made[key] = nasty
+    elif kind == 3:
+        del made[key]
+    elif kind == 4:
+        made[f"{nasty}"[:40]] = NASTY[int(rng.integers(len(NASTY)))]
+    text = json.dumps(made)
+    if kind == 5:
+        at = int(rng.integers(len(text)))
+        text = text[:at] + str(nasty)[:50].encode("utf-8", "replace").decode() + text[at + int(rng.integers(4)) :]
+    elif kind == 6:
+        text = text[: int(rng.integers(len(text)))]
+    elif kind == 7:
+        return bytes(rng.integers(0, 256, int(rng.integers(64)), dtype=np.uint8))
+    return text.encode("utf-8", "replace").decode()
+
+
+class Drained:
+    """A connection whose messages somebody reads and counts."""
+
+    def __init__(self, port: int, path: str, first: str | None) -> None:
+        self._open = ExitStack()
+        self.connection: ClientConnection = self._open.enter_context(connect(f"ws://127.0.0.1:{port}{path}"))
+        if first is not None:
+            self.connection.send(first)
+        self.acknowledged: set[tuple[int, int]] = set()
+        self.heard = 0
+        self._handled = threading.Event()
+        self.thread = threading.Thread(target=self._drain, daemon=True)
+        self.thread.start()
+
+    def _drain(self) -> None:
+        try:
+            for text in self.connection:
+                self.heard += 1
+                message = json.loads(text)
+                if LAST in message.get("message", ""):
+                    self._handled.set()
+                if message["type"] == "ack":
+                    self.acknowledged.add((message["run"], message["number"]))
+        except ConnectionClosed:
+            return
+        finally:
+            self._handled.set()
+
+    def settle(self) -> None:
+        """Wait until all that was sent has been handled. Raises ConnectionClosed where the server closed it."""
+        self._handled.clear()
+        self.connection.send(json.dumps({"type": LAST}))
+        assert self._handled.wait(20.0), "the server answers no more"
+
+    def close(self) -> None:
+        self._open.close()
+        self.thread.join(timeout=10.0)
+
+
+def fuzz(client, lab, caplog, monkeypatch, path: str, first: str | None, messages: list[dict], count: int) -> None:
+    for name in LOGGERS:  # uvicorn's own do not pass on what they log
+        monkeypatch.setattr(logging.getLogger(name), "propagate", True)
+    rng = np.random.default_rng(20)
+    heard, acknowledged, all_of_them = 0, set(), []
+    with client.websocket_connect("/ws/subject/token-S2") as other:
+        until(other, "stage")
+        all_of_them.append(Drained(client.port, path, first))
+        for index in range(count):
+            try:
+                all_of_them[-1].connection.send(mutated(rng, messages[int(rng.integers(len(messages)))]))
+            except ConnectionClosed:
+                all_of_them.append(Drained(client.port, path, first))
+            if index % 50 == 49:
+                with suppress(ConnectionClosed):
+                    all_of_them[-1].settle()
+            if index % 500 == 499:
+                assert client.get("/").status == 200
+                other.send_json({"type": "nothing"})
+                until(other, "refused")
+        for one in all_of_them:
+            one.close()
+            heard, acknowledged = heard + one.heard, acknowledged | one.acknowledged
+    assert heard > count // 4
+    assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
+    assert lab.fault is None
+    assert response_count(lab) >= len(acknowledged)
+
+
+@pytest.mark.parametrize("parser", ["tactuator.web.subject.subject_message", "tactuator.web.operator.operator_message"])
+def test_fuzz__defect_in_one_message_of_many__is_noticed(client, lab, caplog, monkeypatch, parser) -> None:
+    room, name = parser.rsplit(".", 1)
+    whole, count = getattr(import_module(room), name), itertools.count()
+    monkeypatch.setattr(parser, lambda text: 1 / 0 if next(count) == 700 else whole(text))
+    path, first = ("/ws/subject/token-S1", None) if "subject" in parser else ("/ws/operator", TOKEN)
+    with pytest.raises(AssertionError, match="Exception in ASGI application"):
+        fuzz(client, lab, caplog, monkeypatch, path, first, SUBJECT if first is None else OPERATOR, FEW)
+
+
+@pytest.fixture
+def lab(make_lab):
+    return make_lab(lambda store: opened_study(store, ObedientClock()))
+
+
+@pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.soak)])
+def test_subject__messages_nobody_means__keep_server_rig_and_other_sessions_going(
+    client, lab, caplog, monkeypatch, count
+) -> None:
+    fuzz(client, lab, caplog, monkeypatch, "/ws/subject/token-S1", None, SUBJECT, count)
+
+
+@pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.soak)])
+def test_operator__messages_nobody_means__keep_server_rig_and_other_sessions_going(
+    client, lab, caplog, monkeypatch, count
+) -> None:
+    fuzz(client, lab, caplog, monkeypatch, "/ws/operator", TOKEN, OPERATOR, count)
