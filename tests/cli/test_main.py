@@ -167,3 +167,30 @@ def test_program__installed__is_on_the_path():
     program = Path(sys.executable).parent / "tactuator"
     done = subprocess.run([program, "--version"], capture_output=True, text=True, check=True)
     assert done.stdout == f"tactuator {__version__}\n"
+
+
+LOADING = """
+import sys
+class Interrupted:
+    def find_spec(self, name, path=None, target=None):
+        if name == "tactuator.cli.deferred":
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupted())
+import tactuator.cli
+"""
+ENDED = """
+import os, signal, sys
+from tactuator.cli import main
+sys.argv = ["tactuator", "--version"]
+status = main()
+os.kill(os.getpid(), signal.SIGINT)
+sys.exit(status)
+"""
+
+
+@pytest.mark.parametrize(
+    ("script", "status", "said"), [(LOADING, 130, "tactuator: interrupted\n"), (ENDED, 0, "")], ids=["loading", "ended"]
+)
+def test_program__ctrl_c_before_or_after_the_verb__leaves_no_traceback(script, status, said):
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (status, said)

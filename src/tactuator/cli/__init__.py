@@ -6,6 +6,12 @@ the verdict is no), 2 (bad input or no design), 3 (a device failed), both told i
 (interrupted), 70 (a defect of tactuator, with its traceback).
 """
 
-from tactuator.cli.main import main
+import sys
+
+try:
+    from tactuator.cli.main import main
+except KeyboardInterrupt:  # Ctrl-C while the program still loads
+    sys.stderr.write("tactuator: interrupted\n")
+    raise SystemExit(130) from None
 
 __all__ = ["main"]

@@ -81,9 +81,18 @@ def needed_verbs(arguments: Sequence[str]) -> Sequence[str]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status; nothing is raised but what the interpreter itself raises."""
-    if arguments is None:
-        signal.signal(signal.SIGTERM, _terminate)
-        arguments = sys.argv[1:]
+    if arguments is not None:
+        return _status_of(arguments)
+    signal.signal(signal.SIGTERM, _terminate)
+    try:
+        return _status_of(sys.argv[1:])
+    finally:
+        # All is done: a late Ctrl-C would only kill the interpreter while it tidies up, without a word.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _status_of(arguments: Sequence[str]) -> int:
+    """Run the verb that the arguments name, say in one line what went wrong, and return the exit status."""
     try:
         status = build_app(needed_verbs(arguments))(args=arguments, prog_name="tactuator", standalone_mode=False)
         sys.stdout.flush()

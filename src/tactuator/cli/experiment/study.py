@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -71,20 +72,14 @@ def observe(
         curve = place.controller.display.channels[0].threshold.curve
         drawn = simulated_observers(curve, len(read.subject), seed, place.band_hz)
         observers = with_truths(drawn, [subject.code for subject in read.subject], curve, truths, lapses)
-        database = Store(store)
         task = bars.add_task("observers", total=1000 * len(observers))
         at = {one.name: index for index, one in enumerate(observers)}
-        run_study(
-            database,
-            read,
-            text,
-            place,
-            observers,
-            SystemClock(),
-            load,
-            lambda name, share: bars.update(task, completed=round(1000 * (at[name] + share))),
-        )
-        database.close()
+
+        def show(name: str, share: float) -> None:
+            bars.update(task, completed=round(1000 * (at[name] + share)))
+
+        with closing(Store(store)) as database:
+            run_study(database, read, text, place, observers, SystemClock(), load, show)
     true = [
         {"subject": subject.code, "frequency_hz": hertz, "true_db_re_1um": float(one.curve.level_db_re_1um_at(hertz))}
         for subject, one in zip(read.subject, observers, strict=True)
@@ -112,11 +107,7 @@ def show_thresholds(
 
 def write_export(store: Path, out: Path, form: str, as_json: bool) -> None:
     """Write every answered trial in an open format, with its data dictionary."""
-    database = Store(store, must_exist=True)
-    try:
-        with working("exporting"):
-            count = export(database, out, form)
-    finally:
-        database.close()
+    with working("exporting"), closing(Store(store, must_exist=True)) as database:
+        count = export(database, out, form)
     said = Group(f"{count} trials exported", *written(out))
     answer({"folder": str(out), "format": form, "trials": count}, as_json, said)

@@ -92,12 +92,12 @@ def _keys_at_once() -> Iterator[None]:
 
 
 def _shown(played: Played, reference: Path) -> Table:
-    table = Table("", "s", title=str(reference))
+    table = Table("what", "time (s)", title=str(reference))
     for words, seconds in (
         ("length", played.duration_s),
         ("played", played.played_s),
         ("paused", played.paused_s),
-        ("saturated", played.saturated_s),
+        ("at a limit of a converter", played.saturated_s),
     ):
         table.add_row(words, f"{seconds:.2f}")
     return table
