@@ -107,6 +107,12 @@ def test_main__os_error_without_a_file__still_says_something(trial, capsys):
     assert capsys.readouterr().err == "tactuator: OSError\n"
 
 
+def test_main__verb_with_parts_and_none_named__is_told_them_in_one_line(capsys):
+    assert main(["firmware"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("tactuator: firmware: no part of it is named; allowed: program, verify, stream")
+
+
 def test_main__ctrl_c__exits_130_with_one_line(trial, capsys):
     trial(failing(KeyboardInterrupt()))
     assert main(["trial"]) == 130

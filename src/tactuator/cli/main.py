@@ -56,12 +56,17 @@ def _add(app: typer.Typer, verb: str) -> None:
     if verb not in PARTS:
         app.command(verb)(signatures[verb])
         return
-    parts = typer.Typer(help=PARTS[verb], no_args_is_help=True, rich_markup_mode=None)
-    for name, signature in signatures.items():
-        owner, _, part = name.partition(" ")
-        if owner == verb:
-            parts.command(part)(signature)
+    parts = typer.Typer(help=PARTS[verb], rich_markup_mode=None)
+    for name, part in _parts_of(verb).items():
+        parts.command(name)(part)
     app.add_typer(parts, name=verb)
+
+
+def _parts_of(verb: str) -> Verbs:
+    """Return the signatures of a verb's parts by their names, "program" of "firmware program"."""
+    signatures: Verbs = import_module(f"tactuator.cli.{ROOMS[verb]}.verbs").VERBS
+    names = (name.partition(" ") for name in signatures)
+    return {part: signatures[f"{owner} {part}"] for owner, _, part in names if owner == verb and part}
 
 
 def needed_verbs(arguments: Sequence[str]) -> Sequence[str]:
@@ -73,6 +78,8 @@ def needed_verbs(arguments: Sequence[str]) -> Sequence[str]:
     if first is None:
         return () if "--version" in arguments else VERBS
     if first in VERBS:
+        if first in PARTS and len(arguments) == 1:
+            raise BadInput(f"{first}: no part of it is named; allowed: {', '.join(_parts_of(first))}")
         return (first,)
     likely = get_close_matches(first, VERBS, n=1)
     meant = f"did you mean {likely[0]!r}? " if likely else ""

@@ -137,8 +137,8 @@ def _signals(columns: Columns, input_name: str | None, output_name: str | None, 
     elif y is None and len(rest) == 2 and u in rest:
         y = next(name for name in rest if name != u)
     if u is None or y is None:
-        missing = "--input" if u is None else "--output"
-        raise BadInput(f"which column is which is not clear; allowed: {missing} with one of {', '.join(rest)}")
+        missing = " and ".join(option for option, known in (("--input", u), ("--output", y)) if known is None)
+        raise BadInput(f"which column is which is not clear; allowed: {missing}, each with one of {', '.join(rest)}")
     if u == y:
         raise BadInput(f"input and output are both {u!r}; allowed: two different columns")
     return u, y

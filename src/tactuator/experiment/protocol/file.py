@@ -94,7 +94,17 @@ def _parsed(document: dict[str, Any], where: str, form: type[_P]) -> _P:
     try:
         return form.model_validate(document)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or "file"
-        got = "" if isinstance(first["input"], dict) else f" (got {first['input']!r})"
-        raise BadInput(f"protocol {where}: {key}: {first['msg']}{got}") from None
+        raise BadInput(f"protocol {where}: {_fault(error)}") from None
+
+
+def _fault(error: ValidationError) -> str:
+    """Return what is amiss first: what was got, and what is allowed."""
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "missing":
+        return f"it lacks {key!r}; allowed: a file that has it"
+    if first["type"] == "extra_forbidden":
+        return f"{key!r} is no key that is known; allowed: those of the documents"
+    message = first["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+    got = "" if isinstance(first["input"], dict) else f" is {first['input']!r}; allowed"
+    return f"{key}{got}: {message}" if key else message
