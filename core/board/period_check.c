@@ -4,7 +4,7 @@
 #include "board/period.h"
 #include "wire/bytes.h"
 
-enum { KINDS = 10, ALIVE_TICKS = 64 };
+enum { KINDS = 10 };
 
 static float of_bits(uint32_t bits)
 {
@@ -276,7 +276,7 @@ static void tick(tact_period_check *check)
 }
 
 tact_period_check_result tact_period_check_run(tact_period_check *check, const tact_board *like, uint32_t seed,
-                                               uint32_t ticks, void (*alive)(void))
+                                               uint32_t ticks)
 {
     tact_board *board = &check->board;
     tact_board_reset(board, like->channels, check->stream, TACT_CHECK_ROWS, check->trace, TACT_CHECK_ROWS);
@@ -295,8 +295,6 @@ tact_period_check_result tact_period_check_run(tact_period_check *check, const t
         if (board->mode == TACT_RUNNING)
             give_stream(check);
         tick(check);
-        if (alive && k % ALIVE_TICKS == 0)
-            alive();
     }
     return check->result;
 }

@@ -44,9 +44,9 @@ typedef struct {
     tact_period_check_result result;
 } tact_period_check;
 
-/* ticks of a board like `like` (its table, its image), from the beginning. alive is called now and then (NULL: nobody):
- * a check of many ticks takes its time. */
+/* ticks of a board like `like` (its table, its image), from the beginning. Many take their time, and the main loop
+ * hears nothing meanwhile: for a board in OFF. */
 tact_period_check_result tact_period_check_run(tact_period_check *check, const tact_board *like, uint32_t seed,
-                                               uint32_t ticks, void (*alive)(void));
+                                               uint32_t ticks);
 
 #endif

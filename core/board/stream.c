@@ -32,7 +32,8 @@ uint32_t tact_board_stream(tact_board *board, uint32_t first, const float *rows,
             continue;
         if (end - board->tick >= board->stream_capacity)
             break;
-        take_row(board, board->stream + (end & (board->stream_capacity - 1)) * width, rows + i * width);
+        float *to = board->stream + (size_t)((end & (board->stream_capacity - 1)) * width);
+        take_row(board, to, rows + (size_t)(i * width));
         board->stream_end = end + 1;
     }
     return board->stream_end;

@@ -148,7 +148,7 @@ static int32_t take_stream(tact_link *link, tact_reader *in, tact_writer *out)
     uint32_t count = tact_read_u16(in);
     const uint32_t forces = tact_read_u8(in);
     const uint32_t row_size = (uint32_t)board->channels * (forces ? 8u : 4u);
-    if (in->overrun || in->size - in->at != count * row_size || (forces && !link->display.take))
+    if (in->overrun || in->size - in->at != (size_t)count * row_size || (forces && !link->display.take))
         return TACT_BAD_PAYLOAD;
     if (run != board->run)
         return TACT_OTHER_RUN;
@@ -248,8 +248,7 @@ static int32_t run_check(tact_link *link, tact_reader *in, tact_writer *out)
         return TACT_BAD_PAYLOAD;
     if (board->mode != TACT_OFF || board->image.format == 0)
         return TACT_NOT_IN_THIS_MODE;
-    const tact_period_check_result result =
-        tact_period_check_run(&link->check, board, seed, count, link->alive);
+    const tact_period_check_result result = tact_period_check_run(&link->check, board, seed, count);
     tact_write_u32(out, result.digest);
     tact_write_u32(out, result.running);
     tact_write_u32(out, result.starts);

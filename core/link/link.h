@@ -97,8 +97,6 @@ struct tact_link {
     tact_cobs cobs;
     uint32_t heard, dropped; /* whole frames; spoilt ones */
     int32_t upload_kind;
-    /* Called now and then by requests that take long; NULL: nobody waits for it. */
-    void (*alive)(void);
     tact_period_check check;
     tact_image image;   /* a candidate, until it has been checked */
     tact_safety safety;

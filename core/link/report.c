@@ -46,11 +46,11 @@ static void write_rows(const tact_link *link, tact_writer *out, uint32_t first, 
     const uint32_t width = (uint32_t)board->channels;
     for (uint32_t k = 0; k < count; k++) {
         const uint32_t row = (first + k) & (board->trace_capacity - 1);
-        const int32_t *words = board->trace + row * 2 * width;
+        const int32_t *words = board->trace + (size_t)(row * 2u * width);
         for (uint32_t c = 0; c < width; c++)
-            tact_write_u32(out, code_and_flags(words[2 * c]));
+            tact_write_u32(out, code_and_flags(words[(size_t)(2u * c)]));
         for (uint32_t c = 0; c < width; c++)
-            tact_write_u32(out, (uint32_t)words[2 * c + 1]);
+            tact_write_u32(out, (uint32_t)words[(size_t)(2u * c + 1u)]);
         for (uint32_t c = 0; c < width && felt; c++)
             tact_write_f32(out, link->display.felt_mm[row * width + c]);
     }
