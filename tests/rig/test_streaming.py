@@ -161,9 +161,9 @@ def test_free_board__rows_of_which_the_first_are_too_late__are_all_refused():
 
 @pytest.mark.parametrize("board", ["mps2-an386", "mps2-an500", "stm32f405"])
 def test_emulated_board_in_free_run__reference_streams_in__no_interrupt_is_late(board):
-    found = check_streaming(board, designed(), 0.5, instruction_ns=4)
+    found = check_streaming(board, designed(), 0.25, instruction_ns=4)  # the soak streams 40,000 rows
     assert (found.late, found.dry, found.dropped, found.fault) == (0, 0, 0, "none")
-    assert found.played == found.samples == 2000
+    assert found.played == found.samples == 1000
     assert found.bit_exact
     assert found.holds
 
