@@ -14,6 +14,7 @@ from tactuator.rig.board_check.period_check import check_period
 from tactuator.rig.boards import simulated_board_rig
 from tactuator.rig.program import BOARDS
 from tactuator.rig.transport.emulator import Emulator
+from tactuator.rig.transport.transport import LinkDown
 from tactuator.runtime.image import FORMATS
 from tests.rig.board_check.mutants import FEW, MANY, Bench, Mutant
 from tests.rig.guard.guarded import designed
@@ -33,10 +34,13 @@ def running(board: str, program: Path) -> Iterator[BoardRig]:
 
 
 def differs(board: str, program: Path, number_format: str, ticks: int) -> str:
-    """Where a program differs; "" nowhere. A board that does not answer any more, or will not load, does."""
+    """Where a program differs; "" nowhere. A board whose guard ends the run, or that will not load, does; one that does
+    not answer says nothing, since the emulator may be starved."""
     try:
         with running(board, program) as rig:
             return check_period(rig, designed(), ticks, formats=(number_format,)).first_difference
+    except LinkDown:
+        raise
     except (DeviceFault, TactuatorError) as error:
         return f"it ends: {error}"
 
