@@ -8,8 +8,8 @@ BIN = .venv/bin
 # One core for each test worker; results that do not depend on how many threads a machine has.
 TEST_ENV = OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: help python install reproduce test check check-slow lint types contract core-warnings soak bench docs readme lock site wheel \
-	install-test install-site install-boards fix clean
+.PHONY: help python install reproduce test check check-slow check-all lint types contract core-warnings soak bench docs readme \
+	lock site wheel install-test install-site install-boards fix clean
 .NOTPARALLEL:
 .SILENT:
 
@@ -41,6 +41,10 @@ test: check ## everything that must hold: style, types, floors, warnings, tests
 check-slow: install-test install-site ## what takes minutes: a minute of fuzzing, packing, installing for real, the site
 	$(PYTHON) tools/system.py slow
 	$(TEST_ENV) $(BIN)/python -m pytest -m slow -n $(WORKERS) $(ARGS)
+
+check-all: check install-site ## both in one run, as CI does: what waits in one overlaps with the other
+	$(PYTHON) tools/system.py slow
+	$(TEST_ENV) $(BIN)/python -m pytest -m "not soak" -n $(WORKERS) $(ARGS)
 
 check: install-test lint types contract core-warnings
 

@@ -65,7 +65,8 @@ _INTEGRATION = (
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark every test by its place in the tree: browser, device, integration or unit."""
+    """Mark every test by its place in the tree: browser, device, integration or unit; the slow ones begin first."""
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)  # or one of them ends alone
     tests = Path(__file__).parent
     for item in items:
         place = item.path.relative_to(tests).as_posix()
