@@ -75,6 +75,23 @@ def test_identify__least_squares_and_charts__are_made(folder: Path, capsys) -> N
     assert (folder / "figures" / "identification.svg").exists()
 
 
+def test_record_and_identify__multisine__noise_and_distortion_are_told(folder: Path, capsys) -> None:
+    asked = ["--excitation", "multisine", "--duration-s", "20", "--realisations", "2", "--out", str(folder / "m.h5")]
+    assert main(["record", str(folder / "display.toml"), *asked]) == 0
+    capsys.readouterr()
+    assert main(["identify", str(folder / "m.h5"), "--json", "--figures", str(folder / "multisine")]) == 0
+    found = printed(capsys)
+    seen = found["distortion"]
+    assert seen["realisations"] == 2
+    assert found["residuals"]["closed_loop"] is False
+    # friction, odd in the motion, stands out of the noise at low frequencies
+    assert seen["odd_db"][0] > seen["noise_db"][0] + 20.0
+    assert (folder / "multisine" / "identification.svg").exists()
+    short = ["record", str(folder / "display.toml"), "--excitation", "multisine", "--duration-s", "1"]
+    assert main([*short, "--out", str(folder / "short.h5")]) == 2
+    assert "allowed: 8 or more" in capsys.readouterr().err
+
+
 def test_identify__table__is_for_people(folder: Path, capsys) -> None:
     assert main(["identify", str(folder / "r.h5"), "--order", "2"]) == 0
     assert "denominator, s^0" in capsys.readouterr().out

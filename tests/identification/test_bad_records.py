@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.files.foreign_response import read_foreign_response
+from tactuator.files.foreign_response import is_response, read_foreign_response
 from tactuator.files.record import read_record
 from tactuator.identification.identify import identify
 from tactuator.signals.record import Record
@@ -92,11 +92,16 @@ def test_identify__saturated_command_and_clipped_sensor__are_said() -> None:
     assert any("command is clipped" in remark for remark in identify(saturated, **KNOWN).remarks)
 
 
-def test_identify__runs_pasted_without_stamps__are_fitted_across_the_seam() -> None:
+def test_identify__runs_pasted_without_stamps__are_said_and_fitted_across_the_seam() -> None:
     other = band_limited(PLANT, np.random.default_rng(2), RATE_HZ, 8.0, 40.0)
     command = np.concatenate([GOOD.command[:HALF], other[0][:HALF]])
     position = np.concatenate([GOOD.position[:HALF], other[1][:HALF]])
-    assert off_db(replace(GOOD, command=command, position=position)) < 0.1
+    pasted = replace(GOOD, command=command, position=position)
+    assert off_db(pasted) < 0.1
+    said = [remark for remark in identify(pasted, **KNOWN).remarks if "two runs pasted" in remark]
+    assert len(said) == 1
+    assert float(said[0].split()[1]) == pytest.approx(HALF / RATE_HZ, abs=0.02)
+    assert not any("pasted" in remark for remark in identify(GOOD, **KNOWN).remarks)
 
 
 def test_identify__columns_swapped__is_said_and_not_trusted() -> None:
@@ -104,20 +109,24 @@ def test_identify__columns_swapped__is_said_and_not_trusted() -> None:
     assert any("look swapped" in remark for remark in found.remarks)
 
 
-@pytest.mark.parametrize(
-    ("head", "row", "reason"),
-    [
-        ("frequency_hz,response", "{f},{c.real:g}{c.imag:+g}j", "allowed: frequency_hz with magnitude"),
-        ("frequency_hz,real,imag", "{f},{c.real:g},{c.imag:g}", "allowed: frequency_hz with magnitude"),
-    ],
-)
-def test_read_foreign_response__complex_columns__are_refused(tmp_path: Path, head: str, row: str, reason: str) -> None:
+def sheet(folder: Path, head: str, row: str) -> Path:
     hertz = np.geomspace(1.0, 100.0, 30)
     rows = [row.format(f=f, c=c) for f, c in zip(hertz, PLANT.response(hertz), strict=True)]
-    path = tmp_path / "sheet.csv"
+    path = folder / "sheet.csv"
     path.write_text("\n".join([head, *rows]) + "\n")
-    with pytest.raises(BadInput, match=reason):
-        read_foreign_response(path)
+    return path
+
+
+def test_read_foreign_response__complex_numbers_as_text__are_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="or with real and imag"):
+        read_foreign_response(sheet(tmp_path, "frequency_hz,response", "{f},{c.real:g}{c.imag:+g}j"))
+
+
+def test_read_foreign_response__real_and_imaginary_columns__are_read(tmp_path: Path) -> None:
+    path = sheet(tmp_path, "frequency_hz,real,imag", "{f},{c.real:.9g},{c.imag:.9g}")
+    assert is_response(path)
+    read = read_foreign_response(path)
+    np.testing.assert_allclose(read.value(), PLANT.response(read.frequency_hz), rtol=1e-7)
 
 
 def test_read_foreign_response__half_of_the_phases_missing__are_left_out_and_said(tmp_path: Path) -> None:

@@ -15,18 +15,20 @@ FREQUENCY_NAMES = ("frequency_hz", "frequency", "freq_hz", "freq", "f_hz", "hz",
 MAGNITUDE_NAMES = ("magnitude", "gain", "amplitude", "abs", "mag", "magnitude_v")
 LEVEL_NAMES = ("magnitude_db", "gain_db", "level_db", "mag_db", "db", "amplitude_db")
 PHASE_NAMES = {"phase_deg": np.pi / 180.0, "phase_degrees": np.pi / 180.0, "phase_rad": 1.0, "phase": np.pi / 180.0}
+REAL_NAMES, IMAGINARY_NAMES = ("real", "re", "response_real"), ("imag", "imaginary", "im", "response_imag")
 _TYPICAL = 0.01
 """Relative error of a magnitude that comes without one: a tenth of a decibel."""
 
 
 def is_response(path: Path) -> bool:
-    """Return true where a file's columns are a frequency and a magnitude, and no time."""
+    """Return true where a file's columns are a frequency and a magnitude (or real and imaginary part), and no time."""
     try:
         columns = read_columns(path)
     except BadInput:
         return False
     names = {name.lower() for name in columns.values}
-    return bool(names & set(FREQUENCY_NAMES)) and bool(names & {*MAGNITUDE_NAMES, *LEVEL_NAMES})
+    parts = bool(names & set(REAL_NAMES)) and bool(names & set(IMAGINARY_NAMES))
+    return bool(names & set(FREQUENCY_NAMES)) and (parts or bool(names & {*MAGNITUDE_NAMES, *LEVEL_NAMES}))
 
 
 def read_foreign_response(path: Path) -> FrequencyResponse:
@@ -42,8 +44,15 @@ def _assembled(path: Path, columns: Columns) -> FrequencyResponse:
     lower = {name.lower(): values for name, values in columns.values.items()}
     frequency = _first(lower, FREQUENCY_NAMES)
     level, magnitude = _first(lower, LEVEL_NAMES), _first(lower, MAGNITUDE_NAMES)
+    real, imaginary = _first(lower, REAL_NAMES), _first(lower, IMAGINARY_NAMES)
+    if level is None and magnitude is None and real is not None and imaginary is not None:
+        magnitude = np.hypot(real, imaginary)
+        lower["phase_rad"] = np.arctan2(imaginary, real)
     if frequency is None or (level is None and magnitude is None):
-        raise BadInput(f"columns {', '.join(columns.values)}; allowed: frequency_hz with magnitude or magnitude_db")
+        raise BadInput(
+            f"columns {', '.join(columns.values)}; allowed: frequency_hz with magnitude or magnitude_db "
+            "(and phase_deg), or with real and imag"
+        )
     size = magnitude if magnitude is not None else 10.0 ** (np.asarray(level) / 20.0)
     phase = next((lower[name] * factor for name, factor in PHASE_NAMES.items() if name in lower), None)
     deviation, said = _deviation(lower, size.size)

@@ -14,8 +14,9 @@ from tactuator.identification.by_prediction import Prepared, usual_band
 from tactuator.identification.estimate.loops import dahl_state
 from tactuator.identification.estimate.refined import Samples
 from tactuator.identification.evidence.checks import check_length, check_polarity
+from tactuator.identification.evidence.distortion import Distortion
 from tactuator.identification.evidence.feedback import feedback_seen
-from tactuator.identification.evidence.residuals import ResidualTests, check_residual
+from tactuator.identification.evidence.residuals import ResidualTests, check_residual, jump_of
 from tactuator.identification.evidence.whitening import apply_filter, whitening_filter
 from tactuator.identification.result import BetweenSamples, Identification
 from tactuator.identification.selection import Candidate
@@ -40,6 +41,11 @@ _FLOOR = 5e-4
 """Deviation that no band goes below, 0.01 dB at 95 %: two channels' converters and filters are not more alike."""
 _WIDEST_DB = 3.0
 """Half-width of the band beyond which the model says nothing."""
+_BENT = 0.1
+"""Share of the distortion by which a best linear approximation departs from any form of few poles: its shape follows
+the level of every frequency. Seen on hardening springs and on friction; more would be found by the residual."""
+_TESTED = 1 << 17
+"""Samples by which a residual is tested: more would see what no band is narrow enough for."""
 _CERTAIN_FRICTION = 100.0
 """Drop of -2 log likelihood by one parameter from which on friction is looked for."""
 
@@ -78,35 +84,35 @@ def friction_shows(found: SpectralEstimate, residuals: Sequence[Residual]) -> bo
 
 @np.errstate(all="ignore")
 def identification(
-    common: Prepared, found: SpectralEstimate, residuals: Sequence[Residual], between: BetweenSamples
+    common: Prepared,
+    found: SpectralEstimate,
+    residuals: Sequence[Residual],
+    between: BetweenSamples,
+    distortion: Distortion | None = None,
 ) -> Identification:
-    """Return the identification by the chosen fit, its band wide enough for the other hold where none is certain."""
+    """Return the identification by the chosen fit, its band wide enough for the other hold where none is certain.
+
+    distortion: what a periodic record shows beside the response.
+    """
     chosen, to_unit, to_position = found.chosen, *common.scale
-    gain = to_position / to_unit
-    model = _model(common, found, chosen, gain)
-    other = None
+    gain, other = to_position / to_unit, None
+    model = _model(common, found, chosen, gain, distortion)
     remarks = list(common.remarks)
     if found.before is not None:
         remarks.append("of the command what follows the recorded reference was fitted, free of noise fed back")
     if found.other is not None and not found.certain and between.source == "data":
-        other = _model(common, found, found.other, gain)
-        table = model.excess.frequency_hz
-        apart = np.log(other.response(table) / model.response(table))
-        beside = other.band_db(table) / 8.685890 + 1j * other.band_rad(table)
-        model = replace(model, excess=model.excess.joined((_parts(apart) + beside) / 1.96))
+        other = _model(common, found, found.other, gain, distortion)
+        model = _holding(model, other)
         remarks.append(
             f"whether the command was held or band-limited between its samples cannot be told (difference "
             f"{found.advantage:.2g}): taken as {between.hold}, the band holds both; --hold says which it is"
         )
     model = replace(model, valid_hz=_valid(model, found))
     tests = _tests(common, found, residuals)
-    if tests.feedback and chosen.hold == "band-limited" and found.before is None:
-        remarks.append(
-            "recorded in a loop, through filters: what its noise may have done is in the band; a recorded reference "
-            "(--reference) takes it out"
-        )
-    poles = chosen.fit.poles_rad_s
-    remarks += check_length(poles, _slow_pole_error(chosen), common.longest_s)
+    if distortion is not None and distortion.repeats is not None:
+        tests = replace(tests, feedback=not distortion.repeats)
+    remarks += _said_of(tests, common, chosen.hold == "band-limited" and found.before is None)
+    remarks += check_length(chosen.fit.poles_rad_s, _slow_pole_error(chosen), common.longest_s)
     remarks += check_polarity(model.num, model.den)
     simulated, measured, percent = _shown(residuals)
     offset = float(common.record.position.mean())
@@ -124,7 +130,32 @@ def identification(
         remarks=tuple(remarks),
         between=between,
         other=other,
+        distortion=distortion,
     )
+
+
+def _holding(model: PlantModel, other: PlantModel) -> PlantModel:
+    """Return the model with a band that holds the other one, its band included."""
+    table = model.excess.frequency_hz
+    apart = np.log(other.response(table) / model.response(table))
+    beside = other.band_db(table) / 8.685890 + 1j * other.band_rad(table)
+    return replace(model, excess=model.excess.joined((_parts(apart) + beside) / 1.96))
+
+
+def _said_of(tests: ResidualTests, common: Prepared, filtered: bool) -> list[str]:
+    """Return what is to be said of a residual; filtered: of a band-limited command, no reference at hand."""
+    said = []
+    if tests.feedback and filtered:
+        said.append(
+            "recorded in a loop, through filters: what its noise may have done is in the band; a recorded reference "
+            "(--reference) takes it out"
+        )
+    if tests.jump is not None:
+        said.append(
+            f"at {tests.jump / common.record.rate_hz:.6g} s the position jumps as neither command nor noise explains: "
+            "a knock, or two runs pasted together (--from-s and --to-s leave it out)"
+        )
+    return said
 
 
 def _shown(residuals: Sequence[Residual]) -> tuple[FloatArray, FloatArray, float]:
@@ -166,18 +197,23 @@ def _tried(found: SpectralEstimate) -> tuple[Candidate, ...]:
     return tuple(made)
 
 
-def _model(common: Prepared, found: SpectralEstimate, choice: Choice, gain: float) -> PlantModel:
+def _model(
+    common: Prepared, found: SpectralEstimate, choice: Choice, gain: float, distortion: Distortion | None = None
+) -> PlantModel:
     fit, record = choice.fit, common.record
     covariance = information(choice.problem, fit)
     num, den, spread = physical(fit, covariance, gain)
     high = 0.5 * record.rate_hz
     table = np.geomspace(1.0 / common.longest_s, high, _TABLE)
     beyond = other_forms(choice, table)
-    bias = fed_back(choice, found.spectra)
+    bias = fed_back(choice, found.spectra) if choice.problem.with_transient else None
     if found.before is not None and choice is found.chosen:
         beyond = beyond.joined(REMAINS * np.log(found.before.response(table) / fit.response(table)))
     elif bias is not None:
         beyond = beyond.joined(log_slopes(fit, table) @ bias)
+    if distortion is not None:
+        bent = _BENT * distortion.distortion / np.abs(distortion.value)
+        beyond = beyond.joined(np.interp(np.log(table), np.log(distortion.frequency_hz), bent) * (1.0 + 1.0j))
     local = found.local
     missing = left_over(fit, local, response_of_rows(fit, local.frequency_hz), table)
     beyond = beyond.joined((np.hypot(missing, _FLOOR)) * (1.0 + 1.0j))
@@ -200,7 +236,8 @@ def _valid(model: PlantModel, found: SpectralEstimate) -> tuple[float, float]:
     """Return from where to where the record moved the mechanism and the band is narrower than 3 dB."""
     local = found.local
     moved = local.frequency_hz[local.excitation > 1e-5 * float(np.max(local.excitation))]
-    low = found.spacing_hz if moved[0] == local.frequency_hz[0] else float(moved[0])
+    whole = found.chosen.problem.with_transient and moved[0] == local.frequency_hz[0]
+    low = found.spacing_hz if whole else float(moved[0])
     frequency = np.geomspace(low, min(float(moved[-1]), 0.47 * found.spectra[0].rate_hz), 200)
     narrow = np.flatnonzero(model.band_db(frequency) <= _WIDEST_DB)
     if not narrow.size:
@@ -220,6 +257,7 @@ def _tests(common: Prepared, found: SpectralEstimate, residuals: Sequence[Residu
         uncorrelated_p=min(1.0, len(made) * min(one.uncorrelated_p for one in made)),
         unexplained=max(one.unexplained for one in made),
         feedback=True if True in seen else (False if seen == {False} else None),
+        jump=next((one.jump for one in made if one.jump is not None), None),
     )
 
 
@@ -232,15 +270,19 @@ def residual_tests(
     command = samples.command[: residual.size]
     skip = whitener.size + 1
     innovation = apply_filter(whitener, residual)[skip:]
-    moved = apply_filter(whitener, command)[skip:]
+    tested = slice(skip, skip + _TESTED)
+    moved = apply_filter(whitener, command)[tested]
     hertz = taken.frequency_hz[1:]
-    slopes = np.zeros((innovation.size, 0))
+    slopes = np.zeros((moved.size, 0))
     if fitted:
         along = log_slopes(fit, hertz) * (response_of_rows(fit, hertz) * taken.command[1:])[:, None]
         columns = np.fft.irfft(np.vstack([np.zeros(along.shape[1]), along]), taken.samples, axis=0)
-        slopes = apply_filter(whitener, columns)[skip:]
-    tests = check_residual(innovation, moved, slopes, samples.rate_hz)
-    return replace(tests, feedback=feedback_seen(taken, left, fit))
+        slopes = apply_filter(whitener, columns[: tested.stop])[skip:]
+    tests = check_residual(innovation[:_TESTED], moved, slopes, samples.rate_hz)
+    jump = jump_of(innovation)
+    return replace(
+        tests, feedback=feedback_seen(taken, left, fit), jump=None if jump is None else jump + skip + taken.shift
+    )
 
 
 def _slow_pole_error(choice: Choice) -> float:

@@ -13,6 +13,7 @@ from tactuator.errors import BadInput
 from tactuator.identification import by_spectrum
 from tactuator.identification.asked import Asked
 from tactuator.identification.by_inverse_dynamics import motor_identification
+from tactuator.identification.by_periods import identify_periods, plans_of
 from tactuator.identification.by_prediction import Prepared, recursive, refined
 from tactuator.identification.estimate.refined import Samples, judge
 from tactuator.identification.evidence.checks import check_direction, check_record
@@ -155,6 +156,9 @@ def _by_spectrum(common: Prepared, asked: Asked, note: Callable[[str], None]) ->
         if motor is not None:
             return motor
     known = by_spectrum.known_of(asked.quantity, asked.order, asked.zeros, asked.integrators, asked.delay_s)
+    plans = plans_of(common)
+    if plans is not None:
+        return identify_periods(common, plans, holds, source, known, note)
     found = by_spectrum.spectral_estimate(common, holds, known, note)
     between = BetweenSamples(found.chosen.hold, source, source != "data" or found.certain, found.advantage)
     residuals = record_residual(found.chosen, found.spectra)

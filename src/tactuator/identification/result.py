@@ -9,6 +9,7 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.display.plant_model import PlantModel
 from tactuator.identification.estimate.friction import Friction
+from tactuator.identification.evidence.distortion import Distortion
 from tactuator.identification.evidence.empirical import EmpiricalResponse
 from tactuator.identification.evidence.excitation import ExcitationReport
 from tactuator.identification.evidence.residuals import ResidualTests
@@ -75,7 +76,8 @@ class Identification:
     empirical: the record's own response in bands, for figures. simulated, measured: position by the model and as
     recorded, (k,), the last k samples of the part used. remarks: what a user must be told. other: the model under the
     other hold where the record cannot tell them apart. distrust: why the model is not to be trusted; empty if it is.
-    validations: how the model stands on records that it never saw.
+    validations: how the model stands on records that it never saw. distortion: what a periodic record shows beside its
+    response, None for any other.
     """
 
     model: PlantModel
@@ -93,6 +95,7 @@ class Identification:
     other: PlantModel | None = None
     distrust: tuple[str, ...] = ()
     validations: tuple[Validation, ...] = ()
+    distortion: Distortion | None = None
 
     @property
     def poles_hz(self) -> FloatArray:

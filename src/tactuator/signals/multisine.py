@@ -1,11 +1,14 @@
 """Random-phase multisines: all lines at once, one period exactly, with a low crest factor.
 
-Lines left out on purpose (detection lines) show nonlinear distortion: a linear mechanism answers with noise there
-(Pintelon and Schoukens, System Identification: A Frequency Domain Approach, 2012, chapter 4).
+Lines left out on purpose (detection lines) show nonlinear distortion: a linear mechanism answers with noise there. Even
+distortion falls on even lines, odd distortion on the odd ones; noise differs between periods, and what differs between
+realisations beyond it is distortion (Pintelon and Schoukens, System Identification: A Frequency Domain Approach, 2012,
+chapter 4).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +18,9 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 
 Bins = NDArray[np.int64]
+_KEYS = ("period_samples", "periods", "realisations", "excited_lines")
+_ONE_SILENT_OF = 4
+_MAINS_HZ = (50.0, 60.0)
 
 
 @dataclass(frozen=True)
@@ -115,3 +121,109 @@ def multisine(
     low, high = detection_band or (int(lines.min()), int(lines.max()))
     silent = np.setdiff1d(np.arange(max(1, low), high + 1), lines)
     return Multisine(rate_hz, period, lines, peaks, best, silent[silent % 2 == 1], silent[silent % 2 == 0])
+
+
+@dataclass(frozen=True, eq=False)
+class Periods:
+    """Realisations one after the other, each of `repeats` periods of `period` samples; the first of these settles.
+
+    lines: the excited lines, multiples of rate/period, ascending, (m,).
+    """
+
+    period: int
+    repeats: int
+    realisations: int
+    lines: Bins
+
+    def __post_init__(self) -> None:
+        if self.period < 8 or self.repeats < 2 or self.realisations < 1:
+            raise BadInput(
+                f"{self.realisations} realisations of {self.repeats} periods of {self.period} samples; allowed: 1 or "
+                "more of 2 or more of 8 or more"
+            )
+        lines = self.lines
+        if lines.size < 1 or lines[0] < 1 or lines[-1] >= self.period / 2 or np.any(np.diff(lines) <= 0):
+            raise BadInput(f"excited lines of a period of {self.period} samples; allowed: ascending, below half of it")
+
+    @property
+    def samples(self) -> int:
+        """Return the number of samples of all realisations."""
+        return self.realisations * self.repeats * self.period
+
+    def blocks(self, values: FloatArray) -> FloatArray:
+        """Return the settled periods of a record (n,): (realisations, repeats - 1, period)."""
+        shape = (self.realisations, self.repeats, self.period)
+        return np.asarray(values[: self.samples].reshape(shape)[:, 1:])
+
+    def silent(self, rate_hz: float) -> tuple[Bins, Bins]:
+        """Return the odd and the even lines within the excited band that are silent and not next to a multiple of the
+        mains' frequency."""
+        inside = np.setdiff1d(np.arange(int(self.lines[0]), int(self.lines[-1]) + 1), self.lines)
+        spacing = rate_hz / self.period
+        off = [
+            np.abs(inside * spacing - mains * np.maximum(np.round(inside * spacing / mains), 1.0))
+            for mains in _MAINS_HZ
+        ]
+        inside = inside[np.minimum(*off) > 1.5 * spacing]
+        return inside[inside % 2 == 1], inside[inside % 2 == 0]
+
+    def attributes(self) -> dict[str, str]:
+        """Return the plan as a record's file carries it."""
+        values = (self.period, self.repeats, self.realisations, " ".join(str(k) for k in self.lines.tolist()))
+        return dict(zip(_KEYS, (str(value) for value in values), strict=True))
+
+
+def periods_of(about: Mapping[str, str], samples: int) -> Periods | None:
+    """Return the plan that a record of that many samples carries among what is known of it, or None.
+
+    Raises BadInput for a plan that cannot be read or does not fit the record.
+    """
+    if not all(key in about for key in _KEYS):
+        return None
+    try:
+        period, repeats, realisations = (int(float(about[key])) for key in _KEYS[:3])
+        lines = np.array([int(one) for one in about[_KEYS[3]].split()], dtype=np.int64)
+    except ValueError:
+        found = ", ".join(f"{key} {about[key][:20]!r}" for key in _KEYS)
+        raise BadInput(f"record: {found}; allowed: whole numbers") from None
+    made = Periods(period, repeats, realisations, lines)
+    if made.samples > samples:
+        raise BadInput(f"record: {samples} samples, its periods need {made.samples}; allowed: as many or more")
+    return made
+
+
+def without_periods(about: Mapping[str, str]) -> dict[str, str]:
+    """Return what is known of a record without its plan, for a part of it."""
+    return {key: value for key, value in about.items() if key not in _KEYS}
+
+
+def odd_lines(band_hz: tuple[float, float], rate_hz: float, period: int, count: int, rng: np.random.Generator) -> Bins:
+    """Return up to `count` odd lines of a period, even in log frequency over band_hz, without one of four at random.
+
+    The lines next to a multiple of the mains' frequency are left out. Raises BadInput where fewer than eight are left.
+    """
+    spacing = rate_hz / period
+    odd = np.arange(1, (period + 1) // 2, 2)
+    hertz = np.asarray(odd * spacing, dtype=np.float64)
+    inside = (hertz >= band_hz[0] * (1.0 - 1e-9)) & (hertz <= band_hz[1])
+    odd = odd[inside & (_off_mains_hz(hertz) > 1.5 * spacing)]
+    chosen: list[int] = []
+    growth = (band_hz[1] / band_hz[0]) ** (1.0 / count)
+    for line in odd.tolist():
+        if not chosen or line >= growth * chosen[-1]:
+            chosen.append(line)
+    first = rng.integers(0, _ONE_SILENT_OF, len(chosen) // _ONE_SILENT_OF + 1)
+    silent = {_ONE_SILENT_OF * k + int(place) for k, place in enumerate(first)}
+    kept = [line for place, line in enumerate(chosen) if place not in silent]
+    if len(kept) < 8:
+        raise BadInput(
+            f"a period of {period / rate_hz:.4g} s has {len(kept)} odd lines from {band_hz[0]:g} to {band_hz[1]:g} Hz; "
+            "allowed: 8 or more (a longer record, fewer periods or realisations)"
+        )
+    return np.array(kept, dtype=np.int64)
+
+
+def _off_mains_hz(frequency_hz: FloatArray) -> FloatArray:
+    """Return how far frequencies (n,) lie from a multiple of either mains frequency."""
+    off = [np.abs(frequency_hz - mains * np.maximum(np.round(frequency_hz / mains), 1.0)) for mains in _MAINS_HZ]
+    return np.asarray(np.minimum(*off))

@@ -8,6 +8,7 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.signals.multisine import without_periods
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +48,12 @@ class Record:
                 )
 
     def part(self, piece: slice) -> Record:
-        """Return the samples of a piece of the record."""
+        """Return the samples of a piece of the record, periods of a plan no longer known."""
         reference = None if self.reference is None else self.reference[piece]
-        return replace(self, command=self.command[piece], position=self.position[piece], reference=reference)
+        about = without_periods(self.about)
+        return replace(
+            self, command=self.command[piece], position=self.position[piece], reference=reference, about=about
+        )
 
     @property
     def duration_s(self) -> float:

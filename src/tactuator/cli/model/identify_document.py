@@ -8,6 +8,7 @@ import numpy as np
 
 from tactuator.display.plant_model import PlantModel
 from tactuator.identification.by_response import ResponseFit
+from tactuator.identification.evidence.distortion import Distortion
 from tactuator.identification.result import Identification, Validation, resonances
 
 DELAY_SAYS = (
@@ -50,9 +51,23 @@ def document(found: Identification) -> dict[str, Any]:
         "fit_percent": found.fit_percent,
         "validation": [_validation(one) for one in found.validations],
         "friction": _friction(found),
+        "distortion": None if found.distortion is None else _distortion(found.distortion),
         "tried": [vars(candidate) for candidate in found.tried],
         "remarks": list(found.remarks),
     }
+
+
+def _distortion(seen: Distortion) -> dict[str, Any]:
+    with np.errstate(divide="ignore"):
+        levels = {
+            f"{name}_db": 20.0 * np.log10(getattr(seen, name))
+            for name in ("noise", "total", "distortion", "even", "odd")
+        }
+    return (
+        {"frequency_hz": seen.frequency_hz, "response_db": 20.0 * np.log10(np.abs(seen.value))}
+        | levels
+        | {"realisations": seen.realisations}
+    )
 
 
 def _validation(one: Validation) -> dict[str, Any]:

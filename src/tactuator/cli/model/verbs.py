@@ -35,6 +35,8 @@ def record_verb(
     load: Annotated[str, typer.Option("--load", help="Load of the display file, or none.")] = "none",
     rig: RigOption = "simulated",
     seed: Seed = 0,
+    periods: Annotated[int, typer.Option("--periods", help="Of each multisine; the first one settles.")] = 3,
+    realisations: Annotated[int, typer.Option("--realisations", help="Multisines of new phases.")] = 4,
     as_json: AsJson = False,
 ) -> None:
     """Drive one channel with an excitation planned within travel and range, and write the record."""

@@ -11,6 +11,8 @@ from tactuator.arrays import FloatArray
 from tactuator.identification.evidence.whitening import autocorrelation
 
 _LAGS = 40
+_JUMP = 20.0
+_BURST = 50
 
 
 @dataclass(frozen=True)
@@ -19,13 +21,15 @@ class ResidualTests:
 
     white: of the innovations (after the noise model). uncorrelated: with the command's past; unexplained: the share of
     the residual's power that the command's past explains. feedback: whether the command depends on the
-    residual's past; None: the record cannot tell.
+    residual's past; None: the record cannot tell. jump: the sample at which the innovations jump as noise does not, or
+    None.
     """
 
     white_p: float
     uncorrelated_p: float
     unexplained: float
     feedback: bool | None
+    jump: int | None = None
 
     @property
     def white(self) -> bool:
@@ -36,6 +40,19 @@ class ResidualTests:
     def uncorrelated_with_input(self) -> bool:
         """Tell whether the command's past explains nothing of the residual."""
         return self.uncorrelated_p > 0.01
+
+
+def jump_of(innovation: FloatArray) -> int | None:
+    """Return where innovations (n,) jump by twenty times their usual size, all alone: a knock, or a seam between two
+    runs; None where nothing does.
+    """
+    size = np.abs(innovation)
+    usual = float(np.median(size)) / 0.6745
+    if usual <= 0.0 or float(size.max()) < _JUMP * usual:
+        return None
+    near = np.abs(np.arange(size.size) - int(np.argmax(size))) <= _BURST
+    often = float(np.mean(size[~near] > 0.5 * _JUMP * usual)) if not np.all(near) else 1.0
+    return int(np.argmax(size)) if often < 1e-3 else None
 
 
 def check_residual(innovation: FloatArray, command: FloatArray, jacobian: FloatArray, rate_hz: float) -> ResidualTests:

@@ -12,7 +12,14 @@ from tactuator.errors import BadInput
 from tactuator.identification.spectral.hold import Hold
 from tactuator.identification.spectral.joined import join, join_local
 from tactuator.identification.spectral.likelihood import SpectralFit
-from tactuator.identification.spectral.lines import LocalResponse, Spectrum, equations, local_response, spectrum
+from tactuator.identification.spectral.lines import (
+    LocalResponse,
+    Spectrum,
+    equations,
+    local_response,
+    points,
+    spectrum,
+)
 from tactuator.identification.spectral.search import Choice, Known, choose, propose
 
 CERTAIN = 12.0
@@ -21,6 +28,7 @@ _FAR = 300.0
 """The same from which on the worse hold is not looked at more closely."""
 _SILENT = 1e-6
 """Power of the command's lines, over their median, below which the response is not looked at."""
+_NO_FORM = "no model of the form asked for fits the record at all; allowed: another order, or more zeros"
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +76,7 @@ def estimate(
     scale = 2.0 * np.pi * float(np.exp(np.mean(np.log(local.frequency_hz))))
     proposals = propose(local, rate_hz, scale, holds, known, note)
     if not all(proposals[hold] for hold in holds):
-        raise BadInput("no model of the form asked for fits the record at all; allowed: another order, or more zeros")
+        raise BadInput(_NO_FORM)
     # what was commanded before the record began is unknown for as long as the dead time: the position starts later
     shift = max(min(int(proposals[hold][0].delay_s * rate_hz + 1e-3) for hold in holds) - 1, 0)
     shift = min(shift, *(command.size // 4 for command, _ in signals))
@@ -77,13 +85,42 @@ def estimate(
     choices: list[Choice] = []
     for hold in sorted(holds, key=lambda one: proposals[one][0].cost):
         note(f"fitting the record as {hold}")
-        if choices:
-            glance = choose(given, proposals[hold], hold, known, quick=True)
-            if glance.evidence > choices[0].evidence + _FAR:
-                choices.append(glance)
-                continue
-        choices.append(choose(given, proposals[hold], hold, known))
-    choices.sort(key=lambda one: one.evidence)
+        glance = choose(given, proposals[hold], hold, known, quick=True) if choices else None
+        if glance is not None and glance.evidence > choices[0].evidence + _FAR:
+            choices.append(glance)
+            continue
+        choices.append(choose(given, proposals[hold], hold, known, begun=glance))
+    return _decided(choices, holds, local, taken)
+
+
+@np.errstate(all="ignore")
+def estimate_lines(
+    local: LocalResponse,
+    signals: Sequence[tuple[FloatArray, FloatArray]],
+    rate_hz: float,
+    holds: tuple[Hold, ...],
+    known: Known,
+    note: Callable[[str], None] = lambda _: None,
+) -> SpectralEstimate:
+    """Return the estimate from a response at single lines that no transient disturbs, its variance known; signals: the
+    records that it comes from.
+
+    Raises BadInput where no form gives a start.
+    """
+    scale = 2.0 * np.pi * float(np.exp(np.mean(np.log(local.frequency_hz))))
+    proposals = propose(local, rate_hz, scale, holds, known, note)
+    if not all(proposals[hold] for hold in holds):
+        raise BadInput(_NO_FORM)
+    given = points(local.frequency_hz, local.value, rate_hz)
+    weight = 1.0 / np.sqrt(local.variance)
+    choices = [choose(given, proposals[hold], hold, known, weight=weight) for hold in holds]
+    return _decided(choices, holds, local, tuple(spectrum(command, position, rate_hz) for command, position in signals))
+
+
+def _decided(
+    choices: list[Choice], holds: tuple[Hold, ...], local: LocalResponse, taken: tuple[Spectrum, ...]
+) -> SpectralEstimate:
+    choices = sorted(choices, key=lambda one: one.evidence)
     if len(choices) == 1:
         return SpectralEstimate(choices[0], None, True, np.inf, local, taken)
     advantage = choices[1].evidence - choices[0].evidence

@@ -10,8 +10,14 @@ import numpy as np
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.spectral.hold import edge_lines, transient_columns
 from tactuator.identification.spectral.joined import equation_slices
-from tactuator.identification.spectral.likelihood import SpectralFit, beside_columns, fitted_beside
-from tactuator.identification.spectral.lines import Equations, Spectrum
+from tactuator.identification.spectral.likelihood import (
+    SpectralFit,
+    SpectralProblem,
+    beside_columns,
+    fitted_beside,
+)
+from tactuator.identification.spectral.lines import Equations, Spectrum, equations
+from tactuator.identification.spectral.noise import weights
 from tactuator.identification.spectral.search import Choice
 from tactuator.identification.spectral.uncertainty import response_of_rows
 
@@ -33,6 +39,14 @@ def record_residual(choice: Choice, spectra: Sequence[Spectrum]) -> tuple[Residu
     given, weight = choice.problem.given, choice.problem.weight
     pieces = zip(given.parts, equation_slices(given), spectra, strict=True)
     return tuple(line_residual(choice.fit, part, weight[piece], taken) for part, piece, taken in pieces)
+
+
+def residual_of_record(fit: SpectralFit, taken: Spectrum) -> Residual:
+    """Return the residual of a fit that comes from elsewhere on all lines of a record, weighted by its own spectrum."""
+    part = equations(taken, 0.0, 0.5 * taken.rate_hz)
+    grid = replace(fit.grid, frequency_hz=part.frequency_hz, rate_hz=part.rate_hz, shift=part.shift)
+    flat = SpectralProblem(part, np.ones(part.of_hz.size), grid)
+    return line_residual(fit, part, weights(part, flat.residual(fit), 0.5 * taken.rate_hz), taken)
 
 
 def line_residual(fit: SpectralFit, given: Equations, weight: FloatArray, taken: Spectrum) -> Residual:

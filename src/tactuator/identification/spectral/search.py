@@ -23,6 +23,9 @@ _HIGHEST = {"zero-order": 0.4999, "first-order": 0.4999, "band-limited": 0.47}
 _COMPARED = 0.47
 _KEPT = 6
 _MANY = 4
+_FITS, _HOPELESS = 1.5, 300.0
+"""Mean squared departure from the local response, in its errors, of a form that follows it; the criterion's difference
+from which on another hold is not tried with more poles."""
 _POOR = 3.0
 """Mean squared departure from the local response, in its errors, from which on forms with many zeros are tried."""
 
@@ -101,7 +104,7 @@ def propose(
     least = max(1, known.integrators, known.origin_zeros, known.zeros or 0)
     for poles in [known.poles] if known.poles is not None else range(least, MOST_POLES + 1):
         now = np.inf
-        for hold in holds:
+        for hold in _worth(found, local):
             for form in known.forms(poles):
                 fit = starters[hold].fit(form, (known.delay_s or 0.0) * scale_rad_s)
                 if fit is not None:
@@ -124,44 +127,74 @@ def propose(
     return {hold: [fit for _, fit in sorted(found[hold], key=lambda one: one[0])] for hold in holds}
 
 
+def _worth(found: dict[Hold, list[tuple[float, SpectralFit]]], local: LocalResponse) -> list[Hold]:
+    """Return the holds but for those that are far behind one that leaves no more than the errors: further poles would
+    only imitate it.
+    """
+    best = {hold: min((score for score, _ in fits), default=np.inf) for hold, fits in found.items()}
+    leads = min(best, key=best.__getitem__)
+    least = min((fit.cost for _, fit in found[leads]), default=np.inf)
+    if least > _FITS * local.frequency_hz.size:
+        return list(found)
+    return [hold for hold, score in best.items() if score < best[leads] + _HOPELESS]
+
+
 def _all_poor(found: dict[Hold, list[tuple[float, SpectralFit]]], local: LocalResponse) -> bool:
     costs = [min((fit.cost for _, fit in fits), default=np.inf) for fits in found.values()]
     return min(costs) > _POOR * local.frequency_hz.size
 
 
 def choose(
-    given: Equations | JoinedEquations, proposals: list[SpectralFit], hold: Hold, known: Known, *, quick: bool = False
+    given: Equations | JoinedEquations,
+    proposals: list[SpectralFit],
+    hold: Hold,
+    known: Known,
+    *,
+    quick: bool = False,
+    weight: FloatArray | None = None,
+    begun: Choice | None = None,
 ) -> Choice:
-    """Return the form of best criterion on the record, simpler ones tried from there (quick: the best two only)."""
+    """Return the form of best criterion on the record, simpler ones tried from there (quick: the best two only).
+
+    begun: the quick choice, to go on from. weight: one over the noise's deviation at each equation (e,), where it is
+    known beforehand, of lines free of transients; the spectrum of what the model leaves tells it otherwise.
+    """
     highest = _HIGHEST[hold] * given.rate_hz
     kept = _kept(proposals)[: 2 if quick else _KEPT]
     first = kept[0]
     grid = Grid(given.frequency_hz, given.rate_hz, first.grid.scale_rad_s, hold, given.shift)
     flat = np.where(given.of_hz <= highest, 1.0, 0.0)
-    problem = SpectralProblem(given, flat, grid)
-    fits: dict[Form, SpectralFit] = {}
-    for _ in range(2):
-        problem = problem.with_weight(weights(given, problem.residual(first), highest))
+    problem = SpectralProblem(given, flat, grid, with_transient=weight is None)
+
+    def weighed(now: SpectralProblem, fit: SpectralFit) -> SpectralProblem:
+        return now.with_weight(weights(given, now.residual(fit), highest) if weight is None else weight * flat)
+
+    def likelihood(now: SpectralProblem, fit: SpectralFit) -> float:
+        return misfit(given, now.residual(fit), _COMPARED * given.rate_hz) if weight is None else 2.0 * fit.cost
+
+    for _ in range(2 if begun is None else 0):
+        problem = weighed(problem, first)
         first = _again(problem, first, 8) or first
-    fits[first.form] = first
-    for one in kept[1:]:
-        fitted = _again(problem, one, 8)
+    problem, first = (problem, first) if begun is None else (begun.problem, begun.fit)
+    fits = {first.form: first}
+    for one in kept:
+        fitted = _again(problem, one, 8) if one.form != first.form else None
         if fitted is not None:
             fits[fitted.form] = fitted
     best = _best(problem, fits) if quick else _settled(problem, fits, known)
     for _ in range(1 if quick else 2):
-        problem = problem.with_weight(weights(given, problem.residual(best), highest))
+        problem = weighed(problem, best)
         best = _again(problem, best, 10) or best
     fits[best.form] = best
     if quick:
-        left = problem.residual(best)
-        return Choice(hold, best, {best.form: best}, problem, misfit(given, left, _COMPARED * given.rate_hz))
-    near = {form: one for form, one in fits.items() if _score(problem, one) < _score(problem, best) + 60.0}
-    for form, one in near.items():
-        if one is not best:
-            near[form] = _again(problem, one, 4) or one
-    likelihood = misfit(given, problem.residual(best), _COMPARED * given.rate_hz)
-    return Choice(hold, best, near | {best.form: best}, problem, likelihood)
+        return Choice(hold, best, {best.form: best}, problem, likelihood(problem, best))
+    return Choice(hold, best, _near(problem, fits, best) | {best.form: best}, problem, likelihood(problem, best))
+
+
+def _near(problem: SpectralProblem, fits: dict[Form, SpectralFit], best: SpectralFit) -> dict[Form, SpectralFit]:
+    """Return the other fits that are not far behind, gone on with for the problem's weights."""
+    near = [one for one in fits.values() if _score(problem, one) < _score(problem, best) + 60.0]
+    return {one.form: _again(problem, one, 4) or one for one in near if one is not best}
 
 
 def _kept(proposals: list[SpectralFit]) -> list[SpectralFit]:

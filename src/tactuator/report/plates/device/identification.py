@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 
+from tactuator.arrays import FloatArray
 from tactuator.files.atomic import atomic_folder
 from tactuator.identification.result import Identification
 from tactuator.report.plate import Plate
-from tactuator.report.style import BLUE, FAINT, ORANGE, RED, figure, frequency_axis, legend
+from tactuator.report.style import BLUE, FAINT, GREEN, ORANGE, RED, figure, frequency_axis, legend
 from tactuator.signals.spectra import power_spectrum
 
 _OWN_NAMES = frozenset(f"{name}.{ending}" for name in ("identification", "residual") for ending in ("svg", "csv"))
@@ -25,10 +27,13 @@ def identification_plate(found: Identification) -> Plate:
     made, (top, middle, bottom) = figure(3, 1, height_in=6.4, sharex=True)
     shown = found.empirical.trusted()
     inside = (shown.frequency_hz >= frequency[0]) & (shown.frequency_hz <= frequency[-1])
-    own_hz, own = shown.frequency_hz[inside], shown.value[inside]
-    top.plot(own_hz, 20.0 * np.log10(np.abs(own)), ".", color=FAINT, label="record's own in bands, hold included")
+    own_hz, own, label = shown.frequency_hz[inside], shown.value[inside], "record's own in bands, hold included"
+    if found.distortion is not None:
+        own_hz, own, label = found.distortion.frequency_hz, found.distortion.value, "record's own lines, hold included"
+    top.plot(own_hz, 20.0 * np.log10(np.abs(own)), ".", color=FAINT, label=label)
     top.plot(frequency, level, color=BLUE, label="model")
     top.fill_between(frequency, level - band, level + band, color=BLUE, alpha=0.25, linewidth=0.0, label="95 % band")
+    _draw_levels(top, found, frequency)
     top.set_ylabel(f"magnitude (dB {_ratio(found)})", fontsize=9)
     legend(top, loc="lower left")
     middle.plot(own_hz, np.degrees(np.unwrap(np.angle(own))), ".", color=FAINT)
@@ -51,6 +56,30 @@ def identification_plate(found: Identification) -> Plate:
         f"fit {found.fit_percent:.2f} %."
     )
     return Plate("identification", "Identified response", caption, made, columns)
+
+
+def _draw_levels(axes: Axes, found: Identification, frequency: FloatArray) -> None:
+    """Draw noise and distortion as the errors that they make of the record's own response."""
+    seen = found.distortion
+    if seen is None:
+        shown = found.empirical.trusted()
+        inside = (shown.frequency_hz >= frequency[0]) & (shown.frequency_hz <= frequency[-1])
+        error = (np.abs(shown.value) * shown.relative_error)[inside]
+        axes.plot(
+            shown.frequency_hz[inside], 20.0 * np.log10(error), color=ORANGE, label="noise and distortion in bands"
+        )
+        return
+    levels = (
+        (seen.noise, "noise", ORANGE, "-"),
+        (seen.total, "noise and distortion", RED, "-"),
+        (seen.odd, "distortion, odd lines", RED, ":"),
+        (seen.even, "distortion, even lines", GREEN, ":"),
+    )
+    lowest = 0.1 * float(np.min(seen.noise[seen.noise > 0.0], initial=np.inf))
+    for level, label, color, line in levels:
+        drawn = np.where(level > lowest, level, np.nan) if np.isfinite(lowest) else level
+        if np.any(drawn > 0.0):
+            axes.plot(seen.frequency_hz, 20.0 * np.log10(drawn), line, color=color, linewidth=1.2, label=label)
 
 
 def residual_plate(found: Identification, rate_hz: float) -> Plate:

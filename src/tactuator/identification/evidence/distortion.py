@@ -1,0 +1,170 @@
+"""Response, noise and distortion of periodic records, line by line, without a model.
+
+Noise is what differs between the periods of a realisation; distortion what a line answers that was silent in the
+command, and what differs between realisations beyond the noise (Pintelon and Schoukens, System Identification: A
+Frequency Domain Approach, 2012, chapter 4: the best linear approximation and its total and noise variance).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.signals.multisine import Bins, Periods
+
+_POOLED = 0.15
+_FEWEST = 8
+_EXACT = 1e-12
+_REPEATED = 1e-6
+"""Share of the command's power that may differ between periods of a command that nothing feeds back to."""
+
+
+@dataclass(frozen=True, eq=False)
+class Distortion:
+    """A record's own response at the excited lines, and levels beside it, all relative to the command: as responses of
+    one realisation would err, root mean square. All (m,).
+
+    frequency_hz; value: the best linear approximation; noise: averaged over the periods; total: with the distortion;
+    even, odd: distortion by the silent lines (nan where there are none); variance: of `value`, everything counted.
+    realisations; repeats: whether the command repeats itself, which no command in a loop does, or None where it cannot
+    be told.
+    """
+
+    frequency_hz: FloatArray
+    value: ComplexArray
+    noise: FloatArray
+    total: FloatArray
+    even: FloatArray
+    odd: FloatArray
+    variance: FloatArray
+    realisations: int
+    repeats: bool | None
+
+    @property
+    def distortion(self) -> FloatArray:
+        """Return the odd distortion at the excited lines: the total less the noise; of one realisation that of the
+        silent odd lines."""
+        if self.realisations < 2:
+            return np.nan_to_num(self.odd)
+        return np.sqrt(np.maximum(self.total**2 - self.noise**2, 0.0))
+
+    def scaled(self, gain: float) -> Distortion:
+        """Return the same in other units of the response."""
+        levels = {name: gain * getattr(self, name) for name in ("value", "noise", "total", "even", "odd")}
+        return replace(self, **levels, variance=gain**2 * self.variance)
+
+    @property
+    def shows(self) -> bool:
+        """Return true where the distortion stands out of the noise by more than chance over a tenth of the lines."""
+        loudest = np.fmax(np.fmax(self.even, self.odd), self.distortion)
+        return bool(np.mean(loudest > self.noise) > 0.1)
+
+
+def distortion_of(
+    signals: Sequence[tuple[FloatArray, FloatArray]],
+    references: Sequence[FloatArray] | None,
+    plans: Sequence[Periods],
+    rate_hz: float,
+) -> Distortion:
+    """Return response, noise and distortion of records (command, position), each (n,), of one plan's period and lines.
+
+    references: what a loop was asked for, of every record, or None: the response then follows it, free of noise fed
+    back.
+    """
+    plan = plans[0]
+    follow = [one[0] for one in signals] if references is None else list(references)
+    blocks = [
+        np.concatenate([one.blocks(values) for one, values in zip(plans, rows, strict=True)])
+        for rows in ([one[0] for one in signals], [one[1] for one in signals], follow)
+    ]
+    command, position, asked = (np.fft.rfft(block, axis=2) / plan.period for block in blocks)
+    lines = plan.lines
+    u, y, r = (one.mean(axis=1) for one in (command, position, asked))
+    value = _ratio(y[:, lines], u[:, lines], r[:, lines])
+    hertz = lines * rate_hz / plan.period
+    power = np.mean(np.abs(u[:, lines]) ** 2, axis=0)
+    left = y[:, lines] - value * u[:, lines]
+    between = position[:, :, lines] - value * command[:, :, lines]
+    noise = _pooled(hertz, hertz, _between_periods(between))
+    count = u.shape[0]
+    odd, even = (
+        _silent_level(position, command, silent, rate_hz / plan.period, hertz, value) for silent in plan.silent(rate_hz)
+    )
+    # distortion has the plant's shape, noise has not: each is averaged over neighbours where it is smooth
+    seen = np.abs(value) ** 2
+    if count > 1:
+        each = np.sum(np.abs(left) ** 2, axis=0) / (count - 1.0)
+        beyond = _pooled(hertz, hertz, (each - _between_periods(between)) / seen) * seen
+    else:
+        beyond = np.nan_to_num(odd) ** 2
+    total = noise + np.maximum(beyond, 0.0)
+    root = np.sqrt(power)
+    return Distortion(
+        frequency_hz=hertz,
+        value=value,
+        noise=np.sqrt(noise) / root,
+        total=np.sqrt(total) / root,
+        even=even / root,
+        odd=odd / root,
+        variance=total / (count * power) + (_EXACT * np.abs(value)) ** 2,
+        realisations=count,
+        repeats=_repeats(command, lines),
+    )
+
+
+def _ratio(position: ComplexArray, command: ComplexArray, asked: ComplexArray) -> ComplexArray:
+    above, below = (np.sum(one * np.conj(asked), axis=0) for one in (position, command))
+    return np.asarray(above / below)
+
+
+def _between_periods(lines: ComplexArray) -> FloatArray:
+    """Return the power by which the mean over the periods errs, from (realisations, periods, lines): (lines,)."""
+    periods = lines.shape[1]
+    if periods < 2:
+        return np.zeros(lines.shape[2])
+    off = lines - lines.mean(axis=1, keepdims=True)
+    return np.asarray(np.sum(np.abs(off) ** 2, axis=(0, 1)) / (lines.shape[0] * (periods - 1.0) * periods))
+
+
+def _silent_level(
+    position: ComplexArray,
+    command: ComplexArray,
+    silent: Bins,
+    spacing_hz: float,
+    hertz: FloatArray,
+    value: ComplexArray,
+) -> FloatArray:
+    """Return the root mean square of the position at silent lines beyond its noise, near each of `hertz`, (m,).
+
+    What the response makes of a command that is not quite silent there is taken off.
+    """
+    if silent.size == 0:
+        return np.full(hertz.size, np.nan)
+    place: FloatArray = np.asarray(silent * spacing_hz, dtype=np.float64)
+    turn = np.interp(place, hertz, np.unwrap(np.angle(value)))
+    response = np.exp(np.interp(place, hertz, np.log(np.abs(value))) + 1j * turn)
+    lines = position[:, :, silent] - response * command[:, :, silent]
+    beyond = np.mean(np.abs(lines.mean(axis=1)) ** 2, axis=0) - _between_periods(lines)
+    seen = np.abs(response) ** 2
+    return np.sqrt(np.maximum(_pooled(hertz, place, np.asarray(beyond / seen)), 0.0)) * np.abs(value)
+
+
+def _pooled(at_hz: FloatArray, place_hz: FloatArray, power: FloatArray) -> FloatArray:
+    """Return the mean of powers at place_hz (n,) over 15 % of frequency, at least eight, around each of at_hz (m,)."""
+    sums = np.concatenate([[0.0], np.cumsum(power)])
+    low = np.searchsorted(place_hz, at_hz * (1.0 - 0.5 * _POOLED))
+    high = np.searchsorted(place_hz, at_hz * (1.0 + 0.5 * _POOLED), side="right")
+    missing = np.maximum(_FEWEST - (high - low), 0)
+    low = np.maximum(np.minimum(low - (missing + 1) // 2, place_hz.size - _FEWEST), 0)
+    high = np.minimum(np.maximum(high + missing // 2, low + _FEWEST), place_hz.size)
+    return np.asarray((sums[high] - sums[low]) / np.maximum(high - low, 1))
+
+
+def _repeats(command: ComplexArray, lines: Bins) -> bool | None:
+    if command.shape[1] < 2:
+        return None
+    changing = float(np.sum(_between_periods(command)))
+    return changing < _REPEATED * float(np.sum(np.mean(np.abs(command[:, :, lines]) ** 2, axis=(0, 1))))

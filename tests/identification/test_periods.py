@@ -1,0 +1,176 @@
+"""Periodic records: noise, even and odd distortion told apart, and the best linear approximation inside its band."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.identification.identify import identify
+from tactuator.identification.result import Identification
+from tactuator.report.plates.device.identification import identification_plate
+from tactuator.signals.multisine import Periods, odd_lines, periods_of
+from tactuator.signals.record import Record
+from tests.identification.springs import Multisines, hardening, lines_of, rubbing
+
+RATE_HZ, PERIOD, RMS = 610.35, 256, 0.4
+SIZE, DAMPING = 435.0, 85.0
+LINES = lines_of(RATE_HZ, PERIOD, (2.0, 200.0), np.random.default_rng(1))
+PLAN = Multisines(RATE_HZ, PERIOD, 3, 4, LINES)
+HERTZ = LINES * RATE_HZ / PERIOD
+CUBIC, SQUARE = np.array([0.0, 0.3, 0.3, 0.3, 0.0]), np.array([0.0, 0.0, 0.0, 0.0, 0.06])
+NOISE = 1e-3
+
+
+def levels_of(plan: Multisines, commands: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Best linear approximation, its distortion at the excited lines, and that of odd and even silent lines."""
+    u, y = (np.fft.rfft(one[plan.period :], axis=0) for one in (commands, positions))
+    lines = plan.lines
+    value = np.sum(y[lines] * np.conj(u[lines]), axis=1) / np.sum(np.abs(u[lines]) ** 2, axis=1)
+    loud = np.mean(np.abs(u[lines]) ** 2)
+    silent = np.setdiff1d(np.arange(lines[0], lines[-1]), lines)
+    left = np.mean(np.abs(y[lines] - value[:, None] * u[lines]) ** 2, axis=1)
+    odd, even = (np.mean(np.abs(y[silent[silent % 2 == part]]) ** 2, axis=1) for part in (1, 0))
+    return value, np.sqrt(left / loud), np.sqrt(odd / loud), np.sqrt(even / loud)
+
+
+@pytest.fixture(scope="module")
+def found() -> list[Identification]:
+    """Identifications of one linear, three hardening and one lopsided spring."""
+    rng = np.random.default_rng(2)
+    commands = PLAN.commands(CUBIC.size, RMS, rng)
+    positions = hardening(commands, RATE_HZ, SIZE, DAMPING, CUBIC, SQUARE)
+    positions += NOISE * rng.standard_normal(positions.shape)
+    return [identify(Record(RATE_HZ, commands[:, k], positions[:, k], about=PLAN.about())) for k in range(CUBIC.size)]
+
+
+@pytest.fixture(scope="module")
+def truth() -> tuple[np.ndarray, ...]:
+    one = Multisines(RATE_HZ, PERIOD, 2, 1, LINES)
+    commands = one.commands(1000, RMS, np.random.default_rng(3))
+    return levels_of(one, commands, hardening(commands, RATE_HZ, SIZE, DAMPING, 0.3))
+
+
+def held_response(one: Identification) -> np.ndarray:
+    """The model behind a converter that holds, by its impulse response: nothing of the package."""
+    poles, gain = np.roots(one.model.den), one.model
+    residues = np.array([np.polyval(gain.num, p) / np.polyval(np.polyder(gain.den), p) for p in poles])
+    step = np.exp(2j * np.pi * HERTZ / RATE_HZ)[:, None]
+    turned = np.exp(poles / RATE_HZ)
+    return np.sum(residues / poles * (turned - 1.0) / (step - turned), axis=1)
+
+
+def test_identify__linear_mechanism_under_multisines__shows_noise_alone(found: list[Identification]) -> None:
+    one = found[0]
+    assert one.distortion is not None
+    assert not one.distortion.shows
+    assert (one.order, one.model.num.size, one.tests.feedback) == (2, 1, False)
+    # the mean of two periods; a line's power beside that of all samples
+    expected = NOISE / np.sqrt(2.0 * PERIOD) / (RMS / np.sqrt(2.0 * LINES.size))
+    assert np.median(one.distortion.noise) == pytest.approx(expected, rel=0.15)
+    np.testing.assert_allclose(one.model.den, [1.0, DAMPING, SIZE**2], rtol=0.01)
+
+
+def test_identify__hardening_spring__levels_are_right_and_the_band_holds(
+    found: list[Identification], truth: tuple[np.ndarray, ...]
+) -> None:
+    value, distortion, odd, _ = truth
+    inside = []
+    for one in found[1:4]:
+        seen = one.distortion
+        assert seen is not None
+        assert seen.shows
+        assert any("best linear approximation" in remark for remark in one.remarks)
+        assert abs(np.median(20.0 * np.log10(seen.distortion / distortion))) < 3.0
+        assert abs(20.0 * np.log10(np.median(seen.odd) / np.median(odd))) < 3.0
+        assert np.all(seen.even[np.isfinite(seen.even)] < 0.3 * np.median(odd))
+        off = np.log(held_response(one) * np.exp(-2j * np.pi * HERTZ * one.model.delay_s) / value)
+        inside += [np.abs(off.real) * 8.686 <= one.model.band_db(HERTZ), np.abs(off.imag) <= one.model.band_rad(HERTZ)]
+    assert np.mean(inside) > 0.85
+
+
+def test_identify__lopsided_spring__shows_on_even_lines(found: list[Identification]) -> None:
+    seen = found[4].distortion
+    assert seen is not None
+    assert seen.shows
+    assert np.median(seen.even) > 3.0 * np.median(seen.noise)
+    assert np.median(seen.even) > 3.0 * np.median(seen.odd)
+
+
+def test_identify__distortion__widens_the_band_and_is_drawn(found: list[Identification]) -> None:
+    assert found[1].model.band_db(HERTZ).min() > 3.0 * found[0].model.band_db(HERTZ).min()
+    top = identification_plate(found[1]).figure.axes[0]
+    labels = [text.get_text() for text in top.get_legend().get_texts()]
+    assert {"model", "95 % band", "noise", "noise and distortion", "distortion, odd lines"} <= set(labels)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("kind", ["hardening", "rubbing"])
+def test_identify__forty_realisations__band_holds_the_best_linear_approximation(kind: str) -> None:
+    lines = lines_of(RATE_HZ, 1024, (1.0, 200.0), np.random.default_rng(5))
+    plan, one = Multisines(RATE_HZ, 1024, 3, 4, lines), Multisines(RATE_HZ, 1024, 2, 1, lines)
+
+    def positions_of(commands: np.ndarray) -> np.ndarray:
+        if kind == "hardening":
+            return hardening(commands, RATE_HZ, SIZE, DAMPING, 0.5)
+        return rubbing(commands, RATE_HZ, SIZE, DAMPING, 0.1, 0.5)
+
+    rng = np.random.default_rng(6)
+    many = np.hstack([one.commands(500, RMS, rng) for _ in range(8)])
+    value, distortion, _, _ = levels_of(one, many, positions_of(many))
+    commands = plan.commands(40, RMS, rng)
+    positions = positions_of(commands)
+    positions += 3e-3 * positions.std() * rng.standard_normal(positions.shape)
+    hertz = lines * RATE_HZ / 1024
+    inside, level = [], []
+    for k in range(40):
+        made = identify(Record(RATE_HZ, commands[:, k], positions[:, k], about=plan.about()))
+        seen = made.distortion
+        assert seen is not None
+        poles = np.roots(made.model.den)
+        residues = np.polyval(made.model.num, poles) / np.polyval(np.polyder(made.model.den), poles)
+        turned, step = np.exp(poles / RATE_HZ), np.exp(2j * np.pi * hertz / RATE_HZ)[:, None]
+        held = np.sum(residues / poles * (turned - 1.0) / (step - turned), axis=1)
+        off = np.log(held * np.exp(-2j * np.pi * hertz * made.model.delay_s) / value)
+        inside.append(
+            [np.abs(off.real) * 8.686 <= made.model.band_db(hertz), np.abs(off.imag) <= made.model.band_rad(hertz)]
+        )
+        level.append(20.0 * np.log10(np.median(seen.distortion / distortion)))
+    assert np.mean(inside) >= 0.9
+    assert np.max(np.abs(level)) < 3.0
+
+
+def test_periods__attributes__are_read_back() -> None:
+    plan = Periods(256, 3, 4, LINES)
+    about = plan.attributes() | {"rig": "simulated"}
+    read = periods_of(about, plan.samples)
+    assert read is not None
+    assert (read.period, read.repeats, read.realisations) == (256, 3, 4)
+    np.testing.assert_array_equal(read.lines, LINES)
+    assert periods_of({"rig": "simulated"}, 10) is None
+    with pytest.raises(BadInput, match="its periods need 3072"):
+        periods_of(about, 3071)
+    with pytest.raises(BadInput, match="whole numbers"):
+        periods_of(about | {"periods": "many"}, plan.samples)
+    whole = Record(100.0, np.arange(3072.0), np.arange(3072.0), about=about)
+    assert periods_of(whole.part(slice(100, None)).about, 2972) is None
+
+
+@pytest.mark.parametrize("change", [{"period": 4}, {"repeats": 1}, {"lines": np.array([3, 2])}, {"lines": LINES + 200}])
+def test_periods__that_cannot_be__are_refused(change: dict) -> None:
+    with pytest.raises(BadInput, match="allowed"):
+        replace(Periods(256, 3, 4, LINES), **change)
+
+
+def test_odd_lines__are_odd_off_mains_and_leave_odd_ones_silent() -> None:
+    lines = odd_lines((0.4, 300.0), 4000.0, 20000, 160, np.random.default_rng(0))
+    assert np.all(lines % 2 == 1)
+    hertz = lines * 0.2
+    assert np.all(np.abs(hertz - 60.0 * np.round(hertz / 60.0)) > 0.25)
+    odd, even = Periods(20000, 3, 4, lines).silent(4000.0)
+    assert odd.size > 20
+    assert even.size > 100
+    with pytest.raises(BadInput, match="allowed: 8 or more"):
+        odd_lines((0.4, 300.0), 4000.0, 100, 160, np.random.default_rng(0))
