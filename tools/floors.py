@@ -20,7 +20,7 @@ TASKS = {
     "runtime": "the core's binding: image, safety, simulation",
     "files": "read and write; the nouns; L, S, T and margins",
     "perception": "curves and levels; systems, stimuli, spectra",
-    "arrays": "types of arrays; the tree of errors",
+    "arrays": "types of arrays; the tree of errors; helper processes",
 }
 LEFT, WIDE, ROW, GAP, BOX = 84, 400, 46, 8, 34
 WIDTH = 860

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import logging
 import os
-import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -16,6 +15,7 @@ from typing import Protocol
 
 from tactuator.corpus.task import CorpusOutcome, CorpusTask, do_task
 from tactuator.errors import BadInput
+from tactuator.helper_process import begin_helper
 
 ATTEMPTS_MAX = 3
 """Number of workers that a task may lose before it counts as failed, since the task itself may kill them."""
@@ -72,7 +72,7 @@ class LocalProcesses:
     def _pool(self, tasks: Sequence[CorpusTask], begun: list[CorpusTask]) -> Iterator[CorpusOutcome]:
         """Yield outcomes from one pool; `begun` ends up holding the tasks that were handed out and not done."""
         queue = iter(tasks)
-        pool = ProcessPoolExecutor(self.count, _context(), initializer=_leave_interrupts_to_the_parent)
+        pool = ProcessPoolExecutor(self.count, _context(), initializer=begin_helper)
         running: dict[Future[CorpusOutcome], CorpusTask] = {}
         try:
             while True:
@@ -96,10 +96,6 @@ def _context() -> BaseContext:
     context = get_context("forkserver")
     context.set_forkserver_preload(["tactuator.corpus.task"])
     return context
-
-
-def _leave_interrupts_to_the_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 class DaskCluster:

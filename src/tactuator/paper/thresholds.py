@@ -6,7 +6,6 @@ The chain is the one that a laboratory uses: a protocol, a store, `thresholds` o
 from __future__ import annotations
 
 import multiprocessing
-import signal
 import tempfile
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -26,6 +25,7 @@ from tactuator.experiment.simulated.observer import Observer
 from tactuator.experiment.simulated.sitting import run_study
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
+from tactuator.helper_process import begin_helper
 from tactuator.paper.plan import THRESHOLD_HZ, Plan, Progress, observers
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.rig.simulated import SimulatedRig
@@ -87,7 +87,7 @@ def measure_thresholds(plan: Plan, controller: Controller, progress: Progress) -
     # spawned, not forked: a progress bar's thread may hold a lock at that moment
     context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as folder:
-        pool = ProcessPoolExecutor(_WORKER_COUNT, context, initializer=_leave_interrupts_to_the_parent)
+        pool = ProcessPoolExecutor(_WORKER_COUNT, context, initializer=begin_helper)
         try:
             stores = {one.name: Path(folder) / f"{one.name}.db" for one in people}
             jobs = {pool.submit(run_observer, plan, controller, one, stores[one.name]): one.name for one in people}
@@ -102,10 +102,6 @@ def measure_thresholds(plan: Plan, controller: Controller, progress: Progress) -
     channel = plan.display.channels[0]
     curve = group_curve(found, channel.threshold.curve, channel.threshold.band_hz).curve
     return Detected(tuple(_known(one, curves[one.subject]) for one in found), curve)
-
-
-def _leave_interrupts_to_the_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def run_observer(plan: Plan, controller: Controller, observer: Observer, store: Path) -> None:
