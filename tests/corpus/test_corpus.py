@@ -21,7 +21,7 @@ from tactuator.corpus.items import find_items
 from tactuator.corpus.journal import NAME as JOURNAL
 from tactuator.corpus.task import CorpusOutcome, CorpusTask
 from tactuator.corpus.workers import ATTEMPTS_MAX, DaskCluster, Here, LocalProcesses
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, DeviceFault
 from tactuator.files.display import parse_display
 from tactuator.files.reference import content_sha256
 from tactuator.speech.coding.direct import DirectCoding
@@ -241,6 +241,32 @@ def test_dask_cluster__a_worker_killed_in_mid_run__complete_and_equal_to_serial(
     assert (tmp_path / "out" / MANIFEST).read_bytes() == (tmp_path / "serial" / MANIFEST).read_bytes()
     for entry in manifest(tmp_path / "out")["files"]:
         assert content_sha256(tmp_path / "out" / entry["out"]) == entry["sha256"]
+
+
+@pytest.mark.slow
+def test_dask_cluster__its_scheduler_killed__told_in_one_line_and_gone_on_with_later(job, corpus, tmp_path):
+    quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard", "--host", address]
+    scheduler = subprocess.Popen(command, **quiet)
+    worker = subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_worker", address, "--no-dashboard"], **quiet)
+    try:
+
+        def kill_once(done, total):
+            if done == 3:
+                scheduler.kill()
+
+        with DaskCluster(address, timeout_s=30.0) as workers, pytest.raises(DeviceFault) as told:
+            run_corpus(corpus, tmp_path / "out", job, workers, progress=kill_once)
+    finally:
+        for one in (scheduler, worker):
+            one.kill()
+            one.wait()
+    assert str(told.value).startswith(f"the Dask scheduler at '{address}' has ended; allowed: the command again")
+    assert "\n" not in str(told.value)
+    assert run_corpus(corpus, tmp_path / "out", job, Here()).kept >= 1
 
 
 def test_dask_cluster__no_scheduler__told_in_one_line():

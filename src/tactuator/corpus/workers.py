@@ -7,14 +7,14 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_all_start_methods, get_context
 from multiprocessing.context import BaseContext
 from typing import Protocol
 
 from tactuator.corpus.task import CorpusOutcome, CorpusTask, do_task
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, DeviceFault
 from tactuator.helper_process import begin_helper
 
 ATTEMPTS_MAX = 3
@@ -110,7 +110,9 @@ class DaskCluster:
         except ImportError:
             raise BadInput("dask.distributed is not installed; allowed: pip install 'tactuator[batch]'") from None
         self._distributed = distributed
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        for name in ("distributed", "distributed.client"):
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what happens is told in a line of ours
+        self._address = address
         try:
             self._client = distributed.Client(address, timeout=timeout_s, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
@@ -120,8 +122,16 @@ class DaskCluster:
 
     def outcomes(self, tasks: Sequence[CorpusTask]) -> Iterator[CorpusOutcome]:
         """Yield one outcome for every task, as the tasks are done; the scheduler gives a killed worker's tasks to
-        others.
+        others. Raises DeviceFault where the scheduler itself ends.
         """
+        try:
+            yield from self._outcomes(tasks)
+        except (self._distributed.client.FutureCancelledError, CancelledError, OSError):
+            raise DeviceFault(
+                f"the Dask scheduler at {self._address!r} has ended; allowed: the command again; it keeps what is done"
+            ) from None
+
+    def _outcomes(self, tasks: Sequence[CorpusTask]) -> Iterator[CorpusOutcome]:
         names = {}
         queue, ahead = iter(tasks), self._distributed.as_completed(loop=self._client.loop)
         for task in self._first(queue):
