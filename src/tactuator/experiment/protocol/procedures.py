@@ -93,7 +93,7 @@ class CurveProcedure(Part):
 
     kind: Literal["curve"]
     trials: int = 150
-    points: int = Field(default=20, le=60)
+    points: int = Field(default=28, le=60)
     floor_db_sl: Level = -30.0
     ceiling_db_sl: Level = 50.0
     prior: PriorPart = PriorPart()

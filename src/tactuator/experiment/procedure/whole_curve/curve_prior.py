@@ -32,7 +32,7 @@ class CurvePrior:
     """
 
     band_hz: tuple[float, float] = (0.4, 300.0)
-    points: int = 20
+    points: int = 28
     mains_hz: float = 60.0
     clearance_hz: float = 2.5
     normal_share: float = 0.42
