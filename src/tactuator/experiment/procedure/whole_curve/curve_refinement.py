@@ -75,7 +75,7 @@ def refine(
     seen: NDArray[np.bool_],
     sites: Sites,
 ) -> Refined:
-    """Refine n components.
+    """Refine n components from their sites, and return them with their evidence.
 
     prior_mean: (n, points). prior_covariance: (n, points, points). log_likelihood: (n, points, levels) of
     PointLikelihoods. seen: (n, points), points that had trials. sites: where to begin; zeros where nothing is known.
