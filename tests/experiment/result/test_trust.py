@@ -7,6 +7,7 @@ import pytest
 
 from tactuator.cli.experiment.results import person_thresholds
 from tactuator.errors import BadInput
+from tactuator.experiment.language.words import shipped_words
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.result.group_curve import group_curve
 from tactuator.experiment.result.psychometric_trials import psychometric_trials
@@ -101,7 +102,7 @@ def test_thresholds__on_a_simulated_rig__are_called_simulated(study) -> None:
     store, _ = study
     found = thresholds(detection_runs(store))
     assert all(one.simulated for one in found)
-    assert any("simulated" in note for note in threshold_table(found).notes)
+    assert any("simulated" in note for note in threshold_table(found, shipped_words("en")).notes)
     assert group_curve(found, LIBRARY, (0.4, 300.0)).curve.provenance == "simulated"
     plates = psychometric_trials(detection_runs(store), found)
     plate = psychometric_plate("S1", plates["S1"])
@@ -164,4 +165,4 @@ def test_delivered__nothing_near_or_only_noise__is_unknown() -> None:
 def test_threshold__is_a_named_point(study) -> None:
     one = thresholds(detection_runs(study[0]))[0]
     assert isinstance(one, MeasuredThreshold)
-    assert any("79.4 % correct" in note for note in threshold_table([one]).notes)
+    assert any("79.4 % correct" in note for note in threshold_table([one], shipped_words("en")).notes)

@@ -14,6 +14,7 @@ from tactuator.cli.answer import answer, progress, shown
 from tactuator.cli.experiment.apparatus import opened_apparatus
 from tactuator.cli.experiment.terminal import Terminal, fresh_token
 from tactuator.errors import BadInput
+from tactuator.experiment.language.words import shipped_words
 from tactuator.experiment.protocol.file import read_identification
 from tactuator.experiment.protocol.identification import IdentificationProtocol
 from tactuator.experiment.result.confusion import AbxResult, SubjectResult, identification_results
@@ -88,7 +89,11 @@ def transfer(
     if matrix is not None:
         named = read_matrix(matrix)
         found = information(named.counts, rng, seconds_per_stimulus=seconds, draws=draws)
-        answer({"matrix": str(matrix), **_plain(found)}, as_json, shown(information_table(str(matrix), found)))
+        answer(
+            {"matrix": str(matrix), **_plain(found)},
+            as_json,
+            shown(information_table(str(matrix), found, shipped_words("en"))),
+        )
         return
     if seconds is not None:
         raise BadInput("--seconds with --store; allowed: with --matrix, since a store knows its stimuli's durations")
@@ -102,12 +107,16 @@ def transfer(
     answer(
         figures,
         as_json,
-        Group(*(shown(information_table(_title(one), one.information)) for one in results), *map(_abx, abx)),
+        Group(
+            *(shown(information_table(_title(one), one.information, shipped_words("en"))) for one in results),
+            *map(_abx, abx),
+        ),
     )
 
 
 def _plain(found: Information) -> dict[str, Any]:
     figures = asdict(found)
+    del figures["reasons"]  # they are in warning and no_interval, as one line each
     for name, estimate in found.estimates.items():
         figures["estimates"][name]["categories"] = estimate.categories
     return figures

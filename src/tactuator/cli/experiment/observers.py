@@ -12,13 +12,13 @@ from tactuator.perception.relative_curve import RelativeCurve
 
 def truths_of(given: Sequence[str]) -> dict[str, RelativeCurve]:
     """Read curves of SUBJECT=CSV; raises BadInput for what has another form, and for a curve that cannot be read."""
-    return {code: read_relative_curve(Path(text)) for code, text in _pairs("--truth", "CSV", given)}
+    return {code: read_relative_curve(Path(text)) for code, text in pairs("--truth", "SUBJECT=CSV", given)}
 
 
 def lapses_of(given: Sequence[str]) -> dict[str, float]:
     """Read lapse rates of SUBJECT=RATE; raises BadInput for what has another form."""
     found = {}
-    for code, text in _pairs("--lapse", "RATE", given):
+    for code, text in pairs("--lapse", "SUBJECT=RATE", given):
         try:
             found[code] = float(text)
         except ValueError:
@@ -26,13 +26,15 @@ def lapses_of(given: Sequence[str]) -> dict[str, float]:
     return found
 
 
-def _pairs(option: str, what: str, given: Sequence[str]) -> list[tuple[str, str]]:
-    pairs = []
+def pairs(option: str, form: str, given: Sequence[str]) -> list[tuple[str, str]]:
+    """Return (name, value) of each text of the form NAME=VALUE. Raises BadInput for another form, or a name twice."""
+    found = []
     for text in given:
         code, equals, value = text.partition("=")
         if not (code and equals and value):
-            raise BadInput(f"{option} {text!r}; allowed: SUBJECT={what}")
-        pairs.append((code, value))
-    if len({code for code, _ in pairs}) != len(pairs):
-        raise BadInput(f"{option} twice for a subject; allowed: each subject once")
-    return pairs
+            raise BadInput(f"{option} {text!r}; allowed: {form}")
+        found.append((code, value))
+    if len({code for code, _ in found}) != len(found):
+        name = form.partition("=")[0].lower()
+        raise BadInput(f"{option} twice for a {name}; allowed: each {name} once")
+    return found

@@ -12,6 +12,7 @@ from rich.console import Group
 
 from tactuator.cli.answer import shown, working, written
 from tactuator.errors import BadInput
+from tactuator.experiment.language.words import shipped_words
 from tactuator.experiment.result.group_curve import GroupCurve, circumstances, group_curve
 from tactuator.experiment.result.psychometric_trials import psychometric_trials
 from tactuator.experiment.result.tables import threshold_table
@@ -57,7 +58,7 @@ def results(
             psychometric_plate(subject, trials).save(figures)
     answer = {"thresholds": [_plain(one) for one in found], "curve": _curve(across), "left_out": _left_out(across)}
     made = written(curve_out, figures) if across is not None else []
-    return answer, Group(shown(threshold_table(found)), *_told(across), *made)
+    return answer, Group(shown(threshold_table(found, shipped_words("en"))), *_told(across), *made)
 
 
 def _told(group: GroupCurve | None) -> list[str]:

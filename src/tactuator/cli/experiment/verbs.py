@@ -63,6 +63,27 @@ def serve(
     """
 
 
+@does("experiment.enrol:run", reads=["store"])
+def enrol(
+    code: Annotated[str, typer.Argument(help="Code of the subject: letters and digits.", metavar="CODE")],
+    store: StoreFile,
+    study: Annotated[
+        str | None, typer.Option("--study", help="Name of the study; default: the store's only one.")
+    ] = None,
+    group: Annotated[
+        str | None, typer.Option(help="hearing, hearing-impaired, simulated or unknown (the default).")
+    ] = None,
+    participant_id: Annotated[str | None, typer.Option(help="The subject's name elsewhere.")] = None,
+    skin_temperature_c: Annotated[float | None, typer.Option(help="Skin temperature of the day, °C.")] = None,
+    fact: Annotated[
+        list[str] | None, typer.Option("--fact", metavar="NAME=VALUE", help="An item of [[demographic]]; repeatable.")
+    ] = None,
+    visit: Annotated[bool, typer.Option("--visit", help="A further visit of a subject who is enrolled.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Enrol a subject in a study of the store, or give one a further visit, and show the links of all visits."""
+
+
 @does("experiment.study:observe", reads=["protocol", "display", "controller"])
 def observe(
     protocol: ProtocolFile,
@@ -162,6 +183,7 @@ def simulate(
 
 VERBS: Verbs = {
     "experiment serve": serve,
+    "experiment enrol": enrol,
     "experiment observe": observe,
     "experiment thresholds": thresholds,
     "experiment export": export,

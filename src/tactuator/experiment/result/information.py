@@ -6,13 +6,14 @@ Counted from few trials it comes out too high, and every correction fails somewh
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.experiment.language.words import Words, shipped_words
 from tactuator.experiment.result.confusion_posterior import information_draws
 
 ESTIMATORS = ("plug_in", "miller_madow", "all_cells", "error_rule")
@@ -47,12 +48,25 @@ class InformationEstimate:
         return float(2.0**self.bits)
 
 
+@dataclass(frozen=True)
+class Reason:
+    """A reason for caution: its text is that of key in the table [results] of a language, with the values put in."""
+
+    key: str
+    values: dict[str, str] = field(default_factory=dict)
+
+    def told(self, words: Words) -> str:
+        """Return the reason in these words."""
+        return words(f"results.{self.key}", **self.values)
+
+
 @dataclass(frozen=True, eq=False)
 class Information:
     """Information transfer of a confusion matrix.
 
     estimates: by name, as in ESTIMATORS, and POSTERIOR. bits_per_second: by name, where the time that a stimulus takes
-    is known. warning: None or one line. no_interval: None, or the reason why the estimates have no interval.
+    is known. warning: None or one line. no_interval: None, or the reason why the estimates have no interval. reasons:
+    both of these where they are there, for texts in other languages.
     """
 
     stimuli: int
@@ -64,6 +78,7 @@ class Information:
     bits_per_second: dict[str, float] | None
     warning: str | None
     no_interval: str | None = None
+    reasons: tuple[Reason, ...] = ()
 
 
 def confusion_counts(matrix: ArrayLike) -> NDArray[np.int64]:
@@ -147,6 +162,7 @@ def information(
     per_second = None
     if seconds_per_stimulus is not None:
         per_second = {name: estimate.bits / seconds_per_stimulus for name, estimate in estimates.items()}
+    few, english = _few_trials(counts), shipped_words("en")
     trials, square = int(counts.sum()), counts.shape[0] == counts.shape[1]
     return Information(
         stimuli=int(_stimuli(counts)),
@@ -156,8 +172,9 @@ def information(
         confidence=confidence,
         estimates=estimates,
         bits_per_second=per_second,
-        warning=_warning(counts),
-        no_interval=why,
+        warning=None if few is None else few.told(english),
+        no_interval=None if why is None else why.told(english),
+        reasons=tuple(one for one in (few, why) if one is not None),
     )
 
 
@@ -176,24 +193,26 @@ def _posterior(
     )
 
 
-def _no_interval(counts: NDArray[np.int64]) -> str | None:
+def _no_interval(counts: NDArray[np.int64]) -> Reason | None:
     """Return why there is no interval, or None where there is one."""
     if counts.shape[0] != counts.shape[1]:
-        return "no interval: responses are not those of the stimuli"
+        return Reason("other_responses")
     if np.any(counts.sum(axis=1) == 0):
-        return "no interval: a stimulus was never presented"
+        return Reason("never_presented")
     each, wanted = float(_trials(counts)) / counts.shape[0], 0.5 * counts.shape[0]
     if each < wanted:
-        return f"no interval: {each:.3g} trials a stimulus; allowed: {wanted:g} or more with {counts.shape[0]} stimuli"
+        values = {"each": f"{each:.3g}", "wanted": f"{wanted:g}", "stimuli": str(counts.shape[0])}
+        return Reason("few_each", values)
     return None
 
 
-def _warning(counts: NDArray[np.int64]) -> str | None:
+def _few_trials(counts: NDArray[np.int64]) -> Reason | None:
     stimuli, responses, trials = int(_stimuli(counts)), counts.shape[1], int(counts.sum())
     wanted = TRIALS_PER_CELL_MIN * stimuli * responses
     if trials >= wanted:
         return None
-    return f"{trials} trials for {stimuli} x {responses} cells; below {wanted} (5 a cell) these estimates are biased"
+    values = {"trials": trials, "stimuli": stimuli, "responses": responses, "wanted": wanted}
+    return Reason("few_trials", {name: str(value) for name, value in values.items()})
 
 
 def _n_log_n(counts: NDArray[np.int64]) -> FloatArray:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from tactuator.experiment.language.words import Words
 from tactuator.experiment.result.confusion import AbxResult, SubjectResult
 from tactuator.experiment.result.information import Information
 from tactuator.experiment.result.thresholds import MeasuredThreshold
@@ -23,9 +25,10 @@ class ResultTable:
     notes: tuple[str, ...] = ()
 
 
-def threshold_table(found: Sequence[MeasuredThreshold]) -> ResultTable:
+def threshold_table(found: Sequence[MeasuredThreshold], words: Words) -> ResultTable:
     """Return a table with a row for each threshold."""
-    columns = ("subject", "finger", "Hz", "trials", "procedure", "refit", "95 %", "dB re 1 µm", "flags")
+    columns = ["subject", "finger", "hertz", "trials", "procedure", "refit", "interval", "level", "flags"]
+    heads = tuple(words(f"results.{name}", **({"percent": 95} if name == "interval" else {})) for name in columns)
     rows = tuple(
         (
             one.subject,
@@ -34,56 +37,64 @@ def threshold_table(found: Sequence[MeasuredThreshold]) -> ResultTable:
             str(one.trials),
             "–" if one.own_db_sl is None else f"{one.own_db_sl:.2f}",
             f"{_BOUNDS[one.bound]}{one.refit_db_sl:.2f}",
-            f"{one.refit_low_db_sl:.1f} to {one.refit_high_db_sl:.1f}",
+            words("results.range", low=f"{one.refit_low_db_sl:.1f}", high=f"{one.refit_high_db_sl:.1f}"),
             f"{one.level_db_re_1um:.2f}",
-            ", ".join(one.flags),
+            ", ".join(words(f"results.flag_{name.replace('-', '_')}") for name in one.flags),
         )
         for one in found
     )
-    points = " and ".join(sorted({f"{100.0 * one.point:.1f} %" for one in found}))
-    notes = [f"at {points} correct, lapses included, by procedure and refit alike"]
+    points = ", ".join(sorted({f"{100.0 * one.point:.1f}" for one in found}))
+    notes = [words("results.point", percent=points)]
     if any(one.simulated for one in found):
-        notes.append("simulated: nobody felt this")
-    blind = [one for one in found if one.lapse_power is not None and one.lapse_power < _POWER_MIN]
-    if blind:
-        notes.append(
-            f"lapses: not judged in {len(blind)} of {len(found)} (a rate of 15 % would show in under half); "
-            "loud catch trials would help"
-        )
-    still = [one for one in found if one.drift_power is not None and one.drift_power < _POWER_MIN]
-    if still:
-        notes.append(
-            f"drift: not judged in {len(still)} of {len(found)} (6 dB would show in under half); longer runs would help"
-        )
-    return ResultTable("Thresholds (dB SL commanded; dB re 1 µm delivered)", columns, rows, tuple(notes))
+        notes.append(words("results.simulated"))
+    for name, powers in (
+        ("results.lapses_unjudged", [one.lapse_power for one in found]),
+        ("results.drift_unjudged", [one.drift_power for one in found]),
+    ):
+        weak = sum(power is not None and power < _POWER_MIN for power in powers)
+        if weak:
+            notes.append(words(name, count=weak, all=len(found)))
+    return ResultTable(words("results.thresholds"), heads, rows, tuple(notes))
 
 
-def information_table(title: str, found: Information) -> ResultTable:
+def information_table(title: str, found: Information, words: Words) -> ResultTable:
     """Return a table with a row for each estimator."""
     rates = found.bits_per_second or {}
     rows = tuple(
         (
-            name.replace("_", " "),
-            f"{estimate.bits:.2f}",
+            words(f"results.estimator_{name}"),
+            _number(estimate.bits, 2),
             "–" if estimate.low_bits is None else f"{estimate.low_bits:.2f} – {estimate.high_bits:.2f}",
-            f"{estimate.categories:.1f}",
-            f"{rates[name]:.2f}" if name in rates else "–",
+            _number(estimate.categories, 1),
+            _number(rates.get(name, math.nan), 2),
         )
         for name, estimate in found.estimates.items()
     )
-    told = f"{found.trials} trials, {found.stimuli} stimuli, {100.0 * found.share_correct:.1f} % correct"
-    warnings = [f"warning: {text}" for text in (found.warning, found.no_interval) if text is not None]
-    return ResultTable(
-        title, ("estimator", "bits", f"{100.0 * found.confidence:g} %", "2^bits", "bits/s"), rows, (told, *warnings)
+    correct = _number(100.0 * found.share_correct, 1)
+    told = words("results.answered", trials=found.trials, stimuli=found.stimuli, percent=correct)
+    warnings = [words("results.warning", text=one.told(words)) for one in found.reasons]
+    heads = (
+        words("results.estimator"),
+        words("results.bits"),
+        words("results.interval", percent=f"{100.0 * found.confidence:g}"),
+        words("results.categories"),
+        words("results.rate"),
     )
+    return ResultTable(title, heads, rows, (told, *warnings))
 
 
-def matrix_table(one: SubjectResult) -> ResultTable:
+def _number(value: float, digits: int) -> str:
+    """Return the number with so many digits after the point, or a dash for NaN."""
+    return "–" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def matrix_table(one: SubjectResult, words: Words) -> ResultTable:
     """Return the confusion matrix as a table."""
     rows = tuple((label, *map(str, counts)) for label, counts in zip(one.labels, one.counts.tolist(), strict=True))
-    return ResultTable("Confusion matrix (a row a stimulus, a column a response)", ("", *one.labels), rows)
+    return ResultTable(words("results.matrix"), ("", *one.labels), rows)
 
 
-def abx_table(one: AbxResult) -> ResultTable:
+def abx_table(one: AbxResult, words: Words) -> ResultTable:
     """Return the share of right answers as a table."""
-    return ResultTable("ABX", ("trials", "% correct"), ((str(one.trials), f"{100.0 * one.share_correct:.1f}"),))
+    row = (str(one.trials), f"{100.0 * one.share_correct:.1f}")
+    return ResultTable(words("results.abx"), (words("results.trials"), words("results.correct")), (row,))

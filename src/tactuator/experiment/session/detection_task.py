@@ -135,7 +135,7 @@ class DetectionTask:
         found = thresholds([run for run in detection_runs(store) if run.session.id == session])
         if not found:
             raise BadInput("the session has no run that is done; allowed: results after the first")
-        return (threshold_table(found),)
+        return (threshold_table(found, self.words),)
 
 
 def curve_picture(procedure: WholeCurve, title: str) -> Picture:

@@ -98,8 +98,11 @@ class IdentificationTask:
         matrices, abx = session_results(store, self.protocol, session, rng)
         if not matrices and not abx:
             raise BadInput("the session's test blocks have no answers yet; allowed: results after some")
-        tables = [(matrix_table(one), information_table("Information transfer", one.information)) for one in matrices]
-        return (*(table for pair in tables for table in pair), *map(abx_table, abx))
+        words, tables = self.words, list[ResultTable]()
+        for one in matrices:
+            title = words("results.information")
+            tables += [matrix_table(one, words), information_table(title, one.information, words)]
+        return (*tables, *(abx_table(one, words) for one in abx))
 
     def play(self, trial: Trial, callbacks: PlaybackCallbacks) -> tuple[tuple[IntervalRecord, ...], Presentation]:
         """Play the items of a trial on every channel, and return the records of its intervals and the presentation.

@@ -17,6 +17,7 @@ from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
 from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.clock import Clock
 from tactuator.experiment.session.detection_task import DetectionTask
+from tactuator.experiment.session.enrolment import Books, add_visit, enrol
 from tactuator.experiment.session.identification_task import IdentificationTask
 from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.task import SessionTask
@@ -24,7 +25,7 @@ from tactuator.experiment.store import study_records
 from tactuator.experiment.store.cells import Found, stamp
 from tactuator.experiment.store.run_records import Sitting, note
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.store.study_records import NewSubject, Tokens
+from tactuator.experiment.store.study_records import Tokens
 
 
 def task_of(protocol: StudyProtocol, beside: Path, apparatus: Apparatus) -> SessionTask:
@@ -89,36 +90,15 @@ class Study:
     def enrol(self, part: SubjectPart) -> None:
         """Add a subject with a session for each visit. Raises BadInput for one that is there, or facts not allowed."""
         with self.store.begin() as connection:
-            self._enrol(connection, part)
-
-    def _enrol(self, connection: Connection, part: SubjectPart) -> None:
-        known = study_records.subjects(connection, self.id)
-        if any(part.code == one.code for one in known):
-            raise BadInput(f"subject {part.code!r} is enrolled already; allowed: a code that is not taken")
-        if part.participant_id is not None and any(part.participant_id == one.participant_id for one in known):
-            raise BadInput(
-                f"participant id {part.participant_id!r} is another subject's; allowed: one that is not taken"
-            )
-        try:
-            facts = self.task.protocol.facts(part.demographics)
-        except ValueError as error:
-            raise BadInput(str(error)) from None
-        new = NewSubject(part.code, part.group, part.participant_id, facts=facts)
-        now = self.clock.utc()
-        row = study_records.add_subject(connection, self.id, new, now)
-        for visit in range(1, self.task.protocol.study.visits + 1):
-            token = self.tokens(part.code, visit)
-            study_records.add_session(connection, self.task.protocol, row, token, now, part.skin_temperature_c)
+            enrol(connection, self._books(), part)
 
     def add_visit(self, subject: str) -> None:
         """Add a further visit of the subject of that code. Raises BadInput where there is none."""
         with self.store.begin() as connection:
-            rows = [row for row in study_records.sessions(connection, self.id) if row.subject_code == subject]
-            if not rows:
-                raise BadInput(f"subject {subject!r} is not in the study; allowed: one that is enrolled")
-            who = next(one for one in study_records.subjects(connection, self.id) if one.code == subject)
-            token = self.tokens(subject, rows[-1].visit + 1)
-            study_records.add_session(connection, self.task.protocol, who, token, self.clock.utc())
+            add_visit(connection, self._books(), subject)
+
+    def _books(self) -> Books:
+        return Books(self.id, self.task.protocol, self.tokens, self.clock.utc())
 
     def set_day(self, session: int, skin_temperature_c: float | None, preload_n: float | None) -> None:
         """Store the data of the day of a session; what was there before is kept as an event."""
@@ -172,7 +152,7 @@ def open_study(
         known = {one.code for one in study_records.subjects(connection, study)}
         for part in task.protocol.subject:
             if part.code not in known:
-                opened._enrol(connection, part)
+                enrol(connection, opened._books(), part)
     return opened
 
 

@@ -48,6 +48,11 @@ def study_by_name(connection: Connection, name: str) -> int | None:
     return connection.execute(select(func.max(schema.study.c.id)).where(schema.study.c.name == name)).scalar()
 
 
+def study_names(connection: Connection) -> list[str]:
+    """Return the name of every study of the store once, in order."""
+    return list(connection.execute(select(schema.study.c.name).distinct().order_by(schema.study.c.name)).scalars())
+
+
 def versions(connection: Connection, study: int) -> list[Found]:
     """Return every version of the study's protocol, the oldest first."""
     table = schema.protocol_version

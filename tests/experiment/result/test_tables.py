@@ -1,0 +1,62 @@
+"""Tables of results have no word of their own: each stands in the language file."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactuator.experiment.language.words import Words, shipped_languages, shipped_words
+from tactuator.experiment.result.confusion import AbxResult, SubjectResult
+from tactuator.experiment.result.information import ESTIMATORS, POSTERIOR, information
+from tactuator.experiment.result.tables import ResultTable, abx_table, information_table, matrix_table, threshold_table
+from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold
+
+MARKED = Words("qps", {key: f"⟦{text}⟧" for key, text in shipped_words("en").texts.items()})
+
+ONE = MeasuredThreshold(
+    subject="7", group="unknown", finger="8", frequency_hz=100.0, procedure="quest-plus", run=1, trials=48, point=0.794,
+    own_db_sl=1.0, own_standard_error_db=1.0, refit_db_sl=1.1, refit_sd_db=1.0, refit_low_db_sl=-1.0,
+    refit_high_db_sl=3.0, bound="", delivered_db=0.0, delivered_sd_db=0.1, own_level_db_re_1um=1.0,
+    level_db_re_1um=1.1, level_low_db_re_1um=-1.0, level_high_db_re_1um=3.0, sd_db=1.0, curve="bolanowski-1988",
+    flags=tuple(sorted(DISQUALIFYING)), lapse_power=0.2, drift_power=0.2, simulated=True,
+)  # fmt: skip
+
+
+def words_left(table: ResultTable) -> list[str]:
+    """Return texts of the table that hold a word outside of brackets."""
+    texts = [table.caption, *table.columns, *(cell for row in table.rows for cell in row), *table.notes]
+    left = []
+    for text in texts:
+        for _ in range(3):  # a text may hold another
+            text = re.sub(r"⟦[^⟦⟧]*⟧", "", text)
+        left.append(text)
+    return [text for text in left if re.search("[A-Za-z]{2}", text)]
+
+
+@pytest.mark.parametrize(
+    "counts", [np.eye(12) * 20, np.eye(60) * 5, np.array([[5, 1, 2], [0, 6, 2]]), np.diag([9.0, 8.0, 0.0])]
+)
+def test_tables__information_in_a_language_of_ones_own__has_no_other_word(counts) -> None:
+    found = information(counts, np.random.default_rng(0), seconds_per_stimulus=0.5)
+    assert words_left(information_table(MARKED("results.information"), found, MARKED)) == []
+
+
+def test_tables__thresholds_in_a_language_of_ones_own__have_no_other_word() -> None:
+    table = threshold_table([ONE, replace(ONE, bound=">=")], MARKED)
+    assert len(table.notes) == 4
+    assert words_left(table) == []
+
+
+def test_tables__matrix_and_abx__have_no_other_word() -> None:
+    rng, counts = np.random.default_rng(0), np.array([[9, 1], [2, 8]])
+    one = SubjectResult("9", "identification", "7", ("1", "2"), counts, None, information(counts, rng))
+    assert words_left(matrix_table(one, MARKED)) == words_left(abx_table(AbxResult("9", "7", 10, 0.9), MARKED)) == []
+
+
+@pytest.mark.parametrize("language", shipped_languages())
+def test_languages__every_flag_and_estimator__has_a_text(language: str) -> None:
+    texts = shipped_words(language).texts
+    flags = {"cue", "floor", "ceiling", "trial-limit", "out-of-range", "saturated", "delivered-unknown", *DISQUALIFYING}
+    assert {f"results.flag_{name.replace('-', '_')}" for name in flags} <= set(texts)
+    assert {f"results.estimator_{name}" for name in (*ESTIMATORS, POSTERIOR)} <= set(texts)
