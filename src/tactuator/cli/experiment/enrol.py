@@ -31,7 +31,7 @@ def run(
     visit: bool,
     as_json: bool,
 ) -> None:
-    """Enrol a subject in a study of the store, or give one a further visit, and show the links of all visits."""
+    """Add a subject to a study of the store, or a further visit of one, and show the links of all visits."""
     given = [group, participant_id, skin_temperature_c, fact or None]
     if visit and any(one is not None for one in given):
         raise BadInput("--visit with facts of a new subject; allowed: --visit alone, for a subject who is enrolled")

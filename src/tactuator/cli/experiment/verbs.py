@@ -81,7 +81,7 @@ def enrol(
     visit: Annotated[bool, typer.Option("--visit", help="A further visit of a subject who is enrolled.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Enrol a subject in a study of the store, or give one a further visit, and show the links of all visits."""
+    """Add a subject to a study of the store, or a further visit of one, and show the links of all visits."""
 
 
 @does("experiment.study:observe", reads=["protocol", "display", "controller"])

@@ -16,7 +16,7 @@ from tactuator.experiment.store.study_records import NewSubject, Tokens
 
 @dataclass(frozen=True)
 class Books:
-    """What enrolment needs of a study: its row, its newest protocol, tokens for links, and the time of enrolment."""
+    """Row, newest protocol, tokens of links and time: all that enrolment in a study needs."""
 
     study: int
     protocol: StudyProtocol
