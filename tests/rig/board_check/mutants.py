@@ -1,10 +1,12 @@
 """Programs for emulated boards in which one line of the sources is altered, and nothing else.
 
-The unaltered sources are compiled once for each board; of an alteration only the files that read the altered one.
+The unaltered sources are compiled once for each board; of an alteration only the file, or, of an altered header, those
+that name a function or a constant of it, if only in another header's function.
 """
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from dataclasses import dataclass, field
@@ -22,6 +24,18 @@ class Mutant:
     old: str
     new: str
     only: str = ""
+
+
+_DEFINED = re.compile(r"^inline [^;{(]*?(\w+)\(|^#define (\w+)", re.MULTILINE)
+
+
+def _defined(text: str) -> set[str]:
+    """Inline functions and constants of a header."""
+    return {name for pair in _DEFINED.findall(text) for name in pair if name}
+
+
+def _names_any(text: str, names: set[str]) -> bool:
+    return not names.isdisjoint(re.findall(r"\w+", text))
 
 
 @dataclass
@@ -52,7 +66,7 @@ class Bench:
         source = self.folder / mutant.path
         original = source.read_text()
         assert original.count(mutant.old) == 1, f"{mutant.name}: stands {original.count(mutant.old)} times"
-        again = self.read_by[mutant.path]
+        again = self._changed_by(mutant.path)
         out = self.folder / f"{mutant.name.replace(' ', '-')}.elf"
         source.write_text(original.replace(mutant.old, mutant.new))
         try:
@@ -64,6 +78,17 @@ class Bench:
             for path in again:
                 self._object(path).unlink(missing_ok=True)
         return out
+
+    def _changed_by(self, path: str) -> list[str]:
+        if path.endswith(".c"):
+            return [path]
+        names, before = _defined((self.folder / path).read_text()), 0
+        headers = [(self.folder / each).read_text() for each in self.read_by if each.endswith(".h")]
+        while len(names) > before:
+            before = len(names)
+            for text in headers:
+                names |= _defined(text) if _names_any(text, names) else set()
+        return [each for each in self.read_by[path] if _names_any((self.folder / each).read_text(), names)]
 
     def unaltered(self) -> Path:
         """The program as it is."""
