@@ -14,11 +14,12 @@ from tactuator.experiment.result.group_curve import circumstances, group_curve
 from tactuator.experiment.result.psychometric_trials import psychometric_trials
 from tactuator.experiment.result.thresholds import thresholds
 from tactuator.experiment.session.clock import SystemClock
-from tactuator.experiment.simulated.sitting import run_study, simulated_observers
+from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.files.curve import read_curve, write_curve
 from tactuator.perception.library import curve
+from tactuator.perception.relative_curve import RelativeCurve
 from tactuator.report.plates.felt.psychometric import psychometric_plate
 from tests.experiment.session.apparatuses import PROTOCOL, apparatus
 
@@ -48,6 +49,31 @@ def test_thresholds__through_the_display__are_the_observers_own(study) -> None:
         assert 50 <= one.trials <= 160
         assert one.refit_low_db_sl < one.refit_db_sl < one.refit_high_db_sl
         assert one.own_db_sl == pytest.approx(one.refit_db_sl, abs=3.0)
+
+
+@pytest.mark.slow
+def test_delivered__298_hz_near_minus_4_db_sl__is_known_to_a_fifth_of_a_decibel(tmp_path) -> None:
+    """The sensor's hum exceeds the stimulus there; the loud trials show the gain."""
+    people = "".join(f'[[subject]]\ncode = "D{number}"\n' for number in range(6))
+    text = (
+        '[study]\nname = "delivered"\nseed = 4\n[procedure]\nkind = "quest-plus"\ntrials = 48\n'
+        f'[conditions]\nfingers = ["index"]\nfrequencies_hz = [298]\n[catch]\nloud_share = 0.2\n{people}'
+    )
+    store, codes = Store(tmp_path / "lab.db"), [f"D{number}" for number in range(6)]
+    zero = curve("bolanowski-1988")
+    low = RelativeCurve(np.array([100.0]), np.array([-4.0]), "4 dB below")
+    observers = with_truths(simulated_observers(zero, 6, seed=1), codes, zero, dict.fromkeys(codes, low), {})
+    run_study(store, parse_protocol(text), text, apparatus(), observers, SystemClock(), "finger")
+    found = thresholds(detection_runs(store))
+    store.close()
+    delivered = np.array([one.delivered_db for one in found])
+    assert len(found) == 6
+    assert max(one.delivered_sd_db for one in found) <= 0.2
+    assert delivered.std(ddof=1) <= 0.3  # six runs of a standard deviation of 0.15 to 0.2
+    assert np.ptp(delivered) > 0.0
+    for one in found:
+        assert one.sd_db == pytest.approx(float(np.hypot(one.refit_sd_db, one.delivered_sd_db)))
+        assert one.level_low_db_re_1um <= float(zero.level_db_re_1um_at(298.0)) - 4.0 <= one.level_high_db_re_1um
 
 
 def test_whole_curve__through_the_display__follows_the_truth(tmp_path) -> None:

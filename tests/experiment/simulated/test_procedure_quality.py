@@ -2,12 +2,13 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule
 from tactuator.experiment.procedure.up_down import IMECE2004, UpDownRule
-from tactuator.experiment.simulated.procedure_quality import Setting, simulate
+from tactuator.experiment.simulated.procedure_quality import Setting, run_procedure, simulate
 
 TABLE = [  # slope, lapse, bias dB, sd dB, trials, p05, p95
     (1.5, 0.0, -0.56, 1.48, 80, 63, 101),
@@ -19,31 +20,30 @@ TABLE = [  # slope, lapse, bias dB, sd dB, trials, p05, p95
 
 
 @pytest.mark.parametrize(("slope", "lapse", "bias", "sd", "trials", "low", "high"), TABLE)
-def test_imece2004__five_thousand_runs__reproduce_the_table(
+def test_imece2004__twenty_thousand_runs__reproduce_the_table(
     slope: float, lapse: float, bias: float, sd: float, trials: float, low: float, high: float
 ) -> None:
-    found = simulate(IMECE2004, Setting(5000, (slope, slope), lapse, seed=4))
-    assert found.bias_db == pytest.approx(bias, abs=0.08)
-    assert found.sd_db == pytest.approx(sd, rel=0.06)
-    assert found.trials_mean == pytest.approx(trials, abs=1.5)
-    assert found.trials_p05 == pytest.approx(low, abs=2)
-    assert found.trials_p95 == pytest.approx(high, abs=2)
+    found = run_procedure(IMECE2004, Setting(20_000, (slope, slope), lapse, seed=4))
+    assert found.estimates_db_sl.mean() == pytest.approx(bias, abs=0.06)
+    assert found.estimates_db_sl.std(ddof=1) == pytest.approx(sd, rel=0.05)
+    assert found.trials.mean() == pytest.approx(trials, abs=1.5)
+    assert np.percentile(found.trials, [5.0, 95.0]) == pytest.approx([low, high], abs=2)
 
 
 def test_floor__one_db_below_the_threshold__biases_upwards() -> None:
-    free = simulate(IMECE2004, Setting(3000, seed=1))
-    clamped = simulate(dataclasses.replace(IMECE2004, floor_db_sl=-1.0), Setting(3000, seed=1))
-    assert clamped.bias_db > free.bias_db + 0.4
+    free = run_procedure(IMECE2004, Setting(10_000, seed=1))
+    clamped = run_procedure(dataclasses.replace(IMECE2004, floor_db_sl=-1.0), Setting(10_000, seed=1))
+    assert clamped.estimates_db_sl.mean() > free.estimates_db_sl.mean() + 0.4
 
 
 def test_fourth_large_step__lets_a_large_reversal_into_the_mean() -> None:
     rule = UpDownRule(steps_db=(4.0, 4.0, 4.0, 4.0, 1.0))
-    assert simulate(rule, Setting(3000, seed=1)).bias_db > 0.2
+    assert run_procedure(rule, Setting(10_000, seed=1)).estimates_db_sl.mean() > 0.2
 
 
 @pytest.mark.parametrize("slope", [1.5, 2.0, 2.5, 3.0, 3.5])
 def test_refit__each_slope__is_less_wrong_unbiased_and_covers(slope: float) -> None:
-    found = simulate(IMECE2004, Setting(2000, (slope, slope), seed=2))
+    found = simulate(IMECE2004, Setting(1000, (slope, slope), seed=2))
     assert found.refit.rmse_db <= 0.85 * found.rmse_db
     assert abs(found.refit.bias_db) <= 0.2
     assert found.refit.coverage95 >= 0.88
@@ -58,8 +58,8 @@ def test_refit__slopes_drawn__interval_is_calibrated(lapse: float) -> None:
 
 @pytest.mark.parametrize(("trials", "rmse"), [(30, 1.50), (40, 1.23), (50, 1.08), (60, 0.97)])
 def test_quest_plus__number_of_trials__matches_or_beats_the_table(trials: int, rmse: float) -> None:
-    found = simulate(QuestPlusRule(trials=trials), Setting(700, lapse=0.02, seed=5))
-    assert found.rmse_db <= 1.04 * rmse
+    found = run_procedure(QuestPlusRule(trials=trials), Setting(700, lapse=0.02, seed=5))
+    assert np.sqrt(np.mean(found.estimates_db_sl**2)) <= 1.04 * rmse
 
 
 def test_simulate__same_seed__gives_the_same() -> None:

@@ -29,7 +29,11 @@ TRIALS_PER_CELL_MIN = 5
 
 
 _INTERVAL_FACTOR = 1.15
-"""Width of the interval over that of the posterior: without it the worst of seven kinds of errors was covered 0.83."""
+"""Width of the interval over that of the posterior: with 1, the worst of the ways to err was covered 0.83."""
+_INTERVAL_FACTOR_FEW = 1.25
+"""The same where a stimulus has fewer trials than there are stimuli, so that the prior of the spread weighs more: 39
+stimuli of 20 trials each, taken for their neighbours, were covered 0.895 with 1.15 and 0.94 with 1.3 (200 runs).
+"""
 
 
 @dataclass(frozen=True)
@@ -181,15 +185,16 @@ def information(
 def _posterior(
     counts: NDArray[np.int64], rng: np.random.Generator, draws: int, confidence: float
 ) -> InformationEstimate:
-    """Return the posterior's median with an interval that is _INTERVAL_FACTOR times the posterior's own."""
+    """Return the posterior's median with an interval somewhat wider than the posterior's own."""
     found = information_draws(counts, draws, rng)
+    factor = _INTERVAL_FACTOR_FEW if float(_trials(counts)) < counts.shape[0] ** 2 else _INTERVAL_FACTOR
     tails = (0.5 - 0.5 * confidence, 0.5, 0.5 + 0.5 * confidence)
     low, middle, high = (float(value) for value in np.quantile(found, tails))
     most = float(np.log2(counts.shape[0]))
     return InformationEstimate(
         middle,
-        max(middle - _INTERVAL_FACTOR * (middle - low), 0.0),
-        min(middle + _INTERVAL_FACTOR * (high - middle), most),
+        max(middle - factor * (middle - low), 0.0),
+        min(middle + factor * (high - middle), most),
     )
 
 

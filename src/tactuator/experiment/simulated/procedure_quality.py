@@ -73,10 +73,7 @@ class Quality:
 
 def simulate(procedure: UpDownRule | QuestPlusRule, setting: Setting) -> Quality:
     """Run the procedure `setting.runs` times and judge its estimates. Raises BadInput where no run comes to its end."""
-    if isinstance(procedure, UpDownRule):
-        tracks = _up_down(procedure, setting)
-    else:
-        tracks = _quest_plus(procedure, setting)
+    tracks = run_procedure(procedure, setting)
     own = tracks.estimates_db_sl[np.isfinite(tracks.estimates_db_sl)]
     if own.size < 2:
         raise BadInput("not one run came to its end; allowed: a trial limit that lets runs end")
@@ -94,6 +91,11 @@ def simulate(procedure: UpDownRule | QuestPlusRule, setting: Setting) -> Quality
         refit=RefitQuality(float(error.mean()), float(np.sqrt(np.mean(error**2))), float(covered.mean())),
         unfinished=setting.runs - own.size,
     )
+
+
+def run_procedure(procedure: UpDownRule | QuestPlusRule, setting: Setting) -> Tracks:
+    """Run the procedure setting.runs times and return the tracks; levels and estimates are relative to the truth."""
+    return _up_down(procedure, setting) if isinstance(procedure, UpDownRule) else _quest_plus(procedure, setting)
 
 
 def _up_down(rule: UpDownRule, setting: Setting) -> Tracks:
