@@ -259,7 +259,7 @@ def sound_wiring(display: Display) -> SoundCard:
     """Return the display's wiring. Raises BadInput where it has none."""
     if display.sound is None:
         raise BadInput(
-            f"display {display.name!r} does not say how it is sound_wiring to a sound card; "
+            f"display {display.name!r} does not say how it is wired to a sound card; "
             "allowed: a table [sound] with output_full_scale_v (docs/sound.md)"
         )
     return display.sound
