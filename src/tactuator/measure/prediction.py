@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactuator.arrays import ComplexArray
 from tactuator.display.controller import Controller
 from tactuator.display.description import Channel
-from tactuator.errors import BadInput
+from tactuator.display.load import DERIVATIVES
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.systems import SampledSystem
@@ -31,8 +31,6 @@ class ChannelPrediction:
         there.
         """
         channel, designed = controller.display.channel(name), controller.channel(name)
-        if channel.quantity != "displacement":
-            raise BadInput(f"channel {name!r} senses {channel.quantity}; allowed for speech: displacement")
         rate = controller.rate_hz
         held = zero_order_hold(channel.loaded_plant(None if load is None else channel.load(load)), rate)
         delay = held.delay_samples + controller.delay_samples
@@ -44,8 +42,12 @@ class ChannelPrediction:
         return self.loop.command_response(_off_rest(frequency_hz))
 
     def displacement(self, frequency_hz: ArrayLike) -> ComplexArray:
-        """Return the millimetres at the finger per threshold unit."""
-        return self.loop.position_response(_off_rest(frequency_hz)) / self.channel.sensor_gain_v_per_mm
+        """Return the millimetres at the finger per threshold unit: what the sensor shows, integrated as often as it
+        differentiates.
+        """
+        frequency = _off_rest(frequency_hz)
+        speed = (2j * np.pi * frequency) ** DERIVATIVES[self.channel.quantity]
+        return np.asarray(self.loop.position_response(frequency) / self.channel.sensor_gain_v_per_mm / speed)
 
     def felt(self, frequency_hz: ArrayLike) -> ComplexArray:
         """Return the felt amplitude (threshold units) per threshold unit asked: 1 in magnitude where the design is

@@ -17,7 +17,7 @@ from tactuator.signals.systems import ContinuousSystem
 
 _ROUNDING = 1.001
 _RING_S, _RING_DB, _FADE_S = 0.5, -80.0, 0.02
-_SLOWEST_HZ = 0.25
+_SLOWEST = 0.5
 """Share of the band's lower edge below which a sensor of velocity or acceleration does not tell of displacement."""
 
 
@@ -112,8 +112,9 @@ def displacement_sections(channel: Channel, rate_hz: float) -> tuple[FloatArray,
     """Return the sections, cascade after cascade, from volts of command to millimetres at the finger by the channel's
     model: its plant without dead time, integrated as often as the sensor has differentiated.
 
-    What moves more slowly than a quarter of the band's lower edge is not seen by a sensor of velocity or acceleration
-    and is left out. Raises BadInput for a plant that is not stable, whose travel no open loop can hold.
+    A sensor of velocity or acceleration does not tell what moves slowly: below half the band's lower edge the integral
+    is let go, s / (s + w)^2 in the place of 1 / s, with 1.25 times its gain so that nothing in the band is told for
+    less than it is. Raises BadInput for a plant that is not stable, whose travel no open loop can hold.
     """
     plant = channel.plant
     if not plant.is_stable:
@@ -123,8 +124,9 @@ def displacement_sections(channel: Channel, rate_hz: float) -> tuple[FloatArray,
         )
     still = ContinuousSystem(plant.zeros, plant.poles, plant.gain / channel.sensor_gain_v_per_mm)
     cascades = [_normalised(zero_order_hold(still, rate_hz).sections())]
-    slowest = 2.0 * np.pi * _SLOWEST_HZ * channel.threshold.band_hz[0]
-    once = bilinear(ContinuousSystem(np.empty(0), np.array([-slowest]), 1.0), rate_hz).sections()
+    slowest = 2.0 * np.pi * _SLOWEST * channel.threshold.band_hz[0]
+    let_go = ContinuousSystem(np.zeros(1), np.array([-slowest, -slowest]), 1.0 + _SLOWEST**2)
+    once = bilinear(let_go, rate_hz).sections()
     return (*cascades, *([_normalised(once)] * DERIVATIVES[channel.quantity]))
 
 

@@ -1,0 +1,206 @@
+"""A display without loop, from nothing to an equaliser that is verified at the sensor (`calibrate-display`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactuator.display.controller import Controller
+from tactuator.display.description import Channel, Display
+from tactuator.errors import BadInput, NoDesign
+from tactuator.measure.open_loop.flatness import Flatness, felt_flatness
+from tactuator.measure.open_loop.model import Followed, follow, plant_of_levels
+from tactuator.measure.open_loop.probe import Heard, Level, broadband, find_level, hear
+from tactuator.measure.open_loop.usable import UsableBand, usable_band
+from tactuator.measure.prediction import ChannelPrediction
+from tactuator.rig.sound.rig import SoundRig
+from tactuator.rig.sound.rows import SoundGap
+from tactuator.signals.decibels import db
+from tactuator.signals.systems import ContinuousSystem
+from tactuator.synthesis.design import design_controller
+
+KEPT_PERIODS, FRESH_PERIODS = 5, 2
+_ERRORS_DB = (0.3, 0.5, 0.7)
+_MARGIN = 0.7
+_ROUNDS = 2
+_TRIES = 3
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of a calibration. band_hz: within which the usable band is sought; level_db_sl: at which it must be
+    usable and is verified; mains_hz: kept off, None: nothing is.
+    """
+
+    band_hz: tuple[float, float]
+    level_db_sl: float = 20.0
+    mains_hz: float | None = 50.0
+    longest_s: float = 12.0
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedChannel:
+    """What was found of one channel. first: the flatness of the first equaliser, last: of the one that is kept; rounds:
+    how often it was corrected by what was measured at the level itself.
+    """
+
+    name: str
+    level: Level
+    followed: Followed
+    usable: UsableBand
+    first: Flatness
+    last: Flatness
+    rounds: int
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """A calibrated display: the controller that was verified, and its channels."""
+
+    controller: Controller
+    channels: tuple[CalibratedChannel, ...]
+
+    @property
+    def flat(self) -> bool:
+        """Return whether every channel is felt flat within the display's tolerance."""
+        allowed = self.controller.display.objectives.flatness_db
+        return all(abs(one.last.worst_db) <= allowed and not one.last.limited for one in self.channels)
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    channel: Channel
+    level: Level
+    heard: Heard
+    followed: Followed
+    usable: UsableBand
+
+
+def calibrate(
+    rig: SoundRig, asked: Asked, rng: np.random.Generator, note: Callable[[str], None] = lambda text: None
+) -> Calibrated:
+    """Calibrate every channel of the rig's display: level, record, model held against fresh noise, usable band,
+    equaliser, felt flatness; where that is not within 0.7 of the tolerance, the plant is corrected by what was measured
+    and equalised again, twice at most.
+
+    Raises BadInput where a sensor does not hear its own actuator, or nothing can be reached; DeviceFault.
+    """
+    if rig.without_sensor:
+        raise BadInput(
+            f"channel {rig.without_sensor[0]!r} has no sensor, and there is nothing to calibrate with; "
+            "allowed: an input of the card, or a display file with a model of the actuator"
+        )
+    display = rig.display
+    known = [_known(rig, place, asked, rng, note) for place in range(len(display.channels))]
+    note("equalising")
+    controller = _designed(display, [one.channel for one in known])
+    first = _measured(rig, controller, asked, rng, note)
+    last, rounds = first, 0
+    for _ in range(_ROUNDS):
+        if _good(last, display, _MARGIN):
+            break
+        note("correcting")
+        plants = [
+            _corrected(controller, one, flat) if abs(flat.worst_db) > _MARGIN * display.objectives.flatness_db else None
+            for one, flat in zip(known, last, strict=True)
+        ]
+        again = _designed(
+            display,
+            [
+                one if plant is None else replace(one, plant=plant)
+                for one, plant in zip(controller.display.channels, plants, strict=True)
+            ],
+        )
+        found = _measured(rig, again, asked, rng, note)
+        if _worst(found) >= _worst(last):
+            break
+        controller, last, rounds = again, found, rounds + 1
+    rig.load(controller)
+    channels = (
+        CalibratedChannel(one.channel.name, one.level, one.followed, one.usable, before, after, rounds)
+        for one, before, after in zip(known, first, last, strict=True)
+    )
+    return Calibrated(controller, tuple(channels))
+
+
+def _known(rig: SoundRig, place: int, asked: Asked, rng: np.random.Generator, note: Callable[[str], None]) -> _Known:
+    display = rig.display
+    channel = display.channels[place]
+    input_v = display.sound.wires[place].input_full_scale_v if display.sound is not None else np.inf
+    waves = [broadband(display.rate_hz, asked.band_hz, asked.mains_hz, rng) for _ in range(2)]
+    note(f"{channel.name}: level")
+    level = find_level(rig, channel, waves[0], input_v)
+    note(f"{channel.name}: recording at {level.volts:.3g} V")
+    heard = hear(rig, channel.name, waves[0], level.volts, KEPT_PERIODS)
+    fresh = hear(rig, channel.name, waves[1], level.volts, FRESH_PERIODS)
+    note(f"{channel.name}: identifying")
+    followed = follow(channel, heard, fresh, asked.band_hz)
+    usable = usable_band(channel, followed.plant, asked.band_hz, asked.level_db_sl)
+    threshold = replace(channel.threshold, band_hz=usable.band_hz)
+    found = replace(
+        channel,
+        plant=followed.plant,
+        threshold=threshold,
+        valid_hz=asked.band_hz,
+        loads=(),
+        family=(),
+        covariance=(),
+        model_error_db=max(0.0, followed.departure_db),
+    )
+    return _Known(found, level, heard, followed, usable)
+
+
+def _designed(display: Display, channels: list[Channel]) -> Controller:
+    described = replace(display, channels=tuple(channels))
+    for error_db in _ERRORS_DB:
+        try:
+            return design_controller(described, None, error_db)
+        except (BadInput, NoDesign):
+            if error_db == _ERRORS_DB[-1]:
+                raise
+    raise AssertionError("the last error is raised")
+
+
+def _measured(
+    rig: SoundRig, controller: Controller, asked: Asked, rng: np.random.Generator, note: Callable[[str], None]
+) -> list[Flatness]:
+    rig.load(controller)
+    found = []
+    for name in rig.channels:
+        note(f"{name}: verifying")
+        for left in reversed(range(_TRIES)):
+            try:
+                found.append(
+                    felt_flatness(rig, controller, name, asked.level_db_sl, rng, asked.mains_hz, asked.longest_s)
+                )
+                break
+            except SoundGap:
+                if not left:
+                    raise
+    return found
+
+
+def _worst(found: list[Flatness]) -> float:
+    return max(abs(one.worst_db) for one in found)
+
+
+def _good(found: list[Flatness], display: Display, share: float) -> bool:
+    return _worst(found) <= share * display.objectives.flatness_db
+
+
+def _corrected(controller: Controller, known: _Known, flat: Flatness) -> ContinuousSystem:
+    """Return the plant whose magnitude, under this controller, is felt as it was measured: at the level itself, where a
+    spring that hardens answers otherwise than to the record.
+    """
+    name = known.channel.name
+    prediction = ChannelPrediction.of(controller, name)
+    channel = prediction.channel
+    missing_db = flat.error_db - db(np.abs(prediction.felt(flat.frequency_hz)))
+    frequency = known.heard.wave.frequency_hz
+    low, high = channel.threshold.band_hz
+    frequency = frequency[(frequency >= 0.95 * low) & (frequency <= 1.05 * high)]
+    correction = np.interp(np.log(frequency), np.log(flat.frequency_hz), missing_db)
+    level_db = db(np.abs(channel.plant.response(frequency))) + correction
+    return plant_of_levels(frequency, level_db)

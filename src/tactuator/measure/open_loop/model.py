@@ -1,0 +1,108 @@
+"""A model of an actuator that is heard, held against fresh noise; its response by itself where no model follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactuator.arrays import FloatArray
+from tactuator.display.description import Channel
+from tactuator.display.plant_model import PlantModel
+from tactuator.display.response_plant import plant_of_response
+from tactuator.errors import BadInput
+from tactuator.identification.identify import identify
+from tactuator.measure.open_loop.probe import Heard
+from tactuator.signals.decibels import db
+from tactuator.signals.frequency_response import FrequencyResponse
+from tactuator.signals.systems import ContinuousSystem
+
+FORMS = ((5, 5), (3, 3), (7, 7), (4, 4))
+"""Poles and zeros that are tried: a mode, its high-pass, and another mode or two, as acceleration or displacement."""
+_FOLLOWS_DB = 0.4
+_POINTS, _SHARP = 90, 0.06
+_MEAN = 9
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """A plant that follows what was heard. by: "model" or "response"; model: what `identify` made, where it does;
+    departure_db: greatest departure from what was heard of fresh noise in the band, beyond twice its own error.
+    """
+
+    plant: ContinuousSystem
+    by: str
+    model: PlantModel | None
+    departure_db: float
+    remarks: tuple[str, ...]
+
+
+def follow(channel: Channel, heard: Heard, fresh: Heard, band_hz: tuple[float, float]) -> Followed:
+    """Return the plant of a channel: the first model whose magnitude keeps to fresh noise within 0.4 dB over the band,
+    the best of them otherwise; where none comes within 1 dB, a plant of the response by itself.
+    """
+    record = heard.record(band_hz[1], {"channel": channel.name})
+    best: Followed | None = None
+    remarks: list[str] = []
+    for poles, zeros in FORMS:
+        try:
+            found = identify(
+                [record], quantity=channel.quantity, hold="band-limited", order=poles, zeros=zeros, friction=False
+            )
+        except BadInput as error:
+            remarks.append(f"{poles} poles: {error}")
+            continue
+        model = found.model
+        plant = ContinuousSystem.from_polynomials(model.num, model.den, model.delay_s)
+        if not (plant.is_stable and plant.is_proper):
+            continue
+        off = departure_db(plant, fresh, band_hz)
+        if best is None or off < best.departure_db:
+            best = Followed(plant, "model", model, off, found.distrust)
+        if off <= _FOLLOWS_DB:
+            break
+    if best is None or best.departure_db > 1.0:
+        plant = _plant_heard(heard, band_hz)
+        off = departure_db(plant, fresh, band_hz)
+        if best is None or off < best.departure_db:
+            best = Followed(plant, "response", None, off, tuple(remarks))
+    return best
+
+
+def departure_db(plant: ContinuousSystem, heard: Heard, band_hz: tuple[float, float]) -> float:
+    """Return the greatest departure of the plant's magnitude from what was heard, dB, in means over nine lines (2 Hz),
+    beyond twice the error of such a mean.
+    """
+    response, error = heard.response()
+    frequency = heard.wave.frequency_hz
+    inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
+    modelled = plant.response(frequency[inside])
+    ratio = np.abs(response[inside]) / np.abs(modelled)
+    kernel = np.ones(_MEAN) / _MEAN
+    off = np.abs(db(np.convolve(ratio, kernel, mode="valid")))
+    unsure = np.convolve(error[inside], kernel, mode="valid") / np.sqrt(_MEAN)
+    return float(np.max(off - db(1.0 + 2.0 * unsure)))
+
+
+def _plant_heard(heard: Heard, band_hz: tuple[float, float]) -> ContinuousSystem:
+    response, error = heard.response()
+    frequency = heard.wave.frequency_hz
+    inside = (frequency >= 0.95 * band_hz[0]) & (frequency <= 1.05 * band_hz[1])
+    return plant_of_levels(frequency[inside], db(np.abs(response[inside])), error[inside])
+
+
+def plant_of_levels(
+    frequency_hz: FloatArray, level_db: FloatArray, deviation: FloatArray | float = 3e-3
+) -> ContinuousSystem:
+    """Return a plant of these levels (m,), dB of volts for a volt, by some 90 points, more where they turn sharply.
+
+    deviation: relative standard error of the magnitudes. Raises BadInput where nothing follows them.
+    """
+    place = np.log(frequency_hz)
+    turns = np.abs(np.gradient(np.gradient(level_db, place), place))
+    density = 1.0 + _SHARP * np.minimum(turns / max(1e-9, float(np.median(turns))), 40.0)
+    grown = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(place))])
+    chosen = np.unique(np.searchsorted(grown, np.linspace(0.0, grown[-1], _POINTS)).clip(0, place.size - 1))
+    error = np.maximum(np.broadcast_to(deviation, frequency_hz.shape)[chosen], 1e-3)
+    points = FrequencyResponse(frequency_hz[chosen], 10.0 ** (level_db[chosen] / 20.0), None, error)
+    return plant_of_response(points).system
