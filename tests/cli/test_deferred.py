@@ -108,12 +108,12 @@ def test_completion__of_a_verb_a_part_and_an_option__in_every_shell(shell: str) 
 def test_completion__in_bash_itself__offers_the_verb(tmp_path: Path) -> None:
     folder = Path(sys.executable).parent
     script = (
-        'eval "$(_TACTUATOR_COMPLETE=source_bash tactuator)"; COMP_WORDS=(tactuator calib); COMP_CWORD=1; '
+        'eval "$(_TACTUATOR_COMPLETE=source_bash tactuator)"; COMP_WORDS=(tactuator corp); COMP_CWORD=1; '
         '_tactuator_completion tactuator; echo "${COMPREPLY[@]}"'
     )
     environment = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}
     done = subprocess.run(["bash", "-c", script], env=environment, capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["calibrate"]
+    assert done.stdout.split() == ["corpus"]
 
 
 def test_module__run_as_a_program__is_the_command_line() -> None:

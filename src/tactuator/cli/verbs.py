@@ -8,6 +8,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "model": ("calibrate", "record", "identify"),
     "controller": ("design", "check", "wordlength", "build", "image", "firmware"),
     "response": ("noise", "measure", "disturb"),
+    "sound": ("sound", "calibrate-display"),
     "experiment": ("experiment",),
     "speech": ("waveforms", "render", "play", "corpus"),
     "paper": ("reproduce",),
@@ -18,6 +19,7 @@ TITLES: dict[str, str] = {
     "model": "From a record to a model",
     "controller": "From a model to a controller on a board",
     "response": "What the display does",
+    "sound": "Displays on sound cards",
     "experiment": "What a person feels",
     "speech": "Speech",
     "paper": "The paper",
@@ -25,6 +27,7 @@ TITLES: dict[str, str] = {
 
 PARTS: dict[str, str] = {
     "firmware": "Programs for boards: build them, compare their bits, count their instructions.",
+    "sound": "Sound cards: list them, measure their delay and their volts, try one that is simulated.",
     "experiment": "Detection and identification: run, simulate, analyse, export.",
 }
 """Verbs that have parts, with what they are for."""

@@ -20,6 +20,7 @@ from tactuator.display.verdict import Finding, Outcome, Verdict, compared, verdi
 from tactuator.errors import BadInput
 from tactuator.measure.sensor_noise import SensorNoise, sensor_noise
 from tactuator.rig.rig import Rig
+from tactuator.rig.sensing import require_sensors
 from tactuator.signals.bands import third_octave_bands
 from tactuator.signals.decibels import db
 from tactuator.signals.lockin import lock_in, mains_multiples
@@ -81,6 +82,7 @@ def felt_noise(
     """
     if duration_s < 3.0:
         raise BadInput(f"duration {duration_s:g} s; allowed: 3 s or more")
+    require_sensors(rig, display_channels(display, rig))
     silent = np.zeros((round((settle_s + duration_s) * rig.rate_hz), len(rig.channels)))
     trace = rig.play(silent)
     start = round(settle_s * rig.rate_hz)

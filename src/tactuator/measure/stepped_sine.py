@@ -15,6 +15,7 @@ from tactuator.errors import BadInput
 from tactuator.measure.frequencies import tones
 from tactuator.perception.levels import COMFORT_DB_SL
 from tactuator.rig.rig import Rig
+from tactuator.rig.sensing import require_sensors
 from tactuator.rig.trace import Trace, recut_traces
 from tactuator.signals.decibels import from_db
 from tactuator.signals.lockin import lock_in, mains_multiples
@@ -97,6 +98,7 @@ def check_asked(
     for name in names:
         if name not in rig.channels:
             raise BadInput(f"channel {name!r} is not there; allowed: {', '.join(rig.channels)}")
+    require_sensors(rig, names)
     frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
     if frequency.size == 0 or not (np.min(frequency) > 0.0 and np.max(frequency) < 0.45 * rig.rate_hz):
         raise BadInput(f"frequencies {frequency.tolist()} Hz; allowed: above 0, below {0.45 * rig.rate_hz:g} Hz")

@@ -1,4 +1,4 @@
-"""One exciter drawn at random, calibrated blind through PortAudio and a JACK server: `python -m ...blind SEED` prints JSON.
+"""One exciter drawn at random, calibrated blind through PortAudio and a JACK server: JSON for a SEED.
 
 The witness is the port that tells the displacement, which the calibration does not use, and the exciter's equations.
 """
@@ -15,7 +15,7 @@ import numpy as np
 from tactuator.errors import TactuatorError
 from tactuator.measure.error import error_db
 from tactuator.measure.multisine_response import multisine_response
-from tactuator.measure.open_loop.chain import Asked, Calibrated, calibrate
+from tactuator.measure.open_loop.chain import Calibrated, CalibrationRequest, calibrate
 from tactuator.measure.open_loop.usable import usable_band
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.demo.exciter import Exciter
@@ -23,7 +23,7 @@ from tactuator.rig.sound.demo.server import simulated_card
 from tactuator.rig.sound.rig import SoundRig
 from tests.measure.open_loop.exciters import drawn_exciter, exciter_display
 
-ASKED = Asked((10.0, 400.0), 20.0, 50.0)
+ASKED = CalibrationRequest((10.0, 400.0), 20.0, 50.0)
 PERIOD = 4096
 
 

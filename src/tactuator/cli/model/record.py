@@ -19,6 +19,7 @@ from tactuator.files.display import read_display
 from tactuator.files.record import write_record
 from tactuator.rig.open import open_rig
 from tactuator.rig.rig import Rig
+from tactuator.rig.sensing import require_sensors
 from tactuator.signals.excitation import log_chirp, noise, paper_mix, plan_amplitude, prbs, sample_count, steps
 from tactuator.signals.multisine import Periods, multisine, odd_lines
 from tactuator.signals.record import Record
@@ -50,6 +51,7 @@ def run(
     else:
         command = planned(excitation, *asked)
     with open_rig(rig, described, seed) as opened:
+        require_sensors(opened, [chosen.name])
         if load != "none":
             _put(chosen.load(load).name, chosen.name, opened)
         everything = np.zeros((command.size, len(opened.channels)))

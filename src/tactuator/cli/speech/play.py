@@ -19,6 +19,7 @@ from tactuator.cli.chosen import chosen_controller
 from tactuator.files.reference import open_reference
 from tactuator.rig.open import open_rig
 from tactuator.rig.player import Played, Wish, play_reference
+from tactuator.rig.sound.rig import SoundRig
 
 
 def run(
@@ -35,10 +36,15 @@ def run(
     chosen = chosen_controller(display, controller)
     with open_rig(rig, chosen.display, seed) as ready, _wishes() as wish, progress() as bars:
         ready.load(chosen)
+        if isinstance(ready, SoundRig):
+            ready.allow_gaps = True  # a listener hears one; it is counted and told
         task = bars.add_task("play", total=opened.duration_s)
         pace = _pace() if realtime else lambda played_s: None
         played = play_reference(ready, opened, wish, lambda done: bars.update(task, completed=done), pace)
-    answer({"reference": str(reference), "rig": rig, **asdict(played)}, as_json, _shown(played, reference))
+        gaps = {"gaps": ready.gaps} if isinstance(ready, SoundRig) else {}
+    if gaps.get("gaps"):
+        sys.stderr.write(f"tactuator: the sound card told of {gaps['gaps']} gaps\n")
+    answer({"reference": str(reference), "rig": rig, **asdict(played), **gaps}, as_json, _shown(played, reference))
     if played.stopped:
         raise KeyboardInterrupt
 

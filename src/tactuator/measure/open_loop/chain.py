@@ -15,6 +15,7 @@ from tactuator.measure.open_loop.model import Followed, follow, plant_of_levels
 from tactuator.measure.open_loop.probe import Heard, Level, broadband, find_level, hear
 from tactuator.measure.open_loop.usable import UsableBand, usable_band
 from tactuator.measure.prediction import ChannelPrediction
+from tactuator.rig.sensing import require_sensors
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.rig.sound.rows import SoundGap
 from tactuator.signals.decibels import db
@@ -29,8 +30,8 @@ _TRIES = 3
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What is asked of a calibration. band_hz: within which the usable band is sought; level_db_sl: at which it must be
+class CalibrationRequest:
+    """Wishes of a calibration. band_hz: within which the usable band is sought; level_db_sl: at which it must be
     usable and is verified; mains_hz: kept off, None: nothing is.
     """
 
@@ -42,7 +43,7 @@ class Asked:
 
 @dataclass(frozen=True, eq=False)
 class CalibratedChannel:
-    """What was found of one channel. first: the flatness of the first equaliser, last: of the one that is kept; rounds:
+    """Findings on one channel. first: the flatness of the first equaliser, last: of the one that is kept; rounds:
     how often it was corrected by what was measured at the level itself.
     """
 
@@ -79,7 +80,7 @@ class _Known:
 
 
 def calibrate(
-    rig: SoundRig, asked: Asked, rng: np.random.Generator, note: Callable[[str], None] = lambda text: None
+    rig: SoundRig, asked: CalibrationRequest, rng: np.random.Generator, note: Callable[[str], None] = lambda text: None
 ) -> Calibrated:
     """Calibrate every channel of the rig's display: level, record, model held against fresh noise, usable band,
     equaliser, felt flatness; where that is not within 0.7 of the tolerance, the plant is corrected by what was measured
@@ -87,11 +88,7 @@ def calibrate(
 
     Raises BadInput where a sensor does not hear its own actuator, or nothing can be reached; DeviceFault.
     """
-    if rig.without_sensor:
-        raise BadInput(
-            f"channel {rig.without_sensor[0]!r} has no sensor, and there is nothing to calibrate with; "
-            "allowed: an input of the card, or a display file with a model of the actuator"
-        )
+    require_sensors(rig, rig.channels)
     display = rig.display
     known = [_known(rig, place, asked, rng, note) for place in range(len(display.channels))]
     note("equalising")
@@ -125,7 +122,9 @@ def calibrate(
     return Calibrated(controller, tuple(channels))
 
 
-def _known(rig: SoundRig, place: int, asked: Asked, rng: np.random.Generator, note: Callable[[str], None]) -> _Known:
+def _known(
+    rig: SoundRig, place: int, asked: CalibrationRequest, rng: np.random.Generator, note: Callable[[str], None]
+) -> _Known:
     display = rig.display
     channel = display.channels[place]
     input_v = display.sound.wires[place].input_full_scale_v if display.sound is not None else np.inf
@@ -164,7 +163,11 @@ def _designed(display: Display, channels: list[Channel]) -> Controller:
 
 
 def _measured(
-    rig: SoundRig, controller: Controller, asked: Asked, rng: np.random.Generator, note: Callable[[str], None]
+    rig: SoundRig,
+    controller: Controller,
+    asked: CalibrationRequest,
+    rng: np.random.Generator,
+    note: Callable[[str], None],
 ) -> list[Flatness]:
     rig.load(controller)
     found = []

@@ -1,4 +1,4 @@
-"""What an actuator answers to a broadband command that repeats: levels, wiring, record, and response by lines."""
+"""The answer of an actuator to a broadband command that repeats: level, wiring, record, and response by lines."""
 
 from __future__ import annotations
 

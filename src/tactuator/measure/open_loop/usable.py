@@ -20,8 +20,8 @@ _GRID = 600
 
 @dataclass(frozen=True, eq=False)
 class UsableBand:
-    """band_hz: where `level_db_sl` can be reached; frequency_hz, reach_db_sl: (n,), the greatest level by command and
-    travel; ends: what binds at either end: "asked", "command" or "travel".
+    """Band of one channel. band_hz: where `level_db_sl` can be reached; frequency_hz, reach_db_sl: (n,), the greatest
+    level by command and travel; ends: what binds at either end: "asked", "command" or "travel".
     """
 
     band_hz: tuple[float, float]
@@ -52,7 +52,7 @@ def usable_band(
             f"channel {channel.name!r} reaches {float(np.max(reach)):.1f} dB SL at most; allowed: a lower level than "
             f"{level_db_sl:g} dB SL, or more volts"
         )
-    first, last = max(stretches, key=lambda ends: ends[1] - ends[0])
+    first, last = (int(index) for index in max(stretches, key=lambda ends: ends[1] - ends[0]))
     if frequency[last] < np.sqrt(2.0) * frequency[first]:
         raise BadInput(
             f"channel {channel.name!r} reaches {level_db_sl:g} dB SL from {frequency[first]:.4g} to "

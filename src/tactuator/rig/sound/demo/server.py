@@ -20,7 +20,7 @@ from tactuator.rig.sound.demo.client import CLIENT
 from tactuator.rig.sound.demo.exciter import Exciter
 from tactuator.rig.sound.library import leave_library
 
-PERIOD = 1024
+PERIOD = 4096
 _START_S = 20.0
 _SERVERS = 6
 

@@ -1,0 +1,117 @@
+"""The parts of a calibration without loop: wiring, levels, usable band, and what is taken away."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from tactuator.display.controller import Controller
+from tactuator.errors import BadInput
+from tactuator.files.display import read_display
+from tactuator.measure.open_loop.probe import broadband, find_level, hear
+from tactuator.measure.open_loop.take_away import equaliser_document, impulse_response
+from tactuator.measure.open_loop.usable import usable_band
+from tactuator.report.open_loop_files import toml_text
+from tactuator.rig.sensing import require_sensors
+from tactuator.rig.sound.demo.exciter import Exciter
+from tactuator.rig.sound.rig import SoundRig
+from tactuator.signals.systems import ContinuousSystem
+from tests.measure.open_loop.exciters import RATE_HZ, ExciterCard, exciter_display, exciter_rig
+from tests.rig.sound.turned_card import flat_controller, sound_display, turned_rig
+
+BAND_HZ = (20.0, 300.0)
+EXCITER = Exciter(drive=3e4, sensor_full_scale=1e5)
+
+
+def wave(seed: int = 0):
+    return broadband(RATE_HZ, BAND_HZ, 50.0, np.random.default_rng(seed))
+
+
+def test_broadband__lines__are_in_the_band_and_off_mains():
+    made = wave()
+    spectrum = np.abs(np.fft.rfft(made.samples))
+    assert np.max(np.abs(made.samples)) == pytest.approx(1.0)
+    assert made.frequency_hz[0] == pytest.approx(10.0)
+    assert made.frequency_hz[-1] == pytest.approx(480.0, abs=0.3)
+    assert np.min(np.abs(made.frequency_hz[:, None] - 50.0 * np.arange(1, 10))) > 1.0
+    silent = np.setdiff1d(np.arange(spectrum.size), made.bins)
+    assert np.max(spectrum[silent]) < 1e-9 * np.max(spectrum)
+
+
+def test_hear__linear_exciter__its_truth():
+    rig = exciter_rig([replace(EXCITER, noise=0.5, hum=3.0)])
+    heard = hear(rig, "exciter", wave(), 0.05, 1)
+    response, _ = heard.response()
+    s = 2j * np.pi * heard.wave.frequency_hz
+    truth = 1e-3 * s**2 * EXCITER.response(heard.wave.frequency_hz)
+    off = 20.0 * np.log10(np.abs(response / truth))
+    assert np.max(np.abs(off)) < 0.15
+    assert abs(np.median(off)) < 0.01
+
+
+@pytest.mark.slow
+def test_find_level__sensors_swapped__are_told_by_name():
+    rig = exciter_rig([EXCITER, EXCITER], ("left", "right"))
+    one, other = rig.display.sound.wires
+    swapped = replace(rig.display.sound, wires=(replace(one, input=2), replace(other, input=1)))
+    display = replace(rig.display, sound=swapped)
+    card = ExciterCard(rig._rows, [EXCITER, EXCITER], 0)
+    again = SoundRig(display, rig._rows, card, card.sleep)
+    with pytest.raises(BadInput, match="channel 'left' is answered by the sensor of 'right'"):
+        find_level(again, display.channels[0], wave(), 100.0)
+
+
+@pytest.mark.slow
+def test_find_level__sensor_off__is_told():
+    deaf = replace(EXCITER, drive=1e-3)
+    rig = exciter_rig([deaf])
+    with pytest.raises(BadInput, match="its sensor does not hear"):
+        find_level(rig, rig.display.channels[0], wave(), 100.0)
+
+
+def test_require_sensors__none__says_so():
+    rig, _ = turned_rig(sound_display(input=0))
+    with pytest.raises(BadInput, match="'left' has no sensor, and there is nothing to measure with"):
+        require_sensors(rig, rig.channels)
+    require_sensors(exciter_rig([EXCITER]), ["exciter"])
+
+
+def test_usable_band__static_actuator__ends_where_its_volts_meet_the_curve():
+    channel = replace(
+        exciter_display(EXCITER).channels[0], quantity="displacement", sensor_gain_v_per_mm=1.0, travel_mm=10.0
+    )
+    curve = channel.threshold.curve
+    # 20 dB above threshold at 40 Hz, with 0.9 of 2 V
+    gain = 10.0 * float(curve.displacement_mm(40.0)) / (0.9 * 2.0)
+    plant = ContinuousSystem(np.empty(0), np.empty(0), gain)
+    found = usable_band(channel, plant, (10.0, 300.0), 20.0)
+    assert found.band_hz[0] == pytest.approx(40.0, rel=0.01)
+    assert found.ends == ("command", "asked")
+    with pytest.raises(BadInput, match="dB SL at most"):
+        usable_band(channel, plant, (10.0, 300.0), 80.0)
+
+
+def test_impulse_response__of_sections__has_their_response():
+    sections = signal.butter(4, [30.0, 200.0], "bandpass", fs=8000.0, output="sos")
+    display = sound_display()
+    own = flat_controller(display, prefilter_sos=sections).channels[0]
+    samples, volts = impulse_response(own, 8000.0)
+    frequency = np.geomspace(20.0, 400.0, 50)
+    _, heard = signal.freqz(volts * samples, worN=frequency, fs=8000.0)
+    _, truth = signal.sosfreqz(sections, worN=frequency, fs=8000.0)
+    assert np.max(np.abs(heard - truth)) < 2e-3
+    assert np.allclose(equaliser_document(own, 8000.0)["sections"], sections)
+
+
+def test_toml__of_a_display__is_read_as_the_same(tmp_path: Path):
+    from tactuator.display.document import display_document
+
+    display = exciter_display(EXCITER, ("a", 'b "quoted" µ'))
+    made: Controller = flat_controller(display)
+    path = tmp_path / "display.toml"
+    path.write_text(toml_text(display_document(made.display)), encoding="utf-8")
+    assert display_document(read_display(path)) == display_document(display)
