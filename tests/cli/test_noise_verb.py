@@ -121,12 +121,13 @@ def test_noise__what_it_measured__is_what_check_then_judges_by(
     path.write_text(text.format(structure="paper", plant=MOTOR))
     assert main(["design", str(path), "--out", made, "--json"]) == 0
     assert main(["check", made, "--json"]) == 0
-    assert main(["noise", "--controller", made, "--gains", "", "--json"]) == 0
+    measured = tmp_path / "environment.json"
+    assert main(["noise", "--controller", made, "--gains", "", "--json", "--write", str(measured)]) == 0
     *_, before, heard = (json.loads(line) for line in capsys.readouterr().out.splitlines())
     assert before["objectives"]["ii"]["outcome"] == before["objectives"]["iii"]["outcome"] == "not judged"
     sensor = heard["runs"][-1]["channels"][0]["sensor"]
-    keys = "".join(f"{key} = {value}\n" for key, value in sensor.items())
-    path.write_text(path.read_text().replace("friction_v", keys + "friction_v"))
+    assert json.loads(measured.read_text())["channels"] == {"index": sensor}
+    path.write_text(path.read_text().replace("friction_v", 'measured = "environment.json"\nfriction_v'))
     assert main(["check", made, "--display", str(path), "--json"]) == 0
     after = json.loads(capsys.readouterr().out)
     assert after["objectives"]["ii"]["outcome"] == after["objectives"]["iii"]["outcome"] == "met"

@@ -35,6 +35,7 @@ from tactuator.files.display_schema import (
     WireKeys,
 )
 from tactuator.files.foreign_response import is_response, read_foreign_response
+from tactuator.files.formats.environment import read_environment
 from tactuator.files.formats.text import parse_toml, read_finite_json, read_text
 from tactuator.files.model import FORMAT, parse_model
 from tactuator.perception.curve import ThresholdCurve
@@ -159,7 +160,10 @@ def _channel(document: Document, entry: Mapping[str, Any], beside: Path) -> Chan
         converter=_converter(tables["converter"]),
         feedback=feedback,
         prefilter=_prefilter(tables["prefilter"]),
-        environment=_environment(tables["environment"], None if model is None else model.get("friction") or {}),
+        environment=_environment(
+            _measured(tables["environment"], beside, own.name, where),
+            None if model is None else model.get("friction") or {},
+        ),
         family=family + found.family,
         covariance=_covariance(own.covariance or (model or {}).get("covariance", ()), found.system),
         valid_hz=own.valid_hz or found.valid_hz,
@@ -192,9 +196,25 @@ def _prefilter(keys: PrefilterKeys) -> PrefilterRequirements:
     return PrefilterRequirements(**keys.model_dump())
 
 
+def _measured(keys: EnvironmentKeys, beside: Path, channel: str, where: str) -> EnvironmentKeys:
+    """Return the keys with those of the file that `measured` names, if it names one."""
+    if keys.measured is None:
+        return keys
+    stated = sorted(keys.model_fields_set & {"hum_hz", "hum_v_peak", "noise_v_rms"})
+    if stated:
+        raise BadInput(f"{where} environment: both measured and {stated[0]} are given; allowed: one of them")
+    path = beside / keys.measured
+    try:
+        found = read_environment(path, channel)
+    except BadInput as error:
+        raise BadInput(f"{where} measured {path}: {error}") from None
+    return EnvironmentKeys.model_validate({**keys.model_dump(exclude_unset=True), **found})
+
+
 def _environment(keys: EnvironmentKeys, friction: Mapping[str, float] | None) -> Environment:
     """Return the environment of the file's keys, and the friction of an identified model where the file states none."""
     values = _tuples(keys)
+    del values["measured"]
     stated = {_STATES[key] for key in keys.model_fields_set if key in _STATES}
     if friction is not None and "friction" not in stated:
         stated.add("friction")

@@ -100,7 +100,8 @@ class PrefilterKeys(_Table):
 class EnvironmentKeys(_Table):
     """Keys of [environment]: hum and noise at the sensor, friction in volts of command.
 
-    assumed: which of them nobody has stated or measured; by default those whose key is not in the file.
+    measured: a file that `noise --write` wrote, in place of hum_hz, hum_v_peak and noise_v_rms. assumed: which of them
+    nobody has stated or measured; by default those whose key is not in the file.
     """
 
     hum_hz: list[Positive] = [60.0, 120.0, 180.0]
@@ -108,6 +109,7 @@ class EnvironmentKeys(_Table):
     noise_v_rms: Number = 0.2e-3
     friction_v: Number = 4.0e-3
     presliding_v: Positive = 10.0e-3
+    measured: str | None = None
     assumed: list[Literal["hum", "noise", "friction"]] | None = None
 
 

@@ -7,6 +7,7 @@ reading are both known, so that n = y - P u, line by line; far above the loop's 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -35,6 +36,14 @@ class SensorNoise:
     hum_hz: FloatArray
     hum_v_peak: FloatArray
     noise_v_rms: float
+
+    def keys(self) -> dict[str, Any]:
+        """Return the figures as keys of [environment]."""
+        return {
+            "hum_hz": self.hum_hz.tolist(),
+            "hum_v_peak": self.hum_v_peak.tolist(),
+            "noise_v_rms": self.noise_v_rms,
+        }
 
     def environment(self) -> str:
         """Return the keys of [environment] that say so, as a display file has them."""

@@ -17,6 +17,7 @@ from tactuator.cli.response.measure import frequencies
 from tactuator.display.controller import Controller
 from tactuator.display.verdict import Outcome
 from tactuator.errors import BadInput
+from tactuator.files.formats.environment import write_environment
 from tactuator.measure.noise import FeltNoise, felt_noise, noise_verdict
 from tactuator.measure.proportional import proportional_controller, unstable_channels
 from tactuator.rig.open import open_rig
@@ -30,6 +31,7 @@ def run(
     duration_s: float,
     load: str,
     mains_hz: float,
+    write: Path | None,
     rig: str,
     seed: int,
     as_json: bool,
@@ -46,18 +48,18 @@ def run(
         )
     open_loops = [one.name for one in made.channels if one.feedback_sos is None]
     probed, left_out = _probes(made, frequencies(gains), load)
-    runs: list[tuple[str, Sequence[FeltNoise]]] = []
-    for name, candidate in [*probed, ("loop", made)]:
-        with working(f"listening under {name}"), open_rig(rig, candidate.display, seed) as opened:
-            ask_for_load(touch_all(opened, made.display.channels, load), load)
-            opened.load(candidate)
-            felt = felt_noise(opened, made.display, duration_s=duration_s, load=load, mains_hz=mains_hz or None)
-        runs.append((name, felt))
+    runs = [
+        (name, _heard(candidate, name, made, duration_s, load, mains_hz, rig, seed))
+        for name, candidate in [*probed, ("loop", made)]
+    ]
     verdict = noise_verdict(runs[-1][1], made.display, open_loops)
+    if write is not None:
+        write_environment(write, {one.channel: one.sensor.keys() for one in runs[-1][1] if one.sensor is not None})
     answer(
         {
             "runs": [{"under": name, "channels": [document(one) for one in felt]} for name, felt in runs],
             "not_played": left_out,
+            "written": None if write is None else str(write),
             **verdict.document(),
         },
         as_json,
@@ -66,10 +68,28 @@ def run(
             *(f"not played: {name}: {why}" for name, why in left_out.items()),
             *(f"measured, {one.channel}: {one.sensor.environment()}" for one in runs[-1][1] if one.sensor is not None),
             verdict_table(verdict),
+            *([f'written: {write}; to judge by it: measured = "{write.name}" under [environment]'] if write else []),
         ),
     )
     if verdict.outcome is Outcome.NOT_MET:
         raise typer.Exit(1)
+
+
+def _heard(
+    candidate: Controller,
+    name: str,
+    made: Controller,
+    duration_s: float,
+    load: str,
+    mains_hz: float,
+    rig: str,
+    seed: int,
+) -> Sequence[FeltNoise]:
+    """Return what is felt of a display at rest under one controller."""
+    with working(f"listening under {name}"), open_rig(rig, candidate.display, seed) as opened:
+        ask_for_load(touch_all(opened, made.display.channels, load), load)
+        opened.load(candidate)
+        return felt_noise(opened, made.display, duration_s=duration_s, load=load, mains_hz=mains_hz or None)
 
 
 def _probes(made: Controller, gains: Iterable[float], load: str) -> tuple[list[tuple[str, Controller]], dict[str, str]]:

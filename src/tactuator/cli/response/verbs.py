@@ -21,6 +21,9 @@ def noise(
     duration_s: Annotated[float, typer.Option("--duration-s", help="Seconds listened to each.")] = 8.0,
     load: Annotated[str, typer.Option("--load", help="Load of the display file, or none.")] = "none",
     mains_hz: Annotated[float, typer.Option("--mains-hz", help="Mains frequency; 0 for none.")] = 60.0,
+    write: Annotated[
+        Path | None, typer.Option("--write", help="File to write with the sensor's own hum and noise.")
+    ] = None,
     rig: RigOption = "simulated",
     seed: Seed = 0,
     as_json: AsJson = False,

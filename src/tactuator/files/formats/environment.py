@@ -1,0 +1,61 @@
+"""The file environment.json: hum and noise of every channel's sensor, as `noise --write` found them and a display file
+names it under [environment].
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from tactuator import __version__
+from tactuator.errors import BadInput
+from tactuator.files.atomic import write_text
+from tactuator.files.display_schema import Number, Positive
+from tactuator.files.formats.text import read_finite_json
+
+FORMAT = "tactuator-environment/1"
+
+
+class _Measured(BaseModel):
+    """Figures of one channel, in the keys of [environment]."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    hum_hz: list[Positive]
+    hum_v_peak: list[Number]
+    noise_v_rms: Number
+
+
+def write_environment(path: str | Path, channels: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write the keys of [environment] that were found of every channel, by its name, whole or not at all."""
+    document = {
+        "format": FORMAT,
+        "tool": __version__,
+        "channels": {name: dict(keys) for name, keys in channels.items()},
+    }
+    write_text(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
+
+
+def read_environment(path: str | Path, channel: str) -> dict[str, Any]:
+    """Return the keys of [environment] that the file tells of `channel`.
+
+    Raises BadInput for a file that cannot be read, another format, a channel that is not in it, a figure out of range.
+    """
+    document = read_finite_json(Path(path))
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise BadInput(f"format is not {FORMAT!r}; allowed: a file that `noise --write` wrote")
+    channels = document.get("channels")
+    if not isinstance(channels, dict) or channel not in channels:
+        known = ", ".join(channels) if isinstance(channels, dict) else "none"
+        raise BadInput(f"channel {channel!r} is not in it; allowed: {known}")
+    try:
+        found = _Measured.model_validate(channels[channel])
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+        key = ".".join(str(part) for part in fault["loc"])
+        raise BadInput(f"channel {channel!r}: {key} is {fault['input']!r}; allowed: {fault['msg'].lower()}") from None
+    return found.model_dump()
