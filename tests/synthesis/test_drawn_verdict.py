@@ -81,8 +81,9 @@ def test_judge_drawn__what_the_plant_is_unsure_of__counts_against_flatness() -> 
     display = paper_alone()
     display = replace(display, channels=(replace(display.channels[0], model_error_db=0.9),))
     flat = next(one for one in judge_drawn([drawn(np.full(1000, 1.2))], display) if one.objective == "i")
-    assert flat.outcome is Outcome.NOT_MET
+    assert flat.outcome is Outcome.NOT_JUDGED
     assert flat.value == pytest.approx(1.1)
+    assert "0.90 dB that the plant itself is unsure of" in flat.remark
 
 
 def test_drawn_assumptions__shifted_modes__told_once() -> None:

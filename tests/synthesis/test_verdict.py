@@ -132,16 +132,21 @@ def test_judge__load_where_nothing_is_known__not_judged() -> None:
     assert outcomes(verdict)["iv"] == "not judged"
 
 
-def test_judge__magnitude_that_is_unsure__counts_against_flatness() -> None:
-    sure, unsure = channel(loads=()), channel(loads=(), model_error_db=0.8)
-    flat = [
+def test_judge__magnitude_that_is_unsure__counts_and_is_not_judged_where_it_decides() -> None:
+    unsure_channel = channel(loads=(), model_error_db=0.8, model_error_hz=(31.0, 35.5))
+    sure, unsure, little = (
         only(judge(paper_controller(), replace(paper_alone(), channels=(one,))), "i", "index", "none", "error of |H|")
-        for one in (sure, unsure)
-    ]
-    assert flat[0].outcome is Outcome.MET
-    assert flat[1].outcome is Outcome.NOT_MET
-    assert flat[1].value == pytest.approx(flat[0].value + 0.8)
-    assert "0.80 dB that the plant itself is unsure of" in flat[1].remark
+        for one in (channel(loads=()), unsure_channel, channel(loads=(), model_error_db=0.2))
+    )
+    assert sure.outcome is little.outcome is Outcome.MET
+    assert unsure.outcome is Outcome.NOT_JUDGED
+    assert sure.value is not None
+    assert unsure.value == pytest.approx(sure.value + 0.8)
+    assert "0.80 dB that the plant itself is unsure of" in unsure.remark
+    assert "more points of its response, most of all between 31 and 35.5 Hz" in unsure.remark
+    little_bit = channel(loads=(), model_error_db=0.1)
+    surely = replace(paper_alone(), channels=(little_bit,), objectives=Objectives(flatness_db=0.05))
+    assert only(judge(paper_controller(), surely), "i", "index", "none", "error of |H|").outcome is Outcome.NOT_MET
 
 
 def test_judge__much_noise__third_objective_not_met() -> None:

@@ -105,7 +105,8 @@ class Channel:
     sensor_gain_v_per_mm in volts per mm, mm/s or mm/s^2 accordingly. travel_mm: mechanical limit, +/-. family: other
     plants that identification cannot tell from `plant`; a design must hold for them too. covariance: of the plant's
     numerator, its monic denominator after the leading one, and its dead time, as `identify` found it; empty: unknown.
-    valid_hz: where the plant is known (None: everywhere). model_error_db: what its magnitude may be off there.
+    valid_hz: where the plant is known (None: everywhere). model_error_db: what its magnitude may be off there, most of
+    all between the two frequencies model_error_hz (None: not known where).
     """
 
     name: str
@@ -124,6 +125,7 @@ class Channel:
     covariance: tuple[tuple[float, ...], ...] = ()
     valid_hz: tuple[float, float] | None = None
     model_error_db: float = 0.0
+    model_error_hz: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         for key in ("sensor_gain_v_per_mm", "travel_mm"):
@@ -137,9 +139,9 @@ class Channel:
             raise BadInput(
                 f"channel {self.name!r}: covariance of {len(self.covariance)} rows; allowed: {size} rows of {size}"
             )
-        if self.valid_hz is not None and not 0.0 < self.valid_hz[0] < self.valid_hz[1]:
-            low, high = self.valid_hz
-            raise BadInput(f"channel {self.name!r}: valid_hz is [{low:g}, {high:g}]; allowed: 0 < low < high")
+        for key, pair in (("valid_hz", self.valid_hz), ("model_error_hz", self.model_error_hz)):
+            if pair is not None and not 0.0 < pair[0] < pair[1]:
+                raise BadInput(f"channel {self.name!r}: {key} is [{pair[0]:g}, {pair[1]:g}]; allowed: 0 < low < high")
         if len({load.name for load in self.loads}) != len(self.loads):
             raise BadInput(f"channel {self.name!r}: two loads have the same name; allowed: each name once")
 

@@ -65,6 +65,7 @@ def _channel_document(channel: Channel) -> dict[str, Any]:
         **({"covariance": [list(row) for row in channel.covariance]} if channel.covariance else {}),
         **({"valid_hz": list(channel.valid_hz)} if channel.valid_hz else {}),
         **({"model_error_db": channel.model_error_db} if channel.model_error_db else {}),
+        **({"model_error_hz": list(channel.model_error_hz)} if channel.model_error_hz else {}),
         **asdict(channel.converter),
         "curve": _curve_document(channel.threshold.curve),
         "band_hz": list(channel.threshold.band_hz),

@@ -1,14 +1,18 @@
 """A plant from its frequency response by itself, for a channel without a loop: only its magnitude is equalised.
 
 The system is stable and of least phase, of the fewest poles whose magnitude keeps to every point within what the points
-are sure of; beyond the last point it falls. How well it does between them is found by leaving one in four out.
+are sure of; beyond the last point it falls. What the curve may do between its points is told by other systems that know
+less of it or bend more: four fitted with one point in four left out, and one of the next number of poles. The greatest
+distance of any of them, anywhere, is what the plant may be off: it widens with the spacing of the points.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -25,18 +29,21 @@ _RATE_OVER_TOP = 400.0
 _FALLS_AT, _FALL_POLES = 4.0, 4
 """Beyond the last point nothing is known: so steep a fall that no image of the converter's adds to a notch."""
 _BETWEEN_DB = 1.0
-_TURNS = 4
+_TURNS, _BETWEEN = 4, 8
+"""One point in four is left out in turn; at eight places a gap systems are compared."""
+_SURE_DEVIATIONS = 2.0
 _WITHIN = (1.0, 1.5, 2.5, 5.0, 10.0, 25.0)
 """Errors that are tried, in terms of what the points are sure of."""
 
 
 @dataclass(frozen=True)
 class ResponsePlant:
-    """A plant of a response. error_db: the greatest error at points that were left out, beyond twice their own standard
-    error. valid_hz: first and last frequency of the response."""
+    """A plant of a response. error_db: what its magnitude may be off anywhere between first and last point. unsure_hz:
+    the two points between which it is the least sure. valid_hz: first and last frequency of the response."""
 
     system: ContinuousSystem
     error_db: float
+    unsure_hz: tuple[float, float]
     valid_hz: tuple[float, float]
 
 
@@ -55,34 +62,64 @@ def plant_of_response(given: FrequencyResponse) -> ResponsePlant:
         for order in orders:
             system = _followed(frequency, level, room_db, order, float(within_db))
             if system is not None:
-                left_out_db = _left_out_db(frequency, level, room_db, order, close_db, own_db)
-                return ResponsePlant(system, left_out_db, (float(frequency[0]), float(frequency[-1])))
+                points = _Points(frequency, level, room_db)
+                others = [*_with_less(points, order, close_db), _with_more(points, order, orders, float(within_db))]
+                apart_db, unsure_hz = _farthest(points, system, others)
+                error_db = apart_db + _SURE_DEVIATIONS * float(np.median(own_db))
+                return ResponsePlant(system, error_db, unsure_hz, (float(frequency[0]), float(frequency[-1])))
     raise BadInput(
         f"no stable system of up to {orders[-1]} poles follows the magnitude within {close_db * _WITHIN[-1]:.3g} dB; "
         "allowed: more points where it turns sharply"
     )
 
 
-def _left_out_db(
-    frequency_hz: FloatArray, level_db: FloatArray, room_db: FloatArray, order: int, close_db: float, own_db: FloatArray
-) -> float:
-    """Return the greatest error at points that the fit has not seen (one in four, in turn), beyond their own; where
-    nothing follows the others, all that the level changes.
-    """
-    worst = 0.0
+@dataclass(frozen=True)
+class _Points:
+    """Points of a response: hertz, dB, and the room that each has beyond the common error, dB; (n,) each."""
+
+    frequency_hz: FloatArray
+    level_db: FloatArray
+    room_db: FloatArray
+
+    def followed(self, kept: NDArray[np.bool_], order: int, within_db: float) -> ContinuousSystem | None:
+        """Return a system through the points that are kept, (n,), or None."""
+        return _followed(self.frequency_hz[kept], self.level_db[kept], self.room_db[kept], order, within_db)
+
+
+def _with_less(points: _Points, order: int, close_db: float) -> Iterator[ContinuousSystem | None]:
+    """Yield systems of the same order that do not know one point in four, each in turn; None where nothing follows."""
     for first in range(1, _TURNS + 1):
-        left_out = np.zeros(frequency_hz.size, dtype=bool)
-        left_out[first:-1:_TURNS] = True
-        kept = ~left_out
-        fits = (
-            _followed(frequency_hz[kept], level_db[kept], room_db[kept], order, times * close_db) for times in _WITHIN
-        )
-        system = next((one for one in fits if one is not None), None)
-        if system is None:
-            return float(np.ptp(level_db))
-        off_db = np.abs(db(np.abs(system.response(frequency_hz[left_out]))) - level_db[left_out])
-        worst = max(worst, float(np.max(off_db - 2.0 * own_db[left_out])))
-    return worst
+        kept = np.ones(points.frequency_hz.size, dtype=bool)
+        kept[first:-1:_TURNS] = False
+        fits = (points.followed(kept, order, times * close_db) for times in _WITHIN)
+        yield next((one for one in fits if one is not None), None)
+
+
+def _with_more(points: _Points, order: int, orders: Sequence[int], within_db: float) -> ContinuousSystem | None:
+    """Return a system through all points with the next number of poles that gives one, or None."""
+    kept = np.ones(points.frequency_hz.size, dtype=bool)
+    fits = (points.followed(kept, more, within_db) for more in orders if more > order)
+    return next((one for one in fits if one is not None), None)
+
+
+def _farthest(
+    points: _Points, system: ContinuousSystem, others: Sequence[ContinuousSystem | None]
+) -> tuple[float, tuple[float, float]]:
+    """Return the greatest distance (dB) of the others from the system, and the two points between which it lies.
+
+    Where one of those that know less is missing, anything is possible: all that the level changes.
+    """
+    edges = points.frequency_hz
+    ends = (float(edges[0]), float(edges[-1]))
+    if any(one is None for one in others[:_TURNS]):
+        return float(np.ptp(points.level_db)), ends
+    share = np.linspace(0.0, 1.0, _BETWEEN, endpoint=False)
+    dense = np.append((edges[:-1, None] * (edges[1:] / edges[:-1])[:, None] ** share).ravel(), edges[-1])
+    own = db(np.abs(system.response(dense)))
+    apart = np.max([np.abs(db(np.abs(one.response(dense))) - own) for one in others if one is not None], axis=0)
+    worst = int(np.argmax(apart))
+    gap = min(worst // _BETWEEN, edges.size - 2)
+    return float(apart[worst]), (float(edges[gap]), float(edges[gap + 1]))
 
 
 def _followed(

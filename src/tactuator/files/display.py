@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from tactuator.display.description import DISTURBANCES, Channel, Converter, Display, Environment, Threshold
+from tactuator.display.description import Channel, Converter, Display, Threshold
 from tactuator.display.load import Load
 from tactuator.display.requirements import FeedbackRequirements, Objectives, PrefilterRequirements
 from tactuator.display.response_plant import ResponsePlant, plant_of_response
@@ -24,7 +24,6 @@ from tactuator.files.display_schema import (
     ConverterKeys,
     CurveTable,
     DisplayKeys,
-    EnvironmentKeys,
     FeedbackKeys,
     ModelKeys,
     ObjectivesKeys,
@@ -35,7 +34,7 @@ from tactuator.files.display_schema import (
     WireKeys,
 )
 from tactuator.files.foreign_response import is_response, read_foreign_response
-from tactuator.files.formats.environment import read_environment
+from tactuator.files.formats.environment import channel_environment, with_measured
 from tactuator.files.formats.text import parse_toml, read_finite_json, read_text
 from tactuator.files.model import FORMAT, parse_model
 from tactuator.perception.curve import ThresholdCurve
@@ -160,14 +159,15 @@ def _channel(document: Document, entry: Mapping[str, Any], beside: Path) -> Chan
         converter=_converter(tables["converter"]),
         feedback=feedback,
         prefilter=_prefilter(tables["prefilter"]),
-        environment=_environment(
-            _measured(tables["environment"], beside, own.name, where),
+        environment=channel_environment(
+            with_measured(tables["environment"], beside, own.name, where),
             None if model is None else model.get("friction") or {},
         ),
         family=family + found.family,
         covariance=_covariance(own.covariance or (model or {}).get("covariance", ()), found.system),
         valid_hz=own.valid_hz or found.valid_hz,
         model_error_db=found.error_db if own.model_error_db is None else own.model_error_db,
+        model_error_hz=own.model_error_hz or (found.unsure_hz if own.model_error_db is None else None),
     )
 
 
@@ -196,40 +196,6 @@ def _prefilter(keys: PrefilterKeys) -> PrefilterRequirements:
     return PrefilterRequirements(**keys.model_dump())
 
 
-def _measured(keys: EnvironmentKeys, beside: Path, channel: str, where: str) -> EnvironmentKeys:
-    """Return the keys with those of the file that `measured` names, if it names one."""
-    if keys.measured is None:
-        return keys
-    stated = sorted(keys.model_fields_set & {"hum_hz", "hum_v_peak", "noise_v_rms"})
-    if stated:
-        raise BadInput(f"{where} environment: both measured and {stated[0]} are given; allowed: one of them")
-    path = beside / keys.measured
-    try:
-        found = read_environment(path, channel)
-    except BadInput as error:
-        raise BadInput(f"{where} measured {path}: {error}") from None
-    return EnvironmentKeys.model_validate({**keys.model_dump(exclude_unset=True), **found})
-
-
-def _environment(keys: EnvironmentKeys, friction: Mapping[str, float] | None) -> Environment:
-    """Return the environment of the file's keys, and the friction of an identified model where the file states none."""
-    values = _tuples(keys)
-    del values["measured"]
-    stated = {_STATES[key] for key in keys.model_fields_set if key in _STATES}
-    if friction is not None and "friction" not in stated:
-        stated.add("friction")
-        values["friction_v"] = float(friction.get("coulomb", 0.0))
-        if friction.get("presliding"):
-            values["presliding_v"] = float(friction["presliding"])
-    if keys.assumed is None:
-        values["assumed"] = tuple(what for what in DISTURBANCES if what not in stated)
-    return Environment(**values)
-
-
-_STATES = {"hum_v_peak": "hum", "hum_hz": "hum", "noise_v_rms": "noise", "friction_v": "friction"}
-"""Keys of [environment], and the disturbance that each states."""
-
-
 def _feedback(keys: FeedbackKeys, where: str) -> FeedbackRequirements:
     values = _tuples(keys)
     values["controller"] = None if keys.controller is None else system_of(keys.controller, f"{where} controller")
@@ -254,8 +220,8 @@ class _Plant:
 
     scale: the leading coefficient its file gave the denominator (loads are in its units). family: plants that
     identification cannot tell from it. model: the document of model.json, None where the plant is no such file.
-    valid_hz: where it says something of the mechanism, None: not known. error_db: what its magnitude may be off there.
-    is_response: whether it was made of a response by itself.
+    valid_hz: where it says something of the mechanism, None: not known. error_db: what its magnitude may be off there,
+    most of all between the two frequencies unsure_hz. is_response: whether it was made of a response by itself.
     """
 
     system: ContinuousSystem
@@ -264,6 +230,7 @@ class _Plant:
     model: Mapping[str, Any] | None = field(default=None, repr=False)
     valid_hz: tuple[float, float] | None = None
     error_db: float = 0.0
+    unsure_hz: tuple[float, float] | None = None
     is_response: bool = False
 
 
@@ -307,7 +274,9 @@ def _of_response(path: Path, where: str, looped: bool) -> _Plant:
         found = _fitted(path, path.stat().st_mtime_ns)
     except BadInput as error:
         raise BadInput(f"{where} plant {path}: {error}") from None
-    return _Plant(found.system, valid_hz=found.valid_hz, error_db=found.error_db, is_response=True)
+    return _Plant(
+        found.system, valid_hz=found.valid_hz, error_db=found.error_db, unsure_hz=found.unsure_hz, is_response=True
+    )
 
 
 @lru_cache(maxsize=16)

@@ -147,6 +147,7 @@ class ChannelOwnKeys(_Table):
     covariance: list[list[Number]] = []
     valid_hz: tuple[Positive, Positive] | None = None
     model_error_db: Annotated[float, Field(strict=True, ge=0.0, allow_inf_nan=False)] | None = None
+    model_error_hz: tuple[Positive, Positive] | None = None
 
 
 class SoundKeys(_Table):

@@ -20,6 +20,7 @@ from tactuator.display.description import Channel, Display
 from tactuator.display.verdict import Finding, Outcome
 from tactuator.synthesis.family import UNLOADED
 from tactuator.synthesis.monte_carlo import QUANTILES, DrawnPlants
+from tactuator.synthesis.verdict import unsure
 
 MAY_PASS, CONFIDENCE = 0.05, 0.95
 """Share of plants that may pass a limit, and the confidence with which that is told."""
@@ -51,6 +52,7 @@ def _findings(one: DrawnPlants, channel: Channel, display: Display) -> Iterator[
             yield _judged(one, "iii", "max|S|", one.sensitivity_peak, peak, "")
     if one.load == UNLOADED:
         found = _judged(one, "i", "error of |H|", one.flatness_db + channel.model_error_db, asked.flatness_db, "dB")
+        found = unsure(found, channel) if channel.model_error_db > 0.0 else found
         yield _open(found, "the plant is not known over the whole band (valid_hz)") if _is_beyond(channel) else found
     if np.any(np.isfinite(one.felt_hum_db_sl)):
         hum = _judged(one, "ii", "felt hum", one.felt_hum_db_sl, asked.mains_max_db_sl, "dB SL")

@@ -104,8 +104,7 @@ class _Judge:
             remedy="more poles in [prefilter], or a wider flatness_db",
         )
         if unsure_db > 0.0:
-            told = f"of which {unsure_db:.2f} dB that the plant itself is unsure of"
-            found = replace(found, remark=f"{found.remark}; {told}" if found.remark else told)
+            found = unsure(found, self.channel)
         if self.member.load == UNLOADED:
             return found
         told = "told only: what a load changes is objective iv's"
@@ -239,6 +238,18 @@ def judge_channel(own: ChannelController, channel: Channel, display: Display) ->
     if not channel.loads:
         nominal = _Judge(channel, display, family[0], loops[0], loops[0])
         yield nominal.open("iv", "change of |H|", "the display file describes no load (loads)")
+
+
+def unsure(found: Finding, channel: Channel) -> Finding:
+    """Return a finding on |H| whose value holds what the plant is unsure of: not judged where that decides."""
+    most, allowed = found.value or 0.0, found.allowed or 0.0
+    unsure_db = channel.model_error_db
+    told = f"of which {unsure_db:.2f} dB that the plant itself is unsure of"
+    if most <= allowed or most - 2.0 * unsure_db > allowed:
+        return replace(found, remark=f"{found.remark}; {told}" if found.remark else told)
+    pair = channel.model_error_hz
+    where = "" if pair is None else f", most of all between {pair[0]:.4g} and {pair[1]:.4g} Hz"
+    return replace(found, outcome=Outcome.NOT_JUDGED, remark=f"{told}: more points of its response{where}")
 
 
 def _unstable(judge: _Judge) -> Iterator[Finding]:

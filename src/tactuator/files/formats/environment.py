@@ -12,9 +12,10 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from tactuator import __version__
+from tactuator.display.description import DISTURBANCES, Environment
 from tactuator.errors import BadInput
 from tactuator.files.atomic import write_text
-from tactuator.files.display_schema import Number, Positive
+from tactuator.files.display_schema import EnvironmentKeys, Number, Positive
 from tactuator.files.formats.text import read_finite_json
 
 FORMAT = "tactuator-environment/1"
@@ -59,3 +60,37 @@ def read_environment(path: str | Path, channel: str) -> dict[str, Any]:
         key = ".".join(str(part) for part in fault["loc"])
         raise BadInput(f"channel {channel!r}: {key} is {fault['input']!r}; allowed: {fault['msg'].lower()}") from None
     return found.model_dump()
+
+
+def with_measured(keys: EnvironmentKeys, beside: Path, channel: str, where: str) -> EnvironmentKeys:
+    """Return the keys with those of the file that `measured` names, if it names one."""
+    if keys.measured is None:
+        return keys
+    stated = sorted(keys.model_fields_set & {"hum_hz", "hum_v_peak", "noise_v_rms"})
+    if stated:
+        raise BadInput(f"{where} environment: both measured and {stated[0]} are given; allowed: one of them")
+    path = beside / keys.measured
+    try:
+        found = read_environment(path, channel)
+    except BadInput as error:
+        raise BadInput(f"{where} measured {path}: {error}") from None
+    return EnvironmentKeys.model_validate({**keys.model_dump(exclude_unset=True), **found})
+
+
+def channel_environment(keys: EnvironmentKeys, friction: Mapping[str, float] | None) -> Environment:
+    """Return the environment of the file's keys, and the friction of an identified model where the file states none."""
+    dumped = keys.model_dump(exclude={"measured"})
+    values: dict[str, Any] = {name: tuple(one) if isinstance(one, list) else one for name, one in dumped.items()}
+    stated = {_STATES[key] for key in keys.model_fields_set if key in _STATES}
+    if friction is not None and "friction" not in stated:
+        stated.add("friction")
+        values["friction_v"] = float(friction.get("coulomb", 0.0))
+        if friction.get("presliding"):
+            values["presliding_v"] = float(friction["presliding"])
+    if keys.assumed is None:
+        values["assumed"] = tuple(what for what in DISTURBANCES if what not in stated)
+    return Environment(**values)
+
+
+_STATES = {"hum_v_peak": "hum", "hum_hz": "hum", "noise_v_rms": "noise", "friction_v": "friction"}
+"""Keys of [environment], and the disturbance that each states."""
