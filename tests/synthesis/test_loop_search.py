@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactuator.display.description import Display
 from tactuator.display.requirements import FeedbackRequirements
 from tactuator.errors import NoDesign
 from tactuator.files.display import read_display
@@ -80,13 +81,37 @@ def test_design__plants_people_own__whole_controller(name: str) -> None:
     assert judged(task(NAMED[name]), feedback, 1.3) is not None
 
 
+def eight(plant: ContinuousSystem, spread: float) -> Display:
+    """A display of eight fingers, each plant's gain `spread` above that of the one before."""
+    display = of(plant, 8, RATE_HZ, feedback=DEFAULTS)
+    plants = [
+        ContinuousSystem(plant.zeros, plant.poles, plant.gain * (1.0 + spread * k), plant.delay_s) for k in range(8)
+    ]
+    channels = tuple(replace(display.channels[0], name=f"finger {k}", plant=own) for k, own in enumerate(plants))
+    return replace(display, channels=channels)
+
+
+def test_design__eight_equal_channels__the_bytes_of_one() -> None:
+    made = design_controller(eight(NAMED["piezo 400 Hz Q 20"], 0.0))
+    alone = design_controller(of(NAMED["piezo 400 Hz Q 20"], 8, RATE_HZ, feedback=DEFAULTS)).channels[0]
+    assert [one.name for one in made.channels] == [f"finger {k}" for k in range(8)]
+    for one in made.channels:
+        assert one.prefilter_sos.tobytes() == alone.prefilter_sos.tobytes()
+        assert one.feedback_sos is not None
+        assert alone.feedback_sos is not None
+        assert one.feedback_sos.tobytes() == alone.feedback_sos.tobytes()
+
+
 @pytest.mark.soak
 @pytest.mark.parametrize("plant", NAMED.values(), ids=NAMED)
-def test_design__plants_people_own__eight_channels(plant: ContinuousSystem) -> None:
-    one = channel(plant=plant, loads=(), feedback=DEFAULTS)
-    channels = tuple(replace(one, name=f"finger {k}") for k in range(8))
-    made = design_controller(replace(of(plant, 8, RATE_HZ, feedback=DEFAULTS), channels=channels))
-    assert len({channel.feedback_sos.tobytes() for channel in made.channels if channel.feedback_sos is not None}) == 1
+def test_design__plants_people_own__eight_channels_of_their_own(plant: ContinuousSystem) -> None:
+    display = eight(plant, 0.02)
+    made = design_controller(display)
+    for one, own in zip(made.channels, display.channels, strict=True):
+        feedback = one.feedback(RATE_HZ)
+        assert feedback is not None
+        assert judged(task(own.plant), feedback, 1.3) is not None
+    assert len({one.feedback_sos.tobytes() for one in made.channels if one.feedback_sos is not None}) == 8
 
 
 @pytest.mark.parametrize(

@@ -43,9 +43,22 @@ def design_controller(display: Display, poles: int | None = None, error_db: floa
     Raises BadInput for a plant that cannot be controlled, requirements that contradict each other, or requirements
     that nothing satisfies: the message says which bind, and what would be possible.
     """
+    made: list[ChannelController] = []
     with threadpool_limits(limits=1):  # sums that BLAS splits over threads round differently
-        channels = tuple(design_channel(display, channel, poles, error_db) for channel in display.channels)
-    return Controller(display, channels, __version__)
+        for channel in display.channels:
+            twin = next(
+                (own for own, other in zip(made, display.channels, strict=False) if _is_twin(channel, other)), None
+            )
+            own = (
+                design_channel(display, channel, poles, error_db) if twin is None else replace(twin, name=channel.name)
+            )
+            made.append(own)
+    return Controller(display, tuple(made), __version__)
+
+
+def _is_twin(channel: Channel, other: Channel) -> bool:
+    """Tell whether two channels differ in name and finger only: what is designed for one is that of the other."""
+    return replace(channel, name=other.name, finger=other.finger) == other
 
 
 def design_channel(
