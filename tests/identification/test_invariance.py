@@ -12,7 +12,7 @@ from tests.identification.others import Plant, band_limited
 PLANT = Plant(np.zeros(0), np.array([-42.65 + 435.0j, -42.65 - 435.0j]), 2.0, 1e-3)
 SAMPLES = band_limited(PLANT, np.random.default_rng(7), 610.35, 6.0, 40.0)
 MOTOR = motor(np.random.default_rng(8), 10.0)[1:]
-BASE = identify(Record(610.35, *SAMPLES), hold="band-limited")
+BASE = identify(Record(610.35, *SAMPLES))
 MOTOR_BASE = identify(Record(1000.0, *MOTOR))
 factors = st.floats(-3.0, 3.0).map(lambda power: 10.0**power)
 
@@ -21,8 +21,9 @@ factors = st.floats(-3.0, 3.0).map(lambda power: 10.0**power)
 @given(factors, factors, factors)
 def test_identify__other_label_and_units__same_scaled_model(faster: float, command: float, position: float) -> None:
     record = Record(610.35 * faster, command * SAMPLES[0], position * SAMPLES[1])
-    found = identify(record, hold="band-limited")
+    found = identify(record)
     assert (found.order, found.model.num.size) == (BASE.order, BASE.model.num.size)
+    assert found.between.hold == BASE.between.hold == "band-limited"
     frequency = np.array([5.0, 60.0, 150.0])
     same = BASE.model.response(frequency) * position / command
     np.testing.assert_allclose(found.model.response(frequency * faster), same, rtol=1e-3)
