@@ -9,6 +9,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PICTURE = ROOT / "docs" / "figures" / "floors.svg"
 TASKS = {
     "cli": "asks, calls one function, prints its answer",
+    "console": "a page on which a loop is shaped by dragging",
     "api": "the chain as Python functions; results that draw themselves",
     "paper": "the paper's run; many files; pages in a browser",
     "report": "figures and pages from results",

@@ -5,6 +5,7 @@ A group is a folder below tactuator.cli whose module `verbs` has the signatures.
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "start": ("init",),
+    "console": ("console",),
     "model": ("calibrate", "record", "identify"),
     "controller": ("design", "check", "wordlength", "build", "image", "firmware"),
     "response": ("noise", "measure", "disturb"),
@@ -16,6 +17,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
 
 TITLES: dict[str, str] = {
     "start": "Files to start from",
+    "console": "The chain on a page",
     "model": "From a record to a model",
     "controller": "From a model to a controller on a board",
     "response": "What the display does",

@@ -18,7 +18,12 @@ from tactuator.files.formats.text import read_json
 
 def write_controller(path: str | Path, controller: Controller) -> None:
     """Write controller.json, whole or not at all."""
-    write_text(path, json.dumps(controller.document(), indent=1) + "\n")
+    write_text(path, controller_text(controller))
+
+
+def controller_text(controller: Controller) -> str:
+    """Return the text of controller.json."""
+    return json.dumps(controller.document(), indent=1) + "\n"
 
 
 def read_controller(path: str | Path) -> Controller:

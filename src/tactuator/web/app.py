@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
-import hmac
 from typing import Annotated
-from urllib.parse import urlsplit
 
-from fastapi import FastAPI, Query, Request, Response, WebSocket, WebSocketDisconnect
+from fastapi import FastAPI, Query, Request, Response, WebSocket
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException as StarletteHTTPException
 
@@ -15,14 +12,12 @@ from tactuator.errors import BadInput
 from tactuator.web.lab import Lab
 from tactuator.web.operator import OperatorPage, Operators
 from tactuator.web.pages import page, plain_text, static_file
-from tactuator.web.sockets import receive_text
+from tactuator.web.sockets import has_token, same_origin
 from tactuator.web.subject import SubjectTab
 from tactuator.web.tabs import Tabs
 
 CLOSE_FORBIDDEN, CLOSE_UNKNOWN = 4003, 4004
 """Close codes of connections that are not allowed, or to no known session."""
-
-_TOKEN_TIMEOUT_S = 10.0
 
 
 def build_app(lab: Lab, operator_token: str) -> FastAPI:
@@ -35,7 +30,7 @@ def build_app(lab: Lab, operator_token: str) -> FastAPI:
     async def subject(socket: WebSocket, token: str) -> None:
         await socket.accept()
         row = lab.by_token(token)
-        if row is None or not _same_origin(socket):
+        if row is None or not same_origin(socket):
             await socket.close(CLOSE_UNKNOWN)
             return
         tab = SubjectTab(socket, lab, row)
@@ -50,7 +45,7 @@ def build_app(lab: Lab, operator_token: str) -> FastAPI:
     @app.websocket("/ws/operator")
     async def operator(socket: WebSocket) -> None:
         await socket.accept()
-        if not _same_origin(socket) or not await _has_operator_token(socket, operator_token):
+        if not same_origin(socket) or not await has_token(socket, operator_token):
             await socket.close(CLOSE_FORBIDDEN)
             return
         page = OperatorPage(socket, lab, tabs, operators)
@@ -103,19 +98,3 @@ def _pages(app: FastAPI, lab: Lab) -> None:
     @app.exception_handler(RequestValidationError)
     async def refused(request: Request, error: RequestValidationError) -> Response:
         return plain_text(lab.words("page.no_page"), 422)
-
-
-def _same_origin(socket: WebSocket) -> bool:
-    """Return whether the page that connects came from this server; another site's page may not speak for its reader."""
-    origin = socket.headers.get("origin")
-    return origin is None or urlsplit(origin).netloc == socket.headers.get("host")
-
-
-async def _has_operator_token(socket: WebSocket, token: str) -> bool:
-    """Return whether the first message is the operator's token."""
-    try:
-        async with asyncio.timeout(_TOKEN_TIMEOUT_S):
-            received = await receive_text(socket)
-    except (TimeoutError, WebSocketDisconnect, BadInput):
-        return False
-    return hmac.compare_digest(received.encode(), token.encode())

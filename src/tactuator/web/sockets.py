@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import hmac
 from collections.abc import Coroutine
 from typing import Any
+from urllib.parse import urlsplit
 
 from fastapi import WebSocket, WebSocketDisconnect
 from starlette.websockets import WebSocketState
 
 from tactuator.errors import BadInput
+
+_TOKEN_TIMEOUT_S = 10.0
 
 
 async def send(socket: WebSocket, message: dict[str, Any]) -> None:
@@ -44,3 +48,19 @@ async def first_to_end(*parts: Coroutine[Any, Any, None]) -> None:
     for end in ends:
         if isinstance(end, Exception) and not isinstance(end, WebSocketDisconnect):
             raise end
+
+
+def same_origin(socket: WebSocket) -> bool:
+    """Return whether the page that connects came from this server; another site's page may not speak for its reader."""
+    origin = socket.headers.get("origin")
+    return origin is None or urlsplit(origin).netloc == socket.headers.get("host")
+
+
+async def has_token(socket: WebSocket, token: str) -> bool:
+    """Return whether the first message is the token."""
+    try:
+        async with asyncio.timeout(_TOKEN_TIMEOUT_S):
+            received = await receive_text(socket)
+    except (TimeoutError, WebSocketDisconnect, BadInput):
+        return False
+    return hmac.compare_digest(received.encode(), token.encode())

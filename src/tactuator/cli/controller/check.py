@@ -14,9 +14,10 @@ from rich.text import Text
 
 from tactuator.api.verdict import whole_verdict
 from tactuator.cli.answer import answer, working
-from tactuator.display.verdict import Finding, Outcome, Verdict
+from tactuator.display.verdict import Outcome, Verdict
 from tactuator.files.controller import read_controller
 from tactuator.files.display import read_display
+from tactuator.report.controller_table import FINDING_COLUMNS, finding_row
 from tactuator.synthesis.monte_carlo import DrawnPlants
 from tactuator.synthesis.monte_carlo import monte_carlo as draw_plants
 
@@ -56,21 +57,13 @@ def verdict_table(verdict: Verdict) -> Group:
     Remarks, which may be long, stand below it.
     """
     table = Table()
-    for name in ("objective", "channel", "outcome", "found", "allowed", "frequency", "load"):
+    for name in FINDING_COLUMNS:
         table.add_column(name, no_wrap=name in ("objective", "outcome", "allowed", "frequency"))
     told = []
     for objective in verdict.objectives:
         for one in objective.worst():
-            table.add_row(*(Text(cell) for cell in _row(one)))
+            table.add_row(*(Text(cell) for cell in finding_row(one)))
             if one.remark:
                 told.append(f"{one.objective}, {one.channel}: {one.remark}")
     told += [f"assumed: {sentence}" for sentence in verdict.assumptions]
     return Group(table, *dict.fromkeys(told), f"verdict: {verdict.sentence}")
-
-
-def _row(one: Finding) -> tuple[str, ...]:
-    unit = f" {one.unit}" if one.unit else ""
-    found = one.quantity if one.value is None else f"{one.quantity} {one.value:.2f}{unit}"
-    allowed = "" if one.allowed is None else f"{one.allowed:g}{unit}"
-    at = "" if one.frequency_hz is None else f"{one.frequency_hz:.4g} Hz"
-    return one.objective, one.channel, one.outcome.value, found, allowed, at, one.load

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from rich.console import Group
 from rich.table import Table
@@ -17,6 +16,7 @@ from tactuator.display.verdict import Verdict
 from tactuator.files.controller import write_controller
 from tactuator.files.curve import resolve_curve
 from tactuator.files.display import read_display, with_curve
+from tactuator.report.controller_table import design_rows
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.exchange.continuous_form import continuous_form
@@ -53,43 +53,10 @@ def _with_curve(display: Display, curve: str | None) -> Display:
 
 def _shown(controller: Controller, verdict: Verdict) -> Group:
     table = Table("figure (worst over the loads)", *(one.name for one in controller.channels), title="Design")
-    for words, keys in _ROWS.items():
-        table.add_row(words, *(_cell(_found(one.report, keys)) for one in controller.channels))
-    lines_hz = sorted({key for one in controller.channels for key in one.report.get("mains_db", {})}, key=float)
-    for key in lines_hz:
-        table.add_row(
-            f"|T| at {key} Hz (dB)", *(_cell(_found(o.report, ("mains_db", key))) for o in controller.channels)
-        )
+    for row in design_rows(controller.channels):
+        table.add_row(*row)
     lines = [line for one in controller.channels for line in _printed(one, controller.rate_hz)]
     return Group(table, *lines, verdict_table(verdict))
-
-
-_ROWS: dict[str, tuple[str, ...]] = {
-    "crossover (Hz)": ("margins", "crossover_hz"),
-    "phase margin (deg)": ("margins", "phase_margin_deg"),
-    "gain margin (dB)": ("margins", "gain_margin_db"),
-    "max|S|": ("margins", "sensitivity_peak"),
-    "max|T|": ("margins", "complementary_peak"),
-    "disk margin": ("margins", "disk_margin"),
-    "delay margin (samples)": ("margins", "delay_margin_samples"),
-    "command noise gain": ("margins", "command_noise_gain"),
-    "mean |S| over the rejection band (dB)": ("rejection_db", "mean"),
-    "prefilter: poles": ("prefilter", "poles"),
-    "prefilter: greatest error (dB)": ("prefilter", "max_error_db"),
-    "prefilter: rms error (dB)": ("prefilter", "rms_error_db"),
-}
-
-
-def _found(report: Any, keys: tuple[str, ...]) -> Any:
-    for key in keys:
-        report = report.get(key) if report is not None else None
-    return report
-
-
-def _cell(value: Any) -> str:
-    if value is None:
-        return "—"
-    return f"{value:.2f}" if isinstance(value, float) else str(value)
 
 
 def _printed(channel: ChannelController, rate_hz: float) -> list[str]:

@@ -1,0 +1,67 @@
+"""The console's server: its page, the files of the page, and the connection that answers it."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+from fastapi import FastAPI, Request, Response, WebSocket
+from starlette.exceptions import HTTPException as StarletteHTTPException
+
+from tactuator.console.connection import ConsoleConnection
+from tactuator.console.workshop import Workshop
+from tactuator.web.pages import HEADERS, plain_text
+from tactuator.web.pages import static_file as shared_file
+from tactuator.web.sockets import has_token, same_origin
+
+CLOSE_FORBIDDEN = 4003
+"""Close code of a connection that is not allowed."""
+_TYPES = {
+    ".css": "text/css",
+    ".js": "text/javascript",
+    ".svg": "image/svg+xml",
+    ".html": "text/html",
+    ".md": "text/plain",
+}
+_ICON = "icon.svg"
+_NOTHING = "There is no such page here."
+
+
+def build_console(workshop: Workshop, token: str) -> FastAPI:
+    """Return the web application of the console; whoever has the token may use it."""
+    app = FastAPI(title="tactuator console", docs_url=None, redoc_url=None, openapi_url=None)
+
+    @app.get("/")
+    async def page() -> Response:
+        return static_file("console.html") or plain_text(_NOTHING, 404)
+
+    @app.get("/static/{name}")
+    async def static(name: str) -> Response:
+        found = shared_file(name) if name == _ICON else static_file(name)
+        return found or plain_text(_NOTHING, 404)
+
+    @app.websocket("/ws")
+    async def connection(socket: WebSocket) -> None:
+        await socket.accept()
+        if not same_origin(socket) or not await has_token(socket, token):
+            await socket.close(CLOSE_FORBIDDEN)
+            return
+        await ConsoleConnection(socket, workshop).serve()
+
+    @app.exception_handler(StarletteHTTPException)
+    async def told(request: Request, error: StarletteHTTPException) -> Response:
+        return plain_text(_NOTHING, error.status_code)
+
+    @app.exception_handler(Exception)
+    async def failed(request: Request, error: Exception) -> Response:
+        return plain_text(_NOTHING, 500)
+
+    return app
+
+
+def static_file(name: str) -> Response | None:
+    """Return a part of the page by its bare name, or None where there is none."""
+    suffix = name[name.rfind(".") :]
+    found = files("tactuator.console").joinpath("static", name)
+    if "/" in name or suffix not in _TYPES or not found.is_file():
+        return None
+    return Response(found.read_bytes(), media_type=_TYPES[suffix], headers=HEADERS)

@@ -1,0 +1,83 @@
+"""The figures of one channel while its loop is shaped: those of `design` and `check`, by the same functions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from tactuator.console.chart.bench import Bench
+from tactuator.display.controller import ChannelController, Controller
+from tactuator.display.verdict import Finding, Verdict, verdict_of
+from tactuator.report.controller_table import FINDING_COLUMNS, design_rows, finding_row
+from tactuator.signals.systems import SampledSystem
+from tactuator.synthesis.design import assemble
+from tactuator.synthesis.prefilter.fit import fit_prefilter
+from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, RESONANCE, judge_channel
+from tactuator.wordlength.buildable import buildable
+
+_TILES = ("error of |H|", FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|")
+"""Quantities of a verdict that stand in large figures."""
+_BUILD = "build"
+
+
+def channel_controller(bench: Bench, feedback: SampledSystem) -> ChannelController:
+    """Return the controller of a channel with C as it was shaped, and the prefilter that belongs to it.
+
+    Raises UnstableLoop where the loop is unstable on a plant of the family; BadInput where no prefilter fits.
+    """
+    display, channel = bench.display, bench.channel
+    fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, channel.prefilter.poles)
+    return assemble(display, channel, feedback, fit, bench.family)
+
+
+def channel_figures(bench: Bench, own: ChannelController) -> dict[str, Any]:
+    """Return the figures of `design` and the findings of `check` on one channel, as rows of texts, and the large
+    figures: name, value and limit as texts, and what came of them.
+    """
+    alone = Controller(replace(bench.display, channels=(bench.channel,)), (own,))
+    findings = [*judge_channel(own, bench.channel, bench.display), buildable(alone)]
+    return {
+        "design": [list(row) for row in design_rows([own])],
+        "verdict": verdict_rows(verdict_of(findings)),
+        "tiles": [_margin_tile(bench, own), *_tiles(verdict_of(findings))],
+    }
+
+
+def verdict_rows(verdict: Verdict) -> dict[str, Any]:
+    """Return a verdict as `check` prints it: columns, rows of texts with their remarks, its sentence, what was assumed."""
+    rows = [[*finding_row(one), one.remark] for objective in verdict.objectives for one in objective.worst()]
+    return {
+        "columns": [*FINDING_COLUMNS, "remark"],
+        "rows": rows,
+        "sentence": verdict.sentence,
+        "assumed": list(verdict.assumptions),
+    }
+
+
+def _margin_tile(bench: Bench, own: ChannelController) -> dict[str, str]:
+    margin = own.report["margins"]["phase_margin_deg"]
+    asked = bench.channel.feedback.phase_margin_deg
+    short = asked is not None and margin is not None and margin < asked
+    return {
+        "name": "phase margin",
+        "value": "—" if margin is None else f"{margin:.2f}°",
+        "allowed": "" if asked is None else f"{asked:g}° or more",
+        "outcome": "not met" if short else "met",
+    }
+
+
+def _tiles(verdict: Verdict) -> list[dict[str, str]]:
+    found = [one for objective in verdict.objectives for one in objective.worst()]
+    worst = {one.quantity: one for one in found if one.objective != _BUILD}
+    built = [replace(one, quantity="word length: float32") for one in found if one.objective == _BUILD]
+    return [_tile(one) for one in [*(worst[name] for name in _TILES if name in worst), *built]]
+
+
+def _tile(one: Finding) -> dict[str, str]:
+    unit = f" {one.unit}" if one.unit else ""
+    return {
+        "name": one.quantity,
+        "value": "—" if one.value is None else f"{one.value:.2f}{unit}",
+        "allowed": "" if one.allowed is None else f"{one.allowed:g}{unit} or less",
+        "outcome": one.outcome.value,
+    }

@@ -1,0 +1,88 @@
+"""Messages that the console's page may send, checked and bounded before they are used."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
+
+from tactuator.errors import BadInput
+
+Count = Annotated[int, Field(ge=0, lt=2**53, strict=True)]
+Name = Annotated[str, StringConstraints(max_length=200)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+CHANNELS_MAX = 64
+
+
+class _Request(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    id: Count
+
+
+class Start(_Request):
+    """Request for what the start page shows."""
+
+    do: Literal["start"]
+
+
+class Open(_Request):
+    """Request for a display, read anew."""
+
+    do: Literal["open"]
+    display: Name
+
+
+class _OfChannel(_Request):
+    display: Name
+    channel: Name
+
+
+class Bring(_OfChannel):
+    """Request for a channel's bench, with a shape to begin with."""
+
+    do: Literal["bring"]
+
+
+class Draw(_OfChannel):
+    """Request for the curves of a shape; its figures follow."""
+
+    do: Literal["draw"]
+    shape: dict[str, Any]
+
+
+class Point(_OfChannel):
+    """Request to bring the point of the curve at `hz`, turned by `turn_deg`, to `gain_db`."""
+
+    do: Literal["point"]
+    shape: dict[str, Any]
+    hz: Annotated[Finite, Field(gt=0.0)]
+    turn_deg: Finite
+    gain_db: Annotated[Finite, Field(ge=-200.0, le=200.0)]
+
+
+class Design(_OfChannel):
+    """Request to run the synthesis for a channel."""
+
+    do: Literal["design"]
+
+
+class Check(_Request):
+    """Request for the whole verdict, and the text of the controller file."""
+
+    do: Literal["check"]
+    display: Name
+    shapes: Annotated[dict[Name, dict[str, Any]], Field(max_length=CHANNELS_MAX)]
+
+
+Request = Start | Open | Bring | Draw | Point | Design | Check
+_REQUEST: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="do")])
+
+
+def request_of(text: str) -> Request:
+    """Return a request. Raises BadInput, naming the key, for anything else."""
+    try:
+        return _REQUEST.validate_json(text)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        where = ".".join(str(part) for part in first["loc"]) or "message"
+        raise BadInput(f"{where}: {first['msg']}; allowed: a request of the console's page") from None

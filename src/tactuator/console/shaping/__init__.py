@@ -1,0 +1,1 @@
+"""The feedback controller as factors that a person can take hold of."""

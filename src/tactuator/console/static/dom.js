@@ -1,0 +1,32 @@
+// Small functions that every view uses.
+export const el = (id) => document.getElementById(id);
+export const say = (text) => { el("said").textContent = text; };
+export const banner = (text) => { el("banner").textContent = text; el("banner").hidden = text === ""; };
+// A refusal is shown; that the connection is lost is told already.
+export const refusal = (error) => { if (!error.lost) banner(error.message); };
+
+export function make(name, attributes = {}, ...content) {
+  const node = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (key.startsWith("on")) node[key] = value;
+    else if (value !== false && value !== null) node.setAttribute(key, value);
+  }
+  node.append(...content);
+  return node;
+}
+
+export function draw(name, attributes = {}, ...content) {
+  const node = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
+  node.append(...content);
+  return node;
+}
+
+// A number as a person reads it: three digits that count.
+export const digits = (value) => Number(value.toPrecision(3)).toString();
+export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+
+export function command(text) {
+  const copy = make("button", { type: "button", onclick: () => navigator.clipboard?.writeText(text).then(() => say("copied")) }, "Copy");
+  return make("div", { class: "command" }, make("code", { tabindex: "0" }, text), copy);
+}

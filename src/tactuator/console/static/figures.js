@@ -1,0 +1,28 @@
+// Figures of a shape: large ones, the table of `design`, the findings of `check`; and designs that are kept.
+import { make } from "./dom.js";
+import { term } from "./words.js";
+
+const NAMED = { "phase margin": ["phase margin"], "felt hum": ["hum", "felt hum"], "felt noise": ["sensation level", "felt noise"], "change of |H|": ["load", "change of |H| under load"],
+  "error of |H|": ["prefilter", "error of |H|"], "max|T|": ["sensitivity", "max|T|"] };
+const named = (name) => (NAMED[name] ? term(NAMED[name][0], NAMED[name].at(-1)) : name);
+const IN_WORDS = { met: "met", "not met": "not met", "not judged": "not judged" };
+
+export function tiles(into, found) {
+  into.replaceChildren(...found.map(({ name, value, allowed, outcome }) => make("div", { class: outcome.replace(" ", "-") },
+    make("dt", {}, named(name)), make("dd", {}, value, make("small", {}, `${allowed}${allowed ? ": " : ""}${IN_WORDS[outcome]}`)))));
+}
+
+const NUMBER = /^[−-]?[\d.]/;
+const cell = (text) => make("td", { class: NUMBER.test(text) || text === "—" ? "number" : "" }, text);
+const table = (caption, head, rows) => make("table", {}, make("caption", {}, caption),
+  make("thead", {}, make("tr", {}, ...head.map((text) => make("th", { scope: "col" }, text)))),
+  make("tbody", {}, ...rows.map(([first, ...others]) => make("tr", {}, make("th", { scope: "row" }, first), ...others.map(cell)))));
+
+export const designTable = (rows, kept) => table("Figures, the worst over loads and models", ["figure", "now", ...kept.map((one) => one.name)],
+  rows.map(([name, value]) => [name, value, ...kept.map((one) => one.rows.find(([other]) => other === name)?.[1] ?? "—")]));
+
+export function verdict(found) {
+  const made = table("Objectives", found.columns, found.rows);
+  const notes = found.assumed.map((text) => make("p", {}, `Assumed: ${text}.`));
+  return make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Objectives" }, made, make("p", {}, term("verdict"), `: ${found.sentence}`), ...notes);
+}

@@ -1,0 +1,30 @@
+// Terms that not every reader knows: a button that shows the words of the glossary in short.
+import { el, make } from "./dom.js";
+
+export const TERMS = {
+  "phase margin": "How much more lag, in degrees, the loop bears where its gain is one before it is unstable.",
+  "gain margin": "By how much the loop's gain may rise before it is unstable.",
+  "crossover": "The frequency at which the loop's gain is one; above it feedback does little.",
+  "sensitivity": "S = 1/(1 + L): what is left of a disturbance. Its peak, max|S|, says how near the loop is to instability.",
+  "sensation level": "Level above the detection threshold at the same frequency, in dB SL: 0 dB SL is just felt.",
+  "hum": "What the mains add to the sensor's voltage; the loop turns it into motion of the display.",
+  "load": "What touches the display, a resting finger for example; it changes the plant.",
+  "plant": "The actuator as the loop sees it: from command to sensor voltage.",
+  "prefilter": "The filter ahead of the loop; with it, equal amplitude of the reference is felt equally far above threshold.",
+  "verdict": "The outcome of each objective: met, not met, or not judged, with what it rests on.",
+};
+
+export function term(name, shown = name) {
+  const show = () => {
+    const place = button.getBoundingClientRect(), tip = el("tip");
+    tip.textContent = `${TERMS[name]} (glossary: ${name})`;
+    tip.hidden = false;
+    tip.style.left = `${Math.max(8, Math.min(place.left, innerWidth - 330)) + scrollX}px`;
+    tip.style.top = `${place.bottom + 6 + scrollY}px`;
+  };
+  const hide = () => { el("tip").hidden = true; };
+  const button = make("button", { type: "button", class: "term", "aria-describedby": "tip", onclick: show, onfocus: show,
+    onblur: hide, onmouseenter: show, onmouseleave: hide }, shown);
+  button.onkeydown = (event) => { if (event.key === "Escape") hide(); };
+  return button;
+}

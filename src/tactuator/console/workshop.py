@@ -1,0 +1,158 @@
+"""The displays that a console works on, and the controllers that were made for them."""
+
+from __future__ import annotations
+
+import tomllib
+from collections import OrderedDict
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TypeVar
+
+from tactuator import __version__
+from tactuator.console.chart.bench import Bench, bench
+from tactuator.console.figures import channel_controller
+from tactuator.console.shaping.factors import Factor, Shape
+from tactuator.console.shaping.taken_apart import taken_apart
+from tactuator.display.controller import ChannelController, Controller
+from tactuator.display.description import Display
+from tactuator.errors import BadInput
+from tactuator.files.display import read_display
+from tactuator.files.start.shipped import EXAMPLES, example_names
+from tactuator.loop.feedback import FeedbackLoop
+from tactuator.signals.decibels import db
+from tactuator.signals.systems import SampledSystem
+from tactuator.synthesis.design import design_channel
+
+FILE = "file"
+_EXAMPLE = "example:"
+_BENCHES, _MADE = 32, 256
+_START_SHARE = 0.05
+_Key = TypeVar("_Key")
+_Value = TypeVar("_Value")
+
+
+class Workshop:
+    """Displays by key: `file`, the one that was named on the command line, or `example:NAME`."""
+
+    def __init__(self, path: Path | None = None) -> None:
+        self._path = path
+        self._displays: dict[str, Display] = {}
+        self._benches: OrderedDict[tuple[str, str], Bench] = OrderedDict()
+        self._made: OrderedDict[tuple[str, str, Shape], ChannelController] = OrderedDict()
+        if path is not None:
+            self.open(FILE)
+
+    @property
+    def named(self) -> str | None:
+        """Return the key of the display that was named on the command line, or None."""
+        return None if self._path is None else FILE
+
+    def examples(self) -> list[dict[str, str]]:
+        """Return the displays that come with the package: key, name and channels, as texts."""
+        found = []
+        for name in example_names():
+            if name == "display.toml" or name.startswith("displays/"):
+                tables = tomllib.loads((EXAMPLES / name).read_text("utf-8"))
+                channels = ", ".join(str(channel["name"]) for channel in tables["channel"])
+                found.append({"key": f"{_EXAMPLE}{name}", "name": str(tables["display"]["name"]), "channels": channels})
+        return found
+
+    def path(self, key: str) -> Path:
+        """Return the file of a key. Raises BadInput for one that is not known."""
+        if key == FILE and self._path is not None:
+            return self._path
+        name = key.removeprefix(_EXAMPLE)
+        if key.startswith(_EXAMPLE) and name in example_names() and name.endswith(".toml"):
+            return EXAMPLES / name
+        raise BadInput(f"display {key!r}; allowed: {FILE} where one was named, or an example's key")
+
+    def command_name(self, key: str) -> str:
+        """Return the display file as a command line names it; an example as `init --examples examples` copies it."""
+        return str(self._path) if key == FILE else f"examples/{key.removeprefix(_EXAMPLE)}"
+
+    def open(self, key: str) -> Display:
+        """Read a display anew; what was made for another content of the file is forgotten."""
+        display = read_display(self.path(key))
+        self._displays[key] = display
+        self._benches = OrderedDict((one, kept) for one, kept in self._benches.items() if one[0] != key)
+        self._made = OrderedDict((one, kept) for one, kept in self._made.items() if one[0] != key)
+        return display
+
+    def display(self, key: str) -> Display:
+        """Return a display that is open, or open it."""
+        return self._displays.get(key) or self.open(key)
+
+    def bench(self, key: str, channel: str) -> Bench:
+        """Return the bench of a channel. Raises BadInput for a channel that is not there, or without a loop."""
+        made = self._benches.get((key, channel))
+        if made is None:
+            display = self.display(key)
+            described = display.channel(channel)
+            if described.feedback.structure == "none":
+                raise BadInput(f"channel {channel!r} has no loop (structure is none); allowed: a channel with one")
+            made = bench(display, described)
+            _keep(self._benches, (key, channel), made, _BENCHES)
+        return made
+
+    def begun(self, key: str, channel: str) -> Shape:
+        """Return a shape to begin with: an integrator and a double zero at the plant's corner, turned down until every
+        loop is stable.
+        """
+        on = self.bench(key, channel)
+        rate_hz = on.display.rate_hz
+        upper = on.channel.feedback.rejection_band_hz[1]
+        factors = (Factor("integrator"), Factor("zero", (0.3 * upper,)), Factor("pole", (_START_SHARE * rate_hz,)))
+        unit = Shape(0.0, factors)
+        crossing = unit.system(rate_hz).response(upper) * on.family[0].sampled.response(upper)
+        sign = 1 if on.family[0].sampled.response(1e-3 * upper).real >= 0.0 else -1
+        for turned_down_db in range(0, 120, 6):
+            shape = Shape(-float(db(crossing)) - turned_down_db, factors, sign)
+            system = shape.system(rate_hz)
+            if all(FeedbackLoop(system, member.sampled).is_stable for member in on.family):
+                return shape
+        return Shape(-100.0, (), sign)
+
+    def designed(self, key: str, channel: str) -> Shape:
+        """Run the synthesis for one channel and return what it found. Raises BadInput or NoDesign with the reason."""
+        on = self.bench(key, channel)
+        made = design_channel(on.display, on.channel)
+        feedback = made.feedback(on.display.rate_hz)
+        assert feedback is not None
+        shape = taken_apart(feedback)
+        _keep(self._made, (key, channel, shape), made, _MADE)
+        return shape
+
+    def made(self, key: str, channel: str, shape: Shape) -> ChannelController:
+        """Return the controller of a shape: what the synthesis made, as it made it, or one with a prefilter fitted to
+        it. Raises BadInput where the loop is unstable or no prefilter fits.
+        """
+        own = self._made.get((key, channel, shape))
+        if own is None:
+            own = channel_controller(self.bench(key, channel), self.system(key, channel, shape))
+            _keep(self._made, (key, channel, shape), own, _MADE)
+        return own
+
+    def system(self, key: str, channel: str, shape: Shape) -> SampledSystem:
+        """Return C of a shape at the display's rate."""
+        return shape.system(self.bench(key, channel).display.rate_hz)
+
+    def controller(self, key: str, shapes: Mapping[str, Shape]) -> Controller:
+        """Return the controller of all channels; channels without a loop are designed. Raises BadInput where a channel
+        with a loop has no shape.
+        """
+        display = self.display(key)
+        made = []
+        for channel in display.channels:
+            if channel.feedback.structure == "none":
+                made.append(design_channel(display, channel))
+            elif channel.name in shapes:
+                made.append(self.made(key, channel.name, shapes[channel.name]))
+            else:
+                raise BadInput(f"channel {channel.name!r} has no loop yet; allowed: a loop for every channel")
+        return Controller(display, tuple(made), __version__)
+
+
+def _keep(kept: OrderedDict[_Key, _Value], key: _Key, value: _Value, most: int) -> None:
+    kept[key] = value
+    while len(kept) > most:
+        kept.popitem(last=False)

@@ -1,0 +1,134 @@
+"""The console's server: who may ask, what is refused, and what the page is made of."""
+
+import hashlib
+import json
+import re
+from pathlib import Path
+
+import pytest
+from websockets.exceptions import ConnectionClosed
+
+from tactuator.console.app import CLOSE_FORBIDDEN, build_console, static_file
+from tactuator.console.workshop import Workshop
+from tactuator.files.start.shipped import EXAMPLES
+from tests.web.server import served
+
+TOKEN = "a-token-of-this-test"
+ROOT = Path(__file__).resolve().parents[2]
+STATIC = ROOT / "src" / "tactuator" / "console" / "static"
+DRAW = {"do": "draw", "display": "example:display.toml", "channel": "index"}
+SHAPE = {
+    "gain_db": 16.0,
+    "factors": [{"kind": "integrator"}, {"kind": "zero", "hz": 3.0}, {"kind": "pole", "hz": 200.0}],
+}
+POINT = {**DRAW, "do": "point", "shape": SHAPE, "turn_deg": 0, "gain_db": 0}
+
+
+@pytest.fixture(scope="module")
+def client():
+    with served(build_console(Workshop(EXAMPLES / "display.toml"), TOKEN)) as made:
+        yield made
+
+
+def asked(client, *messages):
+    """Send messages and return the answer to each."""
+    with client.websocket_connect("/ws") as socket:
+        socket.send_text(TOKEN)
+        found = []
+        for message in messages:
+            socket.send_text(message if isinstance(message, str) else json.dumps(message))
+            found.append(socket.receive_json())
+        return found
+
+
+def test_page__and_its_parts__have_the_hardened_headers(client):
+    for path in ["/", *(f"/static/{part.name}" for part in STATIC.iterdir() if part.suffix != ".html")]:
+        answer = client.get(path)
+        assert answer.status == 200, path
+        assert answer.headers["Content-Security-Policy"].startswith("default-src 'self'")
+        assert answer.headers["X-Content-Type-Options"] == "nosniff"
+
+
+def test_page__loads_nothing_from_elsewhere_and_is_small():
+    texts = [part.read_text("utf-8") for part in STATIC.iterdir() if not part.name.startswith("uPlot")]
+    assert [found for text in texts for found in re.findall(r"https?://\S+", text) if "w3.org" not in found] == []
+    assert sum(part.stat().st_size for part in STATIC.iterdir()) < 500_000
+
+
+@pytest.mark.parametrize("path", ["/static/nothing.js", "/static/..%2Fapp.py", "/operator", "/ws"])
+def test_path__that_is_none__is_a_line_of_text(client, path):
+    answer = client.get(path)
+    assert answer.status == 404
+    assert answer.text == "There is no such page here.\n"
+    assert static_file("../app.py") is None
+
+
+def test_connection__with_another_token__is_closed(client):
+    with client.websocket_connect("/ws") as socket:
+        socket.send_text("another")
+        with pytest.raises(ConnectionClosed) as closed:
+            socket.receive_json()
+        assert closed.value.rcvd.code == CLOSE_FORBIDDEN
+
+
+def test_connection__of_another_sites_page__is_closed(client):
+    with (
+        client.websocket_connect("/ws", origin="http://elsewhere.example") as socket,
+        pytest.raises(ConnectionClosed),
+    ):
+        socket.receive_json()
+
+
+def test_draw__is_answered_and_its_figures_follow(client):
+    with client.websocket_connect("/ws") as socket:
+        socket.send_text(TOKEN)
+        socket.send_json({"id": 7, **DRAW, "shape": SHAPE})
+        drawn, figures = socket.receive_json(), socket.receive_json()
+    assert drawn["id"] == 7
+    assert drawn["frame"]["unstable"] == []
+    assert figures["of"] == 7
+    assert figures["figures"]["tiles"][0]["name"] == "phase margin"
+
+
+def test_draw__of_an_unstable_loop__shows_it_and_gives_no_figures(client):
+    with client.websocket_connect("/ws") as socket:
+        socket.send_text(TOKEN)
+        socket.send_json({"id": 1, **DRAW, "shape": {**SHAPE, "gain_db": 60.0}})
+        drawn, figures = socket.receive_json(), socket.receive_json()
+    assert drawn["frame"]["unstable"] == ["none", "finger"]
+    assert "unstable" in figures["figures"]["refused"]
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        ("no json", "allowed: a request of the console's page"),
+        ("[]", "allowed: a request"),
+        ("[" * 50_000, "allowed: a request"),
+        ({"id": 1, "do": "format"}, "allowed: a request"),
+        ({"id": 1, **DRAW}, "shape"),
+        ({"id": 1, **DRAW, "shape": {"gain_db": 1.0}}, "factors is None"),
+        ({"id": 1, **DRAW, "channel": "toe", "shape": SHAPE}, "channel 'toe' is not described"),
+        ({"id": 1, **DRAW, "display": "/etc/passwd", "shape": SHAPE}, "allowed: file"),
+        ({"id": 1, **DRAW, "display": "example:displays/lra.toml", "channel": "index", "shape": SHAPE}, "allowed"),
+        ({"id": 1, **POINT, "hz": -1}, "hz"),
+        ({"id": 1, "do": "check", "display": "file", "shapes": {}}, "no loop yet"),
+    ],
+)  # fmt: skip
+def test_request__that_cannot_be_met__is_refused_in_words_and_the_next_is_answered(client, message, words):
+    refused, answered = asked(client, message, {"id": 2, "do": "start"})
+    assert words in refused["error"]
+    assert answered["named"] == "file"
+
+
+def test_shipped_library__has_the_hash_of_the_dependencies_page():
+    page = (ROOT / "docs" / "dependencies.md").read_text("utf-8")
+    for name in ("uPlot.iife.min.js", "uPlot.min.css", "uPlot.LICENSE.md"):
+        assert f"{name}` | `{hashlib.sha256((STATIC / name).read_bytes()).hexdigest()}`" in page, name
+
+
+def test_terms__of_the_page__are_in_the_glossary():
+    terms = re.findall(r'^  "([\w ]+)":', (STATIC / "words.js").read_text("utf-8"), flags=re.MULTILINE)
+    glossary = (ROOT / "docs" / "glossary.md").read_text("utf-8")
+    assert len(terms) >= 8
+    assert [term for term in terms if f"### {term}\n" not in glossary] == []
