@@ -53,6 +53,7 @@ def gain_text(page):
     return page.locator(".handle.gain").get_attribute("aria-valuetext")
 
 
+@pytest.mark.slow
 def test_loop__by_keyboard_alone__is_designed_changed_and_saved_as_check_judges_it(page, tmp_path):
     tab_to(page, ".cards a")
     page.keyboard.press("Enter")
@@ -100,6 +101,7 @@ def test_handles__by_keyboard__change_what_they_say_and_undo_takes_it_back(page)
     assert shape(page) == before
 
 
+@pytest.mark.slow
 def test_mark__of_the_curve_by_keyboard__rises_by_half_a_decibel(page):
     tab_to(page, ".cards a")
     page.keyboard.press("Enter")
@@ -114,6 +116,7 @@ def test_mark__of_the_curve_by_keyboard__rises_by_half_a_decibel(page):
     assert shape(page)["factors"][-1]["kind"] == "lead"
 
 
+@pytest.mark.slow
 def test_value__out_of_range_or_improper__is_told_and_nothing_is_lost(page):
     tab_to(page, ".cards a")
     page.keyboard.press("Enter")

@@ -49,7 +49,7 @@ class ConsoleConnection:
         self._changed = asyncio.Event()
 
     async def serve(self) -> None:
-        """Answer until the page goes."""
+        """Serve the page until it goes, its requests in turn."""
         await first_to_end(self._read(), self._figures())
 
     async def _read(self) -> None:

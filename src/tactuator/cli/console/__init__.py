@@ -1,1 +1,1 @@
-"""The console's verb."""
+"""The verb that opens the console."""
