@@ -38,7 +38,8 @@ def test_figures__of_a_design__are_those_that_design_and_check_print(designed):
     controller = read_controller(path)
     found = channel_figures(workshop.bench(FILE, "index"), workshop.made(FILE, "index", shape))
     assert found["design"] == [list(row) for row in design_rows(controller.channels)]
-    rows = [[*finding_row(one), one.remark] for objective in whole_verdict(controller).objectives for one in objective.worst()]
+    objectives = whole_verdict(controller).objectives
+    rows = [[*finding_row(one), one.remark] for objective in objectives for one in objective.worst()]
     assert found["verdict"]["rows"] == rows
 
 

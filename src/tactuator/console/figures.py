@@ -44,7 +44,7 @@ def channel_figures(bench: Bench, own: ChannelController) -> dict[str, Any]:
 
 
 def verdict_rows(verdict: Verdict) -> dict[str, Any]:
-    """Return a verdict as `check` prints it: columns, rows of texts with their remarks, its sentence, what was assumed."""
+    """Return a verdict as `check` prints it: columns, rows of texts with remarks, its sentence, what was assumed."""
     rows = [[*finding_row(one), one.remark] for objective in verdict.objectives for one in objective.worst()]
     return {
         "columns": [*FINDING_COLUMNS, "remark"],
