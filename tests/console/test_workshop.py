@@ -7,7 +7,7 @@ import pytest
 from tactuator.api.verdict import whole_verdict
 from tactuator.cli.main import main
 from tactuator.console.figures import channel_figures
-from tactuator.console.shaping.factors import Shape
+from tactuator.console.shaping.factors import LoopShape
 from tactuator.console.workshop import FILE, Workshop
 from tactuator.errors import BadInput
 from tactuator.files.controller import controller_text, read_controller
@@ -45,7 +45,7 @@ def test_figures__of_a_design__are_those_that_design_and_check_print(designed):
 
 def test_figures__of_a_shape_that_came_through_an_address__print_the_same(designed):
     _, workshop, shape = designed
-    gone = Shape(shape.gain_db + 1e-13, shape.factors)  # not the one that is remembered
+    gone = LoopShape(shape.gain_db + 1e-13, shape.factors)  # not the one that is remembered
     own = workshop.made(FILE, "index", gone)
     found = channel_figures(workshop.bench(FILE, "index"), own)
     assert found == channel_figures(workshop.bench(FILE, "index"), workshop.made(FILE, "index", shape))
@@ -53,7 +53,7 @@ def test_figures__of_a_shape_that_came_through_an_address__print_the_same(design
 
 def test_saved__after_a_drag__is_judged_by_check_as_on_the_page(designed, tmp_path, capsys):
     _, workshop, shape = designed
-    moved = Shape(shape.gain_db - 1.5, shape.factors)
+    moved = LoopShape(shape.gain_db - 1.5, shape.factors)
     saved = tmp_path / "controller.json"
     saved.write_text(controller_text(workshop.controller(FILE, {"index": moved})))
     capsys.readouterr()

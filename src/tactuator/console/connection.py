@@ -16,7 +16,7 @@ from tactuator.console import messages
 from tactuator.console.chart.frame import MARKS_HZ, frame
 from tactuator.console.chart.regions import ground
 from tactuator.console.figures import channel_figures, verdict_rows
-from tactuator.console.shaping.factors import Shape, shape_of
+from tactuator.console.shaping.factors import LoopShape, shape_of
 from tactuator.console.shaping.moved_point import with_point_at
 from tactuator.console.workshop import Workshop
 from tactuator.errors import TactuatorError
@@ -35,7 +35,7 @@ class _Wanted:
     request: int
     display: str
     channel: str
-    shape: Shape
+    shape: LoopShape
 
 
 class ConsoleConnection:
@@ -100,7 +100,7 @@ class ConsoleConnection:
                 return await asyncio.to_thread(_brought, workshop, request.display, request.channel)
             case messages.Draw():
                 return self._drawn(request, shape_of(request.shape))
-            case messages.Point():
+            case messages.MovePoint():
                 on = workshop.bench(request.display, request.channel)
                 shape = with_point_at(
                     shape_of(request.shape), on.family[0].sampled, request.hz, request.turn_deg, request.gain_db
@@ -116,7 +116,7 @@ class ConsoleConnection:
                 shapes = {name: shape_of(one) for name, one in request.shapes.items()}
                 return await asyncio.to_thread(_checked, workshop, request.display, shapes)
 
-    def _drawn(self, request: messages.Draw | messages.Point, shape: Shape) -> Answer:
+    def _drawn(self, request: messages.Draw | messages.MovePoint, shape: LoopShape) -> Answer:
         workshop = self._workshop
         on = workshop.bench(request.display, request.channel)
         drawn = frame(on, workshop.system(request.display, request.channel, shape))
@@ -158,7 +158,7 @@ def _brought(workshop: Workshop, key: str, channel: str) -> Answer:
     }
 
 
-def _checked(workshop: Workshop, key: str, shapes: Mapping[str, Shape]) -> Answer:
+def _checked(workshop: Workshop, key: str, shapes: Mapping[str, LoopShape]) -> Answer:
     controller = workshop.controller(key, shapes)
     return {
         "verdict": verdict_rows(whole_verdict(controller)),

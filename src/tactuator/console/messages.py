@@ -50,7 +50,7 @@ class Draw(_OfChannel):
     shape: dict[str, Any]
 
 
-class Point(_OfChannel):
+class MovePoint(_OfChannel):
     """Request to bring the point of the curve at `hz`, turned by `turn_deg`, to `gain_db`."""
 
     do: Literal["point"]
@@ -74,7 +74,7 @@ class Check(_Request):
     shapes: Annotated[dict[Name, dict[str, Any]], Field(max_length=CHANNELS_MAX)]
 
 
-Request = Start | Open | Bring | Draw | Point | Design | Check
+Request = Start | Open | Bring | Draw | MovePoint | Design | Check
 _REQUEST: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="do")])
 
 

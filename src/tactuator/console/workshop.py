@@ -11,7 +11,7 @@ from typing import TypeVar
 from tactuator import __version__
 from tactuator.console.chart.bench import Bench, bench
 from tactuator.console.figures import channel_controller
-from tactuator.console.shaping.factors import Factor, Shape
+from tactuator.console.shaping.factors import Factor, LoopShape
 from tactuator.console.shaping.taken_apart import taken_apart
 from tactuator.display.controller import ChannelController, Controller
 from tactuator.display.description import Display
@@ -38,7 +38,7 @@ class Workshop:
         self._path = path
         self._displays: dict[str, Display] = {}
         self._benches: OrderedDict[tuple[str, str], Bench] = OrderedDict()
-        self._made: OrderedDict[tuple[str, str, Shape], ChannelController] = OrderedDict()
+        self._made: OrderedDict[tuple[str, str, LoopShape], ChannelController] = OrderedDict()
         if path is not None:
             self.open(FILE)
 
@@ -94,7 +94,7 @@ class Workshop:
             _keep(self._benches, (key, channel), made, _BENCHES)
         return made
 
-    def begun(self, key: str, channel: str) -> Shape:
+    def begun(self, key: str, channel: str) -> LoopShape:
         """Return a shape to begin with: an integrator and a double zero at the plant's corner, turned down until every
         loop is stable.
         """
@@ -102,17 +102,17 @@ class Workshop:
         rate_hz = on.display.rate_hz
         upper = on.channel.feedback.rejection_band_hz[1]
         factors = (Factor("integrator"), Factor("zero", (0.3 * upper,)), Factor("pole", (_START_SHARE * rate_hz,)))
-        unit = Shape(0.0, factors)
+        unit = LoopShape(0.0, factors)
         crossing = unit.system(rate_hz).response(upper) * on.family[0].sampled.response(upper)
         sign = 1 if on.family[0].sampled.response(1e-3 * upper).real >= 0.0 else -1
         for turned_down_db in range(0, 120, 6):
-            shape = Shape(-float(db(crossing)) - turned_down_db, factors, sign)
+            shape = LoopShape(-float(db(crossing)) - turned_down_db, factors, sign)
             system = shape.system(rate_hz)
             if all(FeedbackLoop(system, member.sampled).is_stable for member in on.family):
                 return shape
-        return Shape(-100.0, (), sign)
+        return LoopShape(-100.0, (), sign)
 
-    def designed(self, key: str, channel: str) -> Shape:
+    def designed(self, key: str, channel: str) -> LoopShape:
         """Run the synthesis for one channel and return what it found. Raises BadInput or NoDesign with the reason."""
         on = self.bench(key, channel)
         made = design_channel(on.display, on.channel)
@@ -122,7 +122,7 @@ class Workshop:
         _keep(self._made, (key, channel, shape), made, _MADE)
         return shape
 
-    def made(self, key: str, channel: str, shape: Shape) -> ChannelController:
+    def made(self, key: str, channel: str, shape: LoopShape) -> ChannelController:
         """Return the controller of a shape: what the synthesis made, as it made it, or one with a prefilter fitted to
         it. Raises BadInput where the loop is unstable or no prefilter fits.
         """
@@ -132,11 +132,11 @@ class Workshop:
             _keep(self._made, (key, channel, shape), own, _MADE)
         return own
 
-    def system(self, key: str, channel: str, shape: Shape) -> SampledSystem:
+    def system(self, key: str, channel: str, shape: LoopShape) -> SampledSystem:
         """Return C of a shape at the display's rate."""
         return shape.system(self.bench(key, channel).display.rate_hz)
 
-    def controller(self, key: str, shapes: Mapping[str, Shape]) -> Controller:
+    def controller(self, key: str, shapes: Mapping[str, LoopShape]) -> Controller:
         """Return the controller of all channels; channels without a loop are designed. Raises BadInput where a channel
         with a loop has no shape.
         """

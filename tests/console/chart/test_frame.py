@@ -9,14 +9,14 @@ import pytest
 from tactuator.console.chart.bench import bench
 from tactuator.console.chart.frame import frame
 from tactuator.console.chart.regions import ground
-from tactuator.console.shaping.factors import Factor, Shape
+from tactuator.console.shaping.factors import Factor, LoopShape
 from tactuator.files.display import parse_display
 from tactuator.loop.feedback import FeedbackLoop
 from tactuator.loop.margins import margins
 from tactuator.signals.systems import ContinuousSystem
 from tests.three_fingers import three_finger_display
 
-SHAPE = Shape(
+SHAPE = LoopShape(
     20.0, (Factor("integrator"), Factor("zero", (3.0,)), Factor("lead", (25.0, 3.0)), Factor("pole", (200.0,)))
 )
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactuator.console.shaping.factors import FACTORS_MAX, Factor, Shape, shape_of
+from tactuator.console.shaping.factors import FACTORS_MAX, Factor, LoopShape, shape_of
 from tactuator.console.shaping.moved_point import with_point_at
 from tactuator.console.shaping.taken_apart import taken_apart
 from tactuator.errors import BadInput
@@ -31,7 +31,7 @@ FACTORS = st.one_of(
 @settings(max_examples=30)
 @given(st.lists(FACTORS, min_size=1, max_size=4), st.floats(-40.0, 40.0), st.sampled_from([-1, 1]))
 def test_shape__taken_apart_again__is_the_same_system(factors, gain_db, sign):
-    system = Shape(gain_db, tuple(factors), sign).system(RATE_HZ)
+    system = LoopShape(gain_db, tuple(factors), sign).system(RATE_HZ)
     again = taken_apart(system).system(RATE_HZ)
     assert np.allclose(again.response(FREQUENCIES_HZ), system.response(FREQUENCIES_HZ), rtol=1e-6)
 
@@ -48,8 +48,8 @@ def test_shape__taken_apart_again__is_the_same_system(factors, gain_db, sign):
 def test_factor__far_below_half_the_rate__is_its_continuous_form(factor, continuous):
     frequency = np.geomspace(0.1, 8.0, 20)
     more = Factor("pole", (0.49 * RATE_HZ,))  # a zero alone is not proper
-    found = Shape(0.0, (factor, more)).system(RATE_HZ).response(frequency)
-    found /= Shape(0.0, (more,)).system(RATE_HZ).response(frequency)
+    found = LoopShape(0.0, (factor, more)).system(RATE_HZ).response(frequency)
+    found /= LoopShape(0.0, (more,)).system(RATE_HZ).response(frequency)
     assert np.allclose(found, continuous(2j * np.pi * frequency), rtol=0.02)
 
 
@@ -62,7 +62,7 @@ def test_taken_apart__the_papers_controller__keeps_the_roots_at_minus_one():
 @settings(max_examples=30)
 @given(st.floats(0.5, 300.0), st.floats(-40.0, 40.0), st.floats(-20.0, 30.0))
 def test_point__dragged__stands_where_it_was_let_go(frequency_hz, turn_deg, level_db):
-    before = Shape(10.0, (Factor("integrator"), Factor("zero", (5.0,)), Factor("pole", (200.0,))))
+    before = LoopShape(10.0, (Factor("integrator"), Factor("zero", (5.0,)), Factor("pole", (200.0,))))
     after = with_point_at(before, PLANT, frequency_hz, turn_deg, level_db)
     was, now = (one.system(RATE_HZ).response(frequency_hz) * PLANT.response(frequency_hz) for one in (before, after))
     assert 20.0 * np.log10(abs(now)) == pytest.approx(level_db, abs=1e-9)
@@ -70,13 +70,13 @@ def test_point__dragged__stands_where_it_was_let_go(frequency_hz, turn_deg, leve
 
 
 def test_point__dragged_in_two_steps__leaves_one_lead():
-    once = with_point_at(Shape(0.0), PLANT, 30.0, 10.0, 0.0)
+    once = with_point_at(LoopShape(0.0), PLANT, 30.0, 10.0, 0.0)
     twice = with_point_at(once, PLANT, 30.0, 10.0, 0.0)
     assert [one.kind for one in twice.factors] == ["lead"]
 
 
 def test_point__dragged_too_far__ends_at_what_one_lead_gives():
-    found = with_point_at(Shape(0.0), PLANT, 30.0, 170.0, 0.0)
+    found = with_point_at(LoopShape(0.0), PLANT, 30.0, 170.0, 0.0)
     assert found.factors[0]["ratio"] == 50.0
 
 
@@ -99,12 +99,12 @@ def test_shape__of_values_that_are_none__is_refused(document, words):
 @pytest.mark.parametrize(
     ("shape", "words"),
     [
-        (Shape(300.0), "gain_db is 300"),
-        (Shape(0.0, (Factor("pole", (3000.0,)),)), "hz is 3000; allowed: 0.001 to 1960"),
-        (Shape(0.0, (Factor("poles", (30.0, 0.0)),)), "damping is 0"),
-        (Shape(0.0, (Factor("zero", (30.0,)),)), "1 zeros and 0 poles"),
-        (Shape(0.0, (Factor("integrator"),) * (FACTORS_MAX + 1)), "allowed: up to 16"),
-        (Shape(0.0, (), 2), "sign is 2"),
+        (LoopShape(300.0), "gain_db is 300"),
+        (LoopShape(0.0, (Factor("pole", (3000.0,)),)), "hz is 3000; allowed: 0.001 to 1960"),
+        (LoopShape(0.0, (Factor("poles", (30.0, 0.0)),)), "damping is 0"),
+        (LoopShape(0.0, (Factor("zero", (30.0,)),)), "1 zeros and 0 poles"),
+        (LoopShape(0.0, (Factor("integrator"),) * (FACTORS_MAX + 1)), "allowed: up to 16"),
+        (LoopShape(0.0, (), 2), "sign is 2"),
     ],
 )
 def test_system__of_a_shape_out_of_range__is_refused(shape, words):

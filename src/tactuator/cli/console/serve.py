@@ -19,7 +19,7 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
 def run(display: Path | None, host: str, port: int) -> None:
-    """Serve the console until interrupted. Its address, with the token after the #, goes to standard error."""
+    """Serve a page on which a loop is shaped by dragging it, until interrupted; its address goes to standard error."""
     workshop, token = Workshop(display), secrets.token_urlsafe(_TOKEN_BYTES)
     sock = listener(host, port)
     server = uvicorn.Server(server_config(build_console(workshop, token), time.monotonic, host=host, port=port))

@@ -57,7 +57,7 @@ class Factor:
 
 
 @dataclass(frozen=True)
-class Shape:
+class LoopShape:
     """A controller as a person shapes it: its gain in dB, its sign, and its factors."""
 
     gain_db: float
@@ -106,13 +106,13 @@ class Shape:
                 _within(f"{factor.kind}: {name}", value, low, high)
 
 
-def shape_of(document: Mapping[str, object]) -> Shape:
+def shape_of(document: Mapping[str, object]) -> LoopShape:
     """Return the shape of plain values. Raises BadInput for a kind that is not known or a value that is no number."""
     listed = document.get("factors")
     if not isinstance(listed, list):
         raise BadInput(f"factors is {listed!r}; allowed: a list of factors")
     sign = document.get("sign", 1)
-    return Shape(_number(document, "gain_db"), tuple(_factor(one) for one in listed), 1 if sign == 1 else -1)
+    return LoopShape(_number(document, "gain_db"), tuple(_factor(one) for one in listed), 1 if sign == 1 else -1)
 
 
 def at_rest(roots: list[complex], rate_hz: float) -> float:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import optimize
 
-from tactuator.console.shaping.factors import HIGHEST_SHARE, Factor, Shape
+from tactuator.console.shaping.factors import HIGHEST_SHARE, Factor, LoopShape
 from tactuator.signals.decibels import db
 from tactuator.signals.systems import SampledSystem
 
@@ -16,7 +16,9 @@ _SAME_PLACE = 0.02
 _LOWEST_HZ = 0.01
 
 
-def with_point_at(shape: Shape, plant: SampledSystem, frequency_hz: float, turn_deg: float, level_db: float) -> Shape:
+def with_point_at(
+    shape: LoopShape, plant: SampledSystem, frequency_hz: float, turn_deg: float, level_db: float
+) -> LoopShape:
     """Return the shape whose loop, at `frequency_hz`, is turned by `turn_deg` (positive: less lag) and stands at
     `level_db`.
 
@@ -39,7 +41,7 @@ def with_point_at(shape: Shape, plant: SampledSystem, frequency_hz: float, turn_
     return replace(turned, gain_db=turned.gain_db + level_db - float(db(there)))
 
 
-def _place_of_lead(shape: Shape, frequency_hz: float) -> int | None:
+def _place_of_lead(shape: LoopShape, frequency_hz: float) -> int | None:
     """Return where among the factors a lead stands at this frequency, or None."""
     for place, factor in enumerate(shape.factors):
         if factor.kind == "lead" and abs(np.log(factor["hz"] / frequency_hz)) < _SAME_PLACE:
@@ -48,7 +50,7 @@ def _place_of_lead(shape: Shape, frequency_hz: float) -> int | None:
 
 
 def _phase_deg(frequency_hz: float, ratio: float, rate_hz: float) -> float:
-    lead = Shape(0.0, (Factor("lead", (frequency_hz, ratio)),))
+    lead = LoopShape(0.0, (Factor("lead", (frequency_hz, ratio)),))
     return float(np.degrees(np.angle(lead.system(rate_hz).response(frequency_hz))))
 
 

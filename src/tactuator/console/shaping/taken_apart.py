@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactuator.console.shaping.factors import HIGHEST_SHARE, Factor, Shape, at_rest
+from tactuator.console.shaping.factors import HIGHEST_SHARE, Factor, LoopShape, at_rest
 from tactuator.signals.systems import SampledSystem
 
 _AT_ONE = 1e-9
@@ -12,7 +12,7 @@ _REAL = 1e-12
 _DAMPING = (0.01, 10.0)
 
 
-def taken_apart(system: SampledSystem) -> Shape:
+def taken_apart(system: SampledSystem) -> LoopShape:
     """Return the shape whose system is `system`, but for rounding: integrators, real roots and pairs by frequency and
     damping; roots that have neither (at z = -1, say) stay as they are in z.
     """
@@ -29,7 +29,7 @@ def taken_apart(system: SampledSystem) -> Shape:
             if factor.kind in ("zero", "pole", "zeros", "poles"):
                 gain *= at_rest(_logarithms(root, rate_hz), rate_hz) ** power
             factors.append(factor)
-    return Shape(20.0 * float(np.log10(abs(gain))), tuple(factors), 1 if gain > 0.0 else -1)
+    return LoopShape(20.0 * float(np.log10(abs(gain))), tuple(factors), 1 if gain > 0.0 else -1)
 
 
 def _by_frequency(side: str, root: complex, rate_hz: float) -> Factor:

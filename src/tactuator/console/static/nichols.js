@@ -1,7 +1,8 @@
 // The Nichols chart: open-loop gain against phase. Marks on the curve are its handles; the curve itself can be taken anywhere.
 import { digits, draw } from "./dom.js";
 
-const WIDTH = 640, HEIGHT = 560, LEFT = 46, RIGHT = 10, TOP = 10, BOTTOM = 40;
+const NARROW = innerWidth < 600; // a phone: fewer units, so that the texts keep their size
+const WIDTH = NARROW ? 370 : 640, HEIGHT = NARROW ? 400 : 560, LEFT = 46, RIGHT = 10, TOP = 10, BOTTOM = 40;
 const NEAR_PX = 30;
 const STEP_DB = 0.5, STEP_DEG = 1;
 
@@ -46,7 +47,7 @@ export class Nichols {
     const turned = (points, turn) => points.map(([p, g]) => [p + turn, g]);
     this.layers.ground.replaceChildren(...ground.contours.flatMap(({ points }) => turns.map((turn) => draw("path", { class: "contour", d: this.line(turned(points, turn)) }))));
     for (const { level_db: level, points } of ground.contours) {
-      const inside = points.filter(([p, g]) => p > left + 3 && p < right - 14 && g > bottom + 2 && g < top - 2);
+      const inside = points.filter(([p, g]) => p > left + 3 && p < right - (NARROW ? 26 : 14) && g > bottom + 2 && g < top - 2);
       const spot = inside.reduce((best, one) => (best === null || (level < -1 ? one[0] > best[0] : one[1] > best[1]) ? one : best), null);
       if (spot === null) continue;
       const [x, y] = [this.x(spot[0]), this.y(spot[1])];
@@ -71,7 +72,7 @@ export class Nichols {
 
   axes() {
     const { left, right, bottom, top } = this.window, made = [draw("rect", { class: "axis", x: LEFT, y: TOP, width: WIDTH - LEFT - RIGHT, height: HEIGHT - TOP - BOTTOM })];
-    for (let phase = Math.ceil(left / 45) * 45; phase <= right; phase += 45) made.push(draw("text", { x: this.x(phase), y: HEIGHT - BOTTOM + 15, "text-anchor": "middle" }, `${phase}°`.replace("-", "−")));
+    for (let phase = Math.ceil(left / 90) * 90; phase <= right; phase += NARROW ? 90 : 45) made.push(draw("text", { x: this.x(phase), y: HEIGHT - BOTTOM + 15, "text-anchor": "middle" }, `${phase}°`.replace("-", "−")));
     for (let gain = Math.ceil(bottom / 10) * 10; gain <= top; gain += 10) made.push(draw("text", { x: LEFT - 6, y: this.y(gain) + 4, "text-anchor": "end" }, `${gain}`.replace("-", "−")));
     made.push(draw("text", { x: (LEFT + WIDTH) / 2, y: HEIGHT - 6, "text-anchor": "middle" }, "open-loop phase (degrees)"));
     made.push(draw("text", { x: 0, y: 0, "text-anchor": "middle", transform: `translate(12 ${HEIGHT / 2 - 20}) rotate(-90)` }, "open-loop gain (dB)"));
