@@ -66,8 +66,9 @@ def test_synthesise__plants_people_own__no_worse_than_brute_force(plant: Continu
     no_worse_than_brute_force(plant)
 
 
-@pytest.mark.soak
-@pytest.mark.parametrize("seed", range(100))
+@pytest.mark.parametrize(
+    "seed", [pytest.param(seed, marks=pytest.mark.slow if seed < 8 else pytest.mark.soak) for seed in range(100)]
+)
 def test_synthesise__random_plants__no_worse_than_brute_force(seed: int) -> None:
     no_worse_than_brute_force(drawn(np.random.default_rng(seed), KINDS[seed % len(KINDS)]))
 
