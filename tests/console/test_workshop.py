@@ -1,12 +1,13 @@
 """The workshop: what is designed and checked there is what `design` and `check` give, to the last printed digit."""
 
 import json
+import pickle
 
 import pytest
 
 from tactuator.api.verdict import whole_verdict
 from tactuator.cli.main import main
-from tactuator.console.figures import channel_figures
+from tactuator.console.figures import channel_figures, settled_figures
 from tactuator.console.shaping.factors import LoopShape
 from tactuator.console.workshop import FILE, Workshop
 from tactuator.errors import BadInput
@@ -49,6 +50,14 @@ def test_figures__of_a_shape_that_came_through_an_address__print_the_same(design
     own = workshop.made(FILE, "index", gone)
     found = channel_figures(workshop.bench(FILE, "index"), own)
     assert found == channel_figures(workshop.bench(FILE, "index"), workshop.made(FILE, "index", shape))
+
+
+def test_figures__computed_in_another_process__are_the_same(designed):
+    _, workshop, shape = designed
+    given = workshop.bench(FILE, "index"), workshop.system(FILE, "index", shape), workshop.known(FILE, "index", shape)
+    own, found = pickle.loads(pickle.dumps(settled_figures(*pickle.loads(pickle.dumps(given)))))
+    assert found == channel_figures(given[0], workshop.made(FILE, "index", shape))
+    assert own.document() == workshop.made(FILE, "index", shape).document()
 
 
 def test_saved__after_a_drag__is_judged_by_check_as_on_the_page(designed, tmp_path, capsys):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from importlib.resources import files
 
 from fastapi import FastAPI, Request, Response, WebSocket
@@ -26,8 +27,10 @@ _ICON = "icon.svg"
 _NOTHING = "There is no such page here."
 
 
-def build_console(workshop: Workshop, token: str) -> FastAPI:
-    """Return the web application of the console; whoever has the token may use it."""
+def build_console(workshop: Workshop, token: str, apart: Executor | None = None) -> FastAPI:
+    """Return the web application of the console; whoever has the token may use it. apart: where figures are computed
+    (None: in a thread).
+    """
     app = FastAPI(title="tactuator console", docs_url=None, redoc_url=None, openapi_url=None)
 
     @app.get("/")
@@ -45,7 +48,7 @@ def build_console(workshop: Workshop, token: str) -> FastAPI:
         if not same_origin(socket) or not await has_token(socket, token):
             await socket.close(CLOSE_FORBIDDEN)
             return
-        await ConsoleConnection(socket, workshop).serve()
+        await ConsoleConnection(socket, workshop, apart).serve()
 
     @app.exception_handler(StarletteHTTPException)
     async def told(request: Request, error: StarletteHTTPException) -> Response:

@@ -6,6 +6,7 @@ import asyncio
 import json
 import logging
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,7 @@ from tactuator.api.verdict import whole_verdict
 from tactuator.console import messages
 from tactuator.console.chart.frame import MARKS_HZ, frame
 from tactuator.console.chart.regions import ground
-from tactuator.console.figures import channel_figures, verdict_rows
+from tactuator.console.figures import settled_figures, verdict_rows
 from tactuator.console.shaping.factors import LoopShape, shape_of
 from tactuator.console.shaping.moved_point import with_point_at
 from tactuator.console.workshop import Workshop
@@ -41,10 +42,12 @@ class _Wanted:
 class ConsoleConnection:
     """A page that is connected; the frames of a drag are never kept waiting by the figures, which may be of a moment
     ago and then are made anew.
+
+    apart: where figures are computed; a process of its own leaves the interpreter to the frames. None: a thread.
     """
 
-    def __init__(self, socket: WebSocket, workshop: Workshop) -> None:
-        self._socket, self._workshop = socket, workshop
+    def __init__(self, socket: WebSocket, workshop: Workshop, apart: Executor | None = None) -> None:
+        self._socket, self._workshop, self._apart = socket, workshop, apart
         self._wanted: _Wanted | None = None
         self._changed = asyncio.Event()
 
@@ -77,7 +80,7 @@ class ConsoleConnection:
             if wanted is None:
                 continue
             try:
-                found = await asyncio.to_thread(self._figures_of, wanted)
+                found = await self._figures_of(wanted)
             except TactuatorError as error:
                 found = {"refused": str(error)}
             except Exception:
@@ -85,9 +88,14 @@ class ConsoleConnection:
                 found = {"refused": _DEFECT}
             await send(self._socket, {"of": wanted.request, "channel": wanted.channel, "figures": found})
 
-    def _figures_of(self, wanted: _Wanted) -> Answer:
-        own = self._workshop.made(wanted.display, wanted.channel, wanted.shape)
-        return channel_figures(self._workshop.bench(wanted.display, wanted.channel), own)
+    async def _figures_of(self, wanted: _Wanted) -> Answer:
+        workshop, place = self._workshop, (wanted.display, wanted.channel)
+        system, known = workshop.system(*place, wanted.shape), workshop.known(*place, wanted.shape)
+        loop = asyncio.get_running_loop()
+        own, found = await loop.run_in_executor(self._apart, settled_figures, workshop.bench(*place), system, known)
+        if known is None:
+            workshop.keep(*place, wanted.shape, own)
+        return found
 
     async def _answer(self, request: messages.Request) -> Answer:
         workshop = self._workshop

@@ -30,6 +30,14 @@ def channel_controller(bench: Bench, feedback: SampledSystem) -> ChannelControll
     return assemble(display, channel, feedback, fit, bench.family)
 
 
+def settled_figures(
+    bench: Bench, feedback: SampledSystem, own: ChannelController | None
+) -> tuple[ChannelController, dict[str, Any]]:
+    """Return the controller of a channel (the one that is known already, or one made for C), and its figures."""
+    made = channel_controller(bench, feedback) if own is None else own
+    return made, channel_figures(bench, made)
+
+
 def channel_figures(bench: Bench, own: ChannelController) -> dict[str, Any]:
     """Return the figures of `design` and the findings of `check` on one channel, as rows of texts, and the large
     figures: name, value and limit as texts, and what came of them.

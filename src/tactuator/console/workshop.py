@@ -119,18 +119,26 @@ class Workshop:
         feedback = made.feedback(on.display.rate_hz)
         assert feedback is not None
         shape = taken_apart(feedback)
-        _keep(self._made, (key, channel, shape), made, _MADE)
+        self.keep(key, channel, shape, made)
         return shape
 
     def made(self, key: str, channel: str, shape: LoopShape) -> ChannelController:
         """Return the controller of a shape: what the synthesis made, as it made it, or one with a prefilter fitted to
         it. Raises BadInput where the loop is unstable or no prefilter fits.
         """
-        own = self._made.get((key, channel, shape))
+        own = self.known(key, channel, shape)
         if own is None:
             own = channel_controller(self.bench(key, channel), self.system(key, channel, shape))
-            _keep(self._made, (key, channel, shape), own, _MADE)
+            self.keep(key, channel, shape, own)
         return own
+
+    def known(self, key: str, channel: str, shape: LoopShape) -> ChannelController | None:
+        """Return the controller of a shape if it was made before, or None."""
+        return self._made.get((key, channel, shape))
+
+    def keep(self, key: str, channel: str, shape: LoopShape, own: ChannelController) -> None:
+        """Keep the controller that was made of a shape; of many the oldest are forgotten."""
+        _keep(self._made, (key, channel, shape), own, _MADE)
 
     def system(self, key: str, channel: str, shape: LoopShape) -> SampledSystem:
         """Return C of a shape at the display's rate."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import cmath
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -50,8 +52,10 @@ def _place_of_lead(shape: LoopShape, frequency_hz: float) -> int | None:
 
 
 def _phase_deg(frequency_hz: float, ratio: float, rate_hz: float) -> float:
-    lead = LoopShape(0.0, (Factor("lead", (frequency_hz, ratio)),))
-    return float(np.degrees(np.angle(lead.system(rate_hz).response(frequency_hz))))
+    """Return the phase of a lead at its middle, degrees: that of its zero less that of its pole."""
+    turn = 2.0 * math.pi * frequency_hz / rate_hz
+    z, apart = cmath.exp(1j * turn), math.sqrt(ratio)
+    return math.degrees(cmath.phase((z - math.exp(-turn / apart)) / (z - math.exp(-turn * apart))))
 
 
 def _ratio(frequency_hz: float, phase_deg: float, rate_hz: float) -> float:

@@ -107,7 +107,7 @@ export class Nichols {
     this.layers.kept.replaceChildren(...this.kept.map((one) => draw("path", { class: "kept", d: this.curve(one) })));
     for (const [name, paths] of Object.entries(this.regions)) paths.forEach((path) => path.classList.toggle("over", frame.crossed.includes(name)));
     const placed = [];
-    this.drawn = frame.curves.flatMap((one) => one.phase_deg.map((phase, i) => [this.x(phase), this.y(one.gain_db[i])]));
+    this.drawn = frame.curves.flatMap((one) => one.phase_deg.map((phase, i) => [this.x(phase), this.y(one.gain_db[i])])).filter((_, i) => i % 2 === 0);
     for (const one of this.marks) this.place(one, placed);
   }
 
