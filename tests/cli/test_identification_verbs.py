@@ -60,6 +60,8 @@ def test_identify__record_of_the_simulated_display__prints_what_the_design_promi
     assert np.max(np.abs(np.array(found["frf"]["magnitude_db"]) - truth)) < 0.2
     assert len(found["frf"]["band_db"]) == frequency.size
     assert found["friction"]["coulomb"] == pytest.approx(4e-3, rel=0.2)
+    assert found["valid_hz"][0] < 0.4
+    assert 300.0 < found["valid_hz"][1] < 500.0
     assert found["excitation"]["sufficient"] is True
     assert set(found["residuals"]) >= {"white", "uncorrelated_with_input"}
     assert found["fit_percent"] > 99.0

@@ -172,7 +172,10 @@ def _parts(values: ComplexArray) -> ComplexArray:
 
 
 def with_doubt(made: Identification, found: SpectralEstimate, between: BetweenSamples) -> Identification:
-    """Return the identification with a band that holds the other hold too, where the record cannot tell them apart."""
+    """Return the identification with a band that holds the other hold too, where the record cannot tell them apart, and
+    with the frequencies at which the record moved the mechanism.
+    """
+    made = replace(made, model=replace(made.model, valid_hz=_valid(made.model, found)))
     if between.certain or found.other is None:
         return replace(made, between=replace(between, hold="zero-order"))
     table = np.geomspace(1.0 / made.model.band_hz[1], 0.5 * found.spectra[0].rate_hz, _TABLE)
