@@ -11,7 +11,7 @@ from tactuator.display.controller import Controller
 from tactuator.display.description import Channel, Display
 from tactuator.errors import BadInput, NoDesign
 from tactuator.measure.open_loop.flatness import Flatness, felt_flatness
-from tactuator.measure.open_loop.model import Followed, follow, plant_of_levels
+from tactuator.measure.open_loop.model import Followed, at_rest, follow, plant_of_levels
 from tactuator.measure.open_loop.probe import Heard, Level, broadband, find_level, hear
 from tactuator.measure.open_loop.usable import UsableBand, usable_band
 from tactuator.measure.prediction import ChannelPrediction
@@ -206,4 +206,4 @@ def _corrected(controller: Controller, known: _Known, flat: Flatness) -> Continu
     frequency = frequency[(frequency >= 0.95 * low) & (frequency <= 1.05 * high)]
     correction = np.interp(np.log(frequency), np.log(flat.frequency_hz), missing_db)
     level_db = db(np.abs(channel.plant.response(frequency))) + correction
-    return plant_of_levels(frequency, level_db)
+    return at_rest(plant_of_levels(frequency, level_db), channel.threshold.band_hz)

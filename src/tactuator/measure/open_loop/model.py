@@ -11,7 +11,8 @@ from tactuator.display.description import Channel
 from tactuator.display.plant_model import PlantModel
 from tactuator.display.response_plant import plant_of_response
 from tactuator.errors import BadInput
-from tactuator.identification.identify import identify
+from tactuator.identification.asked import Asked
+from tactuator.identification.by_response import identify_response
 from tactuator.measure.open_loop.probe import Heard
 from tactuator.signals.decibels import db
 from tactuator.signals.frequency_response import FrequencyResponse
@@ -22,6 +23,7 @@ FORMS = ((5, 5), (3, 3), (7, 7), (4, 4))
 _FOLLOWS_DB = 0.4
 _POINTS, _SHARP = 90, 0.06
 _MEAN = 9
+_LINES, _SLOW_SHARE = 240, 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,19 +43,17 @@ def follow(channel: Channel, heard: Heard, fresh: Heard, band_hz: tuple[float, f
     """Return the plant of a channel: the first model whose magnitude keeps to fresh noise within 0.4 dB over the band,
     the best of them otherwise; where none comes within 1 dB, a plant of the response by itself.
     """
-    record = heard.record(band_hz[1], {"channel": channel.name})
+    given = _points(heard)
     best: Followed | None = None
     remarks: list[str] = []
     for poles, zeros in FORMS:
         try:
-            found = identify(
-                [record], quantity=channel.quantity, hold="band-limited", order=poles, zeros=zeros, friction=False
-            )
+            found = identify_response(given, Asked(poles, zeros, 0, None, "auto", channel.quantity, False))
         except BadInput as error:
             remarks.append(f"{poles} poles: {error}")
             continue
         model = found.model
-        plant = ContinuousSystem.from_polynomials(model.num, model.den, model.delay_s)
+        plant = at_rest(ContinuousSystem.from_polynomials(model.num, model.den, model.delay_s), band_hz)
         if not (plant.is_stable and plant.is_proper):
             continue
         off = departure_db(plant, fresh, band_hz)
@@ -62,11 +62,29 @@ def follow(channel: Channel, heard: Heard, fresh: Heard, band_hz: tuple[float, f
         if off <= _FOLLOWS_DB:
             break
     if best is None or best.departure_db > 1.0:
-        plant = _plant_heard(heard, band_hz)
+        plant = at_rest(_plant_heard(heard, band_hz), band_hz)
         off = departure_db(plant, fresh, band_hz)
         if best is None or off < best.departure_db:
             best = Followed(plant, "response", None, off, tuple(remarks))
     return best
+
+
+def at_rest(plant: ContinuousSystem, band_hz: tuple[float, float]) -> ContinuousSystem:
+    """Return the plant with its slowest zeros at rest, where they cannot be told from zero: nothing was heard there,
+    and a prefilter would be asked to hold what no actuator does.
+    """
+    slow = np.abs(plant.zeros) < _SLOW_SHARE * 2.0 * np.pi * band_hz[0]
+    return ContinuousSystem(np.where(slow, 0.0, plant.zeros), plant.poles, plant.gain, plant.delay_s)
+
+
+def _points(heard: Heard) -> FrequencyResponse:
+    """Return the response at lines of even distance in log frequency, with phase."""
+    response, error = heard.response()
+    frequency = heard.wave.frequency_hz
+    wanted = np.geomspace(frequency[0], frequency[-1], _LINES)
+    chosen = np.unique(np.searchsorted(frequency, wanted).clip(0, frequency.size - 1))
+    value = response[chosen]
+    return FrequencyResponse(frequency[chosen], np.abs(value), np.angle(value), np.maximum(error[chosen], 1e-3))
 
 
 def departure_db(plant: ContinuousSystem, heard: Heard, band_hz: tuple[float, float]) -> float:

@@ -13,12 +13,10 @@ from tactuator.display.load import DERIVATIVES
 from tactuator.errors import BadInput
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db
-from tactuator.signals.record import Record
 
 PERIOD_S = 4.0
 _BEYOND = 1.6
 """The command reaches so far beyond the band, that modes beside it show."""
-_RATE_OVER_TOP = 4.5
 _CREST_ROUNDS = 30
 _OFF_MAINS_HZ = 1.0
 
@@ -99,19 +97,6 @@ class Heard:
         speed = (2j * np.pi * self.wave.frequency_hz) ** DERIVATIVES[channel.quantity]
         moved[self.wave.bins] = spectrum[self.wave.bins] / speed / channel.sensor_gain_v_per_mm
         return float(np.max(np.abs(np.fft.irfft(moved, self.position.shape[1]))))
-
-    def record(self, top_hz: float, about: dict[str, str]) -> Record:
-        """Return the periods as one record, its rate lowered to some 4.5 times `top_hz`; command and position pass the
-        same filter, which leaves their ratio alone.
-        """
-        rate_hz = self.wave.rate_hz
-        step = max(1, int(rate_hz / (_RATE_OVER_TOP * _BEYOND * top_hz)))
-        both = [np.ravel(self.command), np.ravel(self.position)]
-        if step > 1:
-            taps = signal.firwin(24 * step + 1, 0.85 / step)
-            both = [signal.oaconvolve(one, taps, mode="same")[::step] for one in both]
-            both = [one[24:-24] for one in both]
-        return Record(rate_hz / step, both[0], both[1], about={"hold": "band-limited", **about})
 
 
 def hear(rig: Rig, name: str, wave: Wave, volts: float, periods: int) -> Heard:
