@@ -18,3 +18,14 @@ FiguresOption = Annotated[
     Path | None, typer.Option("--figures", help="Folder for the figures (SVG, and their numbers as CSV).")
 ]
 RigOption = Annotated[str, typer.Option("--rig", help="simulated, emulated:BOARD, board:URL, sound:DEVICE.")]
+Host = Annotated[str, typer.Option(help="Address to listen at; another than loopback lets others in.")]
+AllowedHosts = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--allowed-host", metavar="NAME", help="Host name to answer to beside the own ones (of a proxy); repeatable."
+    ),
+]
+TlsCertificate = Annotated[
+    Path | None, typer.Option(help="Certificate file (PEM) for an encrypted connection; with --tls-key.")
+]
+TlsKey = Annotated[Path | None, typer.Option(help="Key file (PEM) of the certificate, without a password.")]

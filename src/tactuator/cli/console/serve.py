@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import secrets
-import signal
 import sys
 import time
 from collections.abc import Iterator
@@ -17,25 +15,29 @@ import uvicorn
 
 from tactuator.console.app import build_console
 from tactuator.console.workshop import Workshop
-from tactuator.web.listener import listener
-from tactuator.web.serving import server_config
+from tactuator.helper_process import begin_helper
+from tactuator.web.address import Address
 
 _TOKEN_BYTES = 16
-_LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _NICER = 5
+"""Niceness of the process that computes figures: the processor is for whoever draws."""
 
 
-def run(display: Path | None, host: str, port: int) -> None:
+def run(
+    display: Path | None,
+    host: str,
+    port: int,
+    allowed_host: list[str] | None,
+    tls_certificate: Path | None,
+    tls_key: Path | None,
+) -> None:
     """Serve a page on which a loop is shaped by dragging it, until interrupted; its address goes to standard error."""
+    address = Address(host, port, tuple(allowed_host or ()), tls_certificate, tls_key)
     workshop, token = Workshop(display), secrets.token_urlsafe(_TOKEN_BYTES)
-    sock = listener(host, port)
+    sock = address.listen()
     with _figures_apart() as apart:
-        app = build_console(workshop, token, apart)
-        server = uvicorn.Server(server_config(app, time.monotonic, host=host, port=port))
-        named = f"[{host}]" if ":" in host else host
-        lines = [f"console: http://{named}:{sock.getsockname()[1]}/#token={token}"]
-        if host not in _LOOPBACK:
-            lines.append("anyone who can reach this machine can reach this page; the connection is not encrypted")
+        server = uvicorn.Server(address.config(build_console(workshop, token, apart), time.monotonic))
+        lines = [f"console: {address.base_url(sock)}/#token={token}", *filter(None, [address.warning])]
         sys.stderr.write("\n".join(lines) + "\n")
         sys.stderr.flush()
         server.run(sockets=[sock])
@@ -44,15 +46,9 @@ def run(display: Path | None, host: str, port: int) -> None:
 @contextmanager
 def _figures_apart() -> Iterator[ProcessPoolExecutor]:
     """Yield a process in which figures are computed, so that a drag's frames have the interpreter to themselves."""
-    apart = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_begin)
+    apart = ProcessPoolExecutor(1, get_context("spawn"), initializer=begin_helper, initargs=(_NICER,))
     try:
         apart.submit(int)  # it imports while the reader opens the page
         yield apart
     finally:
         apart.shutdown(wait=False, cancel_futures=True)
-
-
-def _begin() -> None:
-    """Leave interrupts to the server, and the processor to whoever draws."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.nice(_NICER)

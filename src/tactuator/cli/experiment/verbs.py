@@ -8,7 +8,19 @@ from typing import Annotated
 import typer
 
 from tactuator.cli.deferred import Verbs, does
-from tactuator.cli.options import AsJson, ControllerOption, DisplayOption, FiguresOption, Out, RigOption, Seed
+from tactuator.cli.options import (
+    AllowedHosts,
+    AsJson,
+    ControllerOption,
+    DisplayOption,
+    FiguresOption,
+    Host,
+    Out,
+    RigOption,
+    Seed,
+    TlsCertificate,
+    TlsKey,
+)
 
 ProtocolFile = Annotated[Path, typer.Argument(help="Protocol file (TOML).", metavar="PROTOCOL")]
 StoreFile = Annotated[Path, typer.Option("--store", help="Database of the experiment (SQLite).")]
@@ -28,18 +40,11 @@ def serve(
     rig: RigOption = "simulated",
     display: DisplayOption = None,
     controller: ControllerOption = None,
-    host: Annotated[
-        str, typer.Option(help="Address to listen at; another than loopback lets others in.")
-    ] = "127.0.0.1",
+    host: Host = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Port; 0: any that is free.")] = 8765,
-    allowed_host: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Host name to answer to beside the own ones (of a proxy); repeatable."),
-    ] = None,
-    tls_certificate: Annotated[
-        Path | None, typer.Option(help="Certificate file (PEM) for an encrypted connection; with --tls-key.")
-    ] = None,
-    tls_key: Annotated[Path | None, typer.Option(help="Key file (PEM) of the certificate, without a password.")] = None,
+    allowed_host: AllowedHosts = None,
+    tls_certificate: TlsCertificate = None,
+    tls_key: TlsKey = None,
     operator_token_file: Annotated[
         Path | None,
         typer.Option(help="File with the operator's token; default: TACTUATOR_OPERATOR_TOKEN, or a fresh one."),

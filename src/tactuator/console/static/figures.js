@@ -22,7 +22,12 @@ export const designTable = (rows, kept) => table("Figures, the worst over loads 
   rows.map(([name, value]) => [name, value, ...kept.map((one) => one.rows.find(([other]) => other === name)?.[1] ?? "—")]));
 
 export function verdict(found) {
-  const made = table("Objectives", found.columns, found.rows);
+  // remarks are sentences: each has a line of its own below its finding
+  const width = found.columns.length - 1;
+  const made = table("Objectives", found.columns.slice(0, width), found.rows.map((row) => row.slice(0, width)));
+  [...made.tBodies[0].rows].forEach((row, index) => {
+    if (found.rows[index][width]) row.after(make("tr", { class: "remark" }, make("td", { colspan: `${width}` }, found.rows[index][width])));
+  });
   const notes = found.assumed.map((text) => make("p", {}, `Assumed: ${text}.`));
   return make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Objectives" }, made, make("p", {}, term("verdict"), `: ${found.sentence}`), ...notes);
 }
