@@ -222,7 +222,7 @@ MANY = (
     Mutant("standing still goes on", _BOARD, "        tact_guard_begin(&board->channel[c].guard);\n", ""),
     Mutant("half the drive", _GUARD, "reading.second * (motor_v + state->motor_before_v)",
            "reading.second * (motor_v + motor_v)"),
-    Mutant("reading and model apart", _GUARD, "+ half_apart;", ";"),
+    Mutant("reading and model apart", _GUARD, "+ half) + half_apart;", "+ half);"),
     Mutant("place by the model alone", _GUARD, "next) + half) + half_apart;", "next));"),
     Mutant("no correction", _GUARD, "correcting.first * nu", "0.0f * nu"),
     Mutant("any reading is a change", _GUARD, "if (code != state->last_code) {", "{"),
