@@ -12,6 +12,8 @@ from xdist.scheduler import LoadScopeScheduling
 from tactuator.display.controller import Controller
 from tests.three_fingers import three_finger_display
 
+pytest_plugins = ["tests.browser"]
+
 # A test says nothing about wall-clock time, and the same tree gives the same outcome; the soak looks further.
 settings.register_profile("test", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("soak", deadline=None, max_examples=20_000, suppress_health_check=[HealthCheck.too_slow])

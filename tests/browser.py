@@ -1,9 +1,8 @@
-"""One browser for all tests of pages."""
+"""One browser for all tests of pages, whichever folder they stand in: there can be one in a process alone."""
 
 import shutil
 
 import pytest
-from playwright.sync_api import sync_playwright
 
 ARGUMENTS = [
     "--headless",
@@ -18,6 +17,8 @@ ARGUMENTS = [
 
 @pytest.fixture(scope="session")
 def browser():
+    from playwright.sync_api import sync_playwright
+
     path = shutil.which("chromium") or shutil.which("chromium-browser")
     assert path is not None, "Chromium is not there: install the package `chromium`"
     with sync_playwright() as playwright:
