@@ -218,6 +218,7 @@ def test_local_processes__a_file_that_kills_every_worker__listed(monkeypatch):
     assert outcome.error == f"a.wav: its worker died {ATTEMPTS_MAX} times; not rendered"
 
 
+@pytest.mark.slow
 def test_dask_cluster__a_worker_killed_in_mid_run__complete_and_equal_to_serial(job, corpus, tmp_path):
     distributed = pytest.importorskip("distributed")
     run_corpus(corpus, tmp_path / "serial", job, Here())

@@ -235,6 +235,7 @@ plant = { num = [1208902.0], den = [1.0, 73.3, 1208902.0] }
 """
 
 
+@pytest.mark.slow
 def test_design__one_two_and_eight_blas_threads__the_same_bytes(tmp_path: Path) -> None:
     path = tmp_path / "display.toml"
     path.write_text(_DISPLAY)

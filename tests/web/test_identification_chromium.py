@@ -82,6 +82,7 @@ def begin(page: Page) -> None:
     asked(page)
 
 
+@pytest.mark.slow
 def test_session__by_keyboard_with_reloads_and_kills__gives_the_bits_of_an_undisturbed_one(
     serve, browser, capsys
 ) -> None:

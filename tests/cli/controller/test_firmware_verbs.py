@@ -48,6 +48,7 @@ def test_verify__that_differs__status_1(monkeypatch: pytest.MonkeyPatch, capsys:
     assert "DIFFERENT (float32: seed 1, tick 5)" in capsys.readouterr().out.replace("\n", "")
 
 
+@pytest.mark.slow
 def test_bench__one_finger__every_board_in_both_formats(made: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["firmware", "bench", "--controller", made, "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
