@@ -4,6 +4,7 @@ order.
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 from collections.abc import Iterator, Sequence
@@ -113,12 +114,15 @@ class DaskCluster:
         for name in ("distributed", "distributed.client"):
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what happens is told in a line of ours
         self._address = address
+        refused = ""
         try:
             self._client = distributed.Client(address, timeout=timeout_s, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
-            raise BadInput(
-                f"no Dask scheduler at {address!r} ({type(error).__name__}); allowed: the address of one that runs"
-            ) from None
+            refused = type(error).__name__
+        if refused:
+            # the client that failed ends here: collected while another one starts, it would wait for that one's lock
+            gc.collect()
+            raise BadInput(f"no Dask scheduler at {address!r} ({refused}); allowed: the address of one that runs")
 
     def outcomes(self, tasks: Sequence[CorpusTask]) -> Iterator[CorpusOutcome]:
         """Yield one outcome for every task, as the tasks are done; the scheduler gives a killed worker's tasks to
