@@ -73,10 +73,7 @@ def estimate(
             "record, or a command with more lines)"
         )
     local = local.at(local.excitation > _SILENT * float(np.median(local.excitation)))
-    scale = 2.0 * np.pi * float(np.exp(np.mean(np.log(local.frequency_hz))))
-    proposals = propose(local, rate_hz, scale, holds, known, note)
-    if not all(proposals[hold] for hold in holds):
-        raise BadInput(_NO_FORM)
+    proposals = _proposals(local, rate_hz, holds, known, note)
     # what was commanded before the record began is unknown for as long as the dead time: the position starts later
     shift = max(min(int(proposals[hold][0].delay_s * rate_hz + 1e-3) for hold in holds) - 1, 0)
     shift = min(shift, *(command.size // 4 for command, _ in signals))
@@ -107,14 +104,22 @@ def estimate_lines(
 
     Raises BadInput where no form gives a start.
     """
-    scale = 2.0 * np.pi * float(np.exp(np.mean(np.log(local.frequency_hz))))
-    proposals = propose(local, rate_hz, scale, holds, known, note)
-    if not all(proposals[hold] for hold in holds):
-        raise BadInput(_NO_FORM)
+    proposals = _proposals(local, rate_hz, holds, known, note)
     given = points(local.frequency_hz, local.value, rate_hz)
     weight = 1.0 / np.sqrt(local.variance)
     choices = [choose(given, proposals[hold], hold, known, weight=weight) for hold in holds]
     return _decided(choices, holds, local, tuple(spectrum(command, position, rate_hz) for command, position in signals))
+
+
+def _proposals(
+    local: LocalResponse, rate_hz: float, holds: tuple[Hold, ...], known: Known, note: Callable[[str], None]
+) -> dict[Hold, list[SpectralFit]]:
+    """Return the starts of every hold. Raises BadInput where a hold has none."""
+    scale = 2.0 * np.pi * float(np.exp(np.mean(np.log(local.frequency_hz))))
+    proposals = propose(local, rate_hz, scale, holds, known, note)
+    if not all(proposals[hold] for hold in holds):
+        raise BadInput(_NO_FORM)
+    return proposals
 
 
 def _decided(
