@@ -223,7 +223,7 @@ def test_dask_cluster__a_worker_killed_in_mid_run__complete_and_equal_to_serial(
     distributed = pytest.importorskip("distributed")
     run_corpus(corpus, tmp_path / "serial", job, Here())
     cluster = distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
     )
     try:
         killed = threading.Event()

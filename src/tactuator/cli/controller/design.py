@@ -17,6 +17,7 @@ from tactuator.files.controller import write_controller
 from tactuator.files.curve import resolve_curve
 from tactuator.files.display import read_display, with_curve
 from tactuator.report.controller_table import design_rows
+from tactuator.report.formula import printed_factors
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.exchange.continuous_form import continuous_form
@@ -60,12 +61,10 @@ def _shown(controller: Controller, verdict: Verdict) -> Group:
 
 
 def _printed(channel: ChannelController, rate_hz: float) -> list[str]:
-    """Return C and F in continuous form (whose bilinear transform the sections are), as a paper prints them."""
+    """Return C and F in continuous form (whose bilinear transform the sections are), in factors as a paper prints them."""
     systems: dict[str, SampledSystem | None] = {"C": channel.feedback(rate_hz), "F": channel.prefilter(rate_hz)}
-    lines = []
-    for letter, system in systems.items():
-        if system is not None:
-            num, den = continuous_form(system).polynomials()
-            texts = (" ".join(f"{value:.6g}" for value in values) for values in (num, den))
-            lines.append(f"{channel.name}: {letter}(s) = [{next(texts)}] / [{next(texts)}], descending powers of s")
-    return lines
+    return [
+        f"{channel.name}: {letter}(s) = {printed_factors(continuous_form(system))}"
+        for letter, system in systems.items()
+        if system is not None
+    ]

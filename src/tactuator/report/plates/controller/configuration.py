@@ -7,33 +7,9 @@ import numpy as np
 from tactuator.display.controller import Controller
 from tactuator.display.description import Channel
 from tactuator.report.diagram import Box, canvas, draw_box, draw_path, draw_sum
+from tactuator.report.formula import printed_polynomials
 from tactuator.report.plate import Plate
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
-
-
-def printed_polynomial(coefficients: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
-    """Return a polynomial in s as it is printed: four digits, no factor of one, no zero term."""
-    order = len(coefficients) - 1
-    terms = []
-    for index, value in enumerate(coefficients):
-        power = order - index
-        if value == 0.0:
-            continue
-        symbol = "" if power == 0 else "s" if power == 1 else f"s{_superscript(power)}"
-        number = "" if symbol and abs(value) == 1.0 else f"{abs(value):.4g}"
-        terms.append((" − " if value < 0.0 else " + ") + number + symbol)
-    text = "".join(terms)
-    return text.removeprefix(" + ").replace(" − ", "−", 1) if text.startswith(" − ") else text.removeprefix(" + ")
-
-
-def _superscript(number: int) -> str:
-    return str(number).translate(str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹"))
-
-
-def printed_system(system: ContinuousSystem) -> tuple[str, str]:
-    """Return the numerator and denominator of a continuous system as printed."""
-    num, den = system.polynomials()
-    return printed_polynomial(num), printed_polynomial(den)
 
 
 def _as_corners(f: SampledSystem) -> ContinuousSystem:
@@ -49,7 +25,7 @@ def _as_corners(f: SampledSystem) -> ContinuousSystem:
 
 def _formula(system: ContinuousSystem) -> tuple[str, ...]:
     """Return the system as a fraction, or by its corner frequencies where that would not fit a box."""
-    num, den = printed_system(system)
+    num, den = printed_polynomials(system)
     if max(len(num), len(den)) <= 24:
         return num, "──────────", den
     corners = [np.sort(np.abs(roots)) / (2.0 * np.pi) for roots in (system.zeros, system.poles)]
@@ -59,7 +35,7 @@ def _formula(system: ContinuousSystem) -> tuple[str, ...]:
 
 def mechanism_plate(channel: Channel, name: str = "fig03") -> Plate:
     """Draw one channel's mechanism: amplifier to motor, finger, sensor."""
-    num, den = printed_system(channel.plant)
+    num, den = printed_polynomials(channel.plant)
     loads = [f"{one.name}: {one.mass:g} s² + {one.damping:g} s + {one.stiffness:g}" for one in channel.loads]
     made, axes = canvas(9.0, 3.4)
     motor = Box((3.0, 1.9), "motor assembly", ("P(s) =", num, "────────────", den), 2.3, 1.5)
