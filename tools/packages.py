@@ -59,7 +59,8 @@ def make_venv(which):
     done = output_of([os.path.realpath(sys.executable), "-m", "venv", stamps.VENV])
     if done.returncode != 0:
         empty_venv()
-        sys.exit(explained(done.stdout, "Python's venv module cannot make .venv"))
+        remedy = "on Debian and Ubuntu: apt-get install python3-venv"
+        sys.exit(explained(done.stdout, "Python's venv module cannot make .venv (%s)" % remedy))
 
 
 def empty_venv():

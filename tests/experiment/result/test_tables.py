@@ -48,6 +48,13 @@ def test_tables__thresholds_in_a_language_of_ones_own__have_no_other_word() -> N
     assert words_left(table) == []
 
 
+def test_tables__thresholds__have_no_digit_that_their_interval_leaves_open() -> None:
+    one = replace(ONE, refit_db_sl=1.26, refit_low_db_sl=-1.4, refit_high_db_sl=3.9, level_db_re_1um=-7.44)
+    (row,) = threshold_table([one], MARKED).rows
+    assert row[5] == "1.3"
+    assert row[7] == "-7.4"
+
+
 def test_tables__matrix_and_abx__have_no_other_word() -> None:
     rng, counts = np.random.default_rng(0), np.array([[9, 1], [2, 8]])
     one = SubjectResult("9", "identification", "7", ("1", "2"), counts, None, information(counts, rng))

@@ -61,7 +61,7 @@ def _shown(controller: Controller, verdict: Verdict) -> Group:
 
 
 def _printed(channel: ChannelController, rate_hz: float) -> list[str]:
-    """Return C and F in continuous form (whose bilinear transform the sections are), in factors as a paper prints them."""
+    """Return C and F in continuous form (whose bilinear transform the sections are), in factors, as a paper does."""
     systems: dict[str, SampledSystem | None] = {"C": channel.feedback(rate_hz), "F": channel.prefilter(rate_hz)}
     return [
         f"{channel.name}: {letter}(s) = {printed_factors(continuous_form(system))}"

@@ -35,10 +35,10 @@ def threshold_table(found: Sequence[MeasuredThreshold], words: Words) -> ResultT
             one.finger,
             f"{one.frequency_hz:.4g}",
             str(one.trials),
-            "–" if one.own_db_sl is None else f"{one.own_db_sl:.2f}",
-            f"{_BOUNDS[one.bound]}{one.refit_db_sl:.2f}",
+            "–" if one.own_db_sl is None else f"{one.own_db_sl:.1f}",
+            f"{_BOUNDS[one.bound]}{one.refit_db_sl:.1f}",
             words("results.range", low=f"{one.refit_low_db_sl:.1f}", high=f"{one.refit_high_db_sl:.1f}"),
-            f"{one.level_db_re_1um:.2f}",
+            f"{one.level_db_re_1um:.1f}",
             ", ".join(words(f"results.flag_{name.replace('-', '_')}") for name in one.flags),
         )
         for one in found
