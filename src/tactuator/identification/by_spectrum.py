@@ -46,6 +46,7 @@ _BENT = 0.1
 the level of every frequency. Seen on hardening springs and on friction; more would be found by the residual."""
 _TESTED = 1 << 17
 """Samples by which a residual is tested: more would see what no band is narrow enough for."""
+_WHY = " (command and position fall off below half the rate, as behind the filters of converters)"
 _CERTAIN_FRICTION = 100.0
 """Drop of -2 log likelihood by one parameter from which on friction is looked for."""
 
@@ -105,7 +106,8 @@ def identification(
         model = _holding(model, other)
         remarks.append(
             f"whether the command was held or band-limited between its samples cannot be told (difference "
-            f"{found.advantage:.2g}): taken as {between.hold}, the band holds both; --hold says which it is"
+            f"{found.advantage:.2g}): taken as {between.hold}{_WHY if found.flanks else ''}, the band holds both; --hold "
+            "says which it is"
         )
     model = replace(model, valid_hz=_valid(model, found))
     tests = _tests(common, found, residuals)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification.spectral.hold import Hold
 from tactuator.identification.spectral.joined import join, join_local
@@ -20,10 +20,14 @@ from tactuator.identification.spectral.lines import (
     points,
     spectrum,
 )
-from tactuator.identification.spectral.search import Choice, Known, choose, propose
+from tactuator.identification.spectral.loop_evidence import explained_by_loop
+from tactuator.identification.spectral.record_residual import Residual, record_residual
+from tactuator.identification.spectral.search import COMPARED, Choice, Known, choose, propose
 
 CERTAIN = 12.0
 """Difference of -2 log likelihood from which on a hold is told: odds of 1 : 400 on equal terms."""
+_FLANK = 15.0
+"""Power below a filter's edge over that beyond it, from which on a signal is taken to have passed one (12 dB)."""
 _FAR = 300.0
 """The same from which on the worse hold is not looked at more closely."""
 _SILENT = 1e-6
@@ -33,10 +37,11 @@ _NO_FORM = "no model of the form asked for fits the record at all; allowed: anot
 
 @dataclass(frozen=True, eq=False)
 class SpectralEstimate:
-    """An estimate over lines. chosen: under the better hold, or the first one where the record does not tell them apart
-    (certain). other: under the other, or None. advantage: how much better the better one's criterion is. local: the
-    records' own response; spectra: of each record as it is. before: the fit to the command as it is, where what follows
-    a loop's reference was fitted in its stead.
+    """An estimate over lines. chosen: under the better hold; where the record does not tell them apart (certain) under
+    the band-limited one if command and position passed filters (flanks), else under the first one. other: under the
+    other, or None. advantage: how much better the better one's criterion is. local: the records' own response; spectra:
+    of each record as it is. before: the fit to the command as it is, where what follows a loop's reference was fitted
+    in its stead.
     """
 
     chosen: Choice
@@ -46,6 +51,7 @@ class SpectralEstimate:
     local: LocalResponse
     spectra: tuple[Spectrum, ...]
     before: SpectralFit | None = None
+    flanks: bool = False
 
     @property
     def spacing_hz(self) -> float:
@@ -83,11 +89,11 @@ def estimate(
     for hold in sorted(holds, key=lambda one: proposals[one][0].cost):
         note(f"fitting the record as {hold}")
         glance = choose(given, proposals[hold], hold, known, quick=True) if choices else None
-        if glance is not None and glance.evidence > choices[0].evidence + _FAR:
+        if glance is not None and _joint(glance, taken) > _joint(choices[0], taken) + _FAR:
             choices.append(glance)
             continue
         choices.append(choose(given, proposals[hold], hold, known, begun=glance))
-    return _decided(choices, holds, local, taken)
+    return _decided(choices, [_joint(one, taken) for one in choices], holds, local, taken)
 
 
 @np.errstate(all="ignore")
@@ -108,7 +114,8 @@ def estimate_lines(
     given = points(local.frequency_hz, local.value, rate_hz)
     weight = 1.0 / np.sqrt(local.variance)
     choices = [choose(given, proposals[hold], hold, known, weight=weight) for hold in holds]
-    return _decided(choices, holds, local, tuple(spectrum(command, position, rate_hz) for command, position in signals))
+    taken = tuple(spectrum(command, position, rate_hz) for command, position in signals)
+    return _decided(choices, [one.evidence for one in choices], holds, local, taken)
 
 
 def _proposals(
@@ -122,15 +129,49 @@ def _proposals(
     return proposals
 
 
+def _joint(choice: Choice, taken: tuple[Spectrum, ...]) -> float:
+    """Return what two holds are compared by: the criterion of the choice, and that of the command given its residual."""
+    highest, filtered = COMPARED * taken[0].rate_hz, choice.hold == "band-limited"
+    pairs = zip(taken, record_residual(choice, taken), strict=True)
+    return choice.evidence - sum(explained_by_loop(one, left, highest, filtered=filtered) for one, left in pairs)
+
+
 def _decided(
-    choices: list[Choice], holds: tuple[Hold, ...], local: LocalResponse, taken: tuple[Spectrum, ...]
+    choices: list[Choice],
+    evidence: list[float],
+    holds: tuple[Hold, ...],
+    local: LocalResponse,
+    taken: tuple[Spectrum, ...],
 ) -> SpectralEstimate:
-    choices = sorted(choices, key=lambda one: one.evidence)
+    """Return the estimate under the hold of the better evidence; of two alike the one that the filters speak for."""
+    order = sorted(range(len(choices)), key=evidence.__getitem__)
     if len(choices) == 1:
         return SpectralEstimate(choices[0], None, True, np.inf, local, taken)
-    advantage = choices[1].evidence - choices[0].evidence
-    certain = bool(advantage > CERTAIN)
-    if not certain:
-        # most commands come from a converter: without evidence it is taken to hold
-        choices.sort(key=lambda one: holds.index(one.hold))
-    return SpectralEstimate(choices[0], choices[1], certain, float(advantage), local, taken)
+    advantage = evidence[order[1]] - evidence[order[0]]
+    best, other = (choices[k] for k in order)
+    if advantage > CERTAIN:
+        return SpectralEstimate(best, other, True, float(advantage), local, taken)
+    flanks = best.problem.with_transient and _flanks(taken, record_residual(best, taken))
+    # most commands come from a converter: without evidence the command is taken to be held
+    likely = "band-limited" if flanks else min(holds, key=holds.index)
+    best, other = (best, other) if best.hold == likely else (other, best)
+    return SpectralEstimate(best, other, False, float(advantage), local, taken, flanks=flanks)
+
+
+def _flanks(taken: Sequence[Spectrum], left: Sequence[Residual]) -> bool:
+    """Return true where the command, and what no command explains of the position, both fall off below half the rate
+    as behind the filters of converters: the command was then recorded, not played.
+    """
+
+    def falls(lines: ComplexArray, place: FloatArray) -> bool:
+        below, beyond = (
+            float(np.mean(np.abs(lines[(place > low) & (place < high)]) ** 2))
+            for low, high in ((0.35, 0.40), (0.46, 0.495))
+        )
+        return below > _FLANK * beyond
+
+    return all(
+        falls(lines, one.frequency_hz / one.rate_hz)
+        for one, rest in zip(taken, left, strict=True)
+        for lines in (one.command, rest.lines)
+    )

@@ -20,7 +20,7 @@ TIE = 6.0
 """Difference of the criterion within which the form of fewer poles is taken (Raftery 1995: from 6 on it is strong)."""
 _HIGHEST = {"zero-order": 0.4999, "first-order": 0.4999, "band-limited": 0.47}
 """Highest line used over the rate: the flank of an anti-alias filter says nothing."""
-_COMPARED = 0.47
+COMPARED = 0.47
 _KEPT = 6
 _MANY = 4
 _FITS, _HOPELESS = 1.5, 300.0
@@ -170,7 +170,7 @@ def choose(
         return now.with_weight(weights(given, now.residual(fit), highest) if weight is None else weight * flat)
 
     def likelihood(now: SpectralProblem, fit: SpectralFit) -> float:
-        return misfit(given, now.residual(fit), _COMPARED * given.rate_hz) if weight is None else 2.0 * fit.cost
+        return misfit(given, now.residual(fit), COMPARED * given.rate_hz) if weight is None else 2.0 * fit.cost
 
     for _ in range(2 if begun is None else 0):
         problem = weighed(problem, first)
