@@ -71,6 +71,18 @@ def test_identify__slow_plant_at_a_high_rate__cannot_tell_and_the_band_holds_bot
     frequency = np.geomspace(5.0, 400.0, 50)
     off = logarithm_off(found, late, frequency)
     assert np.mean(np.abs(off.imag) <= found.model.band_rad(frequency)) > 0.9
+    # both signals fall off below half the rate: taken as band-limited, which half a sample (7 degrees here) tells
+    assert found.between.hold == "band-limited"
+    assert np.max(np.abs(off.imag)) < np.radians(2.0)
+
+
+def test_identify__slow_plant_without_filters__cannot_tell_and_is_taken_as_held() -> None:
+    late = replace(RESONATOR, delay_s=0.4e-3)
+    record = Record(12000.0, *held(late, np.random.default_rng(3), 12000.0, 1.0, 30.0))
+    found = identify(record, order=2, zeros=0)
+    assert (found.between.hold, found.between.certain) == ("zero-order", False)
+    frequency = np.geomspace(5.0, 400.0, 50)
+    assert np.max(np.abs(logarithm_off(found, late, frequency).imag)) < np.radians(2.0)
 
 
 def test_identify__file_says_how_it_was_commanded__that_is_taken(filtered: Record) -> None:

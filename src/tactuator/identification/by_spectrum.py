@@ -25,7 +25,7 @@ from tactuator.identification.spectral.hold_choice import SpectralEstimate, esti
 from tactuator.identification.spectral.instrument import REMAINS, choice_by_reference
 from tactuator.identification.spectral.likelihood import SpectralFit, information
 from tactuator.identification.spectral.lines import Spectrum
-from tactuator.identification.spectral.record_residual import Residual
+from tactuator.identification.spectral.record_residual import Residual, record_residual
 from tactuator.identification.spectral.search import Choice, Known
 from tactuator.identification.spectral.uncertainty import (
     fed_back,
@@ -106,11 +106,13 @@ def identification(
         model = _holding(model, other)
         remarks.append(
             f"whether the command was held or band-limited between its samples cannot be told (difference "
-            f"{found.advantage:.2g}): taken as {between.hold}{_WHY if found.flanks else ''}, the band holds both; --hold "
-            "says which it is"
+            f"{found.advantage:.2g}): taken as {between.hold}{_WHY if found.flanks else ''}, the band holds both; "
+            "--hold says which it is"
         )
     model = replace(model, valid_hz=_valid(model, found))
     tests = _tests(common, found, residuals)
+    if other is not None and distortion is None and tests.feedback is not None:
+        tests = replace(tests, feedback=tests.feedback if tests.feedback in _feedback_of_other(found) else None)
     if distortion is not None and distortion.repeats is not None:
         tests = replace(tests, feedback=not distortion.repeats)
     remarks += _said_of(tests, common, chosen.hold == "band-limited" and found.before is None)
@@ -264,6 +266,14 @@ def _tests(common: Prepared, found: SpectralEstimate, residuals: Sequence[Residu
         feedback=True if True in seen else (False if seen == {False} else None),
         jump=next((one.jump for one in made if one.jump is not None), None),
     )
+
+
+def _feedback_of_other(found: SpectralEstimate) -> set[bool | None]:
+    """Return what is seen of a loop under the other hold, one answer for all records, or none."""
+    assert found.other is not None
+    left = record_residual(found.other, found.spectra)
+    seen = {feedback_seen(taken, one, found.other.fit) for taken, one in zip(found.spectra, left, strict=True)}
+    return {True} if True in seen else seen
 
 
 def residual_tests(

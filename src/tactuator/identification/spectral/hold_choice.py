@@ -130,7 +130,7 @@ def _proposals(
 
 
 def _joint(choice: Choice, taken: tuple[Spectrum, ...]) -> float:
-    """Return what two holds are compared by: the criterion of the choice, and that of the command given its residual."""
+    """Return what two holds are compared by: the choice's criterion and that of the command given its residual."""
     highest, filtered = COMPARED * taken[0].rate_hz, choice.hold == "band-limited"
     pairs = zip(taken, record_residual(choice, taken), strict=True)
     return choice.evidence - sum(explained_by_loop(one, left, highest, filtered=filtered) for one, left in pairs)
