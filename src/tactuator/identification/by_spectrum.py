@@ -111,8 +111,6 @@ def identification(
         )
     model = replace(model, valid_hz=_valid(model, found))
     tests = _tests(common, found, residuals)
-    if other is not None and distortion is None and tests.feedback is not None:
-        tests = replace(tests, feedback=tests.feedback if tests.feedback in _feedback_of_other(found) else None)
     if distortion is not None and distortion.repeats is not None:
         tests = replace(tests, feedback=not distortion.repeats)
     remarks += _said_of(tests, common, chosen.hold == "band-limited" and found.before is None)
@@ -259,6 +257,9 @@ def _tests(common: Prepared, found: SpectralEstimate, residuals: Sequence[Residu
     rows = zip(common.all_samples, residuals, found.spectra, strict=True)
     made = [residual_tests(samples, left, found.chosen.fit, taken) for samples, left, taken in rows]
     seen = {one.feedback for one in made}
+    doubt = found.other is not None and not found.certain and found.other.problem.with_transient
+    if doubt and seen != _feedback_of_other(found):
+        seen = {None}
     return ResidualTests(
         white_p=min(1.0, len(made) * min(one.white_p for one in made)),
         uncorrelated_p=min(1.0, len(made) * min(one.uncorrelated_p for one in made)),
@@ -269,11 +270,10 @@ def _tests(common: Prepared, found: SpectralEstimate, residuals: Sequence[Residu
 
 
 def _feedback_of_other(found: SpectralEstimate) -> set[bool | None]:
-    """Return what is seen of a loop under the other hold, one answer for all records, or none."""
+    """Return what is seen of a loop under the other hold, by record."""
     assert found.other is not None
     left = record_residual(found.other, found.spectra)
-    seen = {feedback_seen(taken, one, found.other.fit) for taken, one in zip(found.spectra, left, strict=True)}
-    return {True} if True in seen else seen
+    return {feedback_seen(taken, one, found.other.fit) for taken, one in zip(found.spectra, left, strict=True)}
 
 
 def residual_tests(

@@ -1,4 +1,4 @@
-"""What the command tells of a hold in a loop: its own likelihood, given what a fit leaves of the position.
+"""The command's own likelihood given what a fit leaves of the position: in a loop it has a say in the hold.
 
 In a loop the command follows the noise. A model that answers the command at once, or before it, then takes for an
 answer what the noise did to the command, and the likelihood of the position given the command favours it wrongly. The
