@@ -9,6 +9,7 @@ from typing import Protocol, Self, runtime_checkable
 from numpy.typing import ArrayLike
 
 from tactuator.display.controller import Controller
+from tactuator.display.description import Display
 from tactuator.rig.trace import Trace
 
 
@@ -87,6 +88,28 @@ class ClosingRig:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+class DisplayRig(ClosingRig):
+    """A rig made for one display, whose rate and channels it has."""
+
+    def __init__(self, display: Display) -> None:
+        self._display = display
+
+    @property
+    def display(self) -> Display:
+        """Return the display that the rig was made for."""
+        return self._display
+
+    @property
+    def rate_hz(self) -> float:
+        """Return the sampling rate, hertz."""
+        return self._display.rate_hz
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Return the names of the channels, in the order of every array's columns."""
+        return tuple(channel.name for channel in self._display.channels)
 
 
 @runtime_checkable

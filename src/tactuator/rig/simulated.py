@@ -12,7 +12,7 @@ from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.errors import BadInput
 from tactuator.rig.finger import Finger, let_feel, take_forces
-from tactuator.rig.rig import ClosingRig
+from tactuator.rig.rig import DisplayRig
 from tactuator.rig.samples import take_command, take_reference
 from tactuator.rig.trace import Trace
 from tactuator.runtime.simulation import SimulatedBlock, Simulation, block_samples
@@ -31,20 +31,15 @@ class FingerPort(Finger):
         self._simulation.touch(self._index, load)
 
 
-class SimulatedRig(ClosingRig):
+class SimulatedRig(DisplayRig):
     """The simulated `display` as a rig. The same seed gives the same numbers."""
 
     def __init__(self, display: Display, seed: int = 0) -> None:
+        super().__init__(display)
         self._simulation = Simulation(display, seed)
-        self._names = tuple(channel.name for channel in display.channels)
         self._began_at: int | None = None
         self._ticks = 0
         self._ports = tuple(FingerPort(self._simulation, index) for index in range(len(display.channels)))
-
-    @property
-    def display(self) -> Display:
-        """Return the display that is simulated."""
-        return self._simulation.display
 
     @property
     def began_at(self) -> int | None:
@@ -55,16 +50,6 @@ class SimulatedRig(ClosingRig):
     def rows_played(self) -> int:
         """Return the number of samples played since the last block or stream began."""
         return 0 if self._began_at is None else self._ticks - self._began_at
-
-    @property
-    def rate_hz(self) -> float:
-        """Return the sampling rate, hertz."""
-        return self.display.rate_hz
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Return the names of the channels, in the order of every array's columns."""
-        return self._names
 
     def load(self, controller: Controller) -> None:
         """Make the controller the one that runs, from rest. Raises BadInput if it is not for this rig."""

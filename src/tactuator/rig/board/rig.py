@@ -29,7 +29,7 @@ from tactuator.rig.board.link import (
 )
 from tactuator.rig.board.stream import BoardStream, Rows, take_rows
 from tactuator.rig.board.tones import LONGEST_S, BoardTone, read_run, stimulus_payloads
-from tactuator.rig.rig import ClosingRig
+from tactuator.rig.rig import DisplayRig
 from tactuator.rig.samples import take_command, take_reference
 from tactuator.rig.trace import Trace, join_traces
 from tactuator.rig.transport.transport import LinkDown
@@ -46,7 +46,7 @@ _WAITING_LEAD_S = 0.6 * SILENCE_S
 """A board that waits for its stream does so before the link's silence is a fault, however slow the host is."""
 
 
-class BoardRig(ClosingRig):
+class BoardRig(DisplayRig):
     """The rig of `display` on a board that runs the firmware.
 
     A board without a safety table gets this display's; one that has a table keeps it, whatever is loaded.
@@ -64,7 +64,8 @@ class BoardRig(ClosingRig):
         waits: bool = True,
         lead_s: float = STREAM_LEAD_S,
     ) -> None:
-        self._client, self._display, self._format, self._sleep = client, display, number_format, sleep
+        super().__init__(display)
+        self._client, self._format, self._sleep = client, number_format, sleep
         status = client.status()
         if status.channels < len(display.channels):
             raise BadInput(
@@ -81,21 +82,6 @@ class BoardRig(ClosingRig):
             self.commission()
 
     # -- what a rig is ------------------------------------------------------------------------------------------------
-
-    @property
-    def display(self) -> Display:
-        """Return the display on the board."""
-        return self._display
-
-    @property
-    def rate_hz(self) -> float:
-        """Return the sampling rate, hertz."""
-        return self._display.rate_hz
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Return the names of the channels, in the order of every array's columns."""
-        return tuple(channel.name for channel in self._display.channels)
 
     def load(self, controller: Controller) -> None:
         """Make the controller the one that runs, from rest. Raises BadInput if it is not for this rig."""

@@ -14,7 +14,7 @@ from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.display.sound_card import SoundCard, Wires
 from tactuator.errors import BadInput
-from tactuator.rig.rig import ClosingRig
+from tactuator.rig.rig import DisplayRig
 from tactuator.rig.samples import take_command, take_reference
 from tactuator.rig.sound.open_loop import OpenLoop
 from tactuator.rig.sound.port import Port
@@ -33,7 +33,7 @@ _Piece = tuple[FloatArray, FloatArray, Flags]
 """Reference, command in volts, and where it was cut, each (n, channels)."""
 
 
-class SoundRig(ClosingRig):
+class SoundRig(DisplayRig):
     """The rig of `display` on the card that calls back into `rows`.
 
     Time goes on: between blocks nothing is put out, and what must not be cut is a stream. A row of a trace is an
@@ -49,7 +49,8 @@ class SoundRig(ClosingRig):
         port: Port,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._display, self._rows, self._port, self._sleep = display, rows, port, sleep
+        super().__init__(display)
+        self._rows, self._port, self._sleep = rows, port, sleep
         self._card = sound_wiring(display)
         self._run = CardRun(rows, max(1, round(self._card.lead_s * display.rate_hz)), sleep)
         self._loop: OpenLoop | None = None
@@ -57,21 +58,6 @@ class SoundRig(ClosingRig):
         self._length = 0
         self.allow_gaps = False
         self.gaps = 0
-
-    @property
-    def display(self) -> Display:
-        """Return the display on the card."""
-        return self._display
-
-    @property
-    def rate_hz(self) -> float:
-        """Return the sampling rate, hertz."""
-        return self._display.rate_hz
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Return the names of the channels, in the order of every array's columns."""
-        return tuple(channel.name for channel in self._display.channels)
 
     @property
     def without_sensor(self) -> tuple[str, ...]:
