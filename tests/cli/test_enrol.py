@@ -9,7 +9,7 @@ from tactuator.cli.main import main
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.lock import sessions_of
 from tactuator.experiment.store.store import Store
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, begin
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, begin, opened_study
 
 AGE = '[[demographic]]\nname = "age"\nlabel = "Age"\nkind = "number"\nhigh = 120\n\n'
 ASKED = PROTOCOL.replace("[[subject]]", AGE + "[[subject]]", 1)
@@ -54,6 +54,18 @@ def test_enrol__new_subject_then_a_visit__are_in_the_store_and_nobody_else_chang
     assert [one["path"] for one in again["visits"]] == [f"/s/{row[5]}" for row in mine]
     assert told["visits"] == again["visits"][:1]
     assert len({row[5] for row in after}) == len(after)
+
+
+def test_enrol__study_was_amended__is_by_its_newest_version(lab, capsys) -> None:
+    """The newest version asks for the hand, and lets everybody come three times."""
+    hand = '[[demographic]]\nname = "hand"\nlabel = "Hand"\n\n'
+    amended = ASKED.replace(AGE, AGE + hand).replace("seed = 7", "seed = 7\nvisits = 3")
+    store = Store(lab)
+    opened_study(store, ObedientClock(), amended, amend="hands differ")
+    store.close()
+    assert enrol(lab, "S9", "--fact", "hand=left") == 0
+    assert [row[4] for row in rows(lab) if row[0] == "S9"] == [1, 2, 3]
+    capsys.readouterr()
 
 
 @pytest.mark.parametrize(

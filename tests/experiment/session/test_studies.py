@@ -102,19 +102,47 @@ def test_study__amended__sessions_that_began_stay_with_their_version_and_others_
     assert again.next_trial().trial == presented.session.next_trial().trial
     other = begin(store, clock, OTHER, subject=1)
     answer_one(other, clock)
-    with store.read() as connection:
-        versions = dict(
-            connection.execute(
-                select(schema.subject.c.code, schema.protocol_version.c.number)
-                .select_from(
-                    schema.run.join(schema.session)
-                    .join(schema.subject, schema.subject.c.id == schema.session.c.subject_id)
-                    .join(schema.protocol_version, schema.protocol_version.c.id == schema.run.c.protocol_version_id)
-                )
-                .distinct()
-            ).all()
+    versions = {code: {number for number, _ in versions_of_runs(store, code)} for code in ("S1", "S2")}
+    assert versions == {"S1": {1}, "S2": {2}}
+
+
+def versions_of_runs(store, subject):
+    """The version of the protocol of each of a subject's runs, and the frequency."""
+    query = (
+        select(schema.protocol_version.c.number, schema.run.c.frequency_hz)
+        .select_from(
+            schema.run.join(schema.session)
+            .join(schema.subject, schema.subject.c.id == schema.session.c.subject_id)
+            .join(schema.protocol_version, schema.protocol_version.c.id == schema.run.c.protocol_version_id)
         )
-    assert versions == {"S1": 1, "S2": 2}
+        .where(schema.subject.c.code == subject)
+        .order_by(schema.run.c.id)
+    )
+    with store.read() as connection:
+        return [tuple(row) for row in connection.execute(query)]
+
+
+@pytest.mark.parametrize(
+    ("consent", "answered"),
+    [("You may stop at any time.", 0), ("", 2)],
+    ids=["consent is given", "practice is done, consent is not asked for"],
+)
+def test_study__amended_once_a_session_has_begun__its_later_runs_are_of_its_own_version(
+    store, consent, answered
+) -> None:
+    """What begins a session is consent or, where none is asked for, the first trial."""
+    clock = ObedientClock()
+    before, after = (text.replace("You may stop at any time.", consent) for text in (PROTOCOL, OTHER))
+    presented = begin(store, clock, before)
+    for _ in range(answered):
+        answer_one(presented, clock)
+    opened_study(store, clock, after, amend="60 Hz is mains")
+    again = begin(store, clock, after)
+    for _ in range(4):
+        answer_one(again, clock)
+    found = versions_of_runs(store, "S1")
+    assert [version for version, _ in found] == [1, 1]
+    assert {hertz for _, hertz in found} <= {30.0, 90.0, 210.0}
 
 
 def test_study__same_protocol_again__is_the_same_study(store) -> None:
@@ -133,6 +161,7 @@ def test_visits__of_a_subject__have_links_orders_and_seeds_of_their_own(store) -
     found = orders(study)
     assert found["S1", 1] == orders(opened_study(store, ObedientClock(), text))["S1", 1]
     assert sorted(found["S1", 1]) == sorted(found["S1", 2])
+    assert found["S1", 1] != found["S1", 2]
     first, second = (study.session(row) for row in study.sessions()[:2])
     assert first.task.course(first.runs[1], 0, 1).seed != second.task.course(second.runs[1], 0, 2).seed
     study.add_visit("S2")

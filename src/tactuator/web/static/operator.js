@@ -32,7 +32,7 @@ function button(text, name, key, disabled, pressed) {
 
 function sessionRows(session, snapshot) {
   const key = session.visit === 1 ? session.subject : `${session.subject}-${session.visit}`;
-  const open = make("a", { href: session.link, target: "_blank", rel: "noopener" }, word("open"));
+  const open = make("a", { href: session.link, target: "_blank", rel: "noopener" }, word("open_link"));
   const over = session.stage === "done" || session.stage === "ended";
   const cannot = !snapshot.control || snapshot.active !== null || over;
   const buttons = make("div", { class: "buttons" },

@@ -1,0 +1,212 @@
+"""A session whose server is killed again and again while its protocol is amended, in pieces if need be.
+
+`python -m tests.web.killing FOLDER KILLS SECONDS` kills until there were so many kills or so many seconds have passed.
+Called again with the same folder it goes on from there, and after the last kill it finishes the session.
+"""
+
+import json
+import random
+import sys
+import threading
+import time
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import select
+from websockets.exceptions import ConnectionClosed, InvalidMessage
+from websockets.sync.client import connect
+
+from tactuator.experiment.procedure.procedure import Placement
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.plan import plan_runs, run_seed
+from tactuator.experiment.store import schema
+from tactuator.experiment.store.store import Store
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, controller, response_of
+from tests.web.study import Server, started
+
+ONE = PROTOCOL[: PROTOCOL.rindex("[[subject]]")].replace("break_after_trials = 20", "break_after_trials = 100000")
+LONG = ONE.replace("reversals = 6", "reversals = 80").replace("averaged = 4", "averaged = 70")
+
+
+class Client:
+    """Subject S1 over the socket, who answers right but for every fourth trial, and knows what was acknowledged."""
+
+    def __init__(self, server: Server, protocol: Any) -> None:
+        self.server, self.protocol = server, protocol
+        self.acknowledged: list[tuple[int, int]] = []
+        self.done = False
+        self._positions = [run.position for run in plan_runs(protocol, 0)]
+
+    def answers(self, until: int) -> None:
+        """Answer until so many are acknowledged, or the session is over; the connection may end at any moment."""
+        path = self.server.addresses["subject S1"].replace("http", "ws").replace("/s/", "/ws/subject/")
+        with suppress(ConnectionClosed, InvalidMessage, OSError), connect(path) as socket:
+            while len(self.acknowledged) < until and not self.done:
+                self._take(socket, json.loads(socket.recv(timeout=30.0)))
+
+    def _take(self, socket: Any, message: Any) -> None:
+        if message["type"] == "stage":
+            self.done = message["stage"] == "done"
+            if message["stage"] == "consent":
+                socket.send('{"type": "consent"}')
+            elif not self.done:
+                socket.send(json.dumps({"type": "ready", "stage": message["stage"]}))
+        elif message["type"] == "answer-now":
+            run, number = message["run"], message["number"]
+            trial = self._trial(run, number)
+            socket.send(json.dumps({"type": "answer", "run": run, "number": number, "response": response_of(trial)}))
+        elif message["type"] == "ack":
+            self.acknowledged.append((message["run"], message["number"]))
+
+    def _trial(self, run: int, number: int) -> Any:
+        seed = run_seed(self.protocol, 0, self._positions[run - 1], 0)  # no restart: rows are positions
+        return self.protocol.forced_choice().trial(number, Placement(0.0), seed)
+
+
+@dataclass
+class Killing:
+    """What has been done to the session so far.
+
+    first: the protocol's first version. every: so many kills there is another version. seed: of the moments of kills.
+    """
+
+    folder: Path
+    first: str
+    every: int
+    seed: int
+    kills: int = 0
+    versions: int = 1
+    server: Server = field(init=False)
+    client: Client = field(init=False)
+    link: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Start the server, or start it again where the folder has a session that was left."""
+        left = self.folder / "killing.json"
+        if not left.exists():
+            self.server = started(self.folder, self.first, controller())
+            self.client = Client(self.server, parse_protocol(self.first))
+            self.link = self._link()
+            return
+        state = json.loads(left.read_text())
+        self.kills, self.versions, self.link = state["kills"], state["versions"], state["link"]
+        names = ("protocol.toml", "lab.db", "controller.json")
+        self.server = Server(*(self.folder / name for name in names), port=state["port"])
+        self.client = Client(self.server, parse_protocol(self.first))
+        self.client.acknowledged = [(run, number) for run, number in state["acknowledged"]]
+        self.server.start()
+        assert self._link() == self.link
+
+    def _link(self) -> str:
+        return self.server.addresses["subject S1"].rsplit("/", 1)[1]
+
+    def kill(self) -> None:
+        """Kill once: up to three answers on, then whatever goes on at a random instant of the next trial."""
+        rng = random.Random(f"{self.seed}/{self.kills}")
+        self.client.answers(len(self.client.acknowledged) + rng.randrange(1, 4))
+        if not self.client.done:
+            timer = threading.Timer(rng.uniform(0.0, 0.08), self.server.kill)
+            timer.start()
+            self.client.answers(10**9)
+            timer.join()
+            self.kills += 1
+            if self.kills % self.every == 0:
+                text, self.server.more = amended(self.server.protocol.read_text(), self.kills // self.every)
+                self.server.protocol.write_text(text)
+                self.versions += 1
+            self.server.start()
+            self.server.more = ()
+            assert self._link() == self.link
+
+    def leave(self) -> None:
+        """Kill the server and write down where the session stands, to go on later."""
+        self.server.kill()
+        state = {"kills": self.kills, "versions": self.versions, "link": self.link, "port": self.server.port}
+        (self.folder / "killing.json").write_text(json.dumps({**state, "acknowledged": self.client.acknowledged}))
+
+    def compare(self) -> int:
+        """Hold the store against what was acknowledged and against the undisturbed session; S1's answers there."""
+        stored = of_first(self.server.store)
+        assert stored[:2] == (0, self.link)
+        assert stored[2] == 1
+        assert {row[1] for row in stored[3]} == {1}
+        assert sorted(stored[4]) == list(range(1, self.versions + 1))
+        assert stored[5] == []
+        there = [(row[0], row[2]) for row in stored[3]]
+        assert len(set(there)) == len(there)
+        assert {(run - 1, number) for run, number in self.client.acknowledged} <= set(there)
+        whole = undisturbed(self.folder / "whole.db", self.first)
+        assert stored[3] == (whole if self.client.done else whole[: len(there)])
+        return len(there)
+
+
+def amended(text: str, number: int) -> tuple[str, tuple[str, ...]]:
+    """The protocol's next version: every other one only enrols somebody, first in the file; the rest change it."""
+    someone = f'[[subject]]\ncode = "N{number}"\n'
+    if number % 2:
+        return text.replace("[[subject]]", f"{someone}[[subject]]", 1), ()
+    hertz = "50, 100, 200" if f"[50, 100, 200, {250 + number}" in text else f"50, 100, 200, {240 + number / 10}"
+    start = text.index("frequencies_hz = [")
+    changed = text[:start] + f"frequencies_hz = [{hertz}]" + text[text.index("]", start) + 1 :]
+    return changed, ("--amend", f"version {number}")
+
+
+def of_first(path: Path) -> tuple[Any, ...]:
+    """What the store has of S1: link, number, versions, runs, trials and answers."""
+    store = Store(path)
+    with store.read() as connection:
+        who = connection.execute(select(schema.subject).where(schema.subject.c.code == "S1")).one()
+        session = connection.execute(select(schema.session).where(schema.session.c.subject_id == who.id)).one()
+        rows = connection.execute(
+            select(
+                schema.run.c.position, schema.run.c.protocol_version_id, schema.trial.c.number,
+                schema.trial.c.level_db_sl, schema.trial.c.correct_response, schema.response.c.response,
+            )
+            .select_from(schema.run.join(schema.trial).join(schema.response))
+            .where(schema.run.c.session_id == session.id)
+            .order_by(schema.trial.c.id)
+        ).all()  # fmt: skip
+        numbers = connection.execute(select(schema.protocol_version.c.number)).scalars().all()
+        orphans = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
+    store.close()
+    return who.number, session.link_token, session.protocol_version_id, [tuple(row) for row in rows], numbers, orphans
+
+
+def undisturbed(path: Path, text: str) -> list[tuple[Any, ...]]:
+    """S1's trials and answers of a session that nothing disturbs, made once in a folder."""
+    if not path.exists():
+        clock, store = ObedientClock(), Store(path)
+        presented = begin(store, clock, text)
+        while presented.session.stage != "done":
+            answer_one(presented, clock)
+        store.close()
+    return of_first(path)[3]
+
+
+def kills_across_amendments(
+    folder: Path, text: str, kills: int, every: int, seed: int, seconds: float = 1e9
+) -> tuple[int, Killing]:
+    """Kill until there were `kills` kills, the session is over, or time is up; then compare. S1's answers there.
+
+    After the last kill the session is finished first; where time was up it is left.
+    """
+    end, killing = time.monotonic() + seconds, Killing(folder, text, every, seed)
+    try:
+        while killing.kills < kills and not killing.client.done and time.monotonic() < end:
+            killing.kill()
+        if killing.kills >= kills:
+            killing.client.answers(10**9)
+    finally:
+        killing.leave()
+    return killing.compare(), killing
+
+
+if __name__ == "__main__":
+    place = Path(sys.argv[1])
+    place.mkdir(parents=True, exist_ok=True)
+    answers, so_far = kills_across_amendments(place, LONG, int(sys.argv[2]), 10, 6, float(sys.argv[3]))
+    acknowledged = len(so_far.client.acknowledged)
+    told = f"{so_far.kills} kills, {so_far.versions} versions; {acknowledged} answers acknowledged, {answers} stored, "
+    sys.stdout.write(f"{told}none lost or doubled, all as undisturbed; over: {so_far.client.done}\n")
