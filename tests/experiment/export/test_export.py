@@ -5,7 +5,9 @@ import json
 import math
 import shutil
 import subprocess
+from dataclasses import asdict
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,15 +15,19 @@ import pytest
 from tactuator.experiment.export.export import export
 from tactuator.experiment.export.writing import cell
 from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.protocol import Protocol
+from tactuator.experiment.result.thresholds import thresholds
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers
 from tactuator.experiment.store.answer_records import Answer
 from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.stored_runs import StoredRun
+from tactuator.experiment.trial.trial import IntervalRecord
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, apparatus, begin, opened_study
 
+STAIRS = 'kind = "up-down"\nstart_db_sl = 20\nsteps_db = [4, 2]\nreversals = 6\naveraged = 4'
+QUESTS = 'kind = "quest-plus"\ntrials = 16'
 QUICK = (
-    PROTOCOL.replace('kind = "up-down"\nstart_db_sl = 20\nsteps_db = [4, 2]\nreversals = 6\naveraged = 4', "PLACE")
-    .replace("PLACE", 'kind = "quest-plus"\ntrials = 16')
-    .replace('experimenter = "EX"', 'experimenter = "=1+1"\nvisits = 2')
+    PROTOCOL.replace(STAIRS, QUESTS).replace('experimenter = "EX"', 'experimenter = "=1+1"\nvisits = 2')
 ) + '[[demographic]]\nname = "age"\nlabel = "Age"\nkind = "number"\nunit = "year"\n'
 
 
@@ -104,35 +110,117 @@ def test_tidy__words_that_a_spreadsheet_would_execute__are_not(tidy) -> None:
     assert [cell(-3.5), cell(None), cell("plain")] == [-3.5, "", "plain"]
 
 
-def weibull_posterior(levels, correct, guess=1 / 3):
-    """A refit of one's own, of nothing but the exported trials: posterior median on a grid, as the documents say it."""
-    target = 0.7937005259840998
-    threshold = np.linspace(min(levels) - 20.0, max(levels) + 20.0, 801)
-    slope, lapse = np.geomspace(1.0, 6.0, 24), np.linspace(0.0, 0.1, 11)
-    t, s, g = np.meshgrid(threshold, slope, lapse, indexing="ij")
-    shift = np.log10(-np.log((1.0 - g - target) / (1.0 - g - guess))) / s * 20.0
-    log = np.log(np.exp(-0.5 * ((s - 2.5) / 1.0) ** 2) + 1e-30)
+def posterior_by_hand(levels, correct, settings):
+    """Median, standard deviation and 95 % interval of the threshold, from trials and the side-car's prior alone."""
+    where, (slope, lapse) = settings["threshold_db_sl"], (settings[name] for name in ("slope", "lapse"))
+    reach, step = where["reach_db"], where["step_db"]
+    threshold = np.median(levels[len(levels) // 2 :]) + np.arange(-reach, reach + step / 2, step)
+    t, s, g = np.meshgrid(threshold, slope["values"], lapse["values"], indexing="ij")
+    log = np.log(slope["prior"])[None, :, None] + np.log(lapse["prior"])[None, None, :] + np.zeros_like(t)
+    guess = settings["guess"]
+    at_threshold = -np.log(1.0 - (settings["point"] - guess) / (1.0 - guess - g))
     for level, right in zip(levels, correct, strict=True):
-        rise = 1.0 - np.exp(-(10.0 ** (s * (level - t + shift) / 20.0)))
-        chance = guess + (1.0 - guess - g) * rise
-        log = log + np.log(np.clip(chance if right else 1.0 - chance, 1e-12, 1.0))
+        rise = 1.0 - np.exp(-at_threshold * 10.0 ** (s * (level - t) / 20.0))
+        chance = np.clip(guess + (1.0 - guess - g) * rise, 1e-6, 1.0 - 1e-6)
+        log += np.log(chance if right else 1.0 - chance)
     weight = np.exp(log - log.max()).sum(axis=(1, 2))
-    return float(np.interp(0.5, np.cumsum(weight) / weight.sum(), threshold))
+    weight /= weight.sum()
+    mean = weight @ threshold
+    edges, reached = np.append(threshold - step / 2, threshold[-1] + step / 2), np.append(0.0, np.cumsum(weight))
+    low, median, high = np.interp((0.025, 0.5, 0.975), reached, edges)
+    return median, math.sqrt(weight @ (threshold - mean) ** 2), low, high
 
 
-def test_tidy__thresholds__follow_from_the_exported_trials_alone(tidy) -> None:
-    """The refit's prior is not in the tables: a posterior with a vague one of one's own agrees within its spread."""
+def test_tidy__thresholds__follow_from_the_exported_trials_and_side_cars_alone(tidy) -> None:
+    """A refit written anew from the side-car's words, with nothing of the program."""
     trials = [row for row in rows(tidy / "trials.csv") if row["practice"] == "0" and row["run_state"] == "done"]
     table = rows(tidy / "thresholds.csv")
     assert {row["run"] for row in trials} == {row["run"] for row in table}
     for row in table:
         mine = [one for one in trials if one["run"] == row["run"]]
         assert len(mine) == int(row["trials"])
-        levels = [float(one["level_db_sl"]) for one in mine]
-        found = weibull_posterior(levels, [one["correct"] == "1" for one in mine])
-        assert abs(found - float(row["refit_db_sl"])) < 0.7 * float(row["refit_sd_db"])
+        assert {one["protocol_version"] for one in mine} == {row["protocol_version"]}
+        settings = json.loads((tidy / "settings" / f"protocol-1-{row['protocol_version']}.json").read_text())["refit"]
+        assert float(row["point"]) == pytest.approx(settings["point"], abs=1e-6)
+        levels = np.array([float(one["level_db_sl"]) for one in mine])
+        found = posterior_by_hand(levels, [one["correct"] == "1" for one in mine], settings)
+        told = [float(row[name]) for name in ("refit_db_sl", "refit_sd_db", "refit_low_db_sl", "refit_high_db_sl")]
+        clip = [np.clip(found[index], levels.min(), levels.max()) for index in (0, 2, 3)]
+        assert told == pytest.approx([clip[0], found[1], clip[1], clip[2]], abs=1e-6)
+        assert row["bound"] == (">=" if found[0] > levels.max() else "<=" if found[0] < levels.min() else "")
         shift = float(row["level_db_re_1um"]) - float(row["refit_db_sl"]) - float(mine[0]["curve_level_db_re_1um"])
         assert shift == pytest.approx(float(row["delivered_db"] or 0.0), abs=1e-9)
+
+
+CATCH = "[catch]\nloud_share = 0.2\nblank_share = 0.2\n"
+ONE_SUBJECT = QUICK[: QUICK.index('[[subject]]\ncode = "S2"')].replace("visits = 2", "visits = 1") + CATCH
+WHOLE = (
+    ONE_SUBJECT.replace(QUESTS, 'kind = "curve"\ntrials = 20')
+    .replace("frequencies_hz = [30, 90, 210]\n", "")
+    .replace('name = "short"', 'name = "whole"')
+)
+
+
+def runs_of_export(folder):
+    """The runs that are done, put together from the tables and side-cars of an export."""
+
+    def numbers(table, name):
+        return np.array([float(row[name]) if row[name] else math.nan for row in table])
+
+    protocols = {}
+    for path in (folder / "settings").iterdir():
+        settings = json.loads(path.read_text())
+        protocols[settings["study"], str(settings["version"])] = Protocol.model_validate(settings["protocol"])
+    done = [row for row in rows(folder / "trials.csv") if row["practice"] == "0" and row["run_state"] == "done"]
+    intervals = rows(folder / "intervals.csv")
+    for number in dict.fromkeys(row["run"] for row in done):
+        trials = [row for row in done if row["run"] == number]
+        first = trials[0]
+        hertz = set(numbers(trials, "frequency_hz"))
+        yield StoredRun(
+            SimpleNamespace(subject_code=first["subject"], subject_group=first["subject_group"]),
+            SimpleNamespace(
+                id=int(number), finger=first["finger"], procedure=first["procedure"], curve=first["curve"],
+                frequency_hz=min(hertz), rig=first["rig"], respondent=first["respondent"],
+                rig_simulated=first["rig_simulated"] == "1",
+                band_low_hz=float(first["band_low_hz"]), band_high_hz=float(first["band_high_hz"]),
+            ),
+            protocols[first["study"], first["protocol_version"]],
+            numbers(trials, "frequency_hz"),
+            numbers(trials, "level_db_sl"),
+            numbers(trials, "curve_level_db_re_1um"),
+            np.array([row["correct"] == "1" for row in trials]),
+            tuple(
+                IntervalRecord(row["stimulus"], float(row["commanded_db_sl"]) if row["commanded_db_sl"] else None,
+                               float(row["measured_db_sl"]) if row["measured_db_sl"] else None,
+                               row["saturated"] == "1", float(row["onset_s"]), float(row["duration_s"]))
+                for row in intervals if row["run"] == number
+            ),
+        )  # fmt: skip
+
+
+def test_tidy__whole_table_of_thresholds__is_computed_anew_from_the_export(tmp_path) -> None:
+    """Of staircases, QUEST+ and whole curves with catch trials: every number, bound and flag of the table."""
+    made, place = Store(tmp_path / "lab.db"), apparatus()
+    curve = place.controller.display.channels[0].threshold.curve
+    stairs = ONE_SUBJECT.replace(QUESTS, STAIRS).replace('"short"', '"stairs"')
+    for text in (*(one.replace("[30, 90, 210]", "[210]") for one in (ONE_SUBJECT, stairs)), WHOLE):
+        people = simulated_observers(curve, 1, 3, place.band_hz)
+        run_study(made, parse_protocol(text), text, place, people, ObedientClock())
+    export(made, tmp_path / "tidy", "tidy")
+    made.close()
+    table, found = rows(tmp_path / "tidy" / "thresholds.csv"), thresholds(list(runs_of_export(tmp_path / "tidy")))
+    assert {row["procedure"] for row in table} == {"quest-plus", "up-down", "curve"}
+    assert len(table) == len(found) == 1 + 1 + 12
+    for row, one in zip(table, found, strict=True):
+        values = asdict(one) | {"flags": "|".join(one.flags)}
+        for name in set(values) & set(row):
+            if isinstance(values[name], float) and not math.isnan(values[name]):
+                assert float(row[name]) == pytest.approx(values[name], abs=1e-9), name
+            elif isinstance(values[name], float | None):
+                assert row[name] == "", name
+            else:
+                assert row[name] == str(values[name]), name
 
 
 @pytest.mark.parametrize("form", ["psych-ds", "bids"])

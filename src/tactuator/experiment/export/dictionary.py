@@ -21,6 +21,7 @@ _IDENTITY = (
     Meaning("visit", "Number of the visit, from 1"),
 )
 _RUN = Meaning("run", "Number of the run in the store")
+_VERSION = Meaning("protocol_version", "Version of the study's protocol that the run is of")
 _TRIAL = Meaning("trial", "Number of the trial in its run, from 0")
 _PRESENTATION = (
     Meaning("respondent", "Who answered: person, simulated (an observer of the program), script, or unknown"),
@@ -40,7 +41,7 @@ TRIAL_COLUMNS: tuple[Meaning, ...] = (
     Meaning("masking_sound", "Sound that masks the noise of the display"),
     Meaning("masking_level_db_spl", "Level of the masking sound", "dB re 20 uPa"),
     Meaning("session_ended", "How the session ended before its time: withdrawn; empty where it did not"),
-    Meaning("protocol_version", "Version of the study's protocol that the run is of"),
+    _VERSION,
     _RUN,
     Meaning("position", "Place of the run in the session, from 0"),
     Meaning("attempt", "Attempt at the run, from 0; a later one replaces those before"),
@@ -56,6 +57,8 @@ TRIAL_COLUMNS: tuple[Meaning, ...] = (
     Meaning("display", "Name of the display"),
     Meaning("controller_sha256", "Hash of the display's controller"),
     Meaning("curve", "Threshold curve that 0 dB SL stands for"),
+    Meaning("band_low_hz", "Lowest frequency that the display plays", "Hz"),
+    Meaning("band_high_hz", "Highest frequency that the display plays", "Hz"),
     Meaning("sensor_gain_v_per_mm", "Calibration of the position sensor", "V/mm"),
     _TRIAL,
     Meaning("frequency_hz", "Frequency of the stimulus", "Hz"),
@@ -115,19 +118,28 @@ THRESHOLD_COLUMNS: tuple[Meaning, ...] = (
     Meaning("finger", "Finger that was stimulated"),
     Meaning("frequency_hz", "Frequency of the stimulus", "Hz"),
     Meaning("procedure", "What placed the trials"),
+    _VERSION,
     _RUN,
     Meaning("trials", "Trials of the run"),
+    Meaning("point", "Share of right answers, lapses included, at the level that both thresholds stand for"),
     Meaning("own_db_sl", "Threshold as the procedure states it, commanded", "dB re the threshold curve"),
     Meaning("own_standard_error_db", "Its standard error", "dB"),
     Meaning("refit_db_sl", "Posterior median of the refit's threshold, commanded", "dB re the threshold curve"),
     Meaning("refit_sd_db", "Posterior standard deviation", "dB"),
     Meaning("refit_low_db_sl", "Lower end of the 95 % interval", "dB re the threshold curve"),
     Meaning("refit_high_db_sl", "Upper end of the 95 % interval", "dB re the threshold curve"),
+    Meaning("bound", ">= or <= where the threshold lies beyond the levels played, which the refit is clipped to"),
     Meaning("delivered_db", "What the sensor saw above the commanded level near threshold", "dB"),
+    Meaning("delivered_sd_db", "Its standard deviation", "dB"),
     Meaning("own_level_db_re_1um", "The procedure's threshold as displacement, delivered", "dB re 1 um peak"),
     Meaning("level_db_re_1um", "The refit's threshold as displacement, delivered", "dB re 1 um peak"),
+    Meaning("level_low_db_re_1um", "Lower end of its 95 % interval, delivered level included", "dB re 1 um peak"),
+    Meaning("level_high_db_re_1um", "Upper end of its 95 % interval, delivered level included", "dB re 1 um peak"),
+    Meaning("sd_db", "Its standard deviation, delivered level included", "dB"),
     Meaning("curve", "Threshold curve that 0 dB SL stands for"),
     Meaning("flags", "What a reader has to know of the run, joined by a vertical bar"),
+    Meaning("lapse_power", "Probability that this run would have shown a lapse rate of 15 %"),
+    Meaning("drift_power", "Probability that this run would have shown a drift of 6 dB"),
     *_PRESENTATION,
 )
 """One row for each threshold of a finished run."""

@@ -20,8 +20,10 @@ from tactuator.experiment.export.dictionary import (
     TRIAL_COLUMNS,
     Meaning,
 )
+from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.file import parse_any_protocol
-from tactuator.experiment.result.thresholds import thresholds
+from tactuator.experiment.protocol.protocol import Protocol
+from tactuator.experiment.result.thresholds import refit_prior, thresholds
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
@@ -90,6 +92,8 @@ def _trials(connection: Connection) -> ExportTable:
     names = {one.name for one in TRIAL_COLUMNS}
     taken = {"run", "trial", "ended_utc"}
     run, trial, response, session = schema.run, schema.trial, schema.response, schema.session
+    # of a name that two tables have, the trial's: its frequency is not the run's where the procedure chooses
+    of_its_own = {one.name: one for one in (*session.c, *run.c, *trial.c, *response.c)}
     query: Select[Any] = (
         select(
             *_identity(),
@@ -102,11 +106,7 @@ def _trials(connection: Connection) -> ExportTable:
             response.c.server_received_utc.label("received_utc"),
             response.c.server_after_end_s.label("server_response_time"),
             schema.subject.c.subject_group,
-            *(
-                one
-                for one in (*session.c, *run.c, *trial.c, *response.c)
-                if one.name in names - taken - _IDENTITY_NAMES
-            ),
+            *(column for name, column in of_its_own.items() if name in names - taken - _IDENTITY_NAMES),
             trial.c.id.label("trial_key"),
             response.c.client_shown_ms,
             response.c.client_pressed_ms,
@@ -230,10 +230,12 @@ def _thresholds(store: Store) -> ExportTable:
         return ExportTable(THRESHOLD_COLUMNS, ())
     with store.read() as connection:
         names = {row.id: row.name for row in connection.execute(select(schema.study))}
+        numbers = {row.id: row.number for row in connection.execute(select(schema.protocol_version))}
     about = {
         run.run.id: {
             "study": names[run.session.study_id],
             "visit": run.session.visit,
+            "protocol_version": numbers[run.run.protocol_version_id],
             "respondent": run.run.respondent,
             "rig_simulated": run.run.rig_simulated,
             "shown": run.run.shown,
@@ -269,9 +271,19 @@ def _settings(connection: Connection) -> dict[str, dict[str, object]]:
             "tool_version": row.tool_version,
             "created_utc": row.created_utc,
             "protocol": json.loads(json.dumps(tomllib.loads(row.toml), default=str)),
+            **_refit(row.toml),
         }
         for row in connection.execute(query)
     }
+
+
+def _refit(text: str) -> dict[str, object]:
+    """Return the settings of the refit under the key `refit`, where the protocol's runs are refitted one by one."""
+    protocol = parse_any_protocol(text)
+    if not isinstance(protocol, Protocol) or protocol.procedure.kind == "curve":
+        return {}
+    procedure = protocol.procedure.build(protocol.forced_choice(), Playable())
+    return {"refit": refit_prior(protocol.forced_choice().guess, procedure).settings()}
 
 
 def _table(rows: Iterable[Row[Any]], columns: tuple[Meaning, ...]) -> ExportTable:

@@ -42,6 +42,24 @@ class RefitPrior:
     reach_db: float = 30.0
     step_db: float = 0.25
 
+    def settings(self) -> dict[str, object]:
+        """Return the prior as values of a side-car, with what another program needs to compute the refit anew."""
+        grid = _grid(self)
+        return {
+            "psi": "guess + (1 - guess - lapse) (1 - exp(-(10^((level - a) / 20))^slope)); point at the threshold",
+            "guess": self.guess,
+            "point": self.target,
+            "threshold_db_sl": {
+                "centre": "median level of the second half of the run's trials, blank ones left out",
+                "reach_db": self.reach_db,
+                "step_db": self.step_db,
+                "prior": "flat",
+            },
+            "slope": {"values": grid.slopes.tolist(), "prior": grid.slope_prior.tolist()},
+            "lapse": {"values": grid.lapses.tolist(), "prior": grid.lapse_prior.tolist()},
+            "interval": "central 95 % of the posterior, linear within a grid cell",
+        }
+
 
 @dataclass(frozen=True)
 class Refit:
@@ -156,7 +174,8 @@ class _Grid:
         width = np.gradient(self.lapses)
         falling = np.exp(-self.lapses / prior.lapse_mean) * width
         self.lapse_prior = (1.0 - _ANY_LAPSE_SHARE) * falling / falling.sum() + _ANY_LAPSE_SHARE * width / width.sum()
-        log_prior = (-0.5 * z**2 - np.log(np.exp(-0.5 * z**2).sum()))[:, None] + np.log(self.lapse_prior)
+        self.slope_prior = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
+        log_prior = np.log(self.slope_prior)[:, None] + np.log(self.lapse_prior)
         log_prior = log_prior - np.log(count)
         self.log_prior = np.broadcast_to(log_prior, self.shape).reshape(-1)
 

@@ -101,6 +101,11 @@ def point_of(procedure: Procedure) -> float:
     return procedure.rule.target if isinstance(procedure, UpDown) else TARGET_3_DOWN_1_UP
 
 
+def refit_prior(guess: float, procedure: Procedure) -> RefitPrior:
+    """Return the prior of the refit of a procedure's runs, at the point that the procedure's own number stands for."""
+    return RefitPrior(guess=guess, target=round(point_of(procedure), 6))
+
+
 def _fitted(runs: Sequence[StoredRun], procedures: Sequence[Procedure]) -> dict[int, tuple[Refit, RunFlags, int]]:
     """Return refit, flags and the row in them of every run at one frequency, by its index.
 
@@ -109,7 +114,7 @@ def _fitted(runs: Sequence[StoredRun], procedures: Sequence[Procedure]) -> dict[
     groups: dict[RefitPrior, list[int]] = {}
     for index, (run, procedure) in enumerate(zip(runs, procedures, strict=True)):
         if not isinstance(procedure, WholeCurve):
-            prior = RefitPrior(guess=run.protocol.forced_choice().guess, target=round(point_of(procedure), 6))
+            prior = refit_prior(run.protocol.forced_choice().guess, procedure)
             groups.setdefault(prior, []).append(index)
     found = {}
     for prior, members in groups.items():
