@@ -8,12 +8,12 @@ import logging
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import Any
 
 from fastapi import WebSocket
 
 from tactuator.api.verdict import whole_verdict
 from tactuator.console import messages
+from tactuator.console.asked import Answer, ViewRequest
 from tactuator.console.chart.frame import MARKS_HZ, frame
 from tactuator.console.chart.regions import ground
 from tactuator.console.figures import settled_figures, verdict_rows
@@ -24,7 +24,6 @@ from tactuator.errors import TactuatorError
 from tactuator.files.controller import controller_text
 from tactuator.web.sockets import first_to_end, receive_text, send
 
-Answer = dict[str, Any]
 _DEFECT = "a defect of the console, which the server's log tells; what is in the page is still there"
 _LOGGER = logging.getLogger("tactuator.web.lab")
 
@@ -120,6 +119,9 @@ class ConsoleConnection:
                     "shape": shape.document(),
                     "command": f"tactuator design {workshop.command_name(request.display)}",
                 }
+            case ViewRequest():
+                with workshop.drawer.named_plainly():
+                    return await asyncio.to_thread(request.answer, workshop)
             case messages.Check():
                 shapes = {name: shape_of(one) for name, one in request.shapes.items()}
                 return await asyncio.to_thread(_checked, workshop, request.display, shapes)

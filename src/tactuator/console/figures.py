@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from tactuator.console.chart.bench import Bench
 from tactuator.display.controller import ChannelController, Controller
 from tactuator.display.verdict import Finding, Verdict, verdict_of
@@ -26,8 +28,9 @@ def channel_controller(bench: Bench, feedback: SampledSystem) -> ChannelControll
     Raises UnstableLoop where the loop is unstable on a plant of the family; BadInput where no prefilter fits.
     """
     display, channel = bench.display, bench.channel
-    fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, channel.prefilter.poles)
-    return assemble(display, channel, feedback, fit, bench.family)
+    with threadpool_limits(limits=1):  # as `design` does: the same figures on any machine
+        fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, channel.prefilter.poles)
+        return assemble(display, channel, feedback, fit, bench.family)
 
 
 def settled_figures(

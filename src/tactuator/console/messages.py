@@ -4,19 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
+from tactuator.console.asked import Finite, Name
+from tactuator.console.asked import Request as _Request
 from tactuator.errors import BadInput
 
-Count = Annotated[int, Field(ge=0, lt=2**53, strict=True)]
-Name = Annotated[str, StringConstraints(max_length=200)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 CHANNELS_MAX = 64
-
-
-class _Request(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-    id: Count
 
 
 class Start(_Request):

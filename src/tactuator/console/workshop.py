@@ -10,6 +10,7 @@ from typing import TypeVar
 
 from tactuator import __version__
 from tactuator.console.chart.bench import Bench, bench
+from tactuator.console.drawer import Drawer
 from tactuator.console.figures import channel_controller
 from tactuator.console.shaping.factors import Factor, LoopShape
 from tactuator.console.shaping.taken_apart import taken_apart
@@ -32,10 +33,10 @@ _Value = TypeVar("_Value")
 
 
 class Workshop:
-    """Displays by key: `file`, the one that was named on the command line, or `example:NAME`."""
+    """Displays by key: `file`, the one that was named on the command line, or `example:NAME`; and what was dropped."""
 
     def __init__(self, path: Path | None = None) -> None:
-        self._path = path
+        self._path, self.drawer = path, Drawer()
         self._displays: dict[str, Display] = {}
         self._benches: OrderedDict[tuple[str, str], Bench] = OrderedDict()
         self._made: OrderedDict[tuple[str, str, LoopShape], ChannelController] = OrderedDict()

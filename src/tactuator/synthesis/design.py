@@ -44,15 +44,10 @@ def design_controller(display: Display, poles: int | None = None, error_db: floa
     that nothing satisfies: the message says which bind, and what would be possible.
     """
     made: list[ChannelController] = []
-    with threadpool_limits(limits=1):  # sums that BLAS splits over threads round differently
-        for channel in display.channels:
-            twin = next(
-                (own for own, other in zip(made, display.channels, strict=False) if _is_twin(channel, other)), None
-            )
-            own = (
-                design_channel(display, channel, poles, error_db) if twin is None else replace(twin, name=channel.name)
-            )
-            made.append(own)
+    for channel in display.channels:
+        twin = next((own for own, other in zip(made, display.channels, strict=False) if _is_twin(channel, other)), None)
+        own = design_channel(display, channel, poles, error_db) if twin is None else replace(twin, name=channel.name)
+        made.append(own)
     return Controller(display, tuple(made), __version__)
 
 
@@ -70,6 +65,11 @@ def design_channel(
     good for its number of poles (1.95/poles of the flatness objective, or error_db); if there is none, the one with the
     best prefilter among those within 1.5 dB of the least mean, as long as that prefilter serves.
     """
+    with threadpool_limits(limits=1):  # sums that BLAS splits over threads round differently
+        return _designed(display, channel, poles, error_db)
+
+
+def _designed(display: Display, channel: Channel, poles: int | None, error_db: float | None) -> ChannelController:
     require_suitable(channel, display.rate_hz)
     if poles is not None and error_db is not None:
         raise BadInput(f"poles {poles} and an error of {error_db:g} dB are both asked for; allowed: one of them")

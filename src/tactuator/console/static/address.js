@@ -1,5 +1,5 @@
 // The state of the page is in its address, after the #; the token is taken out of it and kept for this tab.
-const TOKEN = "token";
+const TOKEN = "token", SHARED = ["view", "display", "channel", "shapes"];
 
 export function takeToken() {
   const given = new URLSearchParams(location.hash.slice(1));
@@ -16,14 +16,17 @@ export function read() {
   const given = new URLSearchParams(location.hash.slice(1));
   let shapes = {};
   try { shapes = JSON.parse(given.get("shapes") ?? "{}"); } catch { /* an address that was cut short says nothing */ }
-  return { view: given.get("view") ?? "start", display: given.get("display"), channel: given.get("channel"), shapes };
+  const own = Object.fromEntries([...given].filter(([key]) => !SHARED.includes(key)));
+  return { view: given.get("view") ?? "start", display: given.get("display"), channel: given.get("channel"), shapes, own };
 }
 
-export function address({ view, display, channel, shapes }) {
+// own: what the view itself keeps, texts by name.
+export function address({ view, display, channel, shapes, own }) {
   const given = new URLSearchParams({ view });
   if (display) given.set("display", display);
   if (channel) given.set("channel", channel);
   if (shapes && Object.keys(shapes).length) given.set("shapes", JSON.stringify(shapes));
+  for (const [key, value] of Object.entries(own ?? {})) if (value !== "") given.set(key, value);
   return `#${given}`;
 }
 

@@ -1,39 +1,50 @@
 // The page: which view its address names, and the connection that all of them use.
 import { address, read, takeToken, write } from "./address.js";
-import { banner, el, refusal } from "./dom.js";
+import { banner, el, make, refusal } from "./dom.js";
 import { Link } from "./link.js";
-import { Loop } from "./loop.js";
-import { start } from "./start.js";
+import { VIEWS } from "./views.js";
 
 const LOST = "The server does not answer. What is in this page is still here; it goes on when the server is back.";
 const REFUSED = "This address has no valid token. Open the address that the command printed.";
 let shown = null, ready = false;
+const remembered = {}; // of each view that was left, its own part of the address
 
+// A view: constructor(view, link, state), open(); and where it has them again() after a lost connection, take(message),
+// resize(), restyle(), close().
 const link = new Link(takeToken(), (what) => {
   ready = what === "open";
   banner({ open: "", lost: LOST, refused: REFUSED }[what]);
-  if (ready) { if (shown?.frame) shown.request("draw", {}, performance.now()); else route(); }
+  if (!ready) return;
+  if (shown?.isOpen) shown.again?.(); else route();
 }, (message) => shown?.take?.(message));
+
+function navigation(state) {
+  const { display, channel, shapes } = state;
+  const links = Object.entries(VIEWS).filter(([, one]) => display || !one.ofDisplay).map(([view, { title }]) => make("a",
+    { href: address({ view, display, channel, shapes, own: view === state.view ? state.own : remembered[view] }), id: `to-${view}`, "aria-current": view === state.view ? "page" : null }, title));
+  el("views").replaceChildren(...links);
+  el("where").textContent = display ? display.replace("example:", "example ") : "";
+}
 
 async function route() {
   if (!ready) return;
   const state = read();
+  if (!(state.view in VIEWS) || (VIEWS[state.view].ofDisplay && !state.display)) state.view = "start";
   el("tip").hidden = true;
+  delete document.body.dataset.ready;
+  if (shown?.state) remembered[shown.state.view] = shown.state.own;
+  shown?.close?.();
+  const view = el("view");
+  view.onkeydown = null;
+  navigation(state);
   try {
-    if (state.view === "loop" && state.display) {
-      shown = new Loop(el("view"), link, state);
-      el("where").textContent = state.display.replace("example:", "example ");
-      el("to-loop").hidden = false;
-      await shown.open();
-      write(state);
-      el("to-loop").setAttribute("href", address(state));
-    } else {
-      shown = null;
-      el("where").textContent = "";
-      await start(el("view"), link);
-    }
+    const Made = await VIEWS[state.view].load();
+    const made = shown = new Made(view, link, state);
+    await made.open();
+    if (shown !== made) return;
+    made.isOpen = true;
+    if (VIEWS[state.view].ofDisplay) { write(state); navigation(state); }
   } catch (error) { refusal(error); }
-  for (const [id, view] of [["to-start", "start"], ["to-loop", "loop"]]) el(id).toggleAttribute("aria-current", state.view === view);
   document.body.dataset.ready = state.view;
   performance.mark("usable");
 }

@@ -242,6 +242,7 @@ export class Loop {
     } catch (error) { refusal(error); } finally { this.buttons.check.disabled = false; }
   }
 
+  again() { if (this.frame) this.request("draw", {}, performance.now()); }
   resize() { if (this.frame) { this.plots.resize(); this.show(); } }
   restyle() { if (this.frame) { this.plots.restyle(); this.show(); } }
 }

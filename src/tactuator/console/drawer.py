@@ -1,0 +1,78 @@
+"""Files that were dropped on the page: kept in a folder of the server's own, gone when it ends."""
+
+from __future__ import annotations
+
+import secrets
+import shutil
+import tempfile
+import weakref
+from collections import OrderedDict
+from collections.abc import AsyncIterator, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tactuator.errors import BadInput, TactuatorError
+
+BYTES_MAX = 512 * 1024 * 1024
+"""Length of the longest file that is taken."""
+_MOST_FILES, _LONGEST_NAME = 24, 120
+
+
+class Drawer:
+    """Files by key. A file keeps its name, since results tell of it; of many files the oldest are forgotten."""
+
+    def __init__(self) -> None:
+        self._folder: Path | None = None
+        self._files: OrderedDict[str, Path] = OrderedDict()
+
+    async def take(self, name: str, blocks: AsyncIterator[bytes]) -> str:
+        """Keep a file and return its key. Raises BadInput for a name that is none, or a file that is too long."""
+        plain = name.replace("\\", "/").rpartition("/")[2].strip()
+        if not plain or plain.startswith(".") or len(plain) > _LONGEST_NAME or not plain.isprintable():
+            raise BadInput(f"a file named {name[:60]!r}; allowed: a name of 1 to {_LONGEST_NAME} characters")
+        key = secrets.token_hex(8)
+        place = self.folder() / key
+        place.mkdir()
+        try:
+            await _written(place / plain, blocks)
+        except BaseException:
+            shutil.rmtree(place, ignore_errors=True)
+            raise
+        self._files[key] = place / plain
+        while len(self._files) > _MOST_FILES:
+            shutil.rmtree(self._files.popitem(last=False)[1].parent, ignore_errors=True)
+        return key
+
+    def path(self, key: str) -> Path:
+        """Return the file of a key. Raises BadInput for one that is not there (any more)."""
+        if key not in self._files:
+            raise BadInput("that file is not on the server any more; allowed: drop it again")
+        return self._files[key]
+
+    def folder(self) -> Path:
+        """Return the folder of the drawer, made the first time it is asked for."""
+        if self._folder is None:
+            self._folder = Path(tempfile.mkdtemp(prefix="tactuator-console-"))
+            weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+        return self._folder
+
+    @contextmanager
+    def named_plainly(self) -> Iterator[None]:
+        """Tell refusals by the file's own name: the folder on the server says nothing to the reader."""
+        try:
+            yield
+        except TactuatorError as error:
+            told = str(error)
+            for path in self._files.values():
+                told = told.replace(f"{path.parent}/", "")
+            raise BadInput(told) from None
+
+
+async def _written(path: Path, blocks: AsyncIterator[bytes]) -> None:
+    length = 0
+    with path.open("wb") as file:
+        async for block in blocks:
+            length += len(block)
+            if length > BYTES_MAX:
+                raise BadInput(f"{path.name} has more than {BYTES_MAX // 2**20} MB; allowed: a shorter file")
+            file.write(block)

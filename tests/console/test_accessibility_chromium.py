@@ -1,0 +1,85 @@
+"""Every view of the console before axe-core (an npm package, unchanged; see docs/dependencies.md), in Chromium."""
+
+import hashlib
+import re
+from pathlib import Path
+
+import pytest
+
+from tactuator.console.app import build_console
+from tactuator.console.workshop import Workshop
+from tests.web.server import served
+
+HERE = Path(__file__).parent
+AXE = (HERE / "axe" / "axe.min.js").read_text("utf-8")
+STATIC = HERE.parents[1] / "src" / "tactuator" / "console" / "static"
+VIEWS = re.findall(r"^  (\w+): \{ title", (STATIC / "views.js").read_text("utf-8"), flags=re.MULTILINE)
+TOKEN = "a-token-of-this-test"
+LAPTOP, PHONE = {"width": 1366, "height": 800}, {"width": 390, "height": 844}
+#: Rules of layout and structure need one look each on a laptop and a phone; colours are looked at in both schemes.
+LOOKS = [
+    (LAPTOP, "light", {}),
+    (LAPTOP, "dark", {"runOnly": ["color-contrast"]}),
+    (PHONE, "dark", {}),
+    (PHONE, "light", {"runOnly": ["color-contrast"]}),
+]
+SETTLED = {"loop": ".tiles[aria-busy=false] > div"}
+
+
+@pytest.fixture
+def page(browser):
+    with served(build_console(Workshop(), TOKEN)) as client:
+        made = browser.new_page(viewport=LAPTOP)
+        made.goto(f"http://127.0.0.1:{client.port}/#token={TOKEN}")
+        made.wait_for_selector("body[data-ready=start]")
+        made.evaluate(AXE)
+        yield made
+        made.close()
+
+
+def faults(page, options):
+    """Return the serious and critical faults that axe-core finds: rule and place of each."""
+    found = page.evaluate("(options) => axe.run(document, options)", options)
+    return [
+        (one["id"], node["target"], node["failureSummary"])
+        for one in found["violations"]
+        if one["impact"] in ("serious", "critical")
+        for node in one["nodes"]
+    ]
+
+
+def opened(page, view):
+    page.evaluate(f"location.hash = 'view={view}&display=example:display.toml'")
+    page.wait_for_selector(f"body[data-ready={view}]")
+    page.wait_for_selector(SETTLED.get(view, "h1"))
+
+
+def test_axe__is_the_file_that_the_documentation_names():
+    text = (HERE.parents[1] / "docs" / "dependencies.md").read_text("utf-8")
+    for part in (HERE / "axe").iterdir():
+        assert f"| `{part.name}` | `{hashlib.sha256(part.read_bytes()).hexdigest()}` |" in text, part.name
+
+
+def test_start__has_no_serious_fault_and_a_broken_page_has(page):
+    assert faults(page, {}) == []
+    page.evaluate("""() => {
+        document.querySelector("main").insertAdjacentHTML("beforeend", "<button></button><img src='/static/icon.svg'>"
+            + "<p id='faint'>faint</p><input>");
+        document.querySelector("#faint").style.color = "#aaa"; // the page's own rules forbid styles in its text
+    }""")
+    assert {"button-name", "image-alt", "color-contrast", "label"} <= {rule for rule, *_ in faults(page, {})}
+
+
+@pytest.mark.slow
+def test_every_view__on_laptop_and_phone_in_light_and_dark__has_no_serious_fault(page):
+    found = {}
+    for view in VIEWS:
+        opened(page, view)
+        for size, scheme, options in LOOKS:
+            page.set_viewport_size(size)
+            page.emulate_media(color_scheme=scheme)
+            told = faults(page, options)
+            if told:
+                found[view, size["width"], scheme] = told
+    assert found == {}
+    assert len(VIEWS) > 1

@@ -1,0 +1,53 @@
+"""The printed digits of a controller's figures and findings, against texts written out by hand."""
+
+from types import SimpleNamespace
+
+from tactuator.display.verdict import Finding, Outcome
+from tactuator.report.controller_table import design_rows, finding_row
+
+REPORT = {
+    "margins": {
+        "crossover_hz": 21.23456,
+        "phase_margin_deg": 44.999,
+        "gain_margin_db": None,
+        "sensitivity_peak": 1.7049,
+        "complementary_peak": 1.2,
+        "disk_margin": 0.5051,
+        "delay_margin_samples": 23.0,
+        "command_noise_gain": 12.345,
+    },
+    "rejection_db": {"mean": -12.3449},
+    "prefilter": {"poles": 6, "max_error_db": 0.2951, "rms_error_db": 0.1},
+    "mains_db": {"120": -9.005, "60": -3.14159},
+}
+
+
+def test_design_rows__of_a_report__print_two_digits_after_the_point():
+    assert list(design_rows([SimpleNamespace(report=REPORT)])) == [
+        ("crossover (Hz)", "21.23"),
+        ("phase margin (deg)", "45.00"),
+        ("gain margin (dB)", "—"),
+        ("max|S|", "1.70"),
+        ("max|T|", "1.20"),
+        ("disk margin", "0.51"),
+        ("delay margin (samples)", "23.00"),
+        ("command noise gain", "12.35"),
+        ("mean |S| over the rejection band (dB)", "-12.34"),
+        ("prefilter: poles", "6"),
+        ("prefilter: greatest error (dB)", "0.30"),
+        ("prefilter: rms error (dB)", "0.10"),
+        ("|T| at 60 Hz (dB)", "-3.14"),
+        ("|T| at 120 Hz (dB)", "-9.01"),
+    ]
+
+
+def test_finding_row__with_a_value__prints_two_digits_and_four_of_the_frequency():
+    found = Finding("iv", "index", "finger", Outcome.NOT_MET, "felt hum", 3.14159, 0.5, "dB SL", 59.99951)
+    assert finding_row(found) == (
+        "iv", "index", "not met", "felt hum 3.14 dB SL", "0.5 dB SL", "60 Hz", "finger",
+    )  # fmt: skip
+
+
+def test_finding_row__without_a_value__has_empty_cells():
+    found = Finding("build", "thumb", "none", Outcome.NOT_JUDGED, "float32")
+    assert finding_row(found) == ("build", "thumb", "not judged", "float32", "", "", "none")
