@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.table import Table
 
-from tactuator.cli.answer import answer, plain, progress, with_error
+from tactuator.cli.answer import answer, plain, progress
+from tactuator.report.identification_table import with_error
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import pytest
 
 from tactuator.console.app import build_console
 from tactuator.console.workshop import Workshop
+from tactuator.files.start.shipped import EXAMPLES
 from tests.web.server import served
 
 HERE = Path(__file__).parent
@@ -24,6 +25,8 @@ LOOKS = [
     (PHONE, "light", {"runOnly": ["color-contrast"]}),
 ]
 SETTLED = {"loop": ".tiles[aria-busy=false] > div"}
+#: A file to drop on a view before it is looked at, and what is there then.
+FILLED = {"identify": ("bench.csv", "#tried")}
 
 
 @pytest.fixture
@@ -52,6 +55,10 @@ def opened(page, view):
     page.evaluate(f"location.hash = 'view={view}&display=example:display.toml'")
     page.wait_for_selector(f"body[data-ready={view}]")
     page.wait_for_selector(SETTLED.get(view, "h1"))
+    if view in FILLED:
+        name, there = FILLED[view]
+        page.locator("input[type=file]").first.set_input_files(EXAMPLES / name)
+        page.wait_for_selector(there)
 
 
 def test_axe__is_the_file_that_the_documentation_names():

@@ -15,7 +15,7 @@ from tactuator.display.document import display_document
 from tactuator.display.plant_model import PlantModel
 from tactuator.display.verdict import Verdict
 from tactuator.files.controller import write_controller
-from tactuator.files.model import write_model
+from tactuator.files.model import write_identified
 from tactuator.identification.calibration import Calibration
 from tactuator.identification.result import Identification
 from tactuator.perception.curve import ThresholdCurve
@@ -25,7 +25,6 @@ from tactuator.signals.record import Record
 if TYPE_CHECKING:
     from tactuator.report.lines import Lines
 
-_FAMILY = 8
 _LEVEL = "level (dB re 1 µm, peak)"
 
 
@@ -141,7 +140,7 @@ class IdentificationResult(Result, Identification):
 
     def write(self, path: str | Path) -> None:
         """Write model.json, which a display file names as a channel's plant."""
-        write_model(path, self.model, self.model.family(_FAMILY, np.random.default_rng(0)))
+        write_identified(path, self.model)
 
 
 class CalibrationResult(Result, Calibration):

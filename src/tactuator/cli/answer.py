@@ -1,7 +1,6 @@
 """Printing of a verb's answer: one JSON object for programs, or a table for people; progress goes to standard error."""
 
 import json
-import math
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -40,18 +39,6 @@ def working(text: str) -> Iterator[None]:
     with progress() as bars:
         bars.add_task(text, total=None)
         yield
-
-
-def with_error(value: float, error: float) -> tuple[str, str]:
-    """Return a value to the last digit that its error leaves, and the error to two digits."""
-    if not (math.isfinite(value) and math.isfinite(error) and error > 0.0):
-        return f"{value:.6g}", f"{error:.2g}"
-    decimals = 1 - math.floor(math.log10(error))
-    if not -2 <= decimals <= 6:  # very large and very small numbers keep an exponent
-        digits = max(1, math.floor(math.log10(abs(value) or error)) + decimals + 1)
-        return f"{value:.{digits}g}", f"{error:.2g}"
-    decimals = max(decimals, 0)
-    return f"{value:.{decimals}f}", f"{error:.{decimals}f}"
 
 
 def written(*paths: Path | None) -> list[str]:

@@ -1,4 +1,4 @@
-"""What every request of a page is: its number, and the answer that it computes from the workshop."""
+"""The base of a page's requests: each has a number, and computes its answer from the workshop."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Answer = dict[str, Any]
 
 
-class Request(BaseModel):
+class PageRequest(BaseModel):
     """A request with the number that its answer bears."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     id: Count
 
 
-class ViewRequest(Request):
+class ViewRequest(PageRequest):
     """A request that is answered beside the loop's: it may take seconds, and runs on a thread of its own."""
 
     def answer(self, workshop: Workshop) -> Answer:

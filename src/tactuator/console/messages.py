@@ -6,27 +6,27 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from tactuator.console.asked import Finite, Name
-from tactuator.console.asked import Request as _Request
+from tactuator.console.asked import Finite, Name, PageRequest
+from tactuator.console.views.identify import IdentifyRequest
 from tactuator.errors import BadInput
 
 CHANNELS_MAX = 64
 
 
-class Start(_Request):
+class Start(PageRequest):
     """Request for what the start page shows."""
 
     do: Literal["start"]
 
 
-class Open(_Request):
+class Open(PageRequest):
     """Request for a display, read anew."""
 
     do: Literal["open"]
     display: Name
 
 
-class _OfChannel(_Request):
+class _OfChannel(PageRequest):
     display: Name
     channel: Name
 
@@ -60,7 +60,7 @@ class Design(_OfChannel):
     do: Literal["design"]
 
 
-class Check(_Request):
+class Check(PageRequest):
     """Request for the whole verdict, and the text of the controller file."""
 
     do: Literal["check"]
@@ -68,7 +68,7 @@ class Check(_Request):
     shapes: Annotated[dict[Name, dict[str, Any]], Field(max_length=CHANNELS_MAX)]
 
 
-Request = Start | Open | Bring | Draw | MovePoint | Design | Check
+Request = Start | Open | Bring | Draw | MovePoint | Design | Check | IdentifyRequest
 _REQUEST: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="do")])
 
 

@@ -19,6 +19,7 @@ from tactuator.files.formats.text import read_finite_json
 from tactuator.signals.systems import ContinuousSystem
 
 FORMAT = "tactuator-model/1"
+_FAMILY = 8
 _SMALLEST = 1e-100
 """Smallest magnitude of a coefficient that is not zero: beyond it products overflow."""
 
@@ -56,7 +57,21 @@ def _family_member(system: ContinuousSystem) -> dict[str, Any]:
 
 def write_model(path: str | Path, model: PlantModel, family: Sequence[ContinuousSystem] = ()) -> None:
     """Write model.json, whole or not at all."""
-    write_text(path, json.dumps(model_document(model, family), indent=1, allow_nan=False) + "\n")
+    write_text(path, _text(model, family))
+
+
+def identified_text(model: PlantModel) -> str:
+    """Return the text of model.json for a model with the plants that its record cannot tell from it."""
+    return _text(model, model.family(_FAMILY, np.random.default_rng(0)))
+
+
+def write_identified(path: str | Path, model: PlantModel) -> None:
+    """Write model.json with the plants that the record cannot tell from the model, whole or not at all."""
+    write_text(path, identified_text(model))
+
+
+def _text(model: PlantModel, family: Sequence[ContinuousSystem]) -> str:
+    return json.dumps(model_document(model, family), indent=1, allow_nan=False) + "\n"
 
 
 def read_model(path: str | Path) -> PlantModel:

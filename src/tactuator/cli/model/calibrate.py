@@ -8,10 +8,11 @@ from typing import Any
 
 from rich.table import Table
 
-from tactuator.cli.answer import answer, with_error
+from tactuator.cli.answer import answer
 from tactuator.errors import BadInput
 from tactuator.files.pairs import read_pairs
 from tactuator.identification.calibration import Calibration, fit_line
+from tactuator.report.identification_table import with_error
 
 
 def run(pairs: Path, gauge_error_mm: float, strict: bool, as_json: bool) -> None:

@@ -8,25 +8,23 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import typer
 from rich.console import Group
 from rich.table import Table
 
-from tactuator.cli.answer import answer, progress, with_error, written
+from tactuator.cli.answer import answer, progress, written
 from tactuator.cli.model.identify_document import document, response_document
 from tactuator.errors import BadInput
 from tactuator.files.foreign_response import is_response, read_foreign_response
-from tactuator.files.model import write_model
+from tactuator.files.model import write_identified
 from tactuator.files.record import read_record
 from tactuator.identification.asked import Asked
 from tactuator.identification.by_response import ResponseFit, identify_response
 from tactuator.identification.identify import identify
-from tactuator.identification.result import Identification, resonances
+from tactuator.identification.result import Identification
 from tactuator.identification.validation import validated
+from tactuator.report.identification_table import identification_rows
 from tactuator.signals.record import Record
-
-_FAMILY = 8
 
 
 def run(
@@ -86,7 +84,7 @@ def _say_and_write(found: Identification | ResponseFit, out: Path | None) -> Non
     for reason in found.distrust:
         sys.stderr.write(f"tactuator: the model is not to be trusted: {reason}\n")
     if out is not None:
-        write_model(out, found.model, found.model.family(_FAMILY, np.random.default_rng(0)))
+        write_identified(out, found.model)
 
 
 def deliver_response(path: Path, asked: Asked, out: Path | None, as_json: bool) -> None:
@@ -140,45 +138,8 @@ def steps() -> Iterator[Callable[[str], None]]:
 
 
 def _table(found: Identification, about: dict[str, str], out: Path | None) -> Group:
-    model, confidence = found.model, found.model.confidence()
-    table = Table("what", "value", "±95 %", title=f"{model.method}: {found.order} poles, {model.num.size - 1} zeros")
-    for name, values, first in (("numerator", model.num, 0), ("denominator", model.den, 1)):
-        top = values.size - 1
-        for k in range(first, values.size):
-            error = confidence[f"{name[:3]}_s{top - k}"]
-            table.add_row(f"{name}, s^{top - k}", *with_error(float(values[k]), error))
-    table.add_row("dead time (ms)", *with_error(1e3 * model.delay_s, 1e3 * confidence["delay_s"]))
-    table.add_row("poles (Hz)", ", ".join(f"{pole:.4g}" for pole in found.poles_hz), "")
-    for one in resonances(model.den):
-        table.add_row(
-            f"resonance at {one.frequency_hz:.4g} Hz", f"damping ratio {one.damping_ratio:.3g}, Q {one.q:.3g}", ""
-        )
-    for words, value in _circumstances(found, about):
-        table.add_row(words, value, "")
-    if found.friction is not None:
-        command, position = model.command_unit, model.position_unit
-        level = with_error(found.friction.coulomb, found.friction.confidence)
-        table.add_row(f"Coulomb friction ({command} of command)", *level)
-        table.add_row(f"presliding distance ({position} of position)", f"{found.friction.presliding:.3g}", "")
+    title = f"{found.model.method}: {found.order} poles, {found.model.num.size - 1} zeros"
+    table = Table("what", "value", "±95 %", title=title)
+    for row in identification_rows(found, about):
+        table.add_row(*row)
     return Group(table, *written(out))
-
-
-def _circumstances(found: Identification, about: dict[str, str]) -> Iterator[tuple[str, str]]:
-    """Yield what is to be known of the record, and how well the model follows it."""
-    model = found.model
-    sure = "" if found.between.certain else " (cannot be told; the band holds both)"
-    yield "command between samples", f"{found.between.hold}, by the {found.between.source}{sure}"
-    yield "recorded in", {True: "closed loop", False: "open loop", None: "cannot tell"}[found.tests.feedback]
-    if {"input", "output"} <= set(about):
-        yield "columns", f"{about['input']} -> {about['output']}"
-    yield "frequencies that the command excites", str(found.excitation.order)
-    if model.valid_hz is not None:
-        yield "the model is valid over (Hz)", f"{model.valid_hz[0]:.4g} to {model.valid_hz[1]:.4g}"
-    yield "widest 95 % band there (dB)", f"{float(np.max(model.band_db(found.frequency_hz()))):.2g}"
-    yield "fit of the simulated position (%)", f"{found.fit_percent:.2f}"
-    yield "residual is white noise", "yes" if found.tests.white else "no"
-    yield "residual is free of the command", "yes" if found.tests.uncorrelated_with_input else "no"
-    for unseen in found.validations:
-        verdict = "fails" if unseen.failures else "holds"
-        inside = "not judged" if np.isnan(unseen.inside) else f"{100.0 * unseen.inside:.0f} % inside the band"
-        yield f"on {unseen.name}", f"{verdict}: fit {unseen.fit_percent:.2f} %, {inside}"

@@ -26,6 +26,11 @@ export function draw(name, attributes = {}, ...content) {
 export const digits = (value) => Number(value.toPrecision(3)).toString();
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
+// A link that saves a text under a name, as the command of the same page writes it.
+export function saved(words, name, text, type = "application/json") {
+  return make("a", { href: URL.createObjectURL(new Blob([text], { type })), download: name, class: "save" }, words);
+}
+
 export function command(text) {
   const copy = make("button", { type: "button", onclick: () => navigator.clipboard?.writeText(text).then(() => say("copied")) }, "Copy");
   return make("div", { class: "command" }, make("code", { tabindex: "0" }, text), copy);

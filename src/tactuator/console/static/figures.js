@@ -14,7 +14,7 @@ export function tiles(into, found) {
 
 const NUMBER = /^[−-]?[\d.]/;
 const cell = (text) => make("td", { class: NUMBER.test(text) || text === "—" ? "number" : "" }, text);
-const table = (caption, head, rows) => make("table", {}, make("caption", {}, caption),
+export const table = (caption, head, rows) => make("table", {}, make("caption", {}, caption),
   make("thead", {}, make("tr", {}, ...head.map((text) => make("th", { scope: "col" }, text)))),
   make("tbody", {}, ...rows.map(([first, ...others]) => make("tr", {}, make("th", { scope: "row" }, first), ...others.map(cell)))));
 

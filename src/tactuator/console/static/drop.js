@@ -1,0 +1,43 @@
+// A place to drop files on: the file goes to the server on this machine, which answers with the key that it has there.
+import { make, say } from "./dom.js";
+
+export class Drop {
+  // taken: called with (key, name); it may be async, and what it throws is told here.
+  constructor(link, { label, hint = "", multiple = false, accept = "", taken }) {
+    Object.assign(this, { link, taken, multiple });
+    this.input = make("input", { type: "file", multiple: multiple ? "" : null, accept: accept || null, onchange: () => { this.take([...this.input.files]); this.input.value = ""; } });
+    this.told = make("p", { class: "crossed told", role: "alert" });
+    this.name = make("span", { class: "name" });
+    this.box = make("div", { class: "drop" }, make("label", {}, make("strong", {}, label), " ", this.input), this.name, hint ? make("p", {}, hint) : "", this.told);
+    this.box.ondragover = (event) => { event.preventDefault(); this.box.classList.add("over"); };
+    this.box.ondragleave = () => this.box.classList.remove("over");
+    this.box.ondrop = (event) => { event.preventDefault(); this.box.classList.remove("over"); this.take([...event.dataTransfer.files]); };
+  }
+
+  refuse(text) { this.told.textContent = text; }
+
+  async take(files) {
+    for (const file of this.multiple ? files : files.slice(0, 1)) {
+      this.refuse("");
+      this.box.setAttribute("aria-busy", "true");
+      this.name.textContent = `${file.name}: on its way`;
+      try {
+        const { key, name } = await this.send(file);
+        this.name.textContent = name;
+        say(`${name} is there`);
+        await this.taken(key, name, file);
+      } catch (error) {
+        this.refuse(error.lost ? "The server does not answer; drop the file again when it is back." : error.message);
+      } finally { this.box.removeAttribute("aria-busy"); }
+    }
+  }
+
+  async send(file) {
+    let answer;
+    try {
+      answer = await fetch("/drop", { method: "POST", body: file, headers: { "x-token": this.link.token, "x-name": encodeURIComponent(file.name) } });
+    } catch { throw Object.assign(new Error("The server does not answer."), { lost: true }); }
+    if (!answer.ok) throw new Error((await answer.text()).trim());
+    return answer.json();
+  }
+}

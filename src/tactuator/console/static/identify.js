@@ -1,0 +1,111 @@
+// The view Identify: a record is dropped, its columns are guessed, a model is found; order and hold are chosen from what was tried.
+import { write } from "./address.js";
+import { Chart } from "./chart.js";
+import { command, make, saved, say } from "./dom.js";
+import { Drop } from "./drop.js";
+import { table } from "./figures.js";
+import { term } from "./words.js";
+
+export class Identify {
+  constructor(view, link, state) { Object.assign(this, { view, link, state, own: state.own, charts: [], validate: [] }); }
+
+  async open() {
+    const { view, link } = this;
+    this.drop = new Drop(link, { label: "Record", accept: ".csv,.txt,.tsv,.dat,.mat,.wav,.flac,.h5,.hdf5", hint: "Drop a file here, or choose one: columns of time, command and position as CSV, MATLAB, HDF5 or sound.",
+      taken: (key, name) => { this.own = this.state.own = { record: key, name }; this.validate = []; return this.look(); } });
+    this.unseen = new Drop(link, { label: "Validation record", multiple: true, hint: "A record of the same mechanism that the fit does not see. The model is held against it.",
+      taken: (key, name) => { this.validate = [...this.validate, { key, name }]; this.keep(); return this.model(); } });
+    this.bits = { columns: make("div"), model: make("div") };
+    view.replaceChildren(make("h1", {}, "Identify a mechanism"),
+      make("p", {}, "A record of command and position gives a model of the ", term("plant"), " (", term("identification"), "), with the band in which it may be wrong."),
+      make("div", { class: "panel" }, this.drop.box, this.bits.columns), this.bits.model);
+    if (this.own.record) {
+      this.drop.name.textContent = this.own.name ?? "";
+      this.validate = (this.own.validate ?? "").split(",").filter(Boolean).map((one) => { const [key, name] = one.split(":"); return { key, name: decodeURIComponent(name ?? key) }; });
+      await this.look().catch((error) => this.drop.refuse(error.message));
+    }
+  }
+
+  keep() {
+    this.own.validate = this.validate.map(({ key, name }) => `${key}:${encodeURIComponent(name)}`).join(",");
+    write(this.state);
+  }
+
+  asked() { const { record, input, output } = this.own; return { record, ...(input && output ? { input, output } : {}), ...(Number(this.own.rate) > 0 ? { rate_hz: Number(this.own.rate) } : {}) }; }
+
+  // Columns: those that were taken, to be changed here.
+  async look() {
+    this.bits.model.replaceChildren();
+    this.bits.columns.replaceChildren();
+    write(this.state);
+    const found = await this.link.ask("identify.look", this.asked());
+    const choose = (which, chosen) => make("select", { id: `column-${which}`, onchange: (event) => { this.own[which] = event.target.value; this.own.order = this.own.hold = ""; if (this.own.input && this.own.output) this.again(); } },
+      ...(chosen ? [] : [make("option", { value: "" }, "choose")]), ...found.columns.map((name) => make("option", { value: name, selected: name === chosen ? "" : null }, name)));
+    const rate = make("input", { id: "rate", type: "number", min: "0", step: "any", value: this.own.rate ?? "", placeholder: found.rate_hz ? `${Number(found.rate_hz.toPrecision(6))}` : "", onchange: () => { this.own.rate = rate.value; this.again(); } });
+    const input = this.own.input || found.input, output = this.own.output || found.output;
+    Object.assign(this.own, { input: input ?? "", output: output ?? "" });
+    const [unitU, unitY] = found.units ?? ["", ""];
+    this.bits.columns.replaceChildren(make("div", { class: "factor" },
+      make("div", {}, make("label", { for: "column-input" }, `command${unitU ? `, ${unitU}` : ""}`), choose("input", input)),
+      make("div", {}, make("label", { for: "column-output" }, `position${unitY ? `, ${unitY}` : ""}`), choose("output", output)),
+      make("div", {}, make("label", { for: "rate" }, "rate in Hz, where the file has none"), rate)),
+    ...(found.rate_hz ? [make("p", {}, `${found.duration_s.toPrecision(4)} s at ${Number(found.rate_hz.toPrecision(6))} Hz; columns ${found.columns.join(", ")}.`)] : []),
+    ...(found.remarks ?? []).map((text) => make("p", {}, text)));
+    if (found.said) { this.drop.refuse(found.said); return; }
+    this.drop.refuse("");
+    await this.model();
+  }
+
+  again() { return this.look().catch((error) => this.drop.refuse(error.message)); }
+
+  async model() {
+    const { order, hold } = this.own, began = Date.now(), busy = make("p", { role: "status" }, "Identifying.");
+    this.bits.model.prepend(busy);
+    this.bits.model.setAttribute("aria-busy", "true");
+    const clock = setInterval(() => { busy.textContent = `Identifying, ${Math.round((Date.now() - began) / 1000)} s.`; }, 500);
+    try {
+      const found = await this.link.ask("identify.model", { ...this.asked(), ...(order ? { order: Number(order) } : {}), hold: hold || "auto", validate_on: this.validate.map(({ key }) => key) });
+      write(this.state);
+      this.show(found);
+      say(`Model of ${found.order} poles${found.trusted ? "" : ", not to be trusted"}.`);
+    } finally { clearInterval(clock); busy.remove(); this.bits.model.setAttribute("aria-busy", "false"); }
+  }
+
+  show(found) {
+    const { response, residual } = found, own = response.own;
+    const magnitude = new Chart("Magnitude (dB) over frequency (Hz)", { log: true }), phase = new Chart("Phase (degrees) over frequency (Hz)", { log: true, height: 170 });
+    const left = new Chart("Spectrum of position and residual (dB re 1 unit²/Hz) over frequency (Hz)", { log: true, height: 190 });
+    this.charts = [magnitude, phase, left];
+    const edges = (middle, half) => [middle.map((one, i) => one - half[i]), middle.map((one, i) => one + half[i])];
+    const of = (chart, name, band) => [
+      { name: "95 % band", hue: "shade", x: response.frequency_hz, band: edges(response[name], response[band]) },
+      { name: "the record’s own", hue: "faint", x: own.frequency_hz, y: own[name], points: true },
+      { name: "model", hue: "nominal", x: response.frequency_hz, y: response[name] }];
+    const again = make("button", { type: "button", onclick: () => { this.own.order = this.own.hold = ""; this.again(); } }, "Let the data choose");
+    this.bits.model.replaceChildren(
+      ...(found.trusted ? [] : [make("div", { class: "crossed", role: "alert" }, "The model is not to be trusted: ", make("ul", {}, ...found.distrust.map((text) => make("li", {}, text))))]),
+      make("div", { class: "bar" }, saved("Save model.json", "model.json", found.text), make("span", { class: "gap" }), command(found.command)),
+      make("div", { class: "loop" },
+        make("div", {}, make("div", { class: "panel" }, make("h2", {}, "Response"), ...this.charts.map((one) => one.box), make("p", {}, term("residual"), `: ${residual.white ? "white" : "not white"}, ${residual.free ? "free" : "not free"} of the command.`))),
+        make("div", {}, make("div", { class: "panel" }, make("h2", {}, "What was tried"), this.candidates(found), this.own.order || this.own.hold ? again : ""),
+          make("div", { class: "panel" }, make("h2", {}, "Model"), make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Model" }, table("What was found", ["what", "value", "±95 %"], found.rows)), ...found.remarks.map((text) => make("p", {}, `Note: ${text}.`))),
+          make("div", { class: "panel" }, make("h2", {}, "Validation"), this.unseen.box, ...this.validate.map(({ name }, i) => make("div", { class: "factor" }, make("b", {}, name),
+            make("button", { type: "button", "aria-label": `Forget ${name}`, onclick: () => { this.validate.splice(i, 1); this.keep(); this.model().catch((error) => this.unseen.refuse(error.message)); } }, "Forget")))))));
+    magnitude.show(of(magnitude, "magnitude_db", "band_db"));
+    phase.show(of(phase, "phase_deg", "band_deg"));
+    left.show([{ name: "position", hue: "nominal", x: residual.frequency_hz, y: residual.position_db }, { name: "residual", hue: "sense", x: residual.frequency_hz, y: residual.residual_db }]);
+  }
+
+  // A row of what was tried: its button takes its order and hold.
+  candidates(found) {
+    const take = ({ poles, hold }) => { Object.assign(this.own, { order: String(poles), hold }); this.again(); };
+    const rows = found.tried.map((one) => make("tr", { class: one.taken ? "taken" : null },
+      make("th", { scope: "row" }, make("button", { type: "button", "aria-pressed": String(one.taken), onclick: () => take(one) }, `${one.poles} poles, ${one.hold}`)),
+      ...[one.zeros, one.dead_time ? "yes" : "no", one.behind, one.uncorrelated_p].map((text) => make("td", { class: "number" }, String(text)))));
+    const head = ["order and ", "zeros", "dead time", "behind", "chance"].map((text, i) => make("th", { scope: "col" }, ...(i === 0 ? [text, term("hold")] : i === 3 ? [term("behind the best", "behind")] : i === 4 ? [term("chance")] : [text])));
+    return make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "What was tried" }, make("table", { id: "tried" }, make("thead", {}, make("tr", {}, ...head)), make("tbody", {}, ...rows)));
+  }
+
+  resize() { this.charts.forEach((one) => one.resize()); }
+  restyle() { this.charts.forEach((one) => one.restyle()); }
+}

@@ -1,0 +1,56 @@
+"""The console's page in Chromium, for the tests of its views."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from tactuator.console.app import build_console
+from tactuator.console.workshop import Workshop
+from tests.web.server import served
+
+TOKEN = "a-token-of-this-test"
+REFUSED = "Failed to load resource: the server responded with a status of 422"
+
+
+@contextmanager
+def console_page(browser: Any, display: Path | None = None) -> Iterator[Any]:
+    """Yield the start page of a console; what the browser complains of fails the test at its end."""
+    with served(build_console(Workshop(display), TOKEN)) as client:
+        context = browser.new_context(accept_downloads=True, viewport={"width": 1366, "height": 900})
+        page = context.new_page()
+        complaints: list[str] = []
+        page.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.goto(f"http://127.0.0.1:{client.port}/#token={TOKEN}")
+        page.wait_for_selector("body[data-ready=start]")
+        yield page
+        assert [one for one in complaints if not one.startswith(REFUSED)] == []
+        context.close()
+
+
+def go(page: Any, view: str, **more: str) -> None:
+    """Open a view by its address."""
+    given = "&".join(f"{name}={value}" for name, value in {"view": view, **more}.items())
+    page.evaluate("(hash) => { location.hash = hash; }", given)
+    page.wait_for_selector(f"body[data-ready={view}]")
+
+
+def tab_to(page: Any, found: str, most: int = 120) -> None:
+    """Press Tab until the element in focus answers to `found`, a CSS selector."""
+    for _ in range(most):
+        page.keyboard.press("Tab")
+        if page.evaluate("(wanted) => document.activeElement.matches(wanted)", found):
+            return
+    raise AssertionError(f"Tab does not reach {found}")
+
+
+def saved_by(page: Any, selector: str, path: Path) -> Path:
+    """Press Enter on a link that saves, and return the file that the browser got."""
+    with page.expect_download() as download:
+        page.locator(selector).focus()
+        page.keyboard.press("Enter")
+    download.value.save_as(path)
+    return path
