@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter, ValidationError
 
 from tactuator.console.asked import Finite, Name, PageRequest
+from tactuator.console.views.display_text import DisplayTextRequest
 from tactuator.console.views.identify import IdentifyRequest
 from tactuator.errors import BadInput
 
@@ -68,7 +69,7 @@ class Check(PageRequest):
     shapes: Annotated[dict[Name, dict[str, Any]], Field(max_length=CHANNELS_MAX)]
 
 
-Request = Start | Open | Bring | Draw | MovePoint | Design | Check | IdentifyRequest
+Request = Start | Open | Bring | Draw | MovePoint | Design | Check | DisplayTextRequest | IdentifyRequest
 _REQUEST: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="do")])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import tomllib
 from collections import OrderedDict
 from collections.abc import Mapping
@@ -17,7 +18,8 @@ from tactuator.console.shaping.taken_apart import taken_apart
 from tactuator.display.controller import ChannelController, Controller
 from tactuator.display.description import Display
 from tactuator.errors import BadInput
-from tactuator.files.display import read_display
+from tactuator.files.display import parse_display, read_display
+from tactuator.files.formats.text import parse_toml, read_text
 from tactuator.files.start.shipped import EXAMPLES, example_names
 from tactuator.loop.feedback import FeedbackLoop
 from tactuator.signals.decibels import db
@@ -25,8 +27,8 @@ from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.design import design_channel
 
 FILE = "file"
-_EXAMPLE = "example:"
-_BENCHES, _MADE = 32, 256
+_EXAMPLE, _TEXT = "example:", "text:"
+_BENCHES, _MADE, _TEXTS = 32, 256, 64
 _START_SHARE = 0.05
 _Key = TypeVar("_Key")
 _Value = TypeVar("_Value")
@@ -38,6 +40,7 @@ class Workshop:
     def __init__(self, path: Path | None = None) -> None:
         self._path, self.drawer = path, Drawer()
         self._displays: dict[str, Display] = {}
+        self._texts: OrderedDict[str, tuple[str, Path]] = OrderedDict()
         self._benches: OrderedDict[tuple[str, str], Bench] = OrderedDict()
         self._made: OrderedDict[tuple[str, str, LoopShape], ChannelController] = OrderedDict()
         if path is not None:
@@ -65,14 +68,43 @@ class Workshop:
         name = key.removeprefix(_EXAMPLE)
         if key.startswith(_EXAMPLE) and name in example_names() and name.endswith(".toml"):
             return EXAMPLES / name
+        if key.startswith(_TEXT):
+            raise BadInput(
+                "that text of a display is not on the server any more; allowed: open it from the view Display"
+            )
         raise BadInput(f"display {key!r}; allowed: {FILE} where one was named, or an example's key")
+
+    def text(self, key: str) -> str:
+        """Return the text of a display's file, or the one that was written on the page."""
+        return self._texts[key][0] if key in self._texts else read_text(self.path(key))
+
+    def take_text(self, text: str, beside: str | None) -> str:
+        """Keep a display that was written on the page and return its key; its paths start where those of the display
+        `beside` do. Raises BadInput where the text describes no display.
+        """
+        folder = Path() if beside is None else self._folder(beside)
+        display = parse_display(parse_toml(text), folder)
+        key = _TEXT + hashlib.sha256(f"{folder}:{text}".encode()).hexdigest()[:16]
+        if key not in self._texts:
+            _keep(self._texts, key, (text, folder), _TEXTS)
+            self._displays[key] = display
+        return key
+
+    def _folder(self, key: str) -> Path:
+        return self._texts[key][1] if key in self._texts else self.path(key).parent
 
     def command_name(self, key: str) -> str:
         """Return the display file as a command line names it; an example as `init --examples examples` copies it."""
+        if key in self._texts:
+            return "display.toml"
         return str(self._path) if key == FILE else f"examples/{key.removeprefix(_EXAMPLE)}"
 
     def open(self, key: str) -> Display:
         """Read a display anew; what was made for another content of the file is forgotten."""
+        if key in self._texts:
+            text, folder = self._texts[key]
+            self._displays[key] = parse_display(parse_toml(text), folder)
+            return self._displays[key]
         display = read_display(self.path(key))
         self._displays[key] = display
         self._benches = OrderedDict((one, kept) for one, kept in self._benches.items() if one[0] != key)

@@ -1,6 +1,7 @@
 // The views: their name in the address, their title, and the module that draws each, loaded when it is opened.
 export const VIEWS = {
   start: { title: "Start", load: async () => (await import("./start.js")).Start },
+  display: { title: "Display", load: async () => (await import("./display.js")).Display },
   identify: { title: "Identify", load: async () => (await import("./identify.js")).Identify },
   loop: { title: "Loop", ofDisplay: true, load: async () => (await import("./loop.js")).Loop },
 };
