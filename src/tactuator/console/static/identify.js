@@ -39,7 +39,7 @@ export class Identify {
     this.bits.columns.replaceChildren();
     write(this.state);
     const found = await this.link.ask("identify.look", this.asked());
-    const choose = (which, chosen) => make("select", { id: `column-${which}`, onchange: (event) => { this.own[which] = event.target.value; this.own.order = this.own.hold = ""; if (this.own.input && this.own.output) this.again(); } },
+    const choose = (which, chosen) => make("select", { id: `column-${which}`, onchange: (event) => { this.own[which] = event.target.value; this.own.order = this.own.zeros = this.own.hold = ""; if (this.own.input && this.own.output) this.again(); } },
       ...(chosen ? [] : [make("option", { value: "" }, "choose")]), ...found.columns.map((name) => make("option", { value: name, selected: name === chosen ? "" : null }, name)));
     const rate = make("input", { id: "rate", type: "number", min: "0", step: "any", value: this.own.rate ?? "", placeholder: found.rate_hz ? `${Number(found.rate_hz.toPrecision(6))}` : "", onchange: () => { this.own.rate = rate.value; this.again(); } });
     const input = this.own.input || found.input, output = this.own.output || found.output;
@@ -59,12 +59,12 @@ export class Identify {
   again() { return this.look().catch((error) => this.drop.refuse(error.message)); }
 
   async model() {
-    const { order, hold } = this.own, began = Date.now(), busy = make("p", { role: "status" }, "Identifying.");
+    const { order, zeros, hold } = this.own, began = Date.now(), busy = make("p", { role: "status" }, "Identifying.");
     this.bits.model.prepend(busy);
     this.bits.model.setAttribute("aria-busy", "true");
     const clock = setInterval(() => { busy.textContent = `Identifying, ${Math.round((Date.now() - began) / 1000)} s.`; }, 500);
     try {
-      const found = await this.link.ask("identify.model", { ...this.asked(), ...(order ? { order: Number(order) } : {}), hold: hold || "auto", validate_on: this.validate.map(({ key }) => key) });
+      const found = await this.link.ask("identify.model", { ...this.asked(), ...(order ? { order: Number(order) } : {}), ...(zeros ? { zeros: Number(zeros) } : {}), hold: hold || "auto", validate_on: this.validate.map(({ key }) => key) });
       write(this.state);
       this.show(found);
       say(`Model of ${found.order} poles${found.trusted ? "" : ", not to be trusted"}.`);
@@ -81,7 +81,7 @@ export class Identify {
       { name: "95 % band", hue: "shade", x: response.frequency_hz, band: edges(response[name], response[band]) },
       { name: "the record’s own", hue: "faint", x: own.frequency_hz, y: own[name], points: true },
       { name: "model", hue: "nominal", x: response.frequency_hz, y: response[name] }];
-    const again = make("button", { type: "button", onclick: () => { this.own.order = this.own.hold = ""; this.again(); } }, "Let the data choose");
+    const again = make("button", { type: "button", onclick: () => { this.own.order = this.own.zeros = this.own.hold = ""; this.again(); } }, "Let the data choose");
     this.bits.model.replaceChildren(
       ...(found.trusted ? [] : [make("div", { class: "crossed", role: "alert" }, "The model is not to be trusted: ", make("ul", {}, ...found.distrust.map((text) => make("li", {}, text))))]),
       make("div", { class: "bar" }, saved("Save model.json", "model.json", found.text), make("span", { class: "gap" }), command(found.command)),
@@ -98,11 +98,11 @@ export class Identify {
 
   // A row of what was tried: its button takes its order and hold.
   candidates(found) {
-    const take = ({ poles, hold }) => { Object.assign(this.own, { order: String(poles), hold }); this.again(); };
+    const take = ({ poles, zeros, hold }) => { Object.assign(this.own, { order: String(poles), zeros: String(zeros), hold }); this.again(); };
     const rows = found.tried.map((one) => make("tr", { class: one.taken ? "taken" : null },
-      make("th", { scope: "row" }, make("button", { type: "button", "aria-pressed": String(one.taken), onclick: () => take(one) }, `${one.poles} poles, ${one.hold}`)),
-      ...[one.zeros, one.dead_time ? "yes" : "no", one.behind, one.uncorrelated_p].map((text) => make("td", { class: "number" }, String(text)))));
-    const head = ["order and ", "zeros", "dead time", "behind", "chance"].map((text, i) => make("th", { scope: "col" }, ...(i === 0 ? [text, term("hold")] : i === 3 ? [term("behind the best", "behind")] : i === 4 ? [term("chance")] : [text])));
+      make("th", { scope: "row" }, make("button", { type: "button", "aria-pressed": String(one.taken), onclick: () => take(one) }, `${one.poles} poles, ${one.zeros} zeros, ${one.hold}`)),
+      ...[one.dead_time ? "yes" : "no", one.behind, one.uncorrelated_p].map((text) => make("td", { class: "number" }, String(text)))));
+    const head = [["order and ", term("hold")], [term("dead time")], [term("candidate", "behind")], [term("candidate", "chance")]].map((texts) => make("th", { scope: "col" }, ...texts));
     return make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "What was tried" }, make("table", { id: "tried" }, make("thead", {}, make("tr", {}, ...head)), make("tbody", {}, ...rows)));
   }
 

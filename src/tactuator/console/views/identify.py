@@ -74,6 +74,7 @@ class IdentifyModel(_OfRecord):
 
     do: Literal["identify.model"]
     order: Annotated[int, Field(ge=1, le=8)] | None = None
+    zeros: Annotated[int, Field(ge=0, le=8)] | None = None
     hold: Literal["auto", "zero-order", "first-order", "band-limited"] = "auto"
     validate_on: Annotated[tuple[Name, ...], Field(max_length=8)] = ()
 
@@ -82,7 +83,7 @@ class IdentifyModel(_OfRecord):
         path = workshop.drawer.path(self.record)
         unseen = [workshop.drawer.path(key) for key in self.validate_on]
         record = self.read(path)
-        found = identify(record, **vars(Asked(order=self.order, hold=self.hold)))
+        found = identify(record, **vars(Asked(order=self.order, zeros=self.zeros, hold=self.hold)))
         found = validated(found, [(one.name, self.read(one)) for one in unseen])
         return {
             "rows": [list(row) for row in identification_rows(found, record.about)],
@@ -106,6 +107,7 @@ class IdentifyModel(_OfRecord):
             "--output": self.output,
             "--rate-hz": None if self.rate_hz is None else f"{self.rate_hz:g}",
             "--order": self.order,
+            "--zeros": self.zeros,
             "--hold": None if self.hold == "auto" else self.hold,
         }
         words = ["tactuator", "identify", path.name]
