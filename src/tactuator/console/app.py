@@ -12,6 +12,8 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException as StarletteHTTPException
 
 from tactuator.console.connection import ConsoleConnection
+from tactuator.console.scope.host import RigHost
+from tactuator.console.scope.routes import add_rig
 from tactuator.console.workshop import Workshop
 from tactuator.errors import BadInput
 from tactuator.web.pages import HEADERS, plain_text
@@ -31,11 +33,12 @@ _ICON = "icon.svg"
 _NOTHING = "There is no such page here."
 
 
-def build_console(workshop: Workshop, token: str, apart: Executor | None = None) -> FastAPI:
+def build_console(workshop: Workshop, token: str, apart: Executor | None = None, rig: RigHost | None = None) -> FastAPI:
     """Return the web application of the console; whoever has the token may use it. apart: where figures are computed
-    (None: in a thread).
+    (None: in a thread). rig: the one whose samples the scope shows, if there is one.
     """
     app = FastAPI(title="tactuator console", docs_url=None, redoc_url=None, openapi_url=None)
+    add_rig(app, token, workshop, rig, apart)
 
     @app.get("/")
     async def page() -> Response:

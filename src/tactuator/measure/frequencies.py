@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.signals.lockin import off_mains
 from tactuator.signals.multisine import Bins, place_lines
 
 Band = tuple[float, float]
@@ -20,6 +21,14 @@ TOLERANCE = 0.02
 """Greatest relative distance between a frequency that is asked and the one that is played for it."""
 _KEEP_OFF_HZ = 2.0
 _DENSEST = 201
+POINT_COUNT = 30
+
+
+def over_the_band(band_hz: Band, mains_hz: float | None) -> FloatArray:
+    """Return 30 frequencies over the band of our own choosing, hertz, moved off mains to the side inside the band."""
+    chosen = np.geomspace(*band_hz, POINT_COUNT)
+    moved = off_mains(chosen, mains_hz or None)
+    return np.where(moved > band_hz[1], 2.0 * chosen - moved, np.maximum(moved, band_hz[0]))
 
 
 def tones(frequency_hz: ArrayLike, mains_hz: float | None, band_hz: Band) -> FloatArray:

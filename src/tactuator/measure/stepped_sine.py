@@ -22,6 +22,7 @@ from tactuator.signals.lockin import lock_in, mains_multiples
 from tactuator.signals.response import Response
 
 Progress = Callable[[int, int], None]
+SoFar = Callable[[tuple[Response, ...]], None]
 _HARMONICS = 3
 _FEWEST_BLOCKS = 8
 
@@ -52,6 +53,7 @@ def stepped_sine(
     band_hz: tuple[float, float] | None = None,
     controller_hash: str = "",
     progress: Progress | None = None,
+    so_far: SoFar | None = None,
 ) -> tuple[Response, ...]:
     """Measure the response of the loaded controller and display at `level_db_sl`, one Response each for `channels`
     (default: all).
@@ -60,23 +62,30 @@ def stepped_sine(
     of mains_hz; band_hz: none is played outside (default: below 0.45 of the rate). After settling it is played in
     blocks of whole periods until every channel's half-width at `coverage` is at most confidence_db, or for longest_s.
     A simultaneous statement about m points asks for a coverage of 1 - 0.05/m (Bonferroni). `load`
-    only names what touches the display: whoever holds the finger port puts it there. Raises BadInput above the comfort
-    level, for frequencies outside the band or too near to mains, or an unknown channel.
+    only names what touches the display: whoever holds the finger port puts it there. progress is told the number of
+    points done and of all, so_far the responses of those done, after each. Raises BadInput above the comfort level, for
+    frequencies outside the band or too near to mains, or an unknown channel.
     """
     names = check_asked(rig, frequency_hz, level_db_sl, confidence_db, longest_s, channels)
     frequencies = tones(frequency_hz, mains_hz, band_hz or (0.0, 0.45 * rig.rate_hz))
     columns = [rig.channels.index(name) for name in names]
-    points = []
+    points: list[_Point] = []
+
+    def responses() -> tuple[Response, ...]:
+        made = (frequencies[: len(points)], points, float(from_db(level_db_sl)), confidence_db)
+        return tuple(
+            _response(name, load, level_db_sl, controller_hash, column, *made) for column, name in enumerate(names)
+        )
+
     for done, frequency in enumerate(frequencies):
         tone = _Tone(rig, float(frequency), float(from_db(level_db_sl)), columns, mains_hz, coverage)
         points.append(tone.measure(confidence_db, longest_s))
         if progress is not None:
             progress(done + 1, frequencies.size)
+        if so_far is not None:
+            so_far(responses())
     rig.rest()
-    made = (frequencies, points, float(from_db(level_db_sl)), confidence_db)
-    return tuple(
-        _response(name, load, level_db_sl, controller_hash, column, *made) for column, name in enumerate(names)
-    )
+    return responses()
 
 
 def check_asked(

@@ -14,7 +14,9 @@ from pathlib import Path
 import uvicorn
 
 from tactuator.console.app import build_console
-from tactuator.console.workshop import Workshop
+from tactuator.console.scope.host import RigHost
+from tactuator.console.workshop import FILE, Workshop
+from tactuator.errors import BadInput
 from tactuator.helper_process import begin_helper
 from tactuator.web.address import Address
 
@@ -25,22 +27,41 @@ _NICER = 5
 
 def run(
     display: Path | None,
+    rig: str | None,
+    seed: int,
     host: str,
     port: int,
     allowed_host: list[str] | None,
     tls_certificate: Path | None,
     tls_key: Path | None,
 ) -> None:
-    """Serve a page on which a loop is shaped by dragging it, until interrupted; its address goes to standard error."""
+    """Serve a page on which a loop is shaped by dragging it, and a rig is watched and driven, until interrupted; its
+    address goes to standard error.
+    """
+    if rig is not None and display is None:
+        raise BadInput("a rig without a display; allowed: `tactuator console DISPLAY.toml --rig simulated`")
     address = Address(host, port, tuple(allowed_host or ()), tls_certificate, tls_key)
     workshop, token = Workshop(display), secrets.token_urlsafe(_TOKEN_BYTES)
     sock = address.listen()
-    with _figures_apart() as apart:
-        server = uvicorn.Server(address.config(build_console(workshop, token, apart), time.monotonic))
+    with _held(rig, workshop, seed) as held, _figures_apart() as apart:
+        server = uvicorn.Server(address.config(build_console(workshop, token, apart, held), time.monotonic))
         lines = [f"console: {address.base_url(sock)}/#token={token}", *filter(None, [address.warning])]
         sys.stderr.write("\n".join(lines) + "\n")
         sys.stderr.flush()
         server.run(sockets=[sock])
+
+
+@contextmanager
+def _held(spec: str | None, workshop: Workshop, seed: int) -> Iterator[RigHost | None]:
+    """Yield the rig of that name, held by a process of its own, or None for none; it is at rest in the end."""
+    if spec is None:
+        yield None
+        return
+    host = RigHost(spec, workshop.display(FILE), seed)
+    try:
+        yield host
+    finally:
+        host.close()
 
 
 @contextmanager

@@ -19,16 +19,15 @@ from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.files.response import write_responses
 from tactuator.measure.error import error_db, expected_level_db_sl, response_verdict
+from tactuator.measure.frequencies import over_the_band
 from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.rig.open import open_rig
 from tactuator.rig.rig import Rig
 from tactuator.rig.touchable import touch_all
-from tactuator.signals.lockin import off_mains
 from tactuator.signals.response import Response
 
 METHODS = ("stepped", "multisine")
-POINT_COUNT = 30
 
 Frequencies = np.ndarray[tuple[int], np.dtype[np.float64]]
 
@@ -55,7 +54,7 @@ def run(
         raise BadInput(f"method {method!r}; allowed: {', '.join(METHODS)}")
     made = chosen_controller(display, controller)
     band_hz = _common_band(made, channel)
-    wanted = _over_the_band(band_hz, mains_hz) if frequency is None else frequencies(frequency)
+    wanted = over_the_band(band_hz, mains_hz) if frequency is None else frequencies(frequency)
     asked: dict[str, Any] = {
         "channels": channel,
         "load": load,
@@ -98,13 +97,6 @@ def _common_band(made: Controller, channels: Sequence[str] | None) -> tuple[floa
     """Return the band that every measured channel has."""
     bands = [one.threshold.band_hz for one in made.display.channels if not channels or one.name in channels]
     return max(low for low, _ in bands or [(0.0, 0.0)]), min(high for _, high in bands or [(0.0, 0.45 * made.rate_hz)])
-
-
-def _over_the_band(band_hz: tuple[float, float], mains_hz: float) -> Frequencies:
-    """Return 30 frequencies over the band of our own choosing, moved off mains to the side inside the band."""
-    chosen = np.geomspace(*band_hz, POINT_COUNT)
-    moved = off_mains(chosen, mains_hz or None)
-    return np.where(moved > band_hz[1], 2.0 * chosen - moved, np.maximum(moved, band_hz[0]))
 
 
 def _stepped(rig: Rig, wanted: Frequencies, level_db_sl: float, asked: dict[str, Any]) -> tuple[Response, ...]:

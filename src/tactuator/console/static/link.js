@@ -1,25 +1,33 @@
 // The connection to the server: requests with an answer each, and figures that come when they are ready.
-const FORBIDDEN = 4003;
+const ENDS = { 4003: "refused", 4004: "none" };
 const AGAIN_MS = 600;
 
 export class Link {
-  // told: called with "open", "lost" or "refused". pushed: called with what the server sends unasked.
-  constructor(token, told, pushed) {
-    Object.assign(this, { token, told, pushed, count: 0, waiting: new Map() });
+  // told: called with "open", "lost", "refused" or, where there is nothing at that path, "none". pushed: called with
+  // what the server sends unasked, bytes as an ArrayBuffer.
+  constructor(token, told, pushed, path = "/ws") {
+    Object.assign(this, { token, told, pushed, path, count: 0, waiting: new Map() });
     this.connect();
   }
 
   connect() {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    this.socket = new WebSocket(`${scheme}://${location.host}/ws`);
+    this.socket = new WebSocket(`${scheme}://${location.host}${this.path}`);
+    this.socket.binaryType = "arraybuffer";
     this.socket.onopen = () => { this.socket.send(this.token); this.told("open"); };
-    this.socket.onmessage = (event) => this.take(JSON.parse(event.data));
+    this.socket.onmessage = ({ data }) => (typeof data === "string" ? this.take(JSON.parse(data)) : this.pushed(data));
     this.socket.onclose = (event) => {
       for (const { reject } of this.waiting.values()) reject(Object.assign(new Error("The connection was lost."), { lost: true }));
       this.waiting.clear();
-      this.told(event.code === FORBIDDEN ? "refused" : "lost");
-      if (event.code !== FORBIDDEN) setTimeout(() => this.connect(), AGAIN_MS);
+      if (this.closed) return;
+      this.told(ENDS[event.code] ?? "lost");
+      if (!(event.code in ENDS)) setTimeout(() => { if (!this.closed) this.connect(); }, AGAIN_MS);
     };
+  }
+
+  close() {
+    this.closed = true;
+    this.socket.close();
   }
 
   take(message) {

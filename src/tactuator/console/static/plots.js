@@ -4,7 +4,7 @@ import { colour, make } from "./dom.js";
 const { uPlot } = window;
 const HUES = ["nominal", "load", "load2"];
 
-class Plot {
+export class Plot {
   constructor(title, height, scaleX, x) {
     Object.assign(this, { height, scaleX, x, marks: [] });
     this.box = make("div", { class: "plot" });

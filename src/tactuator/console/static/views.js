@@ -4,4 +4,5 @@ export const VIEWS = {
   display: { title: "Display", load: async () => (await import("./display.js")).Display },
   identify: { title: "Identify", load: async () => (await import("./identify.js")).Identify },
   loop: { title: "Loop", ofDisplay: true, load: async () => (await import("./loop.js")).Loop },
+  scope: { title: "Scope", load: async () => (await import("./scope.js")).Scope },
 };

@@ -1,0 +1,77 @@
+"""A measurement of the response at a rig, told point by point against what the controller's model expects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactuator.arrays import FloatArray
+from tactuator.console.held_rig.orders import MeasureOrder, Points
+from tactuator.display.controller import Controller
+from tactuator.files.response import write_responses
+from tactuator.measure.error import error_db, expected_level_db_sl
+from tactuator.measure.prediction import ChannelPrediction
+from tactuator.measure.stepped_sine import stepped_sine
+from tactuator.rig.rig import Rig
+from tactuator.signals.decibels import db
+from tactuator.signals.response import Response
+
+
+def measured(rig: Rig, order: MeasureOrder, tell: Callable[[tuple[Response, ...]], None]) -> tuple[Response, ...]:
+    """Measure as `measure` does, and call `tell` with the responses so far after every point."""
+    return stepped_sine(
+        rig,
+        np.array(order.frequency_hz),
+        order.level_db_sl,
+        channels=order.channels,
+        load=order.load,
+        confidence_db=order.confidence_db,
+        longest_s=order.longest_s,
+        mains_hz=order.mains_hz or None,
+        band_hz=order.band_hz,
+        controller_hash=order.controller.content_hash,
+        so_far=tell,
+    )
+
+
+def points_of(responses: tuple[Response, ...], order: MeasureOrder, folder: Path, over: bool) -> Points:
+    """Return what a page shows of a measurement, and the file that `measure --out response.csv` would write of it."""
+    path = folder / "response.csv"
+    write_responses(path, responses)
+    display = order.controller.display
+    shown = [
+        {
+            "channel": one.channel,
+            "load": one.load,
+            "frequency_hz": one.frequency_hz.tolist(),
+            "level_db_sl": (one.level_db_sl + error_db(one, display)).tolist(),
+            "expected_db_sl": expected_level_db_sl(one, order.controller).tolist(),
+            "confidence_db": [_finite(value) for value in one.confidence_db],
+            "saturated": one.saturated.tolist(),
+            "reached": one.reached.tolist(),
+        }
+        for one in responses
+    ]
+    done = len(responses[0].frequency_hz) if responses else 0
+    return Points({"responses": shown}, done, len(order.frequency_hz), path.read_text("utf-8"), over)
+
+
+def expected_curves(controller: Controller, level_db_sl: float, frequency_hz: FloatArray) -> list[dict[str, Any]]:
+    """Return the level (dB SL) that the controller's model expects at each frequency, for every channel, without load
+    and under each load.
+    """
+    curves = []
+    for channel in controller.display.channels:
+        threshold_v = channel.threshold_voltage(frequency_hz)
+        for load in (None, *(one.name for one in channel.loads)):
+            there = ChannelPrediction.of(controller, channel.name, load).loop.position_response(frequency_hz)
+            level = level_db_sl + db(np.abs(there) / threshold_v)
+            curves.append({"channel": channel.name, "load": load or "none", "level_db_sl": level.tolist()})
+    return curves
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

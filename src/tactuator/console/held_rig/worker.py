@@ -1,0 +1,317 @@
+"""The process that holds the rig: it obeys orders, tells every sample, and leaves the rig at rest however it ends."""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from multiprocessing.connection import Connection
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from tactuator.arrays import FloatArray
+from tactuator.console.held_rig import orders
+from tactuator.console.held_rig.generator import Generator
+from tactuator.console.held_rig.measuring import measured, points_of
+from tactuator.console.held_rig.watched import RigHalted, WatchedRig
+from tactuator.display.controller import Controller
+from tactuator.display.description import Display
+from tactuator.errors import BadInput, TactuatorError
+from tactuator.rig.board.rig import BoardRig
+from tactuator.rig.open import open_rig
+from tactuator.rig.paced import PacedRig
+from tactuator.rig.rig import Rig
+from tactuator.rig.sound.rig import SoundRig
+from tactuator.rig.touchable import TouchableRig, touch_all
+from tactuator.rig.trace import Trace
+from tactuator.rig.transport.transport import LinkDown
+from tactuator.signals.response import Response
+
+BLOCK_S = 0.02
+"""Length of the generator's blocks: an order waits at most that long for the next one."""
+_GUARD_S = 0.5
+_PATIENCE_S = 5.0
+"""Time in which the rig has to be at rest after the end of whoever orders; then the process ends without it."""
+
+
+def hold_rig(pipe: Connection, spec: str, display: Display, seed: int) -> None:
+    """Hold the rig of that name with `display`, and obey the orders that come through the pipe until it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server, which then ends the pipe
+    worker = RigWorker(spec, display, seed, _sender(pipe))
+    signal.signal(signal.SIGTERM, lambda number, frame: worker.order(orders.QuitOrder()))
+    threading.Thread(target=_reader, args=(pipe, worker), daemon=True).start()
+    worker.run()
+
+
+def _sender(pipe: Connection) -> Callable[[orders.Told], None]:
+    """Return a function that sends without waiting: a slow server holds nothing up, and no sample is dropped."""
+    waiting: queue.SimpleQueue[orders.Told] = queue.SimpleQueue()
+
+    def work() -> None:
+        with suppress(OSError):
+            while True:
+                pipe.send(waiting.get())
+
+    threading.Thread(target=work, daemon=True).start()
+    return waiting.put
+
+
+def _reader(pipe: Connection, worker: RigWorker) -> None:
+    with suppress(OSError, EOFError):
+        while True:
+            worker.order(pipe.recv())
+    worker.order(orders.QuitOrder())
+    threading.Timer(_PATIENCE_S, os._exit, args=(1,)).start()
+
+
+class RigWorker:
+    """Obeys orders one after another; what goes on is ended by the next order that it does not serve.
+
+    tell: called with everything that is to be told; it must not wait.
+    """
+
+    def __init__(self, spec: str, display: Display, seed: int, tell: Callable[[orders.Told], None]) -> None:
+        self._spec, self._display, self._seed, self._tell = spec, display, seed, tell
+        self._orders: queue.SimpleQueue[orders.Order] = queue.SimpleQueue()
+        self._halt = threading.Event()
+        self._generator = Generator(display, np.random.default_rng(seed))
+        self._standing = orders.Standing(press_v={one.name: 0.0 for one in display.channels})
+        self._rig: Rig | None = None
+        self._opened: Rig | None = None
+        self._controller: Controller | None = None
+        self._after: orders.Order | None = None
+
+    def order(self, order: orders.Order) -> None:
+        """Take an order, from any thread; what ends a measurement ends it at once."""
+        if isinstance(order, orders.RestOrder | orders.QuitOrder):
+            self._halt.set()
+        self._orders.put(order)
+
+    def run(self) -> None:
+        """Open the rig and obey until the order to quit; then leave the rig at rest."""
+        self._guarded(self._open)
+        order: orders.Order = orders.RestOrder()
+        try:
+            while not isinstance(order, orders.QuitOrder):
+                order, self._after = self._after or self._orders.get(), None
+                self._guarded(partial(self._obey, order))
+        finally:
+            self._let_go()
+
+    def _guarded(self, job: Callable[[], None]) -> None:
+        """Do a job; tell of input that is refused, of a fault and of a rig that has gone."""
+        try:
+            job()
+        except BadInput as error:
+            if self._rig is None:
+                self._end_as("gone", str(error))
+            else:
+                self._rest()
+                self._end_as("idle")
+            self._tell(orders.Refused(str(error)))
+        except LinkDown as error:
+            self._let_go()
+            self._end_as("gone", str(error))
+        except TactuatorError as error:
+            self._rest()
+            self._end_as("fault", str(error))
+        except Exception as error:
+            self._rest()
+            self._end_as("fault", f"{type(error).__name__}: {error}")
+
+    def _end_as(self, mode: orders.Mode, fault: str = "") -> None:
+        self._say(mode=mode, fault=fault, guard=self._guard() if mode in ("idle", "fault") else {})
+
+    def _obey(self, order: orders.Order) -> None:
+        match order:
+            case orders.LoadOrder():
+                self._open()
+                self._load(order)
+            case orders.LiveOrder():
+                self._live()
+            case orders.MeasureOrder():
+                self._measure(order)
+            case orders.RestOrder():
+                self._halt.clear()
+                self._rest()
+                if self._rig is not None:
+                    self._end_as("idle")
+            case orders.ReopenOrder():
+                self._let_go()
+                self._open()
+            case orders.QuitOrder():
+                return
+            case _:
+                self._serve(order)
+
+    def _open(self) -> None:
+        """Open the rig, if it is not open; simulated ones take their own time."""
+        if self._rig is not None:
+            return
+        opened = open_rig(self._spec, self._display, self._seed)
+        if isinstance(opened, SoundRig):
+            opened.allow_gaps = True  # counted, and told
+        touchable = isinstance(opened, TouchableRig) and opened.has_finger_ports
+        self._rig = PacedRig(opened) if touchable else opened
+        self._opened = opened
+        nothing: dict[str, str | None] = dict.fromkeys(opened.channels) if touchable else {}
+        self._say(mode="idle", fault="", loaded="", touchable=touchable, touch=nothing, guard=self._guard())
+
+    def _load(self, order: orders.LoadOrder) -> None:
+        assert self._rig is not None
+        self._rig.load(order.controller)
+        self._controller = order.controller
+        self._end_as("idle")
+        self._say(loaded=order.controller.content_hash)
+
+    # -- live ---------------------------------------------------------------------------------------------------------
+
+    def _live(self) -> None:
+        """Play the generator and tell every sample until another order comes, then come to rest."""
+        if self._rig is None:
+            raise BadInput("the rig has gone; allowed: open it again")
+        if not self._standing.loaded:
+            raise BadInput("no controller is loaded; allowed: load one before playing a reference")
+        if self._standing.mode == "fault" and self._controller is not None:
+            self._load(orders.LoadOrder(self._controller))
+        self._halt.clear()
+        self._say(mode="live", fault="")
+        looked = self._standing.told
+        try:
+            for trace in self._rig.stream(self._blocks()):
+                self._tell_samples(trace)
+                if self._standing.told - looked >= _GUARD_S * self._display.rate_hz:
+                    looked = self._standing.told
+                    self._say(guard=self._guard())
+            self._rest()
+            self._end_as("idle")
+        finally:
+            self._generator = Generator(self._display, np.random.default_rng(self._seed))
+            self._say(wave=None)
+
+    def _blocks(self) -> Iterator[FloatArray]:
+        """Yield what the generator plays, the fingers pressed, until it is silent and something else is ordered."""
+        count = max(1, round(BLOCK_S * self._display.rate_hz))
+        while True:
+            self._take_orders()
+            if self._after is not None and self._generator.silent:
+                return
+            for name, force_v in self._standing.press_v.items():
+                if force_v and isinstance(self._rig, PacedRig):
+                    self._rig.finger(name).press(np.full(count, force_v))
+            block = self._generator.block(count)
+            if self._generator.wave is None and self._standing.wave is not None:
+                self._say(wave=None)  # a file is over
+            self._standing = replace(self._standing, fed=self._standing.fed + count)
+            yield block
+
+    def _take_orders(self) -> None:
+        """Do what can be done while samples flow; anything else ends that, once the generator is silent."""
+        while self._after is None:
+            try:
+                order = self._orders.get_nowait()
+            except queue.Empty:
+                return
+            if isinstance(order, orders.GenerateOrder | orders.TouchOrder | orders.PressOrder):
+                try:
+                    self._serve(order)
+                except BadInput as error:
+                    self._tell(orders.Refused(str(error)))
+            elif not isinstance(order, orders.LiveOrder):
+                self._after = order
+                self._generator.ask(None)
+
+    def _serve(self, order: orders.Order) -> None:
+        """Do what an order asks for that needs nothing to end."""
+        match order:
+            case orders.GenerateOrder():
+                if self._standing.mode != "live" and order.wave is not None:
+                    raise BadInput("the rig is not live; allowed: start it before the generator")
+                self._generator.ask(order.wave)
+                self._say(wave=order.wave)
+            case orders.TouchOrder():
+                self._finger(order.channel).touch(order.load)
+                self._say(touch=self._standing.touch | {order.channel: order.load})
+            case orders.PressOrder():
+                self._finger(order.channel)
+                self._say(press_v=self._standing.press_v | {order.channel: order.force_v})
+
+    def _finger(self, channel: str) -> Any:
+        if not isinstance(self._rig, PacedRig):
+            raise BadInput("this display is real: a finger goes onto it by hand; allowed: a simulated display")
+        return self._rig.finger(channel)
+
+    def _tell_samples(self, trace: Trace) -> None:
+        if not len(trace):
+            return
+        rows = np.concatenate((trace.reference, trace.command_v, trace.position_v), axis=1).astype(np.float32)
+        limited = int(trace.saturated.any(axis=1).sum())
+        self._tell(orders.Piece(self._standing.told, rows.tobytes(), limited))
+        self._standing = replace(self._standing, told=self._standing.told + len(rows))
+
+    # -- measuring ----------------------------------------------------------------------------------------------------
+
+    def _measure(self, order: orders.MeasureOrder) -> None:
+        """Measure at the rig opened anew, so that it is what the command would measure; tell it point by point."""
+        self._halt.clear()
+        self._let_go()
+        self._open()
+        assert self._opened is not None
+        self._say(mode="measuring", fault="")
+        found: tuple[Response, ...] = ()
+        try:
+            touch_all(self._opened, self._display.channels, order.load)
+            self._load(orders.LoadOrder(order.controller))
+            self._say(mode="measuring")
+            with TemporaryDirectory() as folder:
+
+                def tell(responses: tuple[Response, ...], over: bool = False) -> None:
+                    nonlocal found
+                    found = responses
+                    self._tell(points_of(responses, order, Path(folder), over))
+
+                measured(WatchedRig(self._opened, self._halt.is_set), order, tell)
+                tell(found, over=True)
+        except RigHalted:
+            self._rest()
+        self._end_as("idle")
+
+    # -- the rig itself -----------------------------------------------------------------------------------------------
+
+    def _guard(self) -> dict[str, Any]:
+        """Return what the board's guard says, as words; nothing where there is no board."""
+        if self._rig is None or not isinstance(self._opened, BoardRig):
+            return {}
+        status = self._opened.status()
+        where = self._display.channels[status.fault_channel].name if status.fault else ""
+        return {
+            "mode": status.mode.name.lower(),
+            "fault": status.fault.name.lower().replace("_", " ") if status.fault else "",
+            "channel": where,
+            "late": status.late,
+        }
+
+    def _rest(self) -> None:
+        if self._rig is not None:
+            with suppress(TactuatorError):
+                self._rig.rest()
+
+    def _let_go(self) -> None:
+        """Bring the rig to rest and close it, if it is open."""
+        opened, self._rig = self._rig, None
+        if opened is not None:
+            with suppress(TactuatorError):
+                opened.close()
+
+    def _say(self, **changed: Any) -> None:
+        gaps = self._opened.gaps if self._rig is not None and isinstance(self._opened, SoundRig) else 0
+        self._standing = replace(self._standing, gaps=gaps, **changed)
+        self._tell(self._standing)

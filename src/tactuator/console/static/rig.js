@@ -1,0 +1,78 @@
+// The rig of the console: its connection, where it stands, who has the controls, and the stop that is always there.
+import { banner, make, refusal, say } from "./dom.js";
+import { Link } from "./link.js";
+
+const LOST = "The server does not answer. Its rig goes to rest by itself; what is in this page is still here, and can be saved.";
+const MODES = { idle: "at rest", live: "live", measuring: "measuring", fault: "stopped by a fault", gone: "the rig has gone" };
+const HOLDERS = { you: "this page has the controls", another: "another page has the controls; this one watches", nobody: "nobody has the controls" };
+
+export class Rig {
+  // told: called whenever the standing has changed. pushed: called with frames (ArrayBuffer), levels and points.
+  constructor(told, pushed) {
+    Object.assign(this, { told, pushed, standing: null, open: false });
+    this.bar = make("div", { class: "rig-bar", role: "region", "aria-label": "Rig" });
+    this.mode = make("strong", { id: "rig-mode" }, "connecting");
+    this.more = make("span", { id: "rig-more" });
+    this.held = make("span", { id: "rig-held" });
+    const press = (id, text, what, more = {}) => make("button", { type: "button", id, onclick: () => this.do(what), ...more }, text);
+    this.buttons = { take: press("take", "Take over", "take"), give: press("give", "Give back", "give"), reopen: press("reopen", "Open the rig again", "reopen"),
+      rest: press("rest", "Rest", "rest", { title: "ends what goes on and brings the rig to rest" }), stop: press("stop", "Stop", "stop", { class: "stop", title: "Escape: generator and measurement end" }) };
+    this.buttons.stop.onclick = () => this.stop();
+    this.bar.append(make("span", {}, this.mode, " ", this.more), this.held, make("span", { class: "gap" }), ...Object.values(this.buttons));
+    this.link = new Link(sessionStorage.getItem("token") ?? "", (what) => this.connection(what), (message) => this.take(message), "/ws/rig");
+    this.key = (event) => { if (event.key === "Escape") this.stop(); };
+    addEventListener("keydown", this.key);
+  }
+
+  close() { removeEventListener("keydown", this.key); this.link.close(); }
+  get watches() { return this.standing?.controls !== "you"; }
+  get mayPlay() { return this.open && !this.watches && !["gone", "fault"].includes(this.standing.mode); }
+
+  connection(what) {
+    this.open = what === "open";
+    if (what === "lost") { banner(LOST); this.mode.textContent = "not connected"; }
+    if (what === "none") this.absent = true;
+    if (this.open) banner("");
+    this.show();
+    this.told();
+  }
+
+  take(message) {
+    if (message instanceof ArrayBuffer) { this.pushed({ frame: message }); return; }
+    if (message.refused) banner(message.refused);
+    if (message.standing) {
+      const before = this.standing?.mode;
+      this.standing = message.standing;
+      if (before !== this.standing.mode) say(MODES[this.standing.mode]);
+      this.show();
+      this.told();
+    } else this.pushed(message);
+  }
+
+  show() {
+    const one = this.standing;
+    this.bar.dataset.mode = this.open && one ? one.mode : "lost";
+    for (const [name, button] of Object.entries(this.buttons)) button.disabled = !this.open;
+    if (!one) return;
+    if (this.open) this.mode.textContent = MODES[one.mode];
+    const guard = one.guard.mode ? `guard: ${one.guard.mode}${one.guard.fault ? `, ${one.guard.fault} at ${one.guard.channel}` : ""}${one.guard.late ? `, ${one.guard.late} late ticks` : ""}` : one.touchable ? "simulated, no guard" : "";
+    this.more.textContent = [one.rig, guard, one.fault, one.gaps ? `${one.gaps} gaps` : ""].filter(Boolean).join(" · ");
+    this.held.textContent = HOLDERS[one.controls];
+    this.buttons.take.hidden = one.controls === "you";
+    this.buttons.give.hidden = one.controls !== "you";
+    this.buttons.reopen.hidden = one.mode !== "gone";
+  }
+
+  // A measurement is ended by rest; the generator alone by a stop, and the samples go on.
+  stop() { return this.do(this.standing?.mode === "measuring" ? "rest" : "stop"); }
+
+  async do(what, more = {}) {
+    try {
+      const answer = await this.link.ask(what, more);
+      banner("");
+      return answer;
+    } catch (error) { refusal(error); return null; }
+  }
+}
+
+export const absent = () => [make("h1", {}, "No rig"), make("p", {}, "This console was begun without a rig. Begin it with one, a simulated one for example, to see and drive a display here.")];

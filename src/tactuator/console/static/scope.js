@@ -1,0 +1,179 @@
+// The scope: what a rig does, as it does it, with a generator and a finger.
+import { banner, digits, make, refusal } from "./dom.js";
+import { Drop } from "./drop.js";
+import { Finger } from "./finger.js";
+import { GeneratorPanel } from "./generator.js";
+import { Plot } from "./plots.js";
+import { Rig, absent } from "./rig.js";
+import { HUES, Traces, frameOf } from "./traces.js";
+
+const SPANS = [0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 30];
+const MODES = { roll: "rolling", auto: "trigger, or rolling", normal: "at the trigger only", single: "single shot" };
+const ROWS = [{ title: "reference", unit: "thresholds" }, { title: "command", unit: "V" }, { title: "position", unit: "V of the sensor" }];
+const LEVELS = 300;
+
+export class Scope {
+  constructor(view, link, state) {
+    Object.assign(this, { view, link, state, frames: [], levels: [], held: null, last: null, hidden: new Set() });
+    window.scopeFrames = this.frames; // the time at which each was drawn, for the benchmark
+    window.scopeLast = null;
+  }
+
+  async open() {
+    this.view.replaceChildren(make("h1", {}, "Scope"), make("p", {}, "Connecting to the rig."));
+    await new Promise((ready) => {
+      this.rig = new Rig(() => { if (this.rig.absent) { this.view.replaceChildren(...absent(), make("code", {}, "tactuator console DISPLAY.toml --rig simulated")); ready(); } else if (this.rig.standing) { if (!this.built) this.build(); this.standing(); ready(); } }, (message) => this.pushed(message));
+    });
+  }
+
+  close() { this.rig?.close(); }
+
+  build() {
+    this.built = true;
+    const { display, channels, rate_hz: rate, frequency_hz: hz } = this.rig.standing;
+    this.channels = channels.map((one) => ({ ...one, shown: true }));
+    this.rate = rate;
+    this.traces = new Traces(ROWS, 130, "Reference, command and position of every channel over time");
+    this.strip = new Traces([{ title: "level at the sensor, last second", unit: "dB SL" }], 110, "Level at the sensor of every channel over the last half minute");
+    this.spectrum = new Plot("Spectrum at the sensor (dB SL) over frequency (Hz); 0 is the threshold", 190, "hz", hz);
+    this.spectrum.marks = [{ hz: null, db: 0 }];
+    this.generator = new GeneratorPanel(this.rig, channels);
+    this.finger = new Finger(this.rig, channels);
+    this.bits = { tiles: make("dl", { class: "tiles", id: "levels" }), cursors: make("p", { id: "cursor-values", "aria-live": "off" }), counts: make("p", { id: "counts" }) };
+    const side = make("div", { class: "panel" }, make("h2", {}, "Spectrum"), make("div", {}, this.spectrum.box), this.strip.box);
+    this.view.replaceChildren(
+      make("h1", {}, `Scope of ${display}`), this.rig.bar, this.controllerBar(), this.bits.tiles,
+      make("div", { class: "loop" }, make("div", {}, make("div", { class: "panel" }, this.traceBar(), this.traces.box, this.bits.cursors, this.bits.counts)), make("div", {}, this.generator.box, this.finger.box, side)));
+    this.view.onkeydown = (event) => { if (event.key === " " && !["INPUT", "SELECT", "BUTTON", "A", "TEXTAREA"].includes(event.target.tagName)) { event.preventDefault(); this.pause(); } };
+    this.look();
+  }
+
+  controllerBar() {
+    const drop = new Drop(this.link, { label: "controller.json", accept: ".json", taken: (file) => this.rig.link.ask("controller", { source: "file", file }) });
+    drop.input.id = "controller-file";
+    this.use_ = { live: make("button", { type: "button", id: "live", class: "first", onclick: () => this.rig.do("live") }, "Live"),
+      design: make("button", { type: "button", id: "use-design", onclick: () => this.use("design") }, "Design a controller"),
+      loops: make("button", { type: "button", id: "use-loops", onclick: () => this.use("loops") }, "Use the loops of this page") };
+    this.loaded = make("span", { id: "loaded" });
+    this.file = drop.box;
+    return make("div", { class: "bar" }, this.use_.live, make("span", {}, "controller: ", this.loaded), this.use_.design, this.use_.loops, this.file);
+  }
+
+  async use(source) {
+    const button = this.use_[source], words = button.textContent;
+    button.disabled = true; button.textContent = "Wait";
+    await this.rig.do("controller", { source, ...(source === "loops" ? { shapes: this.state.shapes } : {}) });
+    button.disabled = this.rig.watches; button.textContent = words;
+  }
+
+  traceBar() {
+    const option = (value, text, chosen) => make("option", { value, selected: value === chosen ? "" : null }, text), again = () => { this.held = null; this.look(); };
+    const select = (id, entries, chosen) => make("select", { id, onchange: again }, ...entries.map(([value, text]) => option(value, text, chosen)));
+    const labelled = (text, node) => make("label", {}, `${text} `, node);
+    this.span = select("span", SPANS.map((one) => [String(one), one < 1 ? `${one * 1000} ms` : `${one} s`]), "0.2");
+    this.mode = select("mode", Object.entries(MODES), "roll");
+    this.source = select("trigger-channel", this.channels.map((one) => [one.name, one.name]), this.channels[0].name);
+    this.signal = select("trigger-signal", this.rig.standing.signals.map((one) => [one, one]), "position");
+    this.edge = select("trigger-edge", [["rising", "rising"], ["falling", "falling"]], "rising");
+    this.level = make("input", { type: "number", id: "trigger-level", step: "any", value: "0", onchange: again });
+    this.paused = make("button", { type: "button", id: "pause", "aria-pressed": "false", onclick: () => this.pause(), title: "Space" }, "Pause");
+    const shoot = make("button", { type: "button", id: "single", onclick: () => { this.mode.value = "single"; again(); } }, "Single shot");
+    const cursors = make("button", { type: "button", id: "cursors", "aria-pressed": "false", onclick: () => { const on = cursors.getAttribute("aria-pressed") === "false"; cursors.setAttribute("aria-pressed", String(on)); this.traces.setCursors(on, () => this.readings()); this.readings(); } }, "Cursors");
+    const save = make("button", { type: "button", id: "save-record", onclick: () => this.save() }, "Save as a record");
+    const names = this.channels.map((one, k) => make("button", { type: "button", class: `legend-${k % HUES.length}`, "aria-pressed": "true", onclick: (event) => { one.shown = !one.shown; event.target.setAttribute("aria-pressed", String(one.shown)); this.redraw(); } }, one.name));
+    return make("div", {}, make("div", { class: "bar" }, this.paused, shoot, cursors, save, ...names),
+      make("div", { class: "bar" }, labelled("span", this.span), labelled("picture", this.mode), labelled("trigger on", this.source), this.signal, labelled("level", this.level), this.edge));
+  }
+
+  get seconds() { return Number(this.span.value); }
+
+  look() {
+    if (!this.rig.open) return;
+    const hold = this.held !== null, mode = hold ? "hold" : this.mode.value;
+    this.wanted = { span_s: this.seconds, columns: this.traces.columns, mode, channel: this.source.value, signal: this.signal.value, level: Number(this.level.value) || 0, edge: this.edge.value, share: 0.2, end: hold ? this.held : 0 };
+    this.rig.link.ask("look", this.wanted).catch(refusal);
+  }
+
+  pause() {
+    this.held = this.held === null ? this.last?.end ?? 0 : null;
+    this.paused.setAttribute("aria-pressed", String(this.held !== null));
+    this.paused.dataset.row = this.held ?? "";
+    this.paused.textContent = this.held === null ? "Pause" : "Go on";
+    this.look();
+  }
+
+  pushed(message) {
+    if (message.levels !== undefined) this.felt(message.levels);
+    if (message.frame === undefined) return;
+    this.waiting = frameOf(message.frame);
+    if (!this.asked) { this.asked = true; requestAnimationFrame(() => { this.asked = false; this.draw(this.waiting); }); }
+  }
+
+  draw(frame) {
+    this.last = window.scopeLast = frame;
+    this.redraw();
+    this.frames.push(performance.now());
+    this.rig.link.socket.send(JSON.stringify({ id: 0, do: "drawn", frame: frame.number }));
+    if (frame.done && this.held === null && this.wanted.mode === "single" && !this.shot) { this.shot = true; this.paused.textContent = "Again"; }
+  }
+
+  redraw() {
+    const frame = this.last;
+    if (!frame) return;
+    const rows = this.seconds * this.rate, triggered = !Number.isNaN(frame.crossing) && this.held === null;
+    const stop = triggered ? frame.crossing + 0.8 * rows : this.held ?? frame.end;
+    this.traces.show(frame, this.channels, this.rate, stop - rows, stop, triggered ? frame.crossing : stop);
+    this.bits.counts.textContent = `${frame.end} samples a channel · ${frame.lost} lost · ${frame.dropped} pictures left out · at a limit: ${frame.limited}`;
+    this.readings();
+  }
+
+  readings() {
+    const { traces } = this;
+    if (!traces.cursors || !traces.frame) { this.bits.cursors.textContent = ""; return; }
+    const apart = traces.time(1) - traces.time(0), k = Math.max(0, this.channels.findIndex((one) => one.name === this.source.value));
+    const values = ROWS.map(({ title, unit }, i) => `${title} ${digits(traces.value(0, i, k))} and ${digits(traces.value(1, i, k))} ${unit}`);
+    this.bits.cursors.textContent = `cursors: ${digits(apart * 1000)} ms apart, ${digits(1 / Math.abs(apart))} Hz · ${this.channels[k].name}: ${values.join(" · ")}`;
+  }
+
+  felt(levels) {
+    if (!levels) return;
+    const { level_db_sl: level, tone_db_sl: tone, command_mean_v: mean, spectrum_db_sl: spectrum } = levels;
+    this.levels.push(level);
+    if (this.levels.length > LEVELS) this.levels.shift();
+    const entries = this.channels.map((one, k) => make("div", { class: "met" }, make("dt", {}, one.name), make("dd", {}, tone[k] === null || !this.rig.standing.wave?.channels.includes(one.name) ? `${level[k].toFixed(1)} dB SL` : `${tone[k].toFixed(1)} dB SL at the tone`, make("small", {}, `all at the sensor ${level[k].toFixed(1)} dB SL · mean command ${mean[k].toFixed(3)} V`))));
+    this.bits.tiles.replaceChildren(...entries);
+    this.spectrum.show(this.channels.map((one, k) => ({ name: one.name, hue: HUES[k % HUES.length], values: one.shown ? spectrum[k] : spectrum[k].map(() => null) })), [-40, 60]);
+    const columns = this.levels.length, data = new Float32Array(columns * this.channels.length);
+    this.levels.forEach((values, c) => values.forEach((value, k) => { data[k * columns + c] = value; }));
+    this.strip.show({ first: LEVELS - columns, step: 1, columns, values: 1, data }, this.channels, 8, 0, LEVELS, LEVELS);
+  }
+
+  standing() {
+    const { rig } = this, one = rig.standing, { live, design, loops } = this.use_;
+    this.loaded.textContent = one.loaded ? one.loaded.slice(0, 12) : "none yet";
+    live.disabled = !rig.open || rig.watches || !one.loaded || one.mode === "live" || one.mode === "gone";
+    for (const button of [design, loops]) button.disabled = !rig.open || rig.watches;
+    const needed = this.channels.filter((channel) => channel.loop).map((channel) => channel.name);
+    loops.hidden = !needed.length || !needed.every((name) => name in (this.state.shapes ?? {}));
+    this.file.hidden = rig.watches;
+    this.generator.standing();
+    this.finger.standing();
+    if (rig.open && !this.connected) this.look();
+    this.connected = rig.open;
+  }
+
+  async save() {
+    const end = this.held ?? this.last?.end ?? 0, channel = this.source.value;
+    try {
+      const { text, name } = await this.rig.link.ask("save", { channel, span_s: this.seconds, end });
+      const href = URL.createObjectURL(new Blob([text], { type: "text/csv" }));
+      const link = make("a", { href, download: name });
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(href), 10_000);
+      banner("");
+    } catch (error) { refusal(error); }
+  }
+
+  resize() { if (this.built) { this.redraw(); this.spectrum.resize(); this.look(); } }
+  restyle() { if (this.built) { this.redraw(); this.spectrum.restyle(); } }
+}

@@ -1,0 +1,158 @@
+// Traces over time on a canvas: for each column of the picture the least and the greatest of its samples.
+import { colour, digits, draw, make } from "./dom.js";
+
+const HEADER = 64, LEFT = 56, BOTTOM = 20;
+export const HUES = ["nominal", "load", "load2", "sense"];
+
+// A frame of the server, see frames.py.
+export function frameOf(buffer) {
+  const ints = new Uint32Array(buffer, 0, 4), rows = new Float64Array(buffer, 16, 4), told = new Uint32Array(buffer, 48, 4);
+  const [number, columns, series, values] = ints, [first, step, end, crossing] = rows, [dropped, lost, limited, done] = told;
+  return { number, columns, series, values, first, step, end, crossing, dropped, lost, limited, done: done === 1, data: new Float32Array(buffer, HEADER) };
+}
+
+// A number of the series 1, 2, 5 times a power of ten that is not less.
+function nice(value) {
+  const power = 10 ** Math.floor(Math.log10(value));
+  return [1, 2, 5, 10].map((one) => one * power).find((one) => one >= value * (1 - 1e-9));
+}
+
+export class Traces {
+  // rows: [{ title, unit }], one for each signal.
+  constructor(rows, height, label) {
+    Object.assign(this, { rows, height, ranges: rows.map(() => null), cursors: null });
+    this.canvas = make("canvas", { role: "img", "aria-label": label });
+    this.marks = draw("svg", { class: "cursors" });
+    this.box = make("div", { class: "traces" }, this.canvas, this.marks);
+  }
+
+  get columns() { return Math.max(10, Math.min(2000, this.width - LEFT)); }
+  get width() { return Math.max(240, Math.floor(this.box.clientWidth || 600)); }
+
+  fit() {
+    const { width } = this, height = this.rows.length * this.height + BOTTOM, ratio = devicePixelRatio || 1;
+    if (this.canvas.width !== Math.round(width * ratio) || this.canvas.height !== Math.round(height * ratio)) {
+      this.canvas.width = Math.round(width * ratio); this.canvas.height = Math.round(height * ratio);
+      this.canvas.style.height = `${height}px`;
+      this.marks.setAttribute("viewBox", `0 0 ${width} ${height}`);
+    }
+    const context = this.canvas.getContext("2d");
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.clearRect(0, 0, width, height);
+    return context;
+  }
+
+  // start, stop: rows of the picture's edges; zero: the row that is time 0.
+  show(frame, channels, rate, start, stop, zero) {
+    Object.assign(this, { frame, channels, rate, start, stop, zero });
+    const context = this.fit();
+    context.font = "11px system-ui";
+    this.rows.forEach((row, i) => this.row(context, row, i));
+    this.axis(context);
+    this.place();
+  }
+
+  x(row) { return LEFT + (row - this.start) / (this.stop - this.start) * (this.width - LEFT); }
+
+  row(context, { title, unit }, i) {
+    const { frame, channels, height } = this, count = channels.length, top = i * height + 14, bottom = (i + 1) * height - 4;
+    const [low, high] = this.ranges[i] = this.range(i, count), y = (value) => bottom - (value - low) / (high - low) * (bottom - top);
+    context.fillStyle = colour("faint");
+    context.fillText(`${title} (${unit})`, LEFT + 2, i * height + 10);
+    context.textAlign = "right";
+    for (const value of [low, (low + high) / 2, high]) {
+      context.fillText(digits(value), LEFT - 6, Math.min(bottom, Math.max(top + 8, y(value) + 4)));
+      context.fillStyle = colour("grid"); context.fillRect(LEFT, y(value), this.width - LEFT, 1); context.fillStyle = colour("faint");
+    }
+    context.textAlign = "left";
+    context.save();
+    context.beginPath(); context.rect(LEFT, top - 2, this.width - LEFT, bottom - top + 4); context.clip();
+    channels.forEach((channel, k) => {
+      if (!channel.shown) return;
+      context.strokeStyle = colour(HUES[k % HUES.length]); context.lineWidth = 1.4;
+      context.beginPath();
+      const base = (i * count + k) * frame.columns * frame.values;
+      for (let c = 0; c < frame.columns; c += 1) {
+        const x = this.x(frame.first + (c + 0.5) * frame.step), least = frame.data[base + c * frame.values], most = frame.data[base + c * frame.values + frame.values - 1];
+        if (Number.isNaN(least)) continue;
+        if (frame.values === 1) context.lineTo(x, y(least));
+        else { context.lineTo(x, y(least)); context.lineTo(x, y(most)); }
+      }
+      context.stroke();
+    });
+    context.restore();
+  }
+
+  range(i, count) {
+    const { frame, channels } = this, before = this.ranges[i];
+    let low = Infinity, high = -Infinity;
+    channels.forEach((channel, k) => {
+      if (!channel.shown) return;
+      const base = (i * count + k) * frame.columns * frame.values;
+      for (let at = base; at < base + frame.columns * frame.values; at += 1) { const value = frame.data[at]; if (value < low) low = value; if (value > high) high = value; }
+    });
+    if (!(high >= low)) return before ?? [-1, 1];
+    const middle = Math.abs(low + high) < 0.6 * (high - low) || high - low < 1e-9 ? 0 : (low + high) / 2;
+    const half = nice(Math.max(high - middle, middle - low, 1e-3));
+    if (before && low >= before[0] && high <= before[1] && half > 0.3 * (before[1] - before[0]) / 2) return before;
+    const centre = Math.round(middle / half) * half;
+    return low >= centre - half && high <= centre + half ? [centre - half, centre + half] : [middle - half, middle + half];
+  }
+
+  axis(context) {
+    const span = (this.stop - this.start) / this.rate, step = nice(span / 6), from = (this.start - this.zero) / this.rate, unit = span < 1 ? [1000, "ms"] : [1, "s"];
+    const bottom = this.rows.length * this.height;
+    context.fillStyle = colour("faint"); context.textAlign = "center";
+    for (let t = Math.ceil(from / step) * step; t <= from + span + 1e-9; t += step) {
+      const x = this.x(this.zero + t * this.rate);
+      context.fillStyle = colour("grid"); context.fillRect(x, 0, 1, bottom); context.fillStyle = colour("faint");
+      if (x > LEFT + 12 && x < this.width - 24) context.fillText(`${Number((t * unit[0]).toPrecision(6))} ${unit[1]}`, x, bottom + 14);
+    }
+    context.textAlign = "left";
+    if (this.zero > this.start && this.zero < this.stop) { context.fillStyle = colour("limit"); context.fillRect(this.x(this.zero), 0, 1.5, bottom); }
+  }
+
+  // Two cursors, as shares of the picture; moved: called after each move.
+  setCursors(on, moved) {
+    this.moved = moved;
+    this.cursors = on ? this.cursors ?? [0.3, 0.7] : null;
+    this.marks.replaceChildren();
+    if (!on) return;
+    this.lines = this.cursors.map((_, k) => {
+      const line = draw("g", { role: "slider", tabindex: "0", "aria-label": `cursor ${k + 1}`, class: "cursor" }, draw("rect", { width: 14, x: -7, y: 0, height: "100%", class: "grip" }), draw("line", { y1: 0, y2: "100%" }));
+      line.onkeydown = (event) => {
+        const by = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+        if (by === undefined) return;
+        event.preventDefault();
+        this.move(k, this.cursors[k] + by * (event.shiftKey ? 0.05 : 1 / this.columns));
+      };
+      line.onpointerdown = (event) => { line.setPointerCapture(event.pointerId); line.onpointermove = (to) => this.move(k, (to.clientX - this.box.getBoundingClientRect().left - LEFT) / (this.width - LEFT)); };
+      line.onpointerup = () => { line.onpointermove = null; };
+      this.marks.append(line);
+      return line;
+    });
+    this.place();
+  }
+
+  move(k, share) { this.cursors[k] = Math.min(1, Math.max(0, share)); this.place(); }
+
+  place() {
+    if (!this.cursors || !this.frame) return;
+    this.cursors.forEach((share, k) => {
+      this.lines[k].setAttribute("transform", `translate(${LEFT + share * (this.width - LEFT)} 0)`);
+      this.lines[k].setAttribute("aria-valuenow", share.toFixed(4));
+      this.lines[k].setAttribute("aria-valuetext", `${digits(this.time(k) * 1000)} ms`);
+    });
+    this.moved?.();
+  }
+
+  time(k) { return (this.start + this.cursors[k] * (this.stop - this.start) - this.zero) / this.rate; }
+
+  // The middle of what a channel's signal is at a cursor.
+  value(k, signal, channel) {
+    const { frame } = this, column = Math.floor((this.start + this.cursors[k] * (this.stop - this.start) - frame.first) / frame.step);
+    if (column < 0 || column >= frame.columns) return NaN;
+    const base = (signal * this.channels.length + channel) * frame.columns * frame.values + column * frame.values;
+    return (frame.data[base] + frame.data[base + frame.values - 1]) / 2;
+  }
+}

@@ -1,0 +1,210 @@
+"""The worker that holds the rig, without its process: what it plays, tells and refuses, and that it ends at rest."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from tactuator.console.held_rig import orders
+from tactuator.console.held_rig.generator import GeneratorWave
+from tactuator.console.held_rig.worker import RigWorker
+from tactuator.errors import DeviceFault
+from tactuator.rig.board.link import Mode
+from tactuator.rig.simulated import SimulatedRig
+from tactuator.rig.transport.transport import LinkDown
+
+TONE = GeneratorWave("tone", 30.0, ("index",), 80.0)
+
+
+class Ordered:
+    """A worker on a thread of its own, and all that it has told."""
+
+    def __init__(self, display, spec="simulated"):
+        self.told, self.news = [], threading.Condition()
+        self.worker = RigWorker(spec, display, 5, self._tell)
+        self.thread = threading.Thread(target=self.worker.run, daemon=True)
+        self.thread.start()
+        self.until(lambda: any(isinstance(one, orders.Standing) for one in self.told))
+
+    def _tell(self, told):
+        with self.news:
+            self.told.append(told)
+            self.news.notify_all()
+
+    def order(self, *given):
+        for one in given:
+            self.worker.order(one)
+
+    def until(self, reached):
+        with self.news:
+            assert self.news.wait_for(reached, timeout=20.0), self.told[-1]
+
+    @property
+    def standing(self):
+        return next(one for one in reversed(self.told) if isinstance(one, orders.Standing))
+
+    @property
+    def rows(self):
+        pieces = [one for one in self.told if isinstance(one, orders.Piece)]
+        rows = [np.frombuffer(one.content, np.float32).reshape(-1, 9) for one in pieces]
+        assert [one.first for one in pieces] == np.cumsum([0, *map(len, rows)])[:-1].tolist()
+        return np.concatenate(rows) if rows else np.zeros((0, 9), np.float32)
+
+    def refusals(self):
+        return [one.text for one in self.told if isinstance(one, orders.Refused)]
+
+    def quit(self):
+        self.order(orders.QuitOrder())
+        self.thread.join(timeout=20.0)
+        assert not self.thread.is_alive()
+
+
+@pytest.fixture
+def ordered(controller):
+    made = Ordered(controller.display)
+    yield made
+    made.quit()
+
+
+def test_live__with_a_tone_a_touch_and_a_press__tells_every_sample_as_the_rig_alone_would(ordered, controller):
+    ordered.order(
+        orders.LoadOrder(controller),
+        orders.LiveOrder(),
+        orders.TouchOrder("index", "finger"),
+        orders.PressOrder("index", 0.2),
+    )
+    ordered.order(orders.GenerateOrder(TONE))
+    ordered.until(lambda: len(ordered.rows) >= 1600)
+    ordered.quit()
+    rows = ordered.rows
+    assert ordered.standing.told == ordered.standing.fed == len(rows)
+    with SimulatedRig(controller.display, 5) as alone:
+        alone.load(controller)
+        alone.finger("index").touch("finger")
+        alone.finger("index").press(np.full(len(rows), 0.2))
+        trace = alone.play(rows[:, :3].astype(np.float64))
+    # the reference was rounded to single precision on its way here
+    np.testing.assert_allclose(rows[:, 3:6], trace.command_v, atol=2e-3)
+    np.testing.assert_allclose(rows[:, 6:], trace.position_v, atol=2e-3)
+    assert np.max(rows[:, 0]) == pytest.approx(10.0 ** (30.0 / 20.0), rel=0.01)
+
+
+def test_stop__of_the_generator__goes_silent_and_the_samples_go_on(ordered, controller):
+    ordered.order(orders.LoadOrder(controller), orders.LiveOrder(), orders.GenerateOrder(TONE))
+    ordered.until(lambda: len(ordered.rows) >= 800)
+    ordered.order(orders.GenerateOrder(None))
+    ordered.until(lambda: ordered.standing.wave is None)
+    stopped = len(ordered.rows)
+    ordered.until(lambda: len(ordered.rows) >= stopped + 900)
+    assert ordered.standing.mode == "live"
+    assert not np.any(ordered.rows[-300:, :3])
+
+
+def test_rest__after_live__is_idle_and_live_goes_on_with_the_next_number(ordered, controller):
+    ordered.order(orders.LoadOrder(controller), orders.LiveOrder())
+    ordered.until(lambda: len(ordered.rows) >= 80)
+    ordered.order(orders.RestOrder())
+    ordered.until(lambda: ordered.standing.mode == "idle")
+    before = len(ordered.rows)
+    ordered.order(orders.LiveOrder())
+    ordered.until(lambda: len(ordered.rows) > before)
+
+
+def test_measure__is_told_point_by_point_against_what_the_model_expects(ordered, controller):
+    order = orders.MeasureOrder(
+        controller, ("index",), (40.0, 100.0, 250.0), 30.0, "finger", 1.0, 4.0, 60.0, (0.4, 300.0)
+    )
+    ordered.order(order)
+    ordered.until(lambda: any(isinstance(one, orders.Points) and one.over for one in ordered.told))
+    points = [one for one in ordered.told if isinstance(one, orders.Points)]
+    assert [one.done for one in points] == [1, 2, 3, 3]
+    assert [len(one.document["responses"][0]["frequency_hz"]) for one in points] == [1, 2, 3, 3]
+    assert len(points[-1].csv.splitlines()) == 4
+    ordered.until(lambda: ordered.standing.mode == "idle")
+    shown = points[-1].document["responses"][0]
+    assert np.abs(np.subtract(shown["level_db_sl"], shown["expected_db_sl"])).max() < 1.5
+
+
+def test_measurement__that_is_stopped__ends_within_a_point_and_leaves_what_it_has(ordered, controller):
+    order = orders.MeasureOrder(
+        controller, ("index",), tuple(range(20, 50)), 10.0, "none", 0.001, 600.0, 0.0, (0.4, 300.0)
+    )
+    ordered.order(order)
+    ordered.until(lambda: ordered.standing.mode == "measuring")
+    ordered.order(orders.RestOrder())
+    ordered.until(lambda: ordered.standing.mode == "idle")
+    assert not [one for one in ordered.told if isinstance(one, orders.Points) and one.over]
+
+
+@pytest.mark.parametrize(
+    ("order", "words"),
+    [
+        (orders.LiveOrder(), "no controller is loaded"),
+        (orders.GenerateOrder(TONE), "the rig is not live"),
+        (orders.TouchOrder("index", "elbow"), "load 'elbow' is not described"),
+        (orders.TouchOrder("toe", None), "channel 'toe' is not there"),
+        (orders.PressOrder("toe", 1.0), "channel 'toe' is not there"),
+    ],
+)
+def test_order__that_cannot_be_obeyed__is_refused_in_words(ordered, order, words):
+    ordered.order(order)
+    ordered.until(lambda: ordered.refusals())
+    assert words in ordered.refusals()[0]
+    ordered.until(lambda: ordered.standing.mode == "idle")
+
+
+def test_wave__that_cannot_be_played__is_refused_and_live_goes_on(ordered, controller):
+    ordered.order(
+        orders.LoadOrder(controller), orders.LiveOrder(), orders.GenerateOrder(GeneratorWave("tone", 80.0, ("index",)))
+    )
+    ordered.until(lambda: ordered.refusals())
+    before = len(ordered.rows)
+    ordered.until(lambda: len(ordered.rows) > before)
+    assert "allowed for tone: -60 to 55 dB SL" in ordered.refusals()[0]
+
+
+def test_rig__that_cannot_be_opened__is_told_as_gone(controller):
+    made = Ordered(controller.display, "board:socket://127.0.0.1:1")
+    assert made.standing.mode == "gone"
+    assert "one where a board listens" in made.standing.fault
+    made.quit()
+
+
+@pytest.mark.parametrize(
+    ("error", "mode"), [(LinkDown("the port has vanished"), "gone"), (DeviceFault("worn"), "fault")]
+)
+def test_rig__that_fails_in_mid_stream__is_told_and_can_be_used_again(ordered, controller, monkeypatch, error, mode):
+    ordered.order(orders.LoadOrder(controller), orders.LiveOrder())
+    ordered.until(lambda: len(ordered.rows) >= 160)
+    whole = SimulatedRig.play
+
+    def broken(rig, reference):
+        raise error
+
+    monkeypatch.setattr(SimulatedRig, "play", broken)
+    ordered.until(lambda: ordered.standing.mode == mode)
+    assert str(error) in ordered.standing.fault
+    monkeypatch.setattr(SimulatedRig, "play", whole)
+    if mode == "gone":
+        ordered.order(orders.ReopenOrder(), orders.LoadOrder(controller))
+    before = len(ordered.rows)
+    ordered.order(orders.LiveOrder())
+    ordered.until(lambda: len(ordered.rows) > before)
+
+
+def test_board__told_of_its_guard__and_at_rest_when_the_worker_ends(controller, monkeypatch):
+    made = Ordered(controller.display, "in-process")
+    made.order(orders.LoadOrder(controller), orders.LiveOrder(), orders.GenerateOrder(TONE))
+    made.until(lambda: len(made.rows) >= 400)
+    made.until(lambda: made.standing.guard.get("mode") == "running")
+    board, ends = made.worker._opened, []
+    close = type(board).close
+
+    def watched(rig):
+        rig.rest()
+        ends.append(rig.status())
+        close(rig)
+
+    monkeypatch.setattr(type(board), "close", watched)
+    made.quit()
+    assert [(one.mode, one.at_rest) for one in ends] == [(Mode.ARMED, True)]
