@@ -1,6 +1,7 @@
 #include "arithmetic/converter.h"
 
 extern inline float tact_converter_position_v(const tact_converter *converter, int32_t code);
+extern inline int32_t tact_nearest(float x);
 extern inline int32_t tact_converter_code(const tact_converter *converter, float command_v);
 extern inline double tact_converter_motor_v(const tact_converter *converter, int32_t code);
 extern inline int32_t tact_converter_sense(const tact_converter *converter, double position_v);

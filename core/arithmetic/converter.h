@@ -8,7 +8,8 @@
  *     __/                                      motor volts = polarity * step_v * code + offset_v
  *    code_min |
  *
- * Mid-tread, halves rounded away from zero; both ends saturate.
+ * Mid-tread; both ends saturate. Halves: the device rounds them away from zero, the processor to the even code, which is
+ * one instruction on a Cortex-M.
  *
  * Example use:
  *   int32_t code = tact_converter_code(&converter, command_v);    (processor)
@@ -36,14 +37,26 @@ inline float tact_converter_position_v(const tact_converter *converter, int32_t 
     return (float)code * converter->step_v_single;
 }
 
+/* The whole number nearest to x, of two the even one. |x| is at most 2^23. */
+inline int32_t tact_nearest(float x)
+{
+#if defined(__arm__) && defined(__ARM_FP)
+    int32_t whole;
+    __asm("vcvtr.s32.f32 %0, %1" : "=t"(whole) : "t"(x));
+    return whole;
+#else
+    const float whole = (__builtin_fabsf(x) + 8388608.0f) - 8388608.0f;
+    return (int32_t)__builtin_copysignf(whole, x);
+#endif
+}
+
 /* Processor: the D/A code that brings command_v (finite) to the motor; saturates. */
 inline int32_t tact_converter_code(const tact_converter *converter, float command_v)
 {
     const float steps = (command_v - converter->offset_v_single) * converter->motor_steps_per_v_single;
     const float low = (float)converter->code_min, high = (float)converter->code_max;
     const float cut = steps > high ? high : steps;
-    const float inside = cut < low ? low : cut;
-    return (int32_t)(inside + (inside < 0.0f ? -0.5f : 0.5f));
+    return tact_nearest(cut < low ? low : cut);
 }
 
 /* Device: what the motor sees of a D/A code, volts. */

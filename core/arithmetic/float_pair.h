@@ -28,4 +28,11 @@ inline tact_float_pair tact_float_pair_get(const void *at)
     return copy.pair;
 }
 
+/* Copies the two floats at one multiple of 8 to another. */
+inline void tact_float_pair_copy(void *to, const void *from)
+{
+    typedef double __attribute__((__may_alias__)) whole;
+    *(whole *)to = *(const whole *)from;
+}
+
 #endif

@@ -1,6 +1,8 @@
 #include "arithmetic/section.h"
 
 extern inline float tact_section_step(const tact_section *section, tact_section_state *state, float x);
+extern inline float tact_section_awake(float b0, float b1, float b2, float a1, float a2, tact_section_state *state,
+                                       float x);
 extern inline float tact_section_shift(const tact_section *section, tact_section_state *state, float x);
 
 void tact_cascade_run(const tact_section *sections, tact_section_state *states, int count, const float *x, float *y,

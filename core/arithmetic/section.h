@@ -32,6 +32,7 @@
 #include <stddef.h>
 
 #include "arithmetic/finite.h"
+#include "arithmetic/float_pair.h"
 
 typedef struct {
     float b0, b1, b2, a1, a2;
@@ -50,6 +51,16 @@ inline float tact_section_step(const tact_section *section, tact_section_state *
     const int at_rest = x == 0.0f && s1 < TACT_TINY && s1 > -TACT_TINY && s2 < TACT_TINY && s2 > -TACT_TINY;
     state->s1 = at_rest ? 0.0f : s1;
     state->s2 = at_rest ? 0.0f : s2;
+    return y;
+}
+
+/* tact_section_step() of a section whose input is not silent: nothing comes to rest. */
+inline float tact_section_awake(float b0, float b1, float b2, float a1, float a2, tact_section_state *state, float x)
+{
+    const tact_float_pair s = tact_float_pair_get(state);
+    const float y = b0 * x + s.first;
+    state->s1 = s.first + ((b1 * x - a1 * y) + s.second);
+    state->s2 = s.second + (b2 * x - a2 * y);
     return y;
 }
 

@@ -39,6 +39,7 @@ void tact_board_leave(tact_board *board, int32_t how)
         return;
     board->ending = how;
     board->fading = 1;
+    board->steady = 0;
     if (how == TACT_FADES)
         board->fade_step = -1.0f / (float)board->safety.fade_ticks;
     if (how == TACT_RAMPS)
@@ -162,6 +163,7 @@ int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t dr
     board->ending = TACT_STAYS;
     tact_board_fade_in(board);
     board->fading = 1;
+    board->steady = 0;
     board->mode = TACT_RUNNING;
     return 1;
 }
@@ -233,6 +235,7 @@ int tact_board_take_safety(tact_board *board, const tact_safety *safety)
     board->is_designed = 0;
     board->delay_at = 0;
     board->turn = 0;
+    board->turns = safety->turns;
     for (int32_t c = 0; c < board->channels; c++) {
         tact_board_channel *channel = &board->channel[c];
         const tact_converter *converter = &safety->channel[c].converter;

@@ -18,7 +18,7 @@
  * The caller owns rings: stream_capacity rows of channels_max floats, trace_capacity rows of channels_max codes, twice.
  *
  * Example use, in the interrupt (period.h):
- *   int32_t code[3];
+ *   int32_t code[TACT_CHANNELS_MAX];
  *   tact_period_latch(&board, code);                    put them out, read the A/D into code
  *   tact_period_step(&board, code, lateness_in_256ths_of_a_period);
  */
@@ -78,8 +78,9 @@ typedef struct {
     float fade, command_fade; /* of the reference, of the command */
     float fade_step, command_fade_step;
     int32_t fading; /* one of the two steps is not zero */
+    int32_t steady; /* RUNNING as designed, in time, both fades whole: period.c has a short way for it */
     int32_t cuts;   /* channels that are cut */
-    int32_t turn;   /* which channels are compared next: those at turn, turn + turns, ... */
+    int32_t turn, turns; /* the channels at turn, turn + turns, ... are compared next; turns: of the safety table */
     int32_t delay_at;
     int32_t channels, channels_max; /* in use (the table says), and of the board */
     int32_t is_designed;   /* the image's controllers are of the form that `design` gives: period.c */

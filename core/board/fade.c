@@ -36,4 +36,7 @@ void tact_board_fade(tact_board *board)
             board->mode = TACT_ARMED;
     }
     board->fading = board->fade_step != 0.0f || board->command_fade_step != 0.0f;
+    board->steady = !board->fading && board->mode == TACT_RUNNING && board->ending == TACT_STAYS &&
+                    board->fade == 1.0f && board->command_fade == 1.0f && board->runs_designed &&
+                    board->safety.delay_samples == 1;
 }

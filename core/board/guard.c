@@ -4,14 +4,12 @@
 
 enum { SAME_TICKS_OF_A_FROZEN_ONE = 8 };
 
-extern inline float tact_section_awake(float b0, float b1, float b2, float a1, float a2, tact_section_state *state,
-                                       float x);
 extern inline float tact_guard_sense(const tact_guard_table *table, tact_guard_state *state, int32_t code,
                                      float motor_v, uint32_t tick, int *violated);
 extern inline float tact_guard_weigh(const tact_guard_table *table, tact_section_state *state, float y);
 extern inline int tact_guard_stray(const tact_guard_table *table, tact_guard_state *state, int32_t code,
                                    float unexplained);
-extern inline uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick);
+extern inline int tact_guard_look(const tact_guard_table *table, tact_guard_state *state, uint32_t tick);
 
 static tact_float_pair pair(float first, float second)
 {
@@ -29,8 +27,8 @@ void tact_guard_make(tact_guard_table *table, const tact_safety_channel *safety,
     table->returning = pair(1.0f - safety->damp, safety->spring);
     table->correcting = pair(safety->correct_w, safety->correct_x);
     table->resting = pair(safety->stop_lead, safety->stop_max_v);
-    table->differing = pair(0.5f * safety->disagreement_v, safety->comfort_max);
-    table->reversing = pair(share * power, power);
+    table->differing = pair(0.5f * safety->disagreement_v, power);
+    table->comparing = pair(safety->comfort_max, share * power);
     table->jumping = pair(safety->jump_share * ticks, safety->jump_v);
     table->staying = pair(1.0f - ticks * safety->damp, ticks * ticks * safety->spring);
     table->uncorrecting = pair(ticks * ticks * whole * (safety->correct_w + safety->damp * safety->correct_x), whole);
@@ -48,9 +46,9 @@ void tact_guard_make(tact_guard_table *table, const tact_safety_channel *safety,
 
 void tact_guard_reset(tact_guard_state *state, uint32_t tick)
 {
-    state->model = state->means = state->strayed = pair(0.0f, 0.0f);
-    state->balance = state->compared_v = state->unexplained = state->jump = 0.0f;
-    state->apart_before[0] = state->apart_before[1] = state->w_before[0] = state->w_before[1] = 0.0f;
+    state->model = state->means = state->strayed = state->compared = pair(0.0f, 0.0f);
+    state->before[0] = state->before[1] = pair(0.0f, 0.0f);
+    state->balance = state->jump = state->felt = 0.0f;
     tact_guard_begin(state);
     state->motor_before_v = state->place = state->apart = 0.0f;
     state->last_code = state->violated = 0;
@@ -100,22 +98,27 @@ static void settle(tact_section_state *state)
         state[i].s1 = state[i].s2 = 0.0f;
 }
 
-uint32_t tact_guard_confirm(const tact_guard_table *table, tact_guard_state *state, float felt, uint32_t same_ticks,
-                            int strays)
+uint32_t tact_guard_confirm(const tact_guard_table *table, tact_guard_state *state, int suspicion, uint32_t tick)
 {
     uint32_t faults = 0;
     if (state->last_code == 0)
         settle(state->weighting);
-    if (!(__builtin_fabsf(felt) <= table->differing.second))
+    if (!(__builtin_fabsf(state->felt) <= table->comparing.first))
         faults |= 1u << TACT_FAULT_COMFORT;
-    if (state->means.second > table->reversing.second &&
+    if (state->means.second > table->differing.second &&
         state->means.first < table->reversed_share * state->means.second)
         faults |= 1u << TACT_FAULT_SENSOR_REVERSED;
-    if (strays)
+    if (suspicion == TACT_STRAYS)
         faults |= 1u << TACT_FAULT_SENSOR_STUCK;
     if (!(state->jump <= table->jumping.second))
         faults |= 1u << TACT_FAULT_SENSOR_JUMPS;
-    if (same_ticks >= table->frozen_ticks)
+    if (tick - state->changed_tick >= table->frozen_ticks)
         faults |= stuck(state);
     return faults;
+}
+
+uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick)
+{
+    const int suspicion = tact_guard_look(table, state, tick);
+    return suspicion ? tact_guard_confirm(table, state, suspicion, tick) : 0;
 }

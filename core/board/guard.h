@@ -60,8 +60,8 @@ typedef struct {
     tact_float_pair returning;  /* 1 - damp | spring */
     tact_float_pair correcting; /* w | x, per volt of nu */
     tact_float_pair resting;    /* stop_lead | stop_max_v */
-    tact_float_pair differing;  /* half of disagreement_v | comfort_max */
-    tact_float_pair reversing;  /* agreement below which the power is looked at | least power */
+    tact_float_pair differing;  /* half of disagreement_v | least power of a reversal */
+    tact_float_pair comparing;  /* comfort_max | agreement below which the power is looked at */
     float weighting[5 * TACT_WEIGHTING_COUNT];
     tact_float_pair jumping; /* share of the model's own change of motion, per its w | most that remains, volts of y */
     tact_float_pair staying;      /* of the motion that a still reading hides, in a turn: what stays | per its place */
@@ -76,6 +76,8 @@ typedef struct {
     tact_float_pair model; /* x | w: position and velocity */
     tact_float_pair means; /* agreement | power: w dy in volts and codes, w^2; sums, each term fading over some 40 turns */
     tact_float_pair strayed; /* of a still reading: what it has corrected since then, place | velocity a turn */
+    tact_float_pair compared;  /* at the last comparison: y | nu, but for a share of it */
+    tact_float_pair before[2]; /* at the last two: motion that the model does not explain | w */
     tact_section_state weighting[TACT_WEIGHTING_COUNT];
     float motor_before_v;             /* in the period before this one */
     float place, apart;               /* of the last violation: the farther place of rest, and |nu|, by size */
@@ -84,9 +86,8 @@ typedef struct {
     uint32_t changed_tick;            /* since when the reading is last_code */
     int32_t lowest, highest;          /* of the reading since it stands still */
     float balance;                    /* unexplained when that began: a finger's steady force */
-    float compared_v, unexplained;    /* at the last comparison: y; nu, but for a share of it */
-    float apart_before[2], w_before[2]; /* at the last two: motion that the model does not explain; w */
-    float jump;                       /* change of that motion from two turns ago, less the share allowed */
+    float jump;                       /* change of the unexplained motion from two turns ago, less the share allowed */
+    float felt;                       /* at the last comparison: threshold units */
 } tact_guard_state;
 
 /* The table of a channel that is compared every `turns` ticks. */
@@ -101,19 +102,14 @@ void tact_guard_begin(tact_guard_state *state);
 /* 1 << fault for each fault that the last reading shows; when tact_guard_sense() found a limit violated. */
 uint32_t tact_guard_name(const tact_safety_channel *safety, const tact_guard_state *state, uint32_t tick);
 
-/* What tact_guard_compare() suspects, told: 1 << fault for each fault found. Weighting at rest where all is quiet. */
-uint32_t tact_guard_confirm(const tact_guard_table *table, tact_guard_state *state, float felt, uint32_t same_ticks,
-                            int strays);
+/* What tact_guard_look() tells: 0, or that there is something to name or to bring to rest. */
+enum { TACT_SUSPECT = 1, TACT_STRAYS = 2 };
 
-/* tact_section_step() of a section whose input is not silent: nothing comes to rest. */
-inline float tact_section_awake(float b0, float b1, float b2, float a1, float a2, tact_section_state *state, float x)
-{
-    const tact_float_pair s = tact_float_pair_get(state);
-    const float y = b0 * x + s.first;
-    state->s1 = s.first + ((b1 * x - a1 * y) + s.second);
-    state->s2 = s.second + (b2 * x - a2 * y);
-    return y;
-}
+/* A suspicion of this tick, named: 1 << fault for each fault found. Weighting at rest where all is quiet. */
+uint32_t tact_guard_confirm(const tact_guard_table *table, tact_guard_state *state, int suspicion, uint32_t tick);
+
+/* tact_guard_look(), and what it suspects named. */
+uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick);
 
 /* One reading, with the volts that the motor has from now on: gives y; *violated becomes 1 where a limit is
  * passed (NaN passes it). */
@@ -181,35 +177,36 @@ inline int tact_guard_stray(const tact_guard_table *table, tact_guard_state *sta
     return !(__builtin_fabsf(place - uncorrecting.second * change) <= table->stray_max_v);
 }
 
-/* The slow part, for a channel whose turn it is, every so many ticks: 1 << fault for each fault found. */
-inline uint32_t tact_guard_compare(const tact_guard_table *table, tact_guard_state *state, uint32_t tick)
+/* The slow part, for a channel whose turn it is, every so many ticks. */
+inline int tact_guard_look(const tact_guard_table *table, tact_guard_state *state, uint32_t tick)
 {
     const int32_t code = state->last_code;
     const uint32_t same_ticks = tick - state->changed_tick;
     const float y = (float)code * table->reading.first, w = state->model.second;
     const tact_float_pair means = tact_float_pair_get(&state->means);
-    const float agreement = TACT_GUARD_KEPT * means.first + w * (y - state->compared_v);
+    const tact_float_pair compared = tact_float_pair_get(&state->compared), jumping = tact_float_pair_get(&table->jumping);
+    const tact_float_pair before = tact_float_pair_get(&state->before[1]), comparing = tact_float_pair_get(&table->comparing);
+    const float agreement = TACT_GUARD_KEPT * means.first + w * (y - compared.first);
     const float felt = tact_guard_weigh(table, state->weighting, y);
-    const float unexplained = (y + w) - state->model.first, apart = unexplained - state->unexplained;
-    const tact_float_pair jumping = tact_float_pair_get(&table->jumping);
-    const float jump = __builtin_fabsf(apart - state->apart_before[1]) - 
-                       jumping.first * __builtin_fabsf(w - state->w_before[1]);
+    const float unexplained = (y + w) - state->model.first, apart = unexplained - compared.second;
+    const float jump = __builtin_fabsf(apart - before.first) - jumping.first * __builtin_fabsf(w - before.second);
     state->means.first = agreement;
     state->means.second = TACT_GUARD_KEPT * means.second + w * w;
-    state->compared_v = y;
-    state->unexplained = unexplained;
-    state->apart_before[1] = state->apart_before[0];
-    state->apart_before[0] = apart;
-    state->w_before[1] = state->w_before[0];
-    state->w_before[0] = w;
+    state->compared.first = y;
+    state->compared.second = unexplained;
+    tact_float_pair_copy(&state->before[1], &state->before[0]);
+    state->before[0].first = apart;
+    state->before[0].second = w;
     state->jump = jump;
-    const int strays = tact_guard_stray(table, state, code, unexplained);
+    state->felt = felt;
+    if (tact_guard_stray(table, state, code, unexplained))
+        return TACT_STRAYS;
     const int is_quiet = code == 0 && __builtin_fabsf(state->weighting[0].s1) < TACT_TINY;
     /* A reversed sensor agrees less than the least power would ask for, and more power asks for less still. */
-    if (!is_quiet && !strays && jump <= jumping.second && __builtin_fabsf(felt) <= table->differing.second &&
-        !(agreement < table->reversing.first) && same_ticks < table->frozen_ticks)
+    if (!is_quiet && jump <= jumping.second && __builtin_fabsf(felt) <= comparing.first &&
+        !(agreement < comparing.second) && same_ticks < table->frozen_ticks)
         return 0;
-    return tact_guard_confirm(table, state, felt, same_ticks, strays);
+    return TACT_SUSPECT;
 }
 
 #endif

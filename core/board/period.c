@@ -4,6 +4,10 @@
 
 /* What acts seldom stays out of the way of what every tick does: its calls would cost the others registers. */
 #define SELDOM static __attribute__((noinline))
+#define ALWAYS static inline __attribute__((always_inline))
+
+/* The compiler reaches all of a channel from this one address, and computes no others. */
+#define ONE_ADDRESS(pointer) __asm("" : "+r"(pointer))
 
 /* tact_float_pair_get() reads at multiples of 8 bytes. */
 #define AT_8(member) typedef char member##_is_not_at_a_multiple_of_8[offsetof(tact_board_channel, member) % 8 ? -1 : 1]
@@ -13,13 +17,21 @@ AT_8(guard);
 AT_8(filters);
 AT_8(to_code);
 
-void tact_period_latch(tact_board *board, int32_t *codes)
+static inline int32_t code_of(const tact_board *board, int32_t channel, int32_t slot)
 {
-    const int32_t *out = board->channel->delayed + board->delay_at;
-    for (int32_t left = board->channels; left > 0; left--) {
-        *codes++ = (int32_t)((uint32_t)*out << 8) >> 8;
-        out += sizeof *board->channel / sizeof *out;
-    }
+    return (int32_t)((uint32_t)board->channel[channel].delayed[slot] << 8) >> 8;
+}
+
+typedef char the_latch_has_a_line_for_each_channel[TACT_CHANNELS_MAX == 4 ? 1 : -1];
+
+/* Of all channels that a board may have: to count those in use would cost more. */
+void tact_period_latch(const tact_board *board, int32_t *codes)
+{
+    const int32_t slot = board->delay_at;
+    codes[0] = code_of(board, 0, slot);
+    codes[1] = code_of(board, 1, slot);
+    codes[2] = code_of(board, 2, slot);
+    codes[3] = code_of(board, 3, slot);
 }
 
 static int32_t *trace_row(const tact_board *board)
@@ -27,48 +39,9 @@ static int32_t *trace_row(const tact_board *board)
     return board->trace + (size_t)((board->tick & (board->trace_capacity - 1)) * 2u * (uint32_t)board->channels);
 }
 
-/* Sections in a row. Only a silent input can bring them to rest. */
-static float cascade(const tact_section *section, tact_section_state *state, int32_t count, float x)
-{
-    float value = x;
-    for (int32_t i = 0; i < count; i++)
-        value = x == 0.0f ? tact_section_step(&section[i], &state[i], value)
-                          : tact_section_awake(section[i].b0, section[i].b1, section[i].b2, section[i].a1,
-                                               section[i].a2, &state[i], value);
-    return value;
-}
-
-SELDOM float cascade_any(const tact_controller *table, tact_controller_state *state, float reference, float position_v)
-{
-    const float value = cascade(table->prefilter, state->prefilter, table->prefilter_count, reference);
-    if (table->feedback_count == 0)
-        return value;
-    return cascade(table->feedback, state->feedback, table->feedback_count, value - position_v);
-}
-
-/* What a section that came by x == 0 does at last: section.h. */
-static inline void rest(tact_section_state *state, float x)
-{
-    if (x == 0.0f && __builtin_fabsf(state->s1) < TACT_TINY && __builtin_fabsf(state->s2) < TACT_TINY)
-        state->s1 = state->s2 = 0.0f;
-}
-
-/* After a silent reference; x: what went into F's second section and C's three. Gives y. */
-SELDOM float rest_designed(tact_controller_state *state, float y, float smooth, float error, float lead, float x)
-{
-    rest(&state->prefilter[0], 0.0f);
-    rest(&state->prefilter[1], smooth);
-    if (error != 0.0f)
-        return y;
-    rest(&state->feedback[0], error);
-    rest(&state->feedback[1], lead);
-    rest(&state->feedback[2], x);
-    return y;
-}
-
 /* Two sections of F, three of C, the last of them b0 = 1 and integrating (a2 = 0): nothing to count, and
  * no product by 1 or 0. */
-static inline float cascade_designed(tact_controller_state *state, const float *k, float reference, float position_v)
+ALWAYS float cascade_designed(tact_controller_state *state, const float *k, float reference, float position_v)
 {
     tact_section_state *f = state->prefilter, *c = state->feedback;
     const tact_float_pair k0 = tact_float_pair_get(k), k1 = tact_float_pair_get(k + 2), k2 = tact_float_pair_get(k + 4);
@@ -84,15 +57,14 @@ static inline float cascade_designed(tact_controller_state *state, const float *
     const float y = x + s.first;
     c[2].s1 = s.first + ((k10.first * x - k[22] * y) + s.second);
     c[2].s2 = s.second + k10.second * x;
-    return reference == 0.0f ? rest_designed(state, y, smooth, error, lead, x) : y;
+    return reference == 0.0f ? tact_controller_rest(state, y, smooth, error, lead, x) : y;
 }
 
 /* The nearest code of a command that the D/A can reach. */
 static inline int32_t reachable_code(const tact_float_pair *to_code, float command_v)
 {
     const tact_float_pair to = tact_float_pair_get(to_code);
-    const float steps = (command_v - to.first) * to.second;
-    return (int32_t)(steps + __builtin_copysignf(0.5f, steps));
+    return tact_nearest((command_v - to.first) * to.second);
 }
 
 /* The command into the queue. */
@@ -126,7 +98,7 @@ static int run_single(const tact_board *board, tact_board_channel *channel, floa
 {
     const tact_controller *table = channel->single;
     const float reference = board->fade * want;
-    const float command_v = cascade_any(table, &channel->controller.single, reference, position_v);
+    const float command_v = tact_controller_sections(table, &channel->controller.single, reference, position_v);
     if (!(__builtin_fabsf(command_v) <= table->command_max_v))
         return put_limited(board, channel, reference, command_v);
     put(channel, board->delay_at, board->command_fade * command_v);
@@ -193,18 +165,16 @@ SELDOM int run_channels(tact_board *board, const int32_t *codes, const float *wa
 }
 
 /* The same for what `design` gives, in one piece. */
-static inline int run_designed(tact_board *board, const int32_t *codes, const float *wants)
+ALWAYS int run_designed(tact_board *board, const int32_t *codes, const float *wants, uint32_t tick, int32_t slot,
+                        float fade, float command_fade)
 {
-    const float fade = board->fade, command_fade = board->command_fade;
-    const uint32_t tick = board->ticks;
-    const int32_t slot = board->delay_at, channels = board->channels;
-    tact_board_channel *channel = board->channel, *const end = channel + channels;
-    int32_t *trace = trace_row(board);
+    int32_t *trace = trace_row(board), left = board->channels;
+    tact_board_channel *channel = board->channel;
     int found = 0;
-    for (; channel != end; channel++, trace += 2) {
+    do {
         const int32_t code = *codes++;
-        trace[0] = channel->delayed[slot];
-        trace[1] = code;
+        *trace++ = channel->delayed[slot];
+        *trace++ = code;
         const float position_v = tact_guard_sense(&channel->guard_table, &channel->guard, code,
                                                   channel->delayed_v[slot], tick, &found);
         const float reference = fade * *wants++;
@@ -214,7 +184,8 @@ static inline int run_designed(tact_board *board, const int32_t *codes, const fl
             put(channel, slot, command_fade * command_v);
         else
             found |= put_limited(board, channel, reference, command_v);
-    }
+        channel++;
+    } while (--left != 0);
     return found;
 }
 
@@ -224,6 +195,11 @@ SELDOM void ask(tact_board *board, float *wants)
     const int limits = board->source == TACT_STREAM && !board->drives;
     for (int32_t c = 0; c < board->channels; c++)
         wants[c] = limits ? tact_board_limit(&board->safety, c, &board->channel[c], 0.0f) : 0.0f;
+}
+
+SELDOM int run_fading(tact_board *board, const int32_t *codes, const float *wants)
+{
+    return run_designed(board, codes, wants, board->ticks, board->delay_at, board->fade, board->command_fade);
 }
 
 static inline void step_running(tact_board *board, const int32_t *codes)
@@ -237,7 +213,7 @@ static inline void step_running(tact_board *board, const int32_t *codes)
     else
         ask(board, asked);
     if (board->runs_designed)
-        found = run_designed(board, codes, wants);
+        found = run_fading(board, codes, wants);
     else
         found = run_channels(board, codes, wants,
                              board->drives                     ? run_direct
@@ -280,7 +256,43 @@ static inline void watch_time(tact_board *board, uint32_t lateness)
         tact_board_fail(board, 1u << TACT_FAULT_SILENCE, -1);
 }
 
-void tact_period_step(tact_board *board, const int32_t *codes, uint32_t lateness)
+SELDOM void confirm(tact_board *board, int32_t c, int suspicion)
+{
+    tact_board_channel *channel = &board->channel[c];
+    const uint32_t faults = tact_guard_confirm(&channel->guard_table, &channel->guard, suspicion, board->ticks);
+    if (faults)
+        tact_board_fail(board, faults, c);
+}
+
+/* One channel, watched beyond what each tick asks for. */
+static inline void compare(tact_board *board, int32_t c)
+{
+    tact_board_channel *channel = &board->channel[c];
+    ONE_ADDRESS(channel);
+    const int suspicion = tact_guard_look(&channel->guard_table, &channel->guard, board->ticks);
+    if (suspicion)
+        confirm(board, c, suspicion);
+}
+
+SELDOM void compare_from(tact_board *board, int32_t first)
+{
+    for (int32_t c = first; c < board->channels; c += board->turns)
+        compare(board, c);
+}
+
+/* The channels whose turn it is: mostly one. */
+static inline void compare_in_turn(tact_board *board)
+{
+    const int32_t turns = board->turns, channels = board->channels, turn = board->turn;
+    if (turn < channels) {
+        compare(board, turn);
+        if (turn + turns < channels)
+            compare_from(board, turn + turns);
+    }
+    board->turn = turn + 1 < turns ? turn + 1 : 0;
+}
+
+SELDOM void step_any(tact_board *board, const int32_t *codes, uint32_t lateness)
 {
     if (board->safety.channels == 0)
         return;
@@ -289,13 +301,34 @@ void tact_period_step(tact_board *board, const int32_t *codes, uint32_t lateness
         step_running(board, codes);
     else
         step_resting(board, codes);
-    const int32_t turns = board->safety.turns, channels = board->channels, turn = board->turn;
-    for (int32_t c = turn; c < channels; c += turns) {
-        tact_board_channel *channel = &board->channel[c];
-        const uint32_t faults = tact_guard_compare(&channel->guard_table, &channel->guard, board->ticks);
-        if (faults)
-            tact_board_fail(board, faults, c);
-    }
-    board->turn = turn + 1 < turns ? turn + 1 : 0;
+    compare_in_turn(board);
     board->delay_at = board->delay_at + 1 < board->safety.delay_samples ? board->delay_at + 1 : 0;
+}
+
+/* The fades that this asks for begin in the same tick, as they do in step_running(). */
+SELDOM void see_to_steady(tact_board *board)
+{
+    see_to(board);
+    if (board->fading)
+        tact_board_fade(board);
+}
+
+/* The usual tick goes a way of its own, without what it knows of: steady, in time, and there is a row for it. */
+void tact_period_step(tact_board *board, const int32_t *codes, uint32_t lateness)
+{
+    const uint32_t tick = board->tick, ticks = board->ticks + 1, silence = board->silence + 1;
+    const uint32_t latest = (uint32_t)board->safety.lateness_max, longest = (uint32_t)board->safety.silence_ticks;
+    const uint32_t row = (tick & (board->stream_capacity - 1)) * (uint32_t)board->channels;
+    if (!board->steady || tick - board->stream_at >= board->stream_end - board->stream_at || lateness > latest ||
+        silence > longest) {
+        step_any(board, codes, lateness);
+        return;
+    }
+    board->ticks = ticks;
+    board->silence = silence;
+    const int found = run_designed(board, codes, board->stream + row, ticks, 0, 1.0f, 1.0f);
+    board->tick++;
+    if (found)
+        see_to_steady(board);
+    compare_in_turn(board);
 }

@@ -4,10 +4,10 @@
  *     step:   codes of the A/D --> guard --> reference, limited --> filters --> limits --> codes for a later latch
  *
  * The reference is limited to full comfort: through the designed H the felt reference is the reference itself, so no
- * reference passes comfort (docs/safety.md). Three channels in float32 take some 670 instructions on a Cortex-M7.
+ * reference passes comfort (docs/safety.md). Three channels in float32 take 670 instructions on a Cortex-M4F.
  *
  * Example use:
- *   int32_t code[3];
+ *   int32_t code[TACT_CHANNELS_MAX];
  *   tact_period_latch(&board, code);                put them out, read the A/D into code
  *   tact_period_step(&board, code, lateness);
  */
@@ -18,8 +18,8 @@
 
 #include "board/board.h"
 
-/* Codes for the D/A from now on. */
-void tact_period_latch(tact_board *board, int32_t *codes);
+/* Codes for the D/A from now on: TACT_CHANNELS_MAX of them. */
+void tact_period_latch(const tact_board *board, int32_t *codes);
 
 /* The readings of this instant; lateness of this interrupt, 1/256 of a period. */
 void tact_period_step(tact_board *board, const int32_t *codes, uint32_t lateness);

@@ -111,6 +111,14 @@ inline float tact_controller_step(const tact_controller *table, tact_controller_
     return tact_controller_limit(table, state, asked, value);
 }
 
+/* The same sections without the limits: their answer, for tact_controller_limit(). */
+float tact_controller_sections(const tact_controller *table, tact_controller_state *state, float reference,
+                               float position_v);
+
+/* Where two sections of F and three of C were stepped as if awake, with a silent reference: what decays comes to rest as
+ * in tact_section_step(). smooth, error, lead, x: what went into F's second section and C's three. Gives y. */
+float tact_controller_rest(tact_controller_state *state, float y, float smooth, float error, float lead, float x);
+
 /* samples of one channel, for tests and benchmarks: no converters, no delay, no device. position_v: any bits. */
 void tact_controller_run(const tact_controller *table, tact_controller_state *state, const float *reference,
                          const float *position_v, float *command_v, size_t samples);

@@ -13,7 +13,7 @@ from tactuator.runtime.tables import converter_table
 
 
 def exact_code(volts: float, bits: int, range_v: float) -> int:
-    """Nearest code, halves away from zero, saturated."""
+    """Nearest code, halves away from zero as in the device, saturated."""
     half = 2 ** (bits - 1)
     steps = Fraction(volts) * half / Fraction(range_v)
     size = int(abs(steps) + Fraction(1, 2))
@@ -54,6 +54,17 @@ def test_converter__any_voltage__is_the_nearest_code(volts: float, bits: int, ra
     assert commanded(converter, np.array([volts]))[0] in near | {code + 1 for code in near} | {
         code - 1 for code in near
     }
+
+
+@pytest.mark.parametrize("bits", [8, 16, 24])
+def test_converter__command_halfway_between_two_codes__is_the_even_one(bits: int) -> None:
+    half = 2 ** (bits - 1)
+    codes = np.unique(np.concatenate([np.arange(-9, 9), np.linspace(1 - half, half - 2, 100).astype(int)]))
+    volts = np.float32((codes + 0.5) * (8.0 / half))
+    halfway = volts == (codes + 0.5) * (8.0 / half)  # in single precision
+    expected = np.array([round(code + 0.5) for code in codes.tolist()])
+    assert halfway.sum() > 50
+    assert np.array_equal(commanded(Converter(bits=bits, range_v=8.0), volts)[halfway], expected[halfway])
 
 
 def test_converter__beyond_the_range__saturates_both_ways() -> None:

@@ -8,7 +8,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-ARITHMETIC = "arithmetic/converter arithmetic/finite arithmetic/noise arithmetic/section control/controller"
+ARITHMETIC = (
+    "arithmetic/converter arithmetic/finite arithmetic/float_pair arithmetic/noise arithmetic/section "
+    "control/controller"
+)
 DISPLAY = "display/closed_loop display/display display/friction display/hum display/plant"
 LANES = "lanes/lanes lanes/lanes_baseline lanes/lanes_avx2 lanes/lanes_avx512"
 

@@ -165,7 +165,7 @@ def test_reversal__any_motion__is_told_by_means_over_forty_turns(safety, seed, t
     table, state = guard_of(safety, turns)
     rng = np.random.default_rng(seed)
     step_v, agreement, power, code = safety.converter.step_v_single, 0.0, 0.0, 1000
-    state.compared_v = code * step_v
+    state.compared.first = code * step_v
     for turn in range(200):
         w = float(np.float32(rng.normal() * 10.0 ** rng.uniform(-5.0, -2.0)))
         codes = round(share * turns * w / step_v)
@@ -185,8 +185,8 @@ def test_frozen__a_reading_that_stays__is_a_fault_unless_it_may_for_ever(safety,
     channel = ffi.new("tact_safety_channel *", safety[0])
     channel.frozen_ticks = lib.TACT_SAFETY_NEVER if ticks == "NEVER" else ticks
     table, state = guard_of(channel, 3)
-    state.last_code, state.compared_v = 1000, 1000 * channel.converter.step_v_single
-    state.model.first = state.compared_v
+    state.last_code, state.compared.first = 1000, 1000 * channel.converter.step_v_single
+    state.model.first = state.compared.first
     assert lib.tact_guard_compare(table, state, 49) == 0
     assert lib.tact_guard_compare(table, state, lib.TACT_SAFETY_NEVER + 1) == faults
 
