@@ -37,9 +37,6 @@ def controller() -> Controller:
 _SHARED = {
     "tests/paper/test_": "the study",
     "tests/repository/installed/": "the installed wheel",
-    # not for speed: beside another server PortAudio does not always find the card
-    "tests/rig/sound/test_simulated_card": "the audio server",
-    "tests/measure/open_loop/test_chain": "the audio server",
 }
 
 

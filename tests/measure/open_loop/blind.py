@@ -1,4 +1,4 @@
-"""One exciter drawn at random, calibrated blind through PortAudio and a JACK server: JSON for a SEED.
+"""One exciter drawn at random, calibrated blind through PortAudio and a JACK server: JSON for a SEED [SPEED].
 
 The witness is the port that tells the displacement, which the calibration does not use, and the exciter's equations.
 """
@@ -40,11 +40,11 @@ class Truth:
 def felt_error_db(made: Calibrated, exciter: Exciter, rng: np.random.Generator) -> np.ndarray:
     """The felt level less what was asked, by the displacement itself, line by line."""
     display = exciter_display(exciter, felt=True)
-    display = replace(display, sound=replace(display.sound, lead_s=1.0))
+    display = replace(display, sound=replace(display.sound, lead_s=2.0))
     frequency = made.channels[0].last.frequency_hz
     band = made.controller.display.channels[0].threshold.band_hz
     found = []
-    with open_rig("sound:exciters", display) as rig:
+    with open_rig("sound:-exciters", display) as rig:
         rig.load(made.controller)
         for group in range(3):
             (response,) = multisine_response(
@@ -64,23 +64,24 @@ def share_of_possible(made: Calibrated, exciter: Exciter) -> float:
     return float(common / np.log2(high / low))
 
 
-def blind(seed: int) -> dict[str, object]:
+def blind(seed: int, speed: float = 1.0) -> dict[str, object]:
     """What came of one exciter."""
     exciter = drawn_exciter(seed)
     display = exciter_display(exciter)
-    display = replace(display, sound=replace(display.sound, lead_s=1.0))
+    display = replace(display, sound=replace(display.sound, lead_s=2.0))
     found: dict[str, object] = {"seed": seed, "exciter": asdict(exciter)}
     rng = np.random.default_rng(seed)
-    with simulated_card([exciter], period=PERIOD, seed=seed):
+    with simulated_card([exciter], period=PERIOD, seed=seed, speed=speed):
         began = time.monotonic()
         try:
-            with open_rig("sound:exciters", display) as rig:
+            with open_rig("sound:-exciters", display) as rig:
                 assert isinstance(rig, SoundRig)
                 made = calibrate(rig, ASKED, rng)
                 found["gaps"] = rig.gaps
+                found["minutes"] = rig._rows.frames / rig.rate_hz / 60.0
         except TactuatorError as error:
-            return found | {"says": str(error), "minutes": (time.monotonic() - began) / 60.0}
-        found["minutes"] = (time.monotonic() - began) / 60.0
+            return found | {"says": str(error), "wall_minutes": (time.monotonic() - began) / 60.0}
+        found["wall_minutes"] = (time.monotonic() - began) / 60.0
         one = made.channels[0]
         felt = felt_error_db(made, exciter, rng)
         found |= {
@@ -100,4 +101,4 @@ def blind(seed: int) -> dict[str, object]:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(json.dumps(blind(int(sys.argv[1]))) + "\n")
+    sys.stdout.write(json.dumps(blind(int(sys.argv[1]), float([*sys.argv, "1"][2]))) + "\n")

@@ -12,6 +12,7 @@ from scipy import signal
 from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.files.display import read_display
+from tactuator.measure.open_loop.flatness import _groups
 from tactuator.measure.open_loop.probe import broadband, find_level, hear
 from tactuator.measure.open_loop.take_away import equaliser_document, impulse_response
 from tactuator.measure.open_loop.usable import usable_band
@@ -93,6 +94,25 @@ def test_usable_band__static_actuator__ends_where_its_volts_meet_the_curve():
     assert found.ends == ("command", "asked")
     with pytest.raises(BadInput, match="dB SL at most"):
         usable_band(channel, plant, (10.0, 300.0), 80.0)
+
+
+def test_groups__lines_that_ask_for_much__sums_stay_within_the_range():
+    """The greatest sum that any phases can have, or 3.5 times its rms, against the range; all lines are played."""
+    display = sound_display()
+    above, below = signal.iirpeak(100.0, 5.0, fs=8000.0)
+    controller = flat_controller(display, prefilter_sos=np.concatenate([0.13 * above, below])[None, :])
+    lines = np.geomspace(20.0, 300.0, 40)
+    groups = _groups(controller, "left", lines, 20.0)
+    assert np.array_equal(np.sort(np.concatenate(groups)), lines)
+    rng = np.random.default_rng(0)
+    time = np.arange(8000) / 8000.0
+    for group in groups:
+        _, volts = signal.freqz(0.13 * above, below, worN=group, fs=8000.0)
+        tones = np.cos(2.0 * np.pi * (time[:, None] * group + rng.uniform(size=group.size)))
+        assert np.max(np.abs(tones @ (10.0 * np.abs(volts)))) <= 1.5
+    # at the peak 1.3 of 1.5 V are asked for
+    assert min((group.size, abs(group[0] - 100.0)) for group in groups)[0] == 1
+    assert len(groups) < 20
 
 
 def test_impulse_response__of_sections__has_their_response():

@@ -26,6 +26,16 @@ def through_portaudio(program: str) -> dict[str, object]:
     return dict(json.loads(done.stdout))
 
 
+def test_cards__three_programs_at_once__each_finds_its_own():
+    """Clients of one name would take each other's socket away, whichever server they are on."""
+    code = f"import sys; sys.path.insert(0, {str(ROOT)!r})\n"
+    code += "from tests.rig.sound.through_portaudio import seen; print(*seen())"
+    programs = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    found = [program.communicate(timeout=60)[0].split() for program in programs]
+    assert all(own in listed for own, *listed in found)
+    assert len({own for own, *_ in found}) == 3
+
+
 def test_loopback__float32_through_the_audio_path__bit_exact_after_a_constant_delay():
     found = through_portaudio("loopback")
     assert found["exact"] == [True, True, True]

@@ -159,6 +159,7 @@ def test_drive__card_unplugged__ends_in_a_device_fault_and_closes():
     with pytest.raises(CardGone, match="has stopped") as told:
         rig.drive(commands(20000))
     assert isinstance(told.value, DeviceFault)
+    assert 1.0 < card.silent_s < 1.1
     rig.close()
     assert card.closed is False
 

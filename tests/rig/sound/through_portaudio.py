@@ -13,6 +13,7 @@ import numpy as np
 from tactuator.errors import DeviceFault
 from tactuator.files.display import parse_display
 from tactuator.rig.open import open_rig
+from tactuator.rig.sound.cards import list_cards
 from tactuator.rig.sound.demo.exciter import SUBSTEPS, Exciter
 from tactuator.rig.sound.demo.server import simulated_card
 from tactuator.rig.sound.rig import SoundRig
@@ -38,7 +39,7 @@ def display(count: int, **sound: Any):
 
 
 def opened(count: int, **sound: Any) -> SoundRig:
-    rig = open_rig("sound:exciters", display(count, **sound))
+    rig = open_rig("sound:-exciters", display(count, **sound))
     assert isinstance(rig, SoundRig)
     return rig
 
@@ -47,6 +48,14 @@ def delay_of(asked: np.ndarray, heard: np.ndarray) -> int:
     size = 2 * asked.size
     cross = np.fft.irfft(np.fft.rfft(heard, size) * np.conj(np.fft.rfft(asked, size)))
     return int(np.argmax(cross[: asked.size]))
+
+
+def seen() -> list[str]:
+    """The name of the card, then those that PortAudio lists; the card stays for a while, for others to be there too."""
+    with simulated_card([None]) as card:
+        listed = [one.name for one in list_cards()]
+        time.sleep(1.0)
+        return [card.device, *listed]
 
 
 def loopback() -> dict[str, object]:

@@ -16,6 +16,7 @@ from tactuator.runtime._core import ffi, lib
 
 RATE_HZ = 8000.0
 PERIOD = 64
+PATIENCE_S, LONGEST_S = 5.0, 600.0
 OVERFLOW = 2  # PortAudio's paInputOverflow
 Answer = Callable[[np.ndarray], np.ndarray]
 
@@ -64,7 +65,7 @@ class TurnedCard:
         hurry: float = 1.0,
     ) -> None:
         self.rows, self.answer, self.flags, self.stops_at, self.hurry = rows, answer, flags, stops_at, hurry
-        self.calls, self.owed = 0, 0.0
+        self.calls, self.owed, self.silent_s = 0, 0.0, 0.0
         self.put_out: list[np.ndarray] = []
         self._heard = np.zeros((delay, rows.outputs), dtype=np.float32)
         self.closed: bool | None = None
@@ -75,6 +76,10 @@ class TurnedCard:
             self.owed -= PERIOD
             if self.stops_at is None or self.calls < self.stops_at:
                 self._call()
+            else:
+                self.silent_s += PERIOD / RATE_HZ
+        assert self.silent_s < PATIENCE_S, "the program waits for a card that is silent"
+        assert self.calls * PERIOD / RATE_HZ < LONGEST_S, "the program does not come to an end"
 
     def _call(self) -> None:
         out = np.zeros((PERIOD, self.rows.outputs), dtype=np.float32)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import atexit
+import ctypes
 import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from ctypes.util import find_library
+from functools import cache
 from importlib import import_module
 from typing import Any
 
@@ -19,6 +22,7 @@ def sounddevice() -> Any:
     """
     try:
         with quiet():
+            name_jack_client()
             return import_module("sounddevice")
     except ImportError:
         raise BadInput(
@@ -28,6 +32,22 @@ def sounddevice() -> Any:
         raise BadInput(
             "PortAudio's library is not there; allowed: where it is installed (Debian: apt-get install libportaudio2)"
         ) from None
+
+
+@cache
+def name_jack_client() -> bytes | None:
+    """Give PortAudio's client of JACK a name that no other program has, and return it; None where PortAudio is without
+    JACK. It has to come before PortAudio is initialised, and the name has to stay in memory.
+
+    Every client listens on a socket named after the client alone: of two with one name, on whichever servers, the
+    second takes the first one's socket away, and PortAudio then lists no JACK device.
+    """
+    name = f"tactuator-{os.getpid()}".encode()
+    try:
+        ctypes.CDLL(find_library("portaudio")).PaJack_SetClientName(name)
+    except (OSError, AttributeError):
+        return None
+    return name
 
 
 @contextmanager
@@ -52,4 +72,4 @@ def leave_library() -> None:
         atexit.unregister(module._exit_handler)
 
 
-__all__ = ["leave_library", "quiet", "sounddevice"]
+__all__ = ["leave_library", "name_jack_client", "quiet", "sounddevice"]

@@ -1,7 +1,8 @@
 """The program of simulated exciters on a JACK server: `python -m tactuator.rig.sound.demo.client SETTINGS.json`.
 
 Each exciter has a port that drives it, one of its accelerometer and one that tells its displacement: the ports
-of a client are a device for PortAudio. An exciter that is null is a wire.
+of a client are a device for PortAudio. An exciter that is null is a wire. A speed other than 1 is JACK's freewheel
+mode, in which the server waits for its clients and for no clock: the exciters then keep the pace.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import json
 import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,7 +20,9 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.rig.sound.demo.exciter import Exciter, RunningExciter
 
-CLIENT = "exciters"
+START_S = 20.0
+"""A server has to be there within so long."""
+
 Answer = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
@@ -27,7 +31,8 @@ def main(arguments: Sequence[str]) -> None:
     import jack  # noqa: PLC0415 - an extra, which only the simulated card needs
 
     settings: dict[str, Any] = json.loads(Path(arguments[0]).read_text(encoding="utf-8"))
-    client = jack.Client(CLIENT, servername=settings["server"], no_start_server=True)
+    jack.set_error_function(lambda text: None)
+    client = opened(jack, settings["client"], settings["server"])
     rng = np.random.default_rng(settings["seed"])
     answers = [answer_of(one, float(client.samplerate), rng) for one in settings["exciters"]]
     count = len(answers)
@@ -35,9 +40,12 @@ def main(arguments: Sequence[str]) -> None:
     ports = [client.outports.register(f"sensor_{k + 1}") for k in range(count)]
     ports += [client.outports.register(f"felt_{k + 1}") for k in range(count)]
     over = threading.Event()
+    pace = Pace(float(client.samplerate) * settings["speed"]) if settings["speed"] != 1.0 else None
 
     @client.set_process_callback  # type: ignore[untyped-decorator]
     def process(frames: int) -> None:
+        if pace is not None:
+            pace.wait(frames)
         for k, answer in enumerate(answers):
             heard, moved = answer(drives[k].get_array().astype(np.float64))
             ports[k].get_array()[:] = heard
@@ -48,10 +56,46 @@ def main(arguments: Sequence[str]) -> None:
         over.set()
 
     with client:
+        if pace is not None:
+            threading.Thread(target=_hurry, args=(client, over), daemon=True).start()
         sys.stdout.write("ready\n")
         sys.stdout.flush()
         threading.Thread(target=_wait_for_end, args=(over,), daemon=True).start()
         over.wait()
+
+
+class Pace:
+    """A clock of `rate_hz` frames: who is late is not hurried afterwards."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._rate_hz, self._due = rate_hz, time.monotonic()
+
+    def wait(self, frames: int) -> None:
+        """Wait until `frames` have gone by since the last call."""
+        self._due = max(self._due + frames / self._rate_hz, time.monotonic() - frames / self._rate_hz)
+        time.sleep(max(0.0, self._due - time.monotonic()))
+
+
+def opened(jack: Any, name: str, server: str) -> Any:
+    """Return a client of that name on a server that may still be starting; JACK's own error after START_S."""
+    until = time.monotonic() + START_S
+    while True:
+        try:
+            return jack.Client(name, servername=server, no_start_server=True)
+        except jack.JackError:
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.1)
+
+
+def _hurry(client: Any, over: threading.Event) -> None:
+    """Keep the server in freewheel mode for as long as somebody is connected: nobody can connect within it."""
+    hurried = False
+    while not over.wait(0.05):
+        connected = any(port.connections for port in client.inports)
+        if connected != hurried:
+            client.set_freewheel(connected)
+            hurried = connected
 
 
 def _wait_for_end(over: threading.Event) -> None:

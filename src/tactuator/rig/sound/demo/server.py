@@ -9,19 +9,18 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import time
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from tactuator.errors import BadInput, DeviceFault
-from tactuator.rig.sound.demo.client import CLIENT
 from tactuator.rig.sound.demo.exciter import Exciter
 from tactuator.rig.sound.library import leave_library
 
 PERIOD = 4096
-_START_S = 20.0
+PRIORITY = 20
 _SERVERS = 6
 
 
@@ -41,9 +40,10 @@ def simulated_card(
     rate_hz: float = 48000.0,
     period: int = PERIOD,
     seed: int = 0,
+    speed: float = 1.0,
 ) -> Iterator[SimulatedCard]:
-    """Yield a sound card with an exciter (None: a wire) between each output and input, in real time; both programs are
-    ended at the end of the context.
+    """Yield a sound card with an exciter (None: a wire) between each output and input; both programs are ended at the
+    end of the context. speed: of its clock; 1 is real time.
 
     The server is this process's default one meanwhile: PortAudio must not have been asked for before. Raises BadInput
     where JACK is missing, DeviceFault where it does not start.
@@ -55,17 +55,18 @@ def simulated_card(
     documents = [None if one is None else one.document() for one in exciters]
     with _server_name() as name, tempfile.TemporaryDirectory() as folder:
         os.environ |= {"JACK_DEFAULT_SERVER": name, "JACK_NO_AUDIO_RESERVATION": "1", "JACK_NO_START_SERVER": "1"}
-        file = Path(folder) / "exciters.json"
-        file.write_text(json.dumps({"server": name, "seed": seed, "exciters": documents}), encoding="utf-8")
+        file, device = Path(folder) / "exciters.json", f"{name}-exciters"
+        settings = {"server": name, "client": device, "seed": seed, "speed": speed, "exciters": documents}
+        file.write_text(json.dumps(settings), encoding="utf-8")
         dummy = ["-d", "dummy", "-r", f"{rate_hz:g}", "-p", str(period), "-w", str(round(1e6 * period / rate_hz))]
         server = subprocess.Popen(
-            ["jackd", "-n", name, "-r", "-T", "-t", "5000", *dummy, "-C", "2", "-P", "2"],
+            ["jackd", "-n", name, *_schedule(), "-m", "-T", "-t", "5000", *dummy, "-C", "2", "-P", "2"],
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         client: subprocess.Popen[bytes] | None = None
         try:
-            client = _started_client(file, server)
-            yield SimulatedCard(name, CLIENT, server, client)
+            client = _started_client(file)
+            yield SimulatedCard(name, device, server, client)
         finally:
             leave_library()
             for process in (client, server):
@@ -88,20 +89,37 @@ def _server_name() -> Iterator[str]:
     raise DeviceFault(f"{_SERVERS} simulated sound cards run already; allowed: no more at once")
 
 
-def _started_client(settings: Path, server: subprocess.Popen[bytes]) -> subprocess.Popen[bytes]:
-    """Return the client's process once it is ready; it is begun again while the server is still starting."""
-    until = time.monotonic() + _START_S
-    while time.monotonic() < until and server.poll() is None:
-        client = subprocess.Popen(
-            [sys.executable, "-m", "tactuator.rig.sound.demo.client", str(settings)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        )  # fmt: skip
-        assert client.stdout is not None
-        if client.stdout.readline() == b"ready\n":
-            return client
-        words = _end(client)
-        if b"No module named 'jack'" in words:
-            raise BadInput("the simulated sound card needs JACK-Client; allowed: pip install 'tactuator[sound]'")
+def _schedule() -> list[str]:
+    """Return the server's options for realtime priority where this program may ask for it: then neither the server nor
+    the exciters are late on a machine that has much to do.
+    """
+    allowed: list[bool] = []
+
+    def ask() -> None:  # in a thread that ends: the priority is the thread's own
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        except (AttributeError, OSError):
+            return
+        allowed.append(True)
+
+    asking = threading.Thread(target=ask)
+    asking.start()
+    asking.join()
+    return ["-R", "-P", str(PRIORITY)] if allowed else ["-r"]
+
+
+def _started_client(settings: Path) -> subprocess.Popen[bytes]:
+    """Return the client's process once it is ready."""
+    client = subprocess.Popen(
+        [sys.executable, "-m", "tactuator.rig.sound.demo.client", str(settings)],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    assert client.stdout is not None
+    if client.stdout.readline() == b"ready\n":
+        return client
+    words = _end(client)
+    if b"No module named 'jack'" in words:
+        raise BadInput("the simulated sound card needs JACK-Client; allowed: pip install 'tactuator[sound]'")
     raise DeviceFault("the JACK server did not start; allowed: a machine on which `jackd -d dummy` runs")
 
 

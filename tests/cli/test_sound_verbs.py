@@ -1,0 +1,151 @@
+"""The verbs for sound cards: every refusal in one line, with the output at rest and nothing half-written."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactuator.cli import main
+from tactuator.display.document import display_document
+from tactuator.report.open_loop_files import toml_text
+from tactuator.rig import open as rigs
+from tactuator.rig.sound import library
+from tests.cli.refusals import refused
+from tests.rig.sound.turned_card import OVERFLOW, TurnedCard, sound_display, turned_rig
+
+
+class PortAudioError(Exception):
+    """As sounddevice's."""
+
+
+def fake_sounddevice(error: str = "", outputs: int = 2, inputs: int = 2) -> SimpleNamespace:
+    """A PortAudio with one card, which cannot be opened for the reason `error`."""
+
+    def stream(*given: Any, **more: Any) -> None:
+        raise PortAudioError(error, -9985)
+
+    device = {
+        "name": "Card",
+        "hostapi": 0,
+        "max_output_channels": outputs,
+        "max_input_channels": inputs,
+        "default_samplerate": 44100.0,
+    }
+    return SimpleNamespace(
+        PortAudioError=PortAudioError,
+        _StreamBase=stream,
+        _ffi=SimpleNamespace(cast=lambda kind, value: value),
+        query_hostapis=lambda: [{"name": "ALSA"}],
+        query_devices=lambda: [device] if outputs else [],
+    )
+
+
+@pytest.fixture
+def display_file(tmp_path: Path) -> str:
+    path = tmp_path / "display.toml"
+    path.write_text(toml_text(display_document(sound_display(latency_samples=0))), encoding="utf-8")
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("card", "status", "words"),
+    [
+        ({"outputs": 0}, 2, "there is no sound card"),
+        ({"outputs": 1}, 2, "has 1 outputs; allowed here: 2 or more"),
+        ({"inputs": 1}, 2, "has 1 inputs; allowed here: 2 or more"),
+        ({"error": "Error opening OutputStream: Invalid sample rate [PaErrorCode -9997]"}, 2,
+         "'ALSA/Card' does not run at 8000 Hz; allowed: 44100 Hz"),
+        ({"error": "Error opening OutputStream: Device unavailable [PaErrorCode -9985]"}, 3,
+         "'ALSA/Card' cannot be opened (Error opening OutputStream: Device unavailable [PaErrorCode -9985]); allowed: "
+         "one that nobody else holds"),
+    ],
+    ids=["no card", "too few outputs", "too few inputs", "rate", "busy"],
+)  # fmt: skip
+def test_calibrate_display__card_that_will_not_do__one_line_and_nothing_written(
+    card: dict[str, Any], status: int, words: str, display_file: str, tmp_path: Path, monkeypatch, capfd
+):
+    monkeypatch.setattr(library, "import_module", lambda name: fake_sounddevice(**card))
+    arguments = ["calibrate-display", display_file, "--rig", "sound:Card", "--out", str(tmp_path / "out")]
+    if not card.get("outputs", 2):
+        arguments[3] = "sound:"
+    assert main(arguments) == status
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err.startswith("tactuator: ")
+    assert err.count("\n") == 1
+    assert words in err
+    assert not (tmp_path / "out").exists()
+
+
+def put_in(monkeypatch: pytest.MonkeyPatch, **card: Any) -> list[TurnedCard]:
+    """Let every display on a sound card stand on a card that is turned by hand."""
+    made: list[TurnedCard] = []
+
+    def opened(spec: str, display: Any) -> Any:
+        rig, turned = turned_rig(display, **card)
+        made.append(turned)
+        return rig
+
+    monkeypatch.setattr(rigs, "sound_rig", opened)
+    return made
+
+
+def _noise(level: float) -> Any:
+    rng = np.random.default_rng(1)
+    return lambda out: (level * rng.standard_normal(out.shape)).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("card", "status", "words"),
+    [
+        ({"stops_at": 200}, 3, "the sound card has stopped: not a sample for 1 s"),
+        ({"flags": lambda call: OVERFLOW if call % 50 == 7 else 0}, 3, "the sound card told of a gap"),
+        ({"answer": lambda out: np.clip(200.0 * out, -1.0, 1.0).astype(np.float32)}, 2, "input 1 of the card clips"),
+        ({"answer": lambda out: out[:, ::-1] + _noise(1e-6)(out)}, 2, "is answered by the sensor of 'right'"),
+        ({"answer": _noise(1e-3)}, 2, "its sensor does not hear"),
+    ],
+    ids=["unplugged", "gaps", "clips", "swapped", "not connected"],
+)
+def test_calibrate_display__amiss_on_the_way__one_line_output_at_rest_and_nothing_written(
+    card: dict[str, Any], status: int, words: str, display_file: str, tmp_path: Path, monkeypatch, capfd
+):
+    cards = put_in(monkeypatch, **card)
+    arguments = ["calibrate-display", display_file, "--rig", "sound:", "--out", str(tmp_path / "out"), "--json"]
+    assert main(arguments) == status
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert words in err
+    assert not (tmp_path / "out").exists()
+    (turned,) = cards
+    assert turned.closed is not None
+    if "stops_at" not in card:  # a card that is gone lets nothing be put out any more
+        assert not np.any(turned.put_out[-1])
+
+
+def test_sound_devices__a_card__is_listed(monkeypatch, capfd):
+    monkeypatch.setattr(library, "import_module", lambda name: fake_sounddevice())
+    assert main(["sound", "devices", "--json"]) == 0
+    (card,) = json.loads(capfd.readouterr().out)["devices"]
+    assert (card["device"], card["outputs"], card["rate_hz"]) == ("ALSA/Card", 2, 44100.0)
+
+
+def test_sound_latency__no_wire__is_refused(monkeypatch, capsys, tmp_path: Path):
+    put_in(monkeypatch, answer=_noise(1e-3))
+    given = ["sound", "latency", "--device", "Card", "--rate-hz", "8000"]
+    refused(given, "what was put out does not come back at the input", capsys, tmp_path)
+
+
+def test_sound_calibrate__wire_and_reading__volts_of_both(monkeypatch, capsys):
+    put_in(monkeypatch, answer=lambda out: (0.25 * out).astype(np.float32))
+    given = ["sound", "calibrate", "--device", "Card", "--rate-hz", "8000", "--reading-v", "0.1", "--input", "1"]
+    assert main([*given, "--duration-s", "2", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    # 0.1 V rms of a tone of a tenth of full scale; of which a quarter comes back
+    assert found["output_full_scale_v"] == pytest.approx(np.sqrt(2.0), rel=1e-6)
+    assert found["input_full_scale_v"] == pytest.approx(4.0 * np.sqrt(2.0), rel=1e-3)
