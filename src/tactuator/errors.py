@@ -6,7 +6,9 @@
     ├── DeviceFault    3   a rig, a link or a sound card failed
     │   ├── LinkDown       the other end of a link does not answer (rig/transport)
     │   ├── RigFault       the guard of a board ended the run (rig/board)
-    │   └── StreamDry      a stream ran dry (rig/board)
+    │   └── TimingMissed   a stretch of time was not what was asked for, and may be asked for again
+    │       ├── StreamDry      a stream ran dry (rig/board)
+    │       └── SoundGap       a run on a sound card had a gap (rig/sound)
     └── StoreFault     2   the database of an experiment cannot be read or written
 
 Every message is one line: what was got, and what is allowed.
@@ -31,6 +33,10 @@ class DeviceFault(TactuatorError):
     """A device failed while it was in use; the input was not at fault."""
 
     exit_status = 3
+
+
+class TimingMissed(DeviceFault):
+    """A rig did not play what it was given at its time; the same may be asked for again."""
 
 
 class StoreFault(TactuatorError):

@@ -9,6 +9,7 @@ from tactuator.experiment.store import schema
 from tactuator.experiment.store.answer_records import Answer
 from tactuator.experiment.store.store import Store
 from tactuator.rig.board.stream import StreamDry
+from tactuator.rig.sound.rows import SoundGap
 from tests.experiment.session.apparatuses import ObedientClock, begin, nobody
 
 
@@ -19,7 +20,11 @@ def presented(tmp_path):
     store.close()
 
 
-def dry(rig, times, monkeypatch):
+DRY = StreamDry("the stream ran dry 240 samples after its beginning; allowed: a faster host", 12)
+GAP = SoundGap("the sound card told of a gap 0.060 s after the beginning")
+
+
+def dry(rig, times, monkeypatch, error=DRY):
     """Let the rig's stream run dry in the middle of a trial, so many times."""
     stream, left = rig.stream, [times]
 
@@ -27,7 +32,7 @@ def dry(rig, times, monkeypatch):
         for count, trace in enumerate(stream(blocks)):
             if count == 3 and left[0]:
                 left[0] -= 1
-                raise StreamDry("the stream ran dry 240 samples after its beginning; allowed: a faster host", 12)
+                raise error
             yield trace
 
     monkeypatch.setattr(rig, "stream", drying)
@@ -38,12 +43,21 @@ def noted(store):
         return [(row.kind, row.detail) for row in connection.execute(select(schema.event))]
 
 
-@pytest.mark.parametrize("times", [1, 2])
-def test_present__stream_ran_dry__is_noted_and_the_trial_played_again(presented, monkeypatch, times) -> None:
-    dry(presented.session.task.apparatus.rig, times, monkeypatch)
+@pytest.mark.parametrize(
+    ("times", "error", "words"),
+    [
+        (1, DRY, "the stream ran dry 240 samples"),
+        (2, DRY, "the stream ran dry"),
+        (1, GAP, "the sound card told of a gap"),
+    ],
+)
+def test_present__timing_missed__is_noted_and_the_trial_played_again(
+    presented, monkeypatch, times, error, words
+) -> None:
+    dry(presented.session.task.apparatus.rig, times, monkeypatch, error)
     following = presented.present(nobody)
     assert [kind for kind, _ in noted(presented.session.store)] == ["timing-missed"] * times
-    assert "trial 0: the stream ran dry 240 samples" in noted(presented.session.store)[0][1]
+    assert f"trial 0: {words}" in noted(presented.session.store)[0][1]
     presented.answer(Answer(following.trial.correct, presented.session.clock.utc()))
     with presented.session.store.read() as connection:
         row = connection.execute(select(schema.trial)).one()

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from dataclasses import asdict, replace
+from dataclasses import asdict
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from tactuator.measure.open_loop.chain import Calibrated, CalibrationRequest, ca
 from tactuator.measure.open_loop.usable import usable_band
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.demo.exciter import Exciter
-from tactuator.rig.sound.demo.server import simulated_card
+from tactuator.rig.sound.demo.server import CALM_S, simulated_card
 from tactuator.rig.sound.rig import SoundRig
 from tests.measure.open_loop.exciters import drawn_exciter, exciter_display
 
@@ -40,11 +40,13 @@ class Truth:
 def felt_error_db(made: Calibrated, exciter: Exciter, rng: np.random.Generator) -> np.ndarray:
     """The felt level less what was asked, by the displacement itself, line by line."""
     display = exciter_display(exciter, felt=True)
-    display = replace(display, sound=replace(display.sound, lead_s=2.0))
     frequency = made.channels[0].last.frequency_hz
     band = made.controller.display.channels[0].threshold.band_hz
     found = []
+    time.sleep(CALM_S)
     with open_rig("sound:-exciters", display) as rig:
+        assert isinstance(rig, SoundRig)
+        rig.feed_far_ahead()
         rig.load(made.controller)
         for group in range(3):
             (response,) = multisine_response(
@@ -68,7 +70,6 @@ def blind(seed: int, speed: float = 1.0) -> dict[str, object]:
     """What came of one exciter."""
     exciter = drawn_exciter(seed)
     display = exciter_display(exciter)
-    display = replace(display, sound=replace(display.sound, lead_s=2.0))
     found: dict[str, object] = {"seed": seed, "exciter": asdict(exciter)}
     rng = np.random.default_rng(seed)
     with simulated_card([exciter], period=PERIOD, seed=seed, speed=speed):

@@ -13,7 +13,7 @@ import pytest
 
 from tactuator.measure.open_loop.chain import CalibrationRequest, calibrate
 from tactuator.rig.sound.demo.display import demo_exciter
-from tests.measure.open_loop.exciters import RATE_HZ, exciter_rig
+from tests.measure.open_loop.exciters import PERIOD, RATE_HZ, exciter_rig
 
 ROOT = Path(__file__).parents[3]
 SEEDS = range(1, 21)
@@ -27,6 +27,8 @@ def test_calibrate__exciter_of_the_demonstration__is_felt_flat_by_its_equations(
     (one,) = made.channels
     assert made.flat
     assert one.followed.by == "model"
+    # the card's period and the exciter's own dead time are put back, to the sample
+    assert made.controller.display.sound.latency_samples == pytest.approx(PERIOD + exciter.delay_s * RATE_HZ, abs=1.0)
     frequency = one.last.frequency_hz
     volts = np.abs(made.controller.channels[0].prefilter(RATE_HZ).response(frequency))
     threshold = made.controller.display.channels[0].threshold.curve.displacement_mm(frequency)

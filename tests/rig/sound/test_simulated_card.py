@@ -42,6 +42,21 @@ def test_loopback__float32_through_the_audio_path__bit_exact_after_a_constant_de
     assert len(set(found["delays"])) == 1
 
 
+def test_experiment_and_speech__through_the_audio_path__from_start_to_end():
+    asked = [sys.executable, "-m", "tests.rig.sound.from_start_to_end", "8"]
+    done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, timeout=180, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    *lines, found = [json.loads(line) for line in done.stdout.splitlines()]
+    assert (found["rendered"], found["played"], found["runs"], found["missed"]) == (0, 0, ["done"], [])
+    assert found["trials"] == found["answered"] > 20
+    assert found["ticks_ascend"]
+    assert found["spread"] == 0
+    assert found["felt_off_db"] < 0.1
+    (threshold,) = lines[0]["thresholds"]
+    # 79 % of the script's function are at its 6 dB SL; one run errs by its own standard error, which is 1 to 2 dB
+    assert abs(threshold["own_db_sl"] - 6.0) < 4.0
+
+
 def test_multisine__through_the_audio_path__is_the_exciters_truth():
     found = through_portaudio("multisine_against_truth")
     assert found["worst_db"] < 0.1

@@ -220,3 +220,21 @@ def test_play__nothing_loaded__is_refused():
 def test_channels__input_zero__have_no_sensor():
     rig, _ = turned_rig(sound_display(input=0))
     assert rig.without_sensor == ("left", "right")
+
+
+def test_stream__fed_far_ahead__a_program_that_computes_for_a_second_is_not_late():
+    display = sound_display()
+    for far in (False, True):
+        rig, card = turned_rig(display, capacity=131072)
+        rig.load(flat_controller(display))
+        if far:
+            rig.feed_far_ahead()
+        stream = rig.stream([np.zeros((400, 2))] * 400)
+        next(stream)
+        card.sleep(1.0)  # the card goes on while the program does something else
+        if far:
+            list(stream)
+            assert rig.rows_played == 160000
+        else:
+            with pytest.raises(SoundGap, match="too slow to feed"):
+                list(stream)

@@ -98,7 +98,7 @@ class TurnedCard:
         self.closed = alive
 
 
-def turned_rig(display: Display, **card: Any) -> tuple[SoundRig, TurnedCard]:
-    rows = CardRows(2, 2, 16384, RATE_HZ)
+def turned_rig(display: Display, capacity: int = 16384, **card: Any) -> tuple[SoundRig, TurnedCard]:
+    rows = CardRows(2, 2, capacity, RATE_HZ)
     turned = TurnedCard(rows, **{"delay": PERIOD} | card)
     return SoundRig(display, rows, turned, turned.sleep), turned

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, TimingMissed
 from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.standing import Acknowledged, NextTrial
 from tactuator.experiment.session.task import PlaybackCallbacks
 from tactuator.experiment.store.answer_records import Answer, PlayedTrial
 from tactuator.experiment.trial.presenter import Watch
-from tactuator.rig.board.stream import StreamDry
 
 _ATTEMPTS_MAX = 3
 """Number of times that a trial is played whose timing the rig misses, before that is a fault of the rig."""
@@ -33,7 +32,7 @@ class PresentedSession:
         """Play the trial that stands; again, if it was played and never answered, or its timing was missed.
 
         halted: called while it plays, True to stop it. Raises Halted where it was stopped, the trial then being
-        unplayed, and StreamDry where the rig missed the timing again and again.
+        unplayed, and TimingMissed where the rig missed the timing again and again.
         """
         self.pending = None
         following = self.session.next_trial()
@@ -43,7 +42,7 @@ class PresentedSession:
             presentations = self._count(following)
             try:
                 played = course.play(following.trial, PlaybackCallbacks(watch, halted), clock.utc())
-            except StreamDry as missed:
+            except TimingMissed as missed:
                 self.session.note("timing-missed", f"run {following.run}, trial {following.trial.number}: {missed}")
                 if attempt + 1 == _ATTEMPTS_MAX:
                     raise

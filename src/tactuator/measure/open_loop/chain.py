@@ -89,8 +89,11 @@ def calibrate(
     Raises BadInput where a sensor does not hear its own actuator, or nothing can be reached; DeviceFault.
     """
     require_sensors(rig, rig.channels)
+    rig.feed_far_ahead()
+    known = [_known(rig, place, asked, rng, note) for place in range(len(rig.channels))]
+    if rig.display.sound is not None and not rig.display.sound.latency_samples:
+        known = _put_back(rig, known)
     display = rig.display
-    known = [_known(rig, place, asked, rng, note) for place in range(len(display.channels))]
     note("equalising")
     controller = _designed(display, [one.channel for one in known])
     first = _measured(rig, controller, asked, rng, note)
@@ -149,6 +152,23 @@ def _known(
         model_error_db=max(0.0, followed.departure_db),
     )
     return _Known(found, level, heard, followed, usable)
+
+
+def _put_back(rig: SoundRig, known: list[_Known]) -> list[_Known]:
+    """Return the channels without the dead time that all of them have, which the rig puts back from now on: what the
+    sensor says then stands beside what was asked, as whoever reads a trial's own rows needs it. A plant of the response
+    by itself has none, and tells nothing of it.
+    """
+    late = [int(one.followed.plant.delay_s * rig.rate_hz) for one in known if one.followed.by == "model"]
+    if not late or min(late) == 0:
+        return known
+    rig.put_back(min(late))
+    shorter = []
+    for one in known:
+        plant = one.channel.plant
+        left_s = max(0.0, plant.delay_s - min(late) / rig.rate_hz)
+        shorter.append(replace(one, channel=replace(one.channel, plant=replace(plant, delay_s=left_s))))
+    return shorter
 
 
 def _designed(display: Display, channels: list[Channel]) -> Controller:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.errors import BadInput, DeviceFault
+from tactuator.errors import BadInput, TimingMissed
 from tactuator.rig.board.link import LinkClient, Mode, RigFault, TraceRows
 from tactuator.rig.finger import Finger, anybody_feels, let_feel, take_forces
 
@@ -22,7 +22,7 @@ _STATUS_POLL_S = 0.004
 Rows = NDArray[np.float32]
 
 
-class StreamDry(DeviceFault):
+class StreamDry(TimingMissed):
     """The board had no row for `ticks` of its ticks so far, and played zeros: the host or the link is too slow."""
 
     def __init__(self, message: str, ticks: int) -> None:

@@ -6,11 +6,11 @@ from tactuator.display.description import Display
 from tactuator.errors import BadInput
 from tactuator.rig.sound.cards import find_card, list_cards, sound_name
 from tactuator.rig.sound.port import CardPort
-from tactuator.rig.sound.rig import SoundRig, sound_wiring
+from tactuator.rig.sound.rig import PATIENT_S, SoundRig, sound_wiring
 from tactuator.rig.sound.rows import CardRows
 
-RING_S = 4.0
-"""Length of the rings: twice the greatest lead."""
+RING_S = 2.0 * PATIENT_S
+"""Length of the rings: twice the greatest time by which a stream is fed ahead."""
 
 
 def sound_rig(spec: str, display: Display) -> SoundRig:

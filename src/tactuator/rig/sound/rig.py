@@ -26,6 +26,7 @@ from tactuator.runtime.simulation import block_samples
 CLIPPED = 0.9999
 """Share of full scale from which an input counts as clipped: the top code of 16 bits is above it."""
 SOFT_S = 0.02
+PATIENT_S = 8.0
 DRIVE_TRIES = 3
 
 Flags = NDArray[np.bool_]
@@ -74,6 +75,21 @@ class SoundRig(DisplayRig):
     def rows_played(self) -> int:
         """Return the number of rows of the last block or stream that the card has taken."""
         return min(self._rows.played, self._length)
+
+    def feed_far_ahead(self) -> None:
+        """Feed PATIENT_S ahead from now on, as measurements do for which nobody waits: computing between two blocks may
+        then take as long. Nothing is changed where the rings are shorter.
+        """
+        wanted = round(PATIENT_S * self.rate_hz)
+        self._run.lead = max(self._run.lead, min(wanted, self._rows.capacity // 2))
+
+    def put_back(self, latency_samples: int) -> None:
+        """Put what is taken in back by so many samples from now on, in the place of the display's own latency_samples.
+
+        Raises BadInput for less than none.
+        """
+        self._card = replace(self._card, latency_samples=latency_samples)
+        self._display = replace(self._display, sound=self._card)
 
     def load(self, controller: Controller) -> None:
         """Make the controller the one that runs, from rest. Raises BadInput if it is not for this rig, or closes a

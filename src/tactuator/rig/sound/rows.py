@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.errors import BadInput, DeviceFault
+from tactuator.errors import BadInput, TimingMissed
 from tactuator.runtime._core import ffi, lib
 
 Rows = NDArray[np.float32]
@@ -15,7 +15,7 @@ _NEVER = 2**64 - 1
 _DYING_S = 5e-3
 
 
-class SoundGap(DeviceFault):
+class SoundGap(TimingMissed):
     """A run on a sound card had a gap: rows came too late, were lost, or the card told of one."""
 
 
@@ -65,6 +65,11 @@ class CardRows:
         rows = np.empty((most, max(1, self._inputs)), dtype=np.float32)
         got = int(lib.tact_audio_read(self._rows, ffi.from_buffer("float[]", rows), most))
         return rows[:got, : self._inputs]
+
+    @property
+    def capacity(self) -> int:
+        """Return the number of rows for which there is room."""
+        return int(self._rows.capacity)
 
     @property
     def outputs(self) -> int:

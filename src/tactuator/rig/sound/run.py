@@ -21,7 +21,7 @@ class CardRun:
     """Runs on `rows`, one at a time. lead: rows by which one is fed ahead."""
 
     def __init__(self, rows: CardRows, lead: int, sleep: Callable[[float], None]) -> None:
-        self._rows, self._lead, self._sleep = rows, lead, sleep
+        self._rows, self.lead, self._sleep = rows, lead, sleep
         self._seen, self._silent_s = -1, 0.0
         self.alive = True
 
@@ -38,7 +38,7 @@ class CardRun:
         waiting: Rows | None = None
         try:
             while more or got < fed + beyond:
-                while more and fed - self._rows.played < self._lead:
+                while more and fed - self._rows.played < self.lead:
                     if waiting is None or not len(waiting):
                         waiting = next(source, None)
                     if waiting is None:
@@ -54,12 +54,12 @@ class CardRun:
                 if not begun:
                     self._rows.begin()
                     begun = True
-                part = self._rows.read(self._lead)
+                part = self._rows.read(self.lead)
                 self._rows.check(allow_gaps)
                 got += len(part)
                 if len(part):
                     yield part
-                if len(part) < self._lead // 2:
+                if len(part) < self.lead // 2:
                     self._wait()
         finally:
             self._rows.stop()

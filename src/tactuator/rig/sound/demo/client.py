@@ -89,13 +89,18 @@ def opened(jack: Any, name: str, server: str) -> Any:
 
 
 def _hurry(client: Any, over: threading.Event) -> None:
-    """Keep the server in freewheel mode for as long as somebody is connected: nobody can connect within it."""
-    hurried = False
+    """Keep the server in freewheel mode for as long as somebody is connected, from half a second after the last
+    connection was made: nobody can connect within it.
+    """
+    hurried, seen, since = False, 0, 0
     while not over.wait(0.05):
-        connected = any(port.connections for port in client.inports)
-        if connected != hurried:
-            client.set_freewheel(connected)
-            hurried = connected
+        count = sum(len(port.connections) for port in (*client.inports, *client.outports))
+        since = since + 1 if count == seen else 0
+        seen = count
+        wanted = bool(count) and (hurried or since >= 10)
+        if wanted != hurried:
+            client.set_freewheel(wanted)
+            hurried = wanted
 
 
 def _wait_for_end(over: threading.Event) -> None:

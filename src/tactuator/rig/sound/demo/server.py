@@ -34,6 +34,11 @@ class SimulatedCard:
     client: subprocess.Popen[bytes]
 
 
+CALM_S = 1.0
+"""A card whose speed is not 1 must be left alone for so long before it is opened once more: JACK lets nobody connect
+in freewheel mode, and the exciters leave that mode when they see that nobody is connected."""
+
+
 @contextmanager
 def simulated_card(
     exciters: Sequence[Exciter | None],
