@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactuator.display.description import Display
-from tactuator.files.display import parse_display
+from tactuator.files.curve import resolve_curve
+from tactuator.files.display import parse_display, with_curve
+from tactuator.perception.curve import ThresholdCurve
 from tactuator.rig.sound.demo.exciter import Exciter, RunningExciter
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.rig.sound.rows import CardRows
@@ -68,6 +70,14 @@ def exciter_display(exciter: Exciter, names: Sequence[str] = ("exciter",), felt:
     )
 
 
+def persons_curve() -> ThresholdCurve:
+    """A synthetic person's: less sensitive by 4 dB at 10 Hz and by 14 dB at 400 Hz."""
+    usual = resolve_curve("bolanowski-1988")
+    frequency = usual.frequency_hz
+    level = usual.level_db_re_1um + 4.0 + 10.0 * np.clip(np.log(frequency / 10.0) / np.log(40.0), 0.0, 1.0)
+    return ThresholdCurve("S9", frequency, level, "measured", "synthetic")
+
+
 class ExciterCard:
     """A card whose outputs drive exciters; its inputs hear the accelerometers, then the displacements."""
 
@@ -93,8 +103,15 @@ class ExciterCard:
         pass
 
 
-def exciter_rig(exciters: Sequence[Exciter], names: Sequence[str] = ("exciter",), seed: int = 0) -> SoundRig:
+def exciter_rig(
+    exciters: Sequence[Exciter],
+    names: Sequence[str] = ("exciter",),
+    seed: int = 0,
+    curve: ThresholdCurve | None = None,
+) -> SoundRig:
     display = exciter_display(exciters[0], names)
+    if curve is not None:
+        display = with_curve(display, curve)
     rows = CardRows(len(exciters), 2 * len(exciters), 4 * 48000, RATE_HZ)
     card = ExciterCard(rows, exciters, seed)
     return SoundRig(display, rows, card, card.sleep)

@@ -13,16 +13,17 @@ import pytest
 
 from tactuator.measure.open_loop.chain import CalibrationRequest, calibrate
 from tactuator.rig.sound.demo.display import demo_exciter
-from tests.measure.open_loop.exciters import PERIOD, RATE_HZ, exciter_rig
+from tests.measure.open_loop.exciters import PERIOD, RATE_HZ, exciter_rig, persons_curve
 
 ROOT = Path(__file__).parents[3]
 SEEDS = range(1, 21)
 
 
 @pytest.mark.slow
-def test_calibrate__exciter_of_the_demonstration__is_felt_flat_by_its_equations():
+def test_calibrate__exciter_and_a_persons_curve__is_felt_flat_by_its_equations():
     exciter = demo_exciter(np.random.default_rng(0))
-    rig = exciter_rig([exciter])
+    person = persons_curve()
+    rig = exciter_rig([exciter], curve=person)
     made = calibrate(rig, CalibrationRequest((10.0, 400.0), 20.0, 50.0), np.random.default_rng(0))
     (one,) = made.channels
     assert made.flat
@@ -31,6 +32,7 @@ def test_calibrate__exciter_of_the_demonstration__is_felt_flat_by_its_equations(
     assert made.controller.display.sound.latency_samples == pytest.approx(PERIOD + exciter.delay_s * RATE_HZ, abs=1.0)
     frequency = one.last.frequency_hz
     volts = np.abs(made.controller.channels[0].prefilter(RATE_HZ).response(frequency))
+    assert made.controller.display.channels[0].threshold.curve is person
     threshold = made.controller.display.channels[0].threshold.curve.displacement_mm(frequency)
     felt_db = 20.0 * np.log10(volts * np.abs(exciter.response(frequency)) / threshold)
     assert np.max(np.abs(felt_db)) < 1.0

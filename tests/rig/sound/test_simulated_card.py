@@ -72,3 +72,14 @@ def test_server__killed_in_the_middle__one_fault_and_an_end():
 def test_client__stopped_for_a_while__its_gap_is_told():
     found = through_portaudio("client_stopped")
     assert found["told"] == found["provoked"]
+
+
+@pytest.mark.soak
+@pytest.mark.skipif(shutil.which("pulseaudio") is None, reason="no pulseaudio here")
+def test_pulseaudio__null_sink_and_its_monitor__what_was_put_out_after_a_constant_delay():
+    asked = [sys.executable, "-m", "tests.rig.sound.through_pulseaudio"]
+    done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    found = json.loads(done.stdout)
+    assert found["same"] == [1.0, 1.0, 1.0]
+    assert len(set(found["delays"])) == 1

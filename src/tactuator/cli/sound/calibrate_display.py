@@ -15,7 +15,8 @@ from tactuator.cli.answer import answer, progress
 from tactuator.cli.response.measure import frequencies
 from tactuator.display.description import Display
 from tactuator.errors import BadInput
-from tactuator.files.display import read_display
+from tactuator.files.curve import resolve_curve
+from tactuator.files.display import read_display, with_curve
 from tactuator.measure.open_loop.chain import Calibrated, CalibrationRequest, calibrate
 from tactuator.report.open_loop_files import FILES, write_calibrated
 from tactuator.rig.open import open_rig
@@ -23,12 +24,22 @@ from tactuator.rig.sound.rig import SoundRig
 
 
 def run(
-    display: Path, rig: str, out: Path, level_db_sl: float, band_hz: str, mains_hz: float, seed: int, as_json: bool
+    display: Path,
+    rig: str,
+    out: Path,
+    level_db_sl: float,
+    band_hz: str,
+    mains_hz: float,
+    curve: str | None,
+    seed: int,
+    as_json: bool,
 ) -> None:
     """Find level, model, usable band and equaliser of a display without loop, and verify what is felt; exit status 1
     where that is not flat within the tolerance.
     """
     described = read_display(display)
+    if curve is not None:
+        described = with_curve(described, resolve_curve(curve))
     asked = CalibrationRequest(_band(described, band_hz), level_db_sl, mains_hz or None)
     deliver(described, rig, out, asked, seed, as_json)
 
@@ -68,6 +79,7 @@ def _document(made: Calibrated, out: Path, gaps: int) -> dict[str, Any]:
             {
                 "channel": one.name,
                 "usable_band_hz": list(one.usable.band_hz),
+                "shortfall": one.shortfall(made.controller.display.objectives.flatness_db),
                 "ends": list(one.usable.ends),
                 "worst_error_db": one.last.worst_db,
                 "first_worst_error_db": one.first.worst_db,
@@ -90,4 +102,6 @@ def _shown(made: Calibrated, out: Path) -> Group:
         low, high = one.usable.band_hz
         spread = f"{one.last.error_db.min():+.2f} to {one.last.error_db.max():+.2f}"
         table.add_row(one.name, f"{low:.4g} to {high:.4g}", spread, one.followed.by, str(one.rounds))
-    return Group(table, *(f"written: {out / name}" for name in FILES), "felt flat" if made.flat else "NOT felt flat")
+    allowed = made.controller.display.objectives.flatness_db
+    short = [f"{one.name}: NOT felt flat: {why}" for one in made.channels if (why := one.shortfall(allowed))]
+    return Group(table, *(f"written: {out / name}" for name in FILES), *(short or ["felt flat"]))

@@ -71,6 +71,7 @@ def calibrate_display(
     level_db_sl: LevelDbSl = 20.0,
     band_hz: BandHz = "",
     mains_hz: MainsHz = 50.0,
+    curve: Annotated[str | None, typer.Option("--curve", help="Threshold curve: a name, or a person's CSV.")] = None,
     seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:

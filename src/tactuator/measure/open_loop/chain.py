@@ -55,6 +55,16 @@ class CalibratedChannel:
     last: Flatness
     rounds: int
 
+    def shortfall(self, allowed_db: float) -> str:
+        """Return in words why it is not felt flat within allowed_db; "" where it is."""
+        last = self.last
+        at_hz = float(last.frequency_hz[np.argmax(np.abs(last.error_db))])
+        if last.limited:
+            return "the command was cut at its range while a tone was played: a lower level, or more volts"
+        if abs(last.worst_db) > allowed_db:
+            return f"{last.worst_db:+.2f} dB at {at_hz:.4g} Hz, corrected {self.rounds} times"
+        return ""
+
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
@@ -67,7 +77,7 @@ class Calibrated:
     def flat(self) -> bool:
         """Return whether every channel is felt flat within the display's tolerance."""
         allowed = self.controller.display.objectives.flatness_db
-        return all(abs(one.last.worst_db) <= allowed and not one.last.limited for one in self.channels)
+        return not any(one.shortfall(allowed) for one in self.channels)
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,7 +40,7 @@ def main(arguments: Sequence[str]) -> None:
     ports = [client.outports.register(f"sensor_{k + 1}") for k in range(count)]
     ports += [client.outports.register(f"felt_{k + 1}") for k in range(count)]
     over = threading.Event()
-    pace = Pace(float(client.samplerate) * settings["speed"]) if settings["speed"] != 1.0 else None
+    pace = FramePace(float(client.samplerate) * settings["speed"]) if settings["speed"] != 1.0 else None
 
     @client.set_process_callback  # type: ignore[untyped-decorator]
     def process(frames: int) -> None:
@@ -64,7 +64,7 @@ def main(arguments: Sequence[str]) -> None:
         over.wait()
 
 
-class Pace:
+class FramePace:
     """A clock of `rate_hz` frames: who is late is not hurried afterwards."""
 
     def __init__(self, rate_hz: float) -> None:

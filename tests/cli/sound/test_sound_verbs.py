@@ -11,11 +11,16 @@ import numpy as np
 import pytest
 
 from tactuator.cli import main
+from tactuator.cli.sound import calibrate_display
 from tactuator.display.document import display_document
+from tactuator.errors import BadInput
+from tactuator.files.curve import read_curve, write_curve
+from tactuator.files.start.shipped import EXAMPLES
 from tactuator.report.open_loop_files import toml_text
 from tactuator.rig import open as rigs
 from tactuator.rig.sound import library
 from tests.cli.refusals import refused
+from tests.measure.open_loop.exciters import persons_curve
 from tests.rig.sound.turned_card import OVERFLOW, TurnedCard, sound_display, turned_rig
 
 
@@ -126,6 +131,28 @@ def test_calibrate_display__amiss_on_the_way__one_line_output_at_rest_and_nothin
     assert turned.closed is not None
     if "stops_at" not in card:  # a card that is gone lets nothing be put out any more
         assert not np.any(turned.put_out[-1])
+
+
+def test_calibrate_display__curve_of_a_person__is_the_one_that_is_calibrated_to(
+    display_file: str, tmp_path: Path, monkeypatch, capsys
+):
+    put_in(monkeypatch)
+    asked = []
+
+    def stopped(rig: Any, *more: Any) -> None:
+        asked.append(rig.display.channels[1].threshold.curve)
+        raise BadInput("enough")
+
+    monkeypatch.setattr(calibrate_display, "calibrate", stopped)
+    own = tmp_path / "s9.csv"
+    write_curve(own, persons_curve())
+    given = ["calibrate-display", display_file, "--curve", str(own), "--out", str(tmp_path / "out")]
+    refused(given, "enough", capsys, tmp_path)
+    (found,) = asked
+    assert found.name == "S9"
+    assert np.array_equal(found.level_db_re_1um, read_curve(own).level_db_re_1um)
+    # a curve that ends below the display's band tells nothing of what lies above
+    refused([*given[:3], str(EXAMPLES / "curve.csv")], "allowed: one that covers the band", capsys, tmp_path)
 
 
 def test_sound_devices__a_card__is_listed(monkeypatch, capfd):
