@@ -1,16 +1,20 @@
 """What a verb prints."""
 
 import json
+from collections import Counter
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rich.console import Console
 from rich.table import Table
 
-from tactuator.cli.answer import answer, plain, progress
+from tactuator.cli.answer import answer, plain, progress, shown
+from tactuator.experiment.result.tables import ResultTable
 from tactuator.report.identification_table import with_error
 
 
@@ -89,3 +93,16 @@ def test_progress__nobody_watching__is_silent(capsys):
 )
 def test_with_error__value__has_the_digits_that_its_error_leaves(value, error, shown):
     assert with_error(value, error) == shown
+
+
+@pytest.mark.parametrize("width", [60, 80, 100, 160])
+def test_shown__table_wider_than_the_terminal__loses_no_letter(width):
+    columns = ("subject", "finger", "Hz", "trials", "procedure", "refit", "95 %", "dB re 1 µm", "flags")
+    row = ("S1", "middle", "164.3", "129", "-12.5", "≥ 29.5", "8.5 to 54.2", "15.8", "chance, delivered-unknown")
+    console = Console(width=width, record=True, file=StringIO())
+    console.print(shown(ResultTable("Thresholds", columns, (row,), ("a note",))))
+    lines = console.export_text().splitlines()
+    assert max(len(line) for line in lines) <= width
+    letters = Counter("".join(lines))
+    assert all(letters[one] >= count for one, count in Counter("".join(columns + row).replace(" ", "")).items())
+    assert "…" not in letters

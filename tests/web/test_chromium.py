@@ -161,3 +161,17 @@ def test_page__second_tab__takes_over_and_gives_back(shared, browser) -> None:
     visible(first, "Before we begin")
     first.close()
     second.close()
+
+
+def test_operator__refusal__stays_to_be_read_though_the_page_is_renewed(shared, browser) -> None:
+    operator = browser.new_page()
+    operator.goto(shared.addresses["operator"])
+    operator.locator("[data-day]").first.wait_for()
+    operator.locator("#enrol summary").click()
+    operator.locator("#enrol-form [name=code]").fill("S1")
+    operator.locator("#enrol-form button").click()
+    operator.locator("#banner", has_text="'S1' is enrolled already").wait_for()
+    operator.wait_for_timeout(1500)  # the page is sent anew every second
+    assert operator.locator("#banner").is_visible()
+    assert "'S1' is enrolled already" in operator.locator("#banner").inner_text()
+    operator.close()

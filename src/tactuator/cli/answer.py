@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from rich.console import Console, Group, RenderableType
+from rich.box import SIMPLE_HEAD
+from rich.console import Console, ConsoleOptions, Group, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
@@ -47,8 +48,25 @@ def written(*paths: Path | None) -> list[str]:
 
 
 def shown(one: ResultTable) -> Group:
-    """Return the table with its notes below."""
-    table = Table(*one.columns, title=one.caption)
-    for row in one.rows:
-        table.add_row(*row)
-    return Group(table, *one.notes)
+    """Return the table with its notes below; a table that is too wide for its frame stands without one."""
+    return Group(_Framed(one), *one.notes)
+
+
+class _Framed:
+    """A table that cuts no word where the columns can be had by leaving the frame away."""
+
+    def __init__(self, one: ResultTable) -> None:
+        self.one = one
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Table]:
+        framed = self._table(Table(title=self.one.caption))
+        narrowest = framed.__rich_measure__(console, options.update(max_width=10_000)).minimum
+        bare = Table(title=self.one.caption, box=SIMPLE_HEAD, padding=0, pad_edge=False)
+        yield framed if narrowest <= options.max_width else self._table(bare)
+
+    def _table(self, table: Table) -> Table:
+        for name in self.one.columns:
+            table.add_column(name, overflow="fold")
+        for row in self.one.rows:
+            table.add_row(*row)
+        return table

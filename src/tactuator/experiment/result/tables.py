@@ -38,7 +38,7 @@ def threshold_table(found: Sequence[MeasuredThreshold], words: Words) -> ResultT
             "–" if one.own_db_sl is None else f"{one.own_db_sl:.1f}",
             f"{_BOUNDS[one.bound]}{one.refit_db_sl:.1f}",
             words("results.range", low=f"{one.refit_low_db_sl:.1f}", high=f"{one.refit_high_db_sl:.1f}"),
-            f"{one.level_db_re_1um:.1f}",
+            f"{_BOUNDS[one.bound]}{one.level_db_re_1um:.1f}",
             ", ".join(words(f"results.flag_{name.replace('-', '_')}") for name in one.flags),
         )
         for one in found

@@ -1,13 +1,17 @@
 "use strict";
 // The operator's page. The token is in the address after the #, and is sent to the page's own server only.
 let shown = "", asks = "", dayOf = null;
+const refusal = { text: "", until: 0 }; // stays for a while, though snapshots come every second
 
 const link = new Link(
   "/ws/operator",
   (message) => {
     if (message.type === "snapshot") show(message);
     else if (message.type === "results") results(message);
-    else banner(message.message);
+    else {
+      Object.assign(refusal, { text: message.message, until: performance.now() + 10000 });
+      banner(refusal.text);
+    }
   },
   (socket) => { socket.send(location.hash.slice(1)); banner(""); },
   (code) => {
@@ -17,7 +21,10 @@ const link = new Link(
   },
 );
 
-const command = (type, session) => link.send(session === undefined ? { type } : { type, session });
+function command(type, session) {
+  refusal.until = 0;
+  link.send(session === undefined ? { type } : { type, session });
+}
 const percent = (share) => (share === null ? "–" : `${Math.round(100 * share)} %`);
 const minutes = (seconds) => (seconds === null ? "–" : word("minutes", { minutes: Math.ceil(seconds / 60) }));
 const row = (...cells) => make("tr", {}, ...cells.map((cell) => make("td", {}, cell)));
@@ -101,7 +108,8 @@ function show(snapshot) {
   const rig = snapshot.rig;
   el("rig").textContent = word("rig", { name: rig.name, display: rig.display, channels: rig.channels.join(", "), rate: rig.rate_hz });
   el("simulated").hidden = !rig.simulated;
-  banner(snapshot.fault === null ? (snapshot.control ? "" : word("looking_on")) : word("fault", { fault: snapshot.fault }));
+  banner(snapshot.fault !== null ? word("fault", { fault: snapshot.fault })
+    : performance.now() < refusal.until ? refusal.text : snapshot.control ? "" : word("looking_on"));
   el("calls").hidden = snapshot.calls.length === 0;
   el("calls").replaceChildren(...snapshot.calls.map((call) => make("li", {}, word("called", { call }))));
   controls(snapshot);
