@@ -1,9 +1,13 @@
-"""Drag to redrawn chart in the console's loop view, by the page's own clock.
+"""Drag to redrawn chart in the console's loop view, and frames of its scope, by the page's own clock.
 
 The server is a process of its own, `tactuator console` on a display of three channels, each with a family of eight
 models under two loads: 24 plants. Chromium drags the gain, a zero, and a point of the Nichols curve by mouse; a time
 runs from the first pointer event that a frame answers to the animation frame after it is drawn. The peer is the same
 page with nothing to compute: the connection's answer to a request that it refuses.
+
+The scope shows three channels at 4 kHz of the simulated rig: frames drawn a second, share of a core that the server and
+the process of the rig take, and samples lost by their numbers. Its peer is the rate at which the page is given frames
+to draw when it does nothing else.
 """
 
 import json
@@ -17,9 +21,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from tactuator.files.start.shipped import EXAMPLES
 
 MOVES = 120
+SCOPE_S = 20
 GOAL_MS = {"median": 50.0, "p95": 100.0}
 PROGRAM = "import sys; from tactuator.cli import main; sys.exit(main())"
 ARGUMENTS = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run"]
@@ -71,14 +78,14 @@ loads = [
 
 
 @contextmanager
-def served(path: Path) -> Iterator[str]:
-    """Serve the console for a display file; yield its address."""
+def served(path: Path, *more: str) -> Iterator[tuple[str, int]]:
+    """Serve the console for a display file; yield its address and the id of its process."""
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    command = [sys.executable, "-c", PROGRAM, "console", str(path), "--port", "0"]
+    command = [sys.executable, "-c", PROGRAM, "console", str(path), "--port", "0", *more]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
     assert process.stderr is not None
     try:
-        yield process.stderr.readline().split()[1]
+        yield process.stderr.readline().split()[1], process.pid
     finally:
         process.terminate()
         process.wait(timeout=10)
@@ -116,7 +123,7 @@ def run() -> dict[str, object]:
         path = Path(folder) / "display.toml"
         path.write_text(display_text())
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=ARGUMENTS)
-        with served(path) as address:
+        with served(path) as (address, _):
             page = browser.new_page(viewport={"width": 1366, "height": 860})
             page.goto(address)
             page.wait_for_selector("body[data-ready=start]")
@@ -133,10 +140,60 @@ def run() -> dict[str, object]:
                 "first page": first,
                 "goal_ms": GOAL_MS,
             }
+        found["scope"] = scope(browser)
         browser.close()
     return found
 
 
+def scope(browser: Browser) -> dict[str, float]:
+    """Return the figures of the scope on the simulated rig, while it plays noise on every channel."""
+    with served(EXAMPLES / "display.toml", "--rig", "simulated") as (address, process):
+        page = browser.new_page(viewport={"width": 1366, "height": 860})
+        page.goto(f"{address}&view=scope")
+        page.click("#use-design", timeout=60_000)
+        page.click("#live:not([disabled])", timeout=120_000)
+        for name, *_ in CHANNELS:
+            page.check(f"#wave-on-{name}")
+        page.select_option("#wave", "noise")
+        page.click("#play:not([disabled])")
+        page.wait_for_selector("#wave-now:has-text('noise')")
+        before, began = cores(process), page.evaluate("[window.scopeFrames.length, window.scopeLast.end]")
+        page.wait_for_timeout(1000 * SCOPE_S)
+        after, ended = cores(process), page.evaluate("[window.scopeFrames.length, window.scopeLast.end]")
+        return {
+            "frames_a_second": (ended[0] - began[0]) / SCOPE_S,
+            "idle_frames_a_second": page.evaluate(IDLE),
+            "samples_a_second": (ended[1] - began[1]) / SCOPE_S,
+            "samples_lost": page.evaluate("window.scopeLast.lost"),
+            "pictures_left_out": page.evaluate("window.scopeLast.dropped"),
+            "server_of_a_core": (after[0] - before[0]) / SCOPE_S,
+            "rig_of_a_core": (after[1] - before[1]) / SCOPE_S,
+        }
+
+
+def cores(process: int) -> tuple[float, float]:
+    """Return the seconds of processor time of a process, and of those that it began (Linux)."""
+    times, parents = {}, {}
+    for place in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (place / "stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        parents[int(place.name)] = int(fields[1])
+        times[int(place.name)] = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return times[process], sum(times[one] for one, parent in parents.items() if parent == process)
+
+
+IDLE = """() => new Promise((done) => {
+  const began = performance.now();
+  let count = 0;
+  const next = () => {
+    count += 1;
+    const passed = performance.now() - began;
+    if (passed > 2000) done(1000 * count / passed); else requestAnimationFrame(next);
+  };
+  requestAnimationFrame(next);
+})"""
 FIRST = """() => JSON.stringify({
   usable_ms: performance.getEntriesByName("usable")[0].startTime,
   transferred_kb: (performance.getEntriesByType("resource").reduce((sum, one) => sum + one.transferSize, 0)

@@ -22,7 +22,7 @@ from tactuator.errors import TactuatorError
 from tactuator.web.sockets import first_to_end, receive_text, send
 
 Answer = dict[str, Any]
-FRAMES_HZ = 40.0
+FRAMES_HZ = 50.0
 AHEAD = 2
 """Frames that a page may have had and not drawn; what would come then is left out, and counted."""
 LEVELS_HZ = 8.0
@@ -121,9 +121,12 @@ class RigConnection:
         return {**self._desk.about(), **asdict(self._host.standing), "controls": holder}
 
     async def _frames(self) -> None:
-        """Send frames as long as the page draws them."""
+        """Send frames as long as the page draws them; one that was late does not make the next one late."""
+        clock = asyncio.get_running_loop().time
+        due = clock()
         while True:
-            await asyncio.sleep(1.0 / FRAMES_HZ)
+            due = max(due + 1.0 / FRAMES_HZ, clock() - 1.0)
+            await asyncio.sleep(due - clock())
             end, view = self._host.samples.end, self._view
             if view.done or (end == self._shown_end and (view.look is None or view.look.mode != "hold")):
                 continue

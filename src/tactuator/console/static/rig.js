@@ -75,4 +75,19 @@ export class Rig {
   }
 }
 
-export const absent = () => [make("h1", {}, "No rig"), make("p", {}, "This console was begun without a rig. Begin it with one, a simulated one for example, to see and drive a display here.")];
+// A view of a rig: it is built when the rig has said what it is, or says that there is none.
+export function connected(view, title, built, standing, pushed) {
+  view.replaceChildren(make("h1", {}, title), make("p", {}, "Connecting to the rig."));
+  return new Promise((ready) => {
+    let begun = false;
+    const rig = new Rig(() => {
+      if (rig.absent) { view.replaceChildren(...absent()); ready(rig); }
+      if (!rig.standing) return;
+      if (!begun) { begun = true; built(rig); }
+      standing(rig);
+      ready(rig);
+    }, pushed);
+  });
+}
+
+const absent = () => [make("h1", {}, "No rig"), make("p", {}, "This console was begun without a rig. Begin it with one, a simulated one for example, to see and drive a display here."), make("code", {}, "tactuator console DISPLAY.toml --rig simulated")];

@@ -1,10 +1,10 @@
 // The scope: what a rig does, as it does it, with a generator and a finger.
 import { banner, digits, make, refusal } from "./dom.js";
-import { Drop } from "./drop.js";
 import { Finger } from "./finger.js";
 import { GeneratorPanel } from "./generator.js";
+import { Loader } from "./loader.js";
 import { Plot } from "./plots.js";
-import { Rig, absent } from "./rig.js";
+import { connected } from "./rig.js";
 import { HUES, Traces, frameOf } from "./traces.js";
 
 const SPANS = [0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 30];
@@ -20,10 +20,7 @@ export class Scope {
   }
 
   async open() {
-    this.view.replaceChildren(make("h1", {}, "Scope"), make("p", {}, "Connecting to the rig."));
-    await new Promise((ready) => {
-      this.rig = new Rig(() => { if (this.rig.absent) { this.view.replaceChildren(...absent(), make("code", {}, "tactuator console DISPLAY.toml --rig simulated")); ready(); } else if (this.rig.standing) { if (!this.built) this.build(); this.standing(); ready(); } }, (message) => this.pushed(message));
-    });
+    this.rig = await connected(this.view, "Scope", (rig) => { this.rig = rig; this.build(); }, () => this.standing(), (message) => this.pushed(message));
   }
 
   close() { this.rig?.close(); }
@@ -37,33 +34,17 @@ export class Scope {
     this.strip = new Traces([{ title: "level at the sensor, last second", unit: "dB SL" }], 110, "Level at the sensor of every channel over the last half minute");
     this.spectrum = new Plot("Spectrum at the sensor (dB SL) over frequency (Hz); 0 is the threshold", 190, "hz", hz);
     this.spectrum.marks = [{ hz: null, db: 0 }];
+    this.live = make("button", { type: "button", id: "live", class: "first", onclick: () => this.rig.do("live") }, "Live");
+    this.loader = new Loader(this.rig, this.link, this.state, this.live);
     this.generator = new GeneratorPanel(this.rig, channels);
     this.finger = new Finger(this.rig, channels);
     this.bits = { tiles: make("dl", { class: "tiles", id: "levels" }), cursors: make("p", { id: "cursor-values", "aria-live": "off" }), counts: make("p", { id: "counts" }) };
     const side = make("div", { class: "panel" }, make("h2", {}, "Spectrum"), make("div", {}, this.spectrum.box), this.strip.box);
     this.view.replaceChildren(
-      make("h1", {}, `Scope of ${display}`), this.rig.bar, this.controllerBar(), this.bits.tiles,
+      make("h1", {}, `Scope of ${display}`), this.rig.bar, this.loader.box, this.bits.tiles,
       make("div", { class: "loop" }, make("div", {}, make("div", { class: "panel" }, this.traceBar(), this.traces.box, this.bits.cursors, this.bits.counts)), make("div", {}, this.generator.box, this.finger.box, side)));
     this.view.onkeydown = (event) => { if (event.key === " " && !["INPUT", "SELECT", "BUTTON", "A", "TEXTAREA"].includes(event.target.tagName)) { event.preventDefault(); this.pause(); } };
     this.look();
-  }
-
-  controllerBar() {
-    const drop = new Drop(this.link, { label: "controller.json", accept: ".json", taken: (file) => this.rig.link.ask("controller", { source: "file", file }) });
-    drop.input.id = "controller-file";
-    this.use_ = { live: make("button", { type: "button", id: "live", class: "first", onclick: () => this.rig.do("live") }, "Live"),
-      design: make("button", { type: "button", id: "use-design", onclick: () => this.use("design") }, "Design a controller"),
-      loops: make("button", { type: "button", id: "use-loops", onclick: () => this.use("loops") }, "Use the loops of this page") };
-    this.loaded = make("span", { id: "loaded" });
-    this.file = drop.box;
-    return make("div", { class: "bar" }, this.use_.live, make("span", {}, "controller: ", this.loaded), this.use_.design, this.use_.loops, this.file);
-  }
-
-  async use(source) {
-    const button = this.use_[source], words = button.textContent;
-    button.disabled = true; button.textContent = "Wait";
-    await this.rig.do("controller", { source, ...(source === "loops" ? { shapes: this.state.shapes } : {}) });
-    button.disabled = this.rig.watches; button.textContent = words;
   }
 
   traceBar() {
@@ -149,13 +130,9 @@ export class Scope {
   }
 
   standing() {
-    const { rig } = this, one = rig.standing, { live, design, loops } = this.use_;
-    this.loaded.textContent = one.loaded ? one.loaded.slice(0, 12) : "none yet";
-    live.disabled = !rig.open || rig.watches || !one.loaded || one.mode === "live" || one.mode === "gone";
-    for (const button of [design, loops]) button.disabled = !rig.open || rig.watches;
-    const needed = this.channels.filter((channel) => channel.loop).map((channel) => channel.name);
-    loops.hidden = !needed.length || !needed.every((name) => name in (this.state.shapes ?? {}));
-    this.file.hidden = rig.watches;
+    const { rig, live } = this, one = rig.standing;
+    live.disabled = !rig.open || rig.watches || !one.loaded || ["live", "gone"].includes(one.mode);
+    this.loader.standing();
     this.generator.standing();
     this.finger.standing();
     if (rig.open && !this.connected) this.look();

@@ -1,0 +1,33 @@
+// The controller that runs on the rig: designed now, the loops that were shaped in this page, or a file.
+import { make } from "./dom.js";
+import { Drop } from "./drop.js";
+
+export class Loader {
+  // more: what stands in the same bar ahead of it.
+  constructor(rig, link, state, ...more) {
+    Object.assign(this, { rig, state });
+    const press = (source, text) => make("button", { type: "button", id: `use-${source}`, onclick: () => this.use(source) }, text);
+    this.buttons = { design: press("design", "Design a controller"), loops: press("loops", "Use the loops of this page") };
+    this.loaded = make("span", { id: "loaded" });
+    this.drop = new Drop(link, { label: "controller.json", accept: ".json", taken: (file) => rig.link.ask("controller", { source: "file", file }) });
+    this.drop.input.id = "controller-file";
+    this.box = make("div", { class: "bar" }, ...more, make("span", {}, "controller: ", this.loaded), this.buttons.design, this.buttons.loops, this.drop.box);
+  }
+
+  async use(source) {
+    const button = this.buttons[source], words = button.textContent;
+    button.disabled = true; button.textContent = "Wait";
+    await this.rig.do("controller", { source, ...(source === "loops" ? { shapes: this.state.shapes } : {}) });
+    button.textContent = words;
+    this.standing();
+  }
+
+  standing() {
+    const { rig } = this, { loaded, channels } = rig.standing, off = !rig.open || rig.watches;
+    this.loaded.textContent = loaded ? loaded.slice(0, 12) : "none yet";
+    for (const button of Object.values(this.buttons)) button.disabled = off;
+    const needed = channels.filter((channel) => channel.loop).map((channel) => channel.name);
+    this.buttons.loops.hidden = !needed.length || !needed.every((name) => name in (this.state.shapes ?? {}));
+    this.drop.box.hidden = off;
+  }
+}

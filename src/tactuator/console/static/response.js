@@ -1,0 +1,96 @@
+// The response, measured at the rig point by point, against the level that the controller's model expects.
+import { Chart } from "./chart.js";
+import { command, digits, make, say } from "./dom.js";
+import { Loader } from "./loader.js";
+import { connected } from "./rig.js";
+import { term } from "./words.js";
+
+const LOADS = ["nominal", "load", "load2", "sense"];
+
+export class Response {
+  constructor(view, link, state) { Object.assign(this, { view, link, state, kept: [], points: null, expected: null }); }
+
+  async open() {
+    this.rig = await connected(this.view, "Response", (rig) => { this.rig = rig; this.build(); }, () => this.standing(), (message) => this.pushed(message));
+  }
+
+  close() { this.rig?.close(); }
+
+  build() {
+    const { display, channels } = this.rig.standing;
+    this.channels = channels;
+    this.loader = new Loader(this.rig, this.link, this.state);
+    const number = (id, value, text, more = {}) => make("label", {}, `${text} `, make("input", { type: "number", step: "any", id, value, ...more }));
+    const loads = ["none", ...new Set(channels.flatMap((one) => one.loads))];
+    this.inputs = { level: number("level", "30", "level, dB SL", { onchange: () => this.expect() }), confidence: number("confidence", "0.25", "until ±, dB"), longest: number("longest", "30", "s a point at most"), mains: number("mains", "60", "mains, Hz") };
+    this.load = make("select", { id: "measured-load" }, ...loads.map((one) => make("option", { value: one }, one === "none" ? "free" : one)));
+    this.hz = make("input", { id: "frequencies", placeholder: "30 over the band", size: "18" });
+    this.on = channels.map((one) => make("input", { type: "checkbox", id: `measure-${one.name}`, checked: "" }));
+    this.shown = make("select", { id: "shown", onchange: () => this.draw() }, ...channels.map((one) => make("option", { value: one.name }, one.name)));
+    this.begin = make("button", { type: "button", id: "measure", class: "first", onclick: () => this.measure() }, "Measure");
+    this.save = make("a", { id: "save-response", download: "response.csv", hidden: "" }, "Save response.csv");
+    this.bits = { progress: make("p", { id: "measured", role: "status" }), command: make("div"), table: make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Points" }) };
+    this.chart = new Chart("Level (dB SL) over frequency (Hz): expected as lines, measured as points", { height: 300, log: true, unit: "dB SL" });
+    this.view.replaceChildren(make("h1", {}, `Response of ${display}`), this.rig.bar, this.loader.box,
+      make("div", { class: "panel" }, make("div", { class: "bar" }, ...channels.map((one, k) => make("label", {}, this.on[k], ` ${one.name}`)), make("label", {}, "finger ", this.load), ...Object.values(this.inputs), term("sensation level", "dB SL")),
+        make("div", { class: "bar" }, make("label", {}, "frequencies, Hz, commas between ", this.hz), this.begin, this.save), this.bits.command, this.bits.progress),
+      make("div", { class: "panel" }, make("label", {}, "channel ", this.shown), this.chart.box, this.bits.table));
+  }
+
+  value(name) { return Number(this.inputs[name].querySelector("input").value); }
+
+  async measure() {
+    const frequencies = this.hz.value.split(",").filter((one) => one.trim() !== "").map(Number);
+    const answer = await this.rig.do("measure", { channels: this.channels.filter((_, k) => this.on[k].checked).map((one) => one.name), level_db_sl: this.value("level"), load: this.load.value,
+      frequency_hz: frequencies, confidence_db: this.value("confidence"), longest_s: this.value("longest"), mains_hz: this.value("mains") });
+    if (!answer) return;
+    if (this.points?.done) this.kept = [...this.kept, this.points].slice(-3);
+    this.points = null;
+    this.bits.command.replaceChildren(command(answer.command));
+    this.bits.progress.textContent = "the first point is measured";
+  }
+
+  pushed(message) {
+    if (!message.points) return;
+    this.points = message.points;
+    const { done, total, over, csv } = this.points;
+    this.bits.progress.textContent = over ? `${done} points: measured` : `${done} of ${total} points`;
+    if (over) say("measured");
+    // the file is made here, so that it can be saved when the server is gone
+    if (this.save.href) URL.revokeObjectURL(this.save.href);
+    this.save.href = URL.createObjectURL(new Blob([csv], { type: "text/csv" }));
+    this.save.hidden = false;
+    this.draw();
+  }
+
+  async expect() {
+    if (!this.rig.open || !this.rig.standing.loaded) return;
+    const found = await this.rig.do("expected", { level_db_sl: this.value("level") });
+    if (found) { this.expected = found; this.draw(); }
+  }
+
+  standing() {
+    const { rig } = this, { mode, loaded } = rig.standing;
+    this.loader.standing();
+    this.begin.disabled = !rig.mayPlay || !loaded || mode !== "idle";
+    if (mode !== "measuring" && this.points && !this.points.over && this.mode === "measuring") this.bits.progress.textContent = `${this.points.done} of ${this.points.total} points, then it ended`;
+    this.mode = mode;
+    if (loaded && loaded !== this.known) { this.known = loaded; this.expect(); }
+  }
+
+  draw() {
+    const channel = this.shown.value, curves = (this.expected?.curves ?? []).filter((one) => one.channel === channel), loads = curves.map((one) => one.load);
+    const hue = (load) => LOADS[Math.max(0, loads.indexOf(load)) % LOADS.length], named = (load) => (load === "none" ? "free" : load);
+    const lines = curves.map((one) => ({ name: `expected, ${named(one.load)}`, hue: hue(one.load), x: this.expected.frequency_hz, y: one.level_db_sl, dash: one.load === "none" ? [] : [7, 4] }));
+    const found = [...this.kept, this.points].filter(Boolean).flatMap((one) => one.document.responses).filter((one) => one.channel === channel);
+    const points = found.map((one) => ({ name: `measured, ${named(one.load)}`, hue: hue(one.load), x: one.frequency_hz, y: one.level_db_sl, points: true }));
+    this.chart.show([...lines, ...points]);
+    const rows = found.length ? found.at(-1) : null, cell = (text) => make("td", { class: "number" }, text);
+    this.bits.table.replaceChildren(rows === null ? "" : make("table", {}, make("caption", {}, `${channel}, ${named(rows.load)}`),
+      make("thead", {}, make("tr", {}, ...["Hz", "dB SL", "expected", "difference, dB", "± dB", "cut"].map((text) => make("th", { scope: "col" }, text)))),
+      make("tbody", {}, ...rows.frequency_hz.map((hz, k) => make("tr", {}, cell(digits(hz)), cell(rows.level_db_sl[k].toFixed(2)), cell(rows.expected_db_sl[k].toFixed(2)), cell((rows.level_db_sl[k] - rows.expected_db_sl[k]).toFixed(2)), cell(rows.confidence_db[k] === null ? "—" : digits(rows.confidence_db[k])), cell(rows.saturated[k] ? "yes" : ""))))));
+  }
+
+  resize() { this.chart?.draw(); }
+  restyle() { this.chart?.draw(); }
+}
