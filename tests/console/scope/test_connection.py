@@ -9,14 +9,15 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from tactuator.cli.main import main
 from tactuator.console.app import build_console
 from tactuator.console.scope.frames import HEADER
 from tactuator.console.scope.host import RigHost
 from tactuator.console.scope.routes import CLOSE_FORBIDDEN, CLOSE_NO_RIG
 from tactuator.console.workshop import Workshop
-from tactuator.errors import BadInput
 from tactuator.files.controller import write_controller
 from tactuator.files.record import read_record
+from tactuator.files.start.shipped import EXAMPLES
 from tests.web.server import served
 
 TOKEN = "a-token-of-this-test"
@@ -216,6 +217,13 @@ def test_connection__to_a_console_without_a_rig__is_told_so():
         assert closed_with(client, TOKEN) == CLOSE_NO_RIG
 
 
-def test_host__of_a_rig_that_cannot_be_opened__raises_its_reason(controller):
-    with pytest.raises(BadInput, match="one where a board listens"):
-        RigHost("board:socket://127.0.0.1:1", controller.display)
+@pytest.mark.slow
+def test_console__with_a_rig_that_cannot_be_opened__ends_with_its_reason(capsys):
+    named = str(EXAMPLES / "display.toml")
+    assert main(["console", named, "--rig", "board:socket://127.0.0.1:1", "--port", "0"]) == 2
+    assert "one where a board listens" in capsys.readouterr().err
+
+
+def test_console__with_a_rig_and_no_display__is_refused(capsys):
+    assert main(["console", "--rig", "simulated"]) == 2
+    assert "tactuator console DISPLAY.toml --rig simulated" in capsys.readouterr().err

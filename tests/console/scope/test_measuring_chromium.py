@@ -73,10 +73,11 @@ def test_tour__record_identify_loop_save_measure_play__gives_the_files_of_the_co
             record_and_play(page, host, tmp_path)
             identify(page, tmp_path)
             measure(page, tmp_path)
+            loaded = host.standing.loaded
     finally:
         host.close()
     saved = read_controller(tmp_path / "controller.json")
-    assert saved.content_hash == host.standing.loaded
+    assert saved.content_hash == loaded
     given = ["--frequency-hz", "40,100,250", "--confidence-db", "1", "--out", str(tmp_path / "theirs.csv"), "--json"]
     assert main(["measure", "--controller", str(tmp_path / "controller.json"), *given]) == 0
     assert (tmp_path / "response.csv").read_bytes() == (tmp_path / "theirs.csv").read_bytes()

@@ -1,5 +1,6 @@
 """The wheel: built as `make wheel` does, installed where there is neither compiler nor checkout, and run there."""
 
+import hashlib
 import json
 import shutil
 import subprocess
@@ -8,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tactuator.rig.program import BOARDS, build_firmware
-from tests.repository.installed.conftest import Installation
+from tests.repository.installed.conftest import ROOT, Installation
 from tools import wheel as maker
 
 
@@ -57,3 +58,19 @@ def test_wheel__with_the_cross_compiler__builds_the_firmware_from_its_own_source
         (tmp_path / f"arm-none-eabi-{name}").symlink_to(shutil.which(f"arm-none-eabi-{name}") or "")
     out = installation.run("firmware", "program", "--board", "stm32f405", "--out", "f.bin", "--json", path=tmp_path)
     assert json.loads(out.stdout)["flash_bytes"] > 10_000
+
+
+@pytest.mark.slow
+def test_wheel__holds_every_part_of_the_pages_as_it_is(installation: Installation) -> None:
+    told = "import hashlib, pathlib, tactuator; root = pathlib.Path(tactuator.__file__).parent\n"
+    told += "for p in root.glob('*/static/*'): print(hashlib.sha256(p.read_bytes()).hexdigest(), p.relative_to(root))"
+    said = subprocess.run(
+        [installation.prefix / "bin" / "python", "-c", told],
+        env=installation.environment(), cwd=installation.folder, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    package = ROOT / "src" / "tactuator"
+    parts = {
+        str(p.relative_to(package)): hashlib.sha256(p.read_bytes()).hexdigest() for p in package.glob("*/static/*")
+    }
+    assert {name: digest for digest, name in map(str.split, said.stdout.splitlines())} == parts
+    assert len([name for name in parts if name.startswith("console/static/")]) > 20

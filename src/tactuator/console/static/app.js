@@ -19,9 +19,11 @@ const link = new Link(takeToken(), (what) => {
 }, (message) => shown?.take?.(message));
 
 function navigation(state) {
-  const { display, channel, shapes } = state;
+  const { display } = state;
+  // of the moment in which it is followed: a loop is shaped meanwhile
+  const to = (view) => { const { channel, shapes, own } = state; return address({ view, display, channel, shapes, own: view === state.view ? own : remembered[view] }); };
   const links = Object.entries(VIEWS).filter(([, one]) => display || !one.ofDisplay).map(([view, { title }]) => make("a",
-    { href: address({ view, display, channel, shapes, own: view === state.view ? state.own : remembered[view] }), id: `to-${view}`, "aria-current": view === state.view ? "page" : null }, title));
+    { href: to(view), id: `to-${view}`, "aria-current": view === state.view ? "page" : null, onclick: (event) => event.currentTarget.setAttribute("href", to(view)) }, title));
   el("views").replaceChildren(...links);
   el("where").textContent = display ? display.replace("example:", "example ") : "";
 }
