@@ -1,6 +1,6 @@
 #include "board/drawn_table.h"
 
-enum { FEW_TICKS = 96 };
+enum { FEW_TICKS = 96, CALM = 2 }; /* one table and one image in CALM is altered throughout */
 
 float tact_drawn_share(tact_noise *noise)
 {
@@ -66,6 +66,10 @@ void tact_drawn_safety(tact_safety *safety, const tact_safety *from, tact_noise 
     safety->ramp_ticks = ticks(safety->ramp_ticks, noise);
     safety->quick_ticks = ticks(safety->quick_ticks, noise);
     safety->lock_ticks = (int32_t)tact_drawn_of(noise, FEW_TICKS);
+    if (tact_drawn_of(noise, CALM) != 0) { /* the limits that were designed: what is usual goes on for a while */
+        safety->turns = 1 + (int32_t)tact_drawn_of(noise, 4);
+        return;
+    }
     if (tact_drawn_of(noise, 2)) {
         safety->delay_samples = 1 + (int32_t)tact_drawn_of(noise, 8);
         safety->turns = 1 + (int32_t)tact_drawn_of(noise, 4);
@@ -112,6 +116,8 @@ static void draw_q31(tact_controller_q31 *table, uint32_t kind, float share)
 void tact_drawn_image(tact_image *image, const tact_image *from, tact_noise *noise)
 {
     *image = *from;
+    if (tact_drawn_of(noise, CALM) != 0)
+        return;
     for (int32_t c = 0; c < image->channels; c++) {
         const uint32_t kind = tact_drawn_of(noise, 10);
         const float share = tact_drawn_share(noise);

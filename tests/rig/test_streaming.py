@@ -5,12 +5,12 @@ import time
 import numpy as np
 import pytest
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, DeviceFault
 from tactuator.rig.board.commissioning import soft_ticks
 from tactuator.rig.board.frames import Request
 from tactuator.rig.board.link import STREAM, LinkClient, Mode, RigFault
 from tactuator.rig.board.rig import STREAM_LEAD_S, BoardRig
-from tactuator.rig.board.stream import StreamDry
+from tactuator.rig.board.stream import BoardStream, StreamDry
 from tactuator.rig.board_check.streaming_check import check_streaming
 from tactuator.rig.boards import in_process_rig
 from tactuator.rig.open import open_rig
@@ -177,6 +177,29 @@ def test_emulated_board_in_free_run__tick_as_long_as_its_period__is_late():
     assert found.late > 0
     assert found.fault == "late"
     assert not found.holds
+
+
+class Standing(InProcess):
+    """A board that answers, and whose timer has stopped once it `stands`."""
+
+    stands = False
+
+    def _let_run(self):
+        if not self.stands:
+            super()._let_run()
+
+
+def test_board_that_waits__given_rows_and_stands_still__is_told():
+    transport = Standing()
+    client = LinkClient(transport)
+    rig = BoardRig(client, designed().display)
+    rig.simulate(*simulated_board_bytes(designed().display, 1))
+    rig.load(designed())
+    rig.play(noise(100))
+    transport.stands, at = True, client.status().tick
+    stream = BoardStream(client, client.status().run, 3, 2000, 2000, True)
+    with pytest.raises(DeviceFault, match=f"stands at tick {at} of its run and has been given rows to {at + 300}"):
+        list(stream.play([noise(300)], at))
 
 
 @pytest.mark.parametrize(("seconds", "instruction_ns"), [(0.0, 8), (1.0, 7), (1.0, 2048)])

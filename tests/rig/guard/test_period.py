@@ -9,6 +9,7 @@ from tactuator.runtime._core import ffi, lib
 from tests.rig.guard.guarded import Guarded, designed, spoilt
 
 SOFT = 410
+CLIPPED_V = 0.02
 LEFT = 1e-29
 """What an hour of silence leaves of a prefilter's states, a little before it comes to rest."""
 
@@ -80,3 +81,62 @@ def test_period__long_silence__brings_prefilters_to_rest_as_the_controllers_are(
     for c in range(3):
         for section in guarded.board.channel[c].controller.single.prefilter[0:2]:
             assert (section.s1, section.s2) == (0.0, 0.0)
+
+
+def whole(board):
+    """Everything that a board holds but the mark itself, and the row of its trace that was written last."""
+    marked, board.steady = board.steady, 0
+    row = ((board.tick - 1) & (board.trace_capacity - 1)) * 6
+    held = bytes(ffi.buffer(board)), [board.trace[row + i] for i in range(6)]
+    board.steady = marked
+    return held
+
+
+def step_both_ways(board, codes, lateness):
+    """A step of the period, taken as it comes and then again without the short way: 1 if it was short."""
+    before, was_steady = bytes(ffi.buffer(board)), board.steady
+    board.steady = 0
+    lib.tact_period_step(board, codes, lateness)
+    wanted = whole(board)
+    ffi.buffer(board)[:] = before
+    lib.tact_period_step(board, codes, lateness)
+    assert whole(board) == wanted
+    return was_steady
+
+
+HAPPENS = {
+    "nothing": lambda guarded: None,
+    "stop": lambda guarded: guarded.leave(),
+    "sensor opens": lambda guarded: guarded.break_sensor("open", 1),
+    "sensor reversed": lambda guarded: guarded.break_sensor("reversed", 2),
+    "finger": lambda guarded: guarded.touch(True),
+}
+
+
+@pytest.mark.parametrize("happens", [*HAPPENS, "late", "silent", "dry", "clipped"])
+def test_period__short_way_of_a_steady_run__is_the_long_way_to_the_bit(happens):
+    """The long way is held to the controllers above, and to the boards; the short way to the long one."""
+    guarded = Guarded(designed())
+    board, simulated, codes = guarded.board, guarded.simulated, ffi.new("int32_t[4]")
+    if happens == "clipped":
+        for channel in (board.channel[c] for c in range(3)):
+            channel.command_max_v = channel.single.command_max_v = CLIPPED_V
+            channel.single.command_min_v = -CLIPPED_V
+    time_s = np.arange(SOFT + 900) / 4000.0
+    rows = np.stack([150.0 * np.sin(2.0 * np.pi * f * time_s) for f in (3.0, 31.0, 187.0)], axis=1).astype(np.float32)
+    short = 0
+    for k, row in enumerate(rows):
+        if k == SOFT + 200:
+            HAPPENS.get(happens, HAPPENS["nothing"])(guarded)
+        now = k > SOFT + 200
+        if not (now and happens == "dry"):
+            lib.tact_board_stream(board, board.tick, ffi.from_buffer("float[]", np.ascontiguousarray(row)), 1)
+        if not (now and happens == "silent"):
+            board.silence = 0
+        lib.tact_period_latch(board, codes)
+        lib.tact_simulated_board_latch(simulated, codes)
+        lib.tact_simulated_board_read(simulated, codes)
+        short += step_both_ways(board, codes, 200 if now and happens == "late" else 0)
+        lib.tact_simulated_board_advance(simulated)
+    assert short > 150
+    assert happens != "clipped" or all(board.channel[c].controller.single.clamped for c in range(1, 3))

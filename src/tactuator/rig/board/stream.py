@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.errors import BadInput, TimingMissed
+from tactuator.errors import BadInput, DeviceFault, TimingMissed
 from tactuator.rig.board.link import LinkClient, Mode, RigFault, TraceRows
 from tactuator.rig.finger import Finger, anybody_feels, let_feel, take_forces
 
@@ -18,6 +18,8 @@ _FIRST_ROWS = 64
 _START_ATTEMPTS = 6
 _READ_ROWS = 100
 _STATUS_POLL_S = 0.004
+_IDLE_READS = 1000
+"""Reads without a row, one after another, from a board that waits for its rows: it has none to wait for."""
 
 Rows = NDArray[np.float32]
 
@@ -54,7 +56,7 @@ class BoardStream:
         self._waits, self._fingers, self._sleep = waits, fingers, sleep
         self._rows: Rows = np.zeros((0, channels), dtype=np.float32)
         self._forces: Rows | None = None
-        self._tick = 0
+        self._tick = self._idle = 0
         self.first = self._got = self.end = 0
 
     @property
@@ -146,12 +148,23 @@ class BoardStream:
         part = self._client.trace(self._run, self._got, self.end - self._got, self._channels, felt)
         if not part.command_code.shape[0]:
             self._look()
+            self._require_progress()
             return None
+        self._idle = 0
         self._got += part.command_code.shape[0]
         self._tick = max(self._tick, self._got)
         if part.felt_mm is not None:
             let_feel(self._fingers, part.felt_mm.astype(np.float64))
         return part
+
+    def _require_progress(self) -> None:
+        """Raise DeviceFault where a board that waits has been given rows and stands still all the same."""
+        self._idle += self._waits
+        if self._idle > _IDLE_READS:
+            raise DeviceFault(
+                f"the board stands at tick {self._tick} of its run and has been given rows to {self.end}; allowed: one "
+                "that plays them"
+            )
 
     def _look(self) -> int:
         """Read the tick of the board, and return the tick up to which it has rows."""
