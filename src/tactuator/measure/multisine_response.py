@@ -145,8 +145,12 @@ class _Player:
         made = []
         places = np.flatnonzero(usable)
         for line in self._excited.bins:
-            reach = max(0.1 * line, float(np.sort(np.abs(places - line))[min(11, places.size - 1)]))
-            made.append(power[places[np.abs(places - line) <= reach]].mean())
+            # places ascend: the twelve nearest are among the twelve to either side
+            middle = int(np.searchsorted(places, line))
+            near = np.sort(np.abs(places[max(0, middle - 12) : middle + 12] - line))
+            reach = max(0.1 * line, float(near[min(11, near.size - 1)]))
+            first, last = np.searchsorted(places, line - reach), np.searchsorted(places, line + reach, side="right")
+            made.append(power[places[first:last]].mean())
         return np.array(made)
 
     def confidence_db(self, column: int) -> FloatArray:

@@ -9,8 +9,8 @@ from tactuator.rig.sound.port import CardPort
 from tactuator.rig.sound.rig import PATIENT_S, SoundRig, sound_wiring
 from tactuator.rig.sound.rows import CardRows
 
-RING_S = 2.0 * PATIENT_S
-"""Length of the rings: twice the greatest time by which a stream is fed ahead."""
+RING_S = 4.0 * PATIENT_S
+"""Length of the rings: what is taken in may wait for the program four times as long as it is fed ahead."""
 
 
 def sound_rig(spec: str, display: Display) -> SoundRig:

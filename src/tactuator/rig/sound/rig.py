@@ -26,7 +26,7 @@ from tactuator.runtime.simulation import block_samples
 CLIPPED = 0.9999
 """Share of full scale from which an input counts as clipped: the top code of 16 bits is above it."""
 SOFT_S = 0.02
-PATIENT_S = 8.0
+PATIENT_S = 4.0
 DRIVE_TRIES = 3
 
 Flags = NDArray[np.bool_]
