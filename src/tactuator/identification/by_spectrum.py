@@ -63,19 +63,21 @@ def spectral_estimate(
         return found
     note("fitting what follows the reference")
     chosen = choice_by_reference(found.chosen, found.spectra, references)
-    return found if chosen is None else replace(found, chosen=chosen, before=found.chosen.fit)
+    if chosen is None:
+        return found
+    left = record_residual(chosen, found.spectra)
+    return replace(found, chosen=chosen, residuals=left, before=found.chosen.fit)
 
 
-def friction_shows(found: SpectralEstimate, residuals: Sequence[Residual]) -> bool:
+def friction_shows(residuals: Sequence[Residual]) -> bool:
     """Return true where a friction along the model's own path explains more of the residual than chance ever would."""
-    fit = found.chosen.fit
     motion = max(float(np.std(left.simulated)) for left in residuals)
     for presliding in np.geomspace(1e-3, 1.0, 4) * motion:
         size = along = 0.0
-        for left, taken in zip(residuals, found.spectra, strict=True):
+        for left in residuals:
             state = dahl_state(np.ascontiguousarray(left.simulated), float(presliding))
             lines = np.fft.rfft(state - state.mean()) / np.sqrt(state.size)
-            pull = response_of_rows(fit, taken.frequency_hz[1:]) * lines[1:] * left.weight[1:]
+            pull = left.response * lines[1:] * left.weight[1:]
             size += float(np.sum(np.abs(pull) ** 2))
             along += float(np.sum((np.conj(pull) * left.lines[1:] * left.weight[1:]).real))
         if size > 0.0 and along < 0.0 and 2.0 * along**2 / size > _CERTAIN_FRICTION:
@@ -257,8 +259,7 @@ def _tests(common: Prepared, found: SpectralEstimate, residuals: Sequence[Residu
     rows = zip(common.all_samples, residuals, found.spectra, strict=True)
     made = [residual_tests(samples, left, found.chosen.fit, taken) for samples, left, taken in rows]
     seen = {one.feedback for one in made}
-    doubt = found.other is not None and not found.certain and found.other.problem.with_transient
-    if doubt and seen != _feedback_of_other(found):
+    if found.other_residuals and not found.certain and seen != _feedback_of_other(found):
         seen = {None}
     return ResidualTests(
         white_p=min(1.0, len(made) * min(one.white_p for one in made)),
@@ -271,9 +272,7 @@ def _tests(common: Prepared, found: SpectralEstimate, residuals: Sequence[Residu
 
 def _feedback_of_other(found: SpectralEstimate) -> set[bool | None]:
     """Return what is seen of a loop under the other hold, by record."""
-    assert found.other is not None
-    left = record_residual(found.other, found.spectra)
-    return {feedback_seen(taken, one, found.other.fit) for taken, one in zip(found.spectra, left, strict=True)}
+    return {feedback_seen(*pair) for pair in zip(found.spectra, found.other_residuals, strict=True)}
 
 
 def residual_tests(
@@ -290,14 +289,12 @@ def residual_tests(
     hertz = taken.frequency_hz[1:]
     slopes = np.zeros((moved.size, 0))
     if fitted:
-        along = log_slopes(fit, hertz) * (response_of_rows(fit, hertz) * taken.command[1:])[:, None]
+        along = log_slopes(fit, hertz) * (left.response * taken.command[1:])[:, None]
         columns = np.fft.irfft(np.vstack([np.zeros(along.shape[1]), along]), taken.samples, axis=0)
         slopes = apply_filter(whitener, columns[: tested.stop])[skip:]
     tests = check_residual(innovation[:_TESTED], moved, slopes, samples.rate_hz)
     jump = jump_of(innovation)
-    return replace(
-        tests, feedback=feedback_seen(taken, left, fit), jump=None if jump is None else jump + skip + taken.shift
-    )
+    return replace(tests, feedback=feedback_seen(taken, left), jump=None if jump is None else jump + skip + taken.shift)
 
 
 def _slow_pole_error(choice: Choice) -> float:

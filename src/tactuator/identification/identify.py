@@ -22,7 +22,6 @@ from tactuator.identification.evidence.excitation import excitation_report, requ
 from tactuator.identification.result import BetweenSamples, Identification
 from tactuator.identification.selection import choose_structure
 from tactuator.identification.spectral.hold import HOLDS, Hold
-from tactuator.identification.spectral.record_residual import record_residual
 from tactuator.identification.trust import distrusted
 from tactuator.signals.record import Record
 
@@ -161,11 +160,11 @@ def _by_spectrum(common: Prepared, asked: Asked, note: Callable[[str], None]) ->
         return identify_periods(common, plans, holds, source, known, note)
     found = by_spectrum.spectral_estimate(common, holds, known, note)
     between = BetweenSamples(found.chosen.hold, source, source != "data" or found.certain, found.advantage)
-    residuals = record_residual(found.chosen, found.spectra)
+    residuals = found.residuals
     may_be_held = between.hold != "band-limited" or not between.certain
     if asked.friction and may_be_held and asked.is_free and (asked.order or 1) <= 6:
         note("looking for friction")
-        shows = by_spectrum.friction_shows(found, residuals)
+        shows = by_spectrum.friction_shows(residuals)
         if shows and common.others:
             said = "friction shows; its level is told from one record alone, and the band holds what it does here"
             common = replace(common, remarks=(*common.remarks, said))

@@ -10,10 +10,8 @@ import numpy as np
 from scipy import stats
 
 from tactuator.arrays import FloatArray
-from tactuator.identification.spectral.likelihood import SpectralFit
 from tactuator.identification.spectral.lines import Spectrum
 from tactuator.identification.spectral.record_residual import Residual
-from tactuator.identification.spectral.uncertainty import response_of_rows
 
 _CHANCE = 1e-4
 _ACTS = 0.25
@@ -21,14 +19,13 @@ _TOLD = 1000.0
 """Statistic that a weak loop would have had to bring for its absence to mean anything (chance is 1 a line)."""
 
 
-def feedback_seen(taken: Spectrum, left: Residual, fit: SpectralFit) -> bool | None:
+def feedback_seen(taken: Spectrum, left: Residual) -> bool | None:
     """Return true where later commands follow the residual, false where they would have shown it, None otherwise.
 
     A weak loop is taken to be proportional, with a loop gain of one half where the plant is strongest, and to act there
     alone: a loop need not reach far beyond.
     """
-    hertz = taken.frequency_hz[1:]
-    plant = response_of_rows(fit, hertz)
+    plant = left.response
     residual, command = left.lines[1:], taken.command[1:]
     good = (left.weight[1:] > 0.0) & (np.abs(residual) > 0.0)
     power = _smoothed(np.abs(command) ** 2)

@@ -78,6 +78,11 @@ def free_poles(theta: FloatArray, form: Form) -> ComplexArray:
     return np.array(made, dtype=np.complex128)
 
 
+def is_stable(theta: FloatArray, form: Form) -> bool:
+    """Return true where no estimated pole lies in the right half plane: no coefficient of a section is negative."""
+    return bool(np.all(theta[: form.free] >= 0.0))
+
+
 def all_poles(theta: FloatArray, form: Form) -> ComplexArray:
     """Return all poles, those at zero last, (poles,)."""
     return np.concatenate([free_poles(theta, form), np.zeros(form.integrators)])

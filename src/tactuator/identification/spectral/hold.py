@@ -26,6 +26,8 @@ from tactuator.identification.spectral.form import (
 
 Hold = Literal["zero-order", "first-order", "band-limited"]
 HOLDS: tuple[Hold, ...] = ("zero-order", "first-order", "band-limited")
+_CLOSE = 0.02
+"""Distance between poles, over their size, from which on both move smoothly with the coefficients."""
 _EDGE = 10
 """Samples at either end of the record that are given up: what came before and comes after shows there."""
 
@@ -107,6 +109,50 @@ def _held(grid: Grid, poles: ComplexArray, delay: float) -> ComplexArray:
     return np.asarray(grid.back_by(whole + 1.0)[:, None] * (now + before * back) / grid.lag(poles))
 
 
+def held_slopes(
+    grid: Grid, theta: FloatArray, delay: float, form: Form, rungs: Ladder, numerator: FloatArray, steps: FloatArray
+) -> ComplexArray | None:
+    """Return the derivatives of the zero-order hold's response by theta and dead time, (m, k), over `steps` of each
+    coefficient; None where poles lie so close together that they do not move smoothly.
+
+    The response is a sum over poles, each with its weight and its own answer to the command: along a coefficient both
+    change, which needs the answers and their slopes once for all coefficients.
+    """
+    poles = all_poles(theta, form)
+    apart = np.abs(poles[:, None] - poles[None, :]) + np.diag(np.full(poles.size, np.inf))
+    if np.any(apart < _CLOSE * np.abs(poles)[:, None]):
+        return None
+
+    def weights(at: ComplexArray) -> ComplexArray:
+        slope = np.array([np.prod(at[i] - np.delete(at, i)) for i in range(at.size)])
+        return np.asarray(numerator_values(rungs, at, form) @ numerator / slope)
+
+    here = weights(poles)
+    turned, shifted = np.zeros((2, poles.size, theta.size), dtype=np.complex128)
+    for j, step in enumerate(np.diag(steps)):
+        changed = all_poles(theta + step, form)
+        turned[:, j] = (weights(changed) - here) / steps[j]
+        shifted[:, j] = here * (changed - poles) / steps[j]
+    whole, part = divmod(delay / grid.period - grid.shift, 1.0)
+    period, back = grid.period, grid.back[:, None]
+    rest, first = (1.0 - part) * period, part * period
+    fade = np.exp(_bounded(poles * rest))
+    now, before = _integral(poles, rest), fade * _integral(poles, first)
+    now_slope = _integral_slope(poles, rest)
+    before_slope = rest * before + fade * _integral_slope(poles, first)
+    lag = grid.lag(poles)
+    answer = (now + before * back) / lag
+    slope = (now_slope + before_slope * back + answer * (period * np.exp(_bounded(poles * period)) * back)) / lag
+    made = answer @ turned + slope @ shifted
+    if form.dead_time:
+        later = np.exp(_bounded(poles * period)) - poles * before
+        made = np.hstack([made, ((later * back - np.exp(_bounded(poles * rest))) / lag) @ here[:, None]])
+    made = made * grid.back_by(whole + 1.0)[:, None]
+    if form.dead_time and form.zeros == form.poles:
+        made[:, -1] -= numerator[-1] * grid.back_by(whole) * grid.step / period
+    return np.asarray(made)
+
+
 def _ramped(grid: Grid, poles: ComplexArray, whole: float, part: float) -> ComplexArray:
     """Return the same for a command that is a straight line between samples; the dead time's fraction is
     interpolated.
@@ -123,6 +169,13 @@ def _integral(poles: ComplexArray, duration: float) -> ComplexArray:
     """Return the integral of exp(p t) over 0 .. duration, (n,)."""
     small = np.abs(poles * duration) < 1e-8
     return np.where(small, duration, np.expm1(_bounded(poles * duration)) / np.where(small, 1.0, poles))
+
+
+def _integral_slope(poles: ComplexArray, duration: float) -> ComplexArray:
+    """Return the derivative of `_integral` by the pole, (n,)."""
+    small = np.abs(poles * duration) < 1e-4
+    exact = (duration * np.exp(_bounded(poles * duration)) - _integral(poles, duration)) / np.where(small, 1.0, poles)
+    return np.where(small, 0.5 * duration**2 + poles * duration**3 / 3.0, exact)
 
 
 def _bounded(exponent: NDArray[Any]) -> ComplexArray:

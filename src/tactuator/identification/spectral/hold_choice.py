@@ -9,6 +9,7 @@ import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
+from tactuator.identification.spectral.form import is_stable
 from tactuator.identification.spectral.hold import Hold
 from tactuator.identification.spectral.joined import join, join_local
 from tactuator.identification.spectral.likelihood import SpectralFit
@@ -20,7 +21,7 @@ from tactuator.identification.spectral.lines import (
     points,
     spectrum,
 )
-from tactuator.identification.spectral.loop_evidence import explained_by_loop
+from tactuator.identification.spectral.loop_evidence import joint_misfit
 from tactuator.identification.spectral.record_residual import Residual, record_residual
 from tactuator.identification.spectral.search import COMPARED, Choice, Known, choose, propose
 
@@ -40,8 +41,8 @@ class SpectralEstimate:
     """An estimate over lines. chosen: under the better hold; where the record does not tell them apart (certain) under
     the band-limited one if command and position passed filters (flanks), else under the first one. other: under the
     other, or None. advantage: how much better the better one's criterion is. local: the records' own response; spectra:
-    of each record as it is. before: the fit to the command as it is, where what follows a loop's reference was fitted
-    in its stead.
+    of each record as it is. residuals, other_residuals: what the two leave of every record (of single lines: none).
+    before: the fit to the command as it is, where what follows a loop's reference was fitted in its stead.
     """
 
     chosen: Choice
@@ -50,6 +51,8 @@ class SpectralEstimate:
     advantage: float
     local: LocalResponse
     spectra: tuple[Spectrum, ...]
+    residuals: tuple[Residual, ...] = ()
+    other_residuals: tuple[Residual, ...] = ()
     before: SpectralFit | None = None
     flanks: bool = False
 
@@ -85,15 +88,24 @@ def estimate(
     shift = min(shift, *(command.size // 4 for command, _ in signals))
     taken = tuple([spectrum(*one, rate_hz, shift) for one in signals] if shift else whole)
     given = join([equations(one, 0.0, 0.5 * rate_hz) for one in taken])
-    choices: list[Choice] = []
+    found: list[_Judged] = []
     for hold in sorted(holds, key=lambda one: proposals[one][0].cost):
         note(f"fitting the record as {hold}")
-        glance = choose(given, proposals[hold], hold, known, quick=True) if choices else None
-        if glance is not None and _joint(glance, taken) > _joint(choices[0], taken) + _FAR:
-            choices.append(glance)
-            continue
-        choices.append(choose(given, proposals[hold], hold, known, begun=glance))
-    return _decided(choices, [_joint(one, taken) for one in choices], holds, local, taken)
+        glance = None
+        if found:
+            glance = choose(given, proposals[hold], hold, known, quick=True)
+            seen = _judged(glance, taken)
+            if seen.evidence > found[0].evidence + _FAR:
+                found.append(seen)
+                continue
+        best = _judged(choose(given, proposals[hold], hold, known, begun=glance), taken)
+        if not is_stable(best.choice.fit.theta, best.choice.fit.form):
+            # in a loop a model that is not causal takes the noise in the command for an answer
+            kept = [one for one in proposals[hold] if is_stable(one.theta, one.form)]
+            stable = _judged(choose(given, kept, hold, known, stable=True), taken) if kept else best
+            best = min(best, stable, key=lambda one: one.evidence)
+        found.append(best)
+    return _decided(found, holds, local, taken)
 
 
 @np.errstate(all="ignore")
@@ -115,7 +127,7 @@ def estimate_lines(
     weight = 1.0 / np.sqrt(local.variance)
     choices = [choose(given, proposals[hold], hold, known, weight=weight) for hold in holds]
     taken = tuple(spectrum(command, position, rate_hz) for command, position in signals)
-    return _decided(choices, [one.evidence for one in choices], holds, local, taken)
+    return _decided([_Judged(one, (), 2.0 * one.fit.cost + one.price) for one in choices], holds, local, taken)
 
 
 def _proposals(
@@ -129,33 +141,41 @@ def _proposals(
     return proposals
 
 
-def _joint(choice: Choice, taken: tuple[Spectrum, ...]) -> float:
-    """Return what two holds are compared by: the choice's criterion and that of the command given its residual."""
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """A choice, what it leaves of every record, and what two holds are compared by."""
+
+    choice: Choice
+    left: tuple[Residual, ...]
+    evidence: float
+
+
+def _judged(choice: Choice, taken: tuple[Spectrum, ...]) -> _Judged:
+    """Return the choice with its criterion (Bayes) for position and command together."""
     highest, filtered = COMPARED * taken[0].rate_hz, choice.hold == "band-limited"
-    pairs = zip(taken, record_residual(choice, taken), strict=True)
-    return choice.evidence - sum(explained_by_loop(one, left, highest, filtered=filtered) for one, left in pairs)
+    left = record_residual(choice, taken)
+    misfit = sum(joint_misfit(*pair, highest, filtered=filtered) for pair in zip(taken, left, strict=True))
+    return _Judged(choice, left, misfit + choice.price)
 
 
 def _decided(
-    choices: list[Choice],
-    evidence: list[float],
-    holds: tuple[Hold, ...],
-    local: LocalResponse,
-    taken: tuple[Spectrum, ...],
+    found: list[_Judged], holds: tuple[Hold, ...], local: LocalResponse, taken: tuple[Spectrum, ...]
 ) -> SpectralEstimate:
     """Return the estimate under the hold of the better evidence; of two alike the one that the filters speak for."""
-    order = sorted(range(len(choices)), key=evidence.__getitem__)
-    if len(choices) == 1:
-        return SpectralEstimate(choices[0], None, True, np.inf, local, taken)
-    advantage = evidence[order[1]] - evidence[order[0]]
-    best, other = (choices[k] for k in order)
-    if advantage > CERTAIN:
-        return SpectralEstimate(best, other, True, float(advantage), local, taken)
-    flanks = best.problem.with_transient and _flanks(taken, record_residual(best, taken))
-    # most commands come from a converter: without evidence the command is taken to be held
-    likely = "band-limited" if flanks else min(holds, key=holds.index)
-    best, other = (best, other) if best.hold == likely else (other, best)
-    return SpectralEstimate(best, other, False, float(advantage), local, taken, flanks=flanks)
+    best, *others = sorted(found, key=lambda one: one.evidence)
+    if not others:
+        return SpectralEstimate(best.choice, None, True, np.inf, local, taken, best.left)
+    other = others[0]
+    advantage = float(other.evidence - best.evidence)
+    certain, flanks = advantage > CERTAIN, False
+    if not certain:
+        flanks = bool(best.left) and _flanks(taken, best.left)
+        # most commands come from a converter: without evidence the command is taken to be held
+        likely = "band-limited" if flanks else min(holds, key=holds.index)
+        best, other = (best, other) if best.choice.hold == likely else (other, best)
+    return SpectralEstimate(
+        best.choice, other.choice, certain, advantage, local, taken, best.left, other.left, flanks=flanks
+    )
 
 
 def _flanks(taken: Sequence[Spectrum], left: Sequence[Residual]) -> bool:

@@ -26,6 +26,8 @@ from tactuator.identification.spectral.lines import LocalResponse, points
 
 _FLOOR = 3e-3
 """Relative error of a point that is not believed to be smaller: curvature within its band."""
+_ALIKE = 3.0
+"""Half of -2 log likelihood by which a fit may be behind that of another hold, from which it started."""
 _MOST_DELAYS = 40
 _THIN = 120
 
@@ -50,8 +52,18 @@ class Starter:
         self._scale, self._rate_hz = scale_rad_s, rate_hz
         self._last_delay: float | None = None
 
-    def fit(self, form: Form, delay: float = 0.0) -> SpectralFit | None:
-        """Return the best fit of that form; `delay` (scaled) holds where the form has no dead time to estimate."""
+    def fit(self, form: Form, delay: float = 0.0, near: SpectralFit | None = None) -> SpectralFit | None:
+        """Return the best fit of that form; `delay` (scaled) holds where the form has no dead time to estimate.
+
+        near: the fit of that form under another hold, to start from; where this comes out as good, no other start is
+        tried.
+        """
+        if near is not None:
+            ahead = 0.5 if self.hold == "band-limited" else -0.5
+            lag = max(near.delay + ahead * self.problem.grid.period, 0.0) if form.dead_time else delay
+            begun = self.problem.descend(form, near.theta, lag, most=10, gain=3e-2)
+            if begun is not None and begun.cost < near.cost + _ALIKE:
+                return begun
         candidates = []
         for lag in self._lags(form) if form.dead_time else [delay]:
             theta = sections_of(self._relocated(form, lag, np.arange(self._target.size), 5))

@@ -17,11 +17,12 @@ from tactuator.identification.spectral.form import (
     Ladder,
     all_poles,
     denominator_values,
+    is_stable,
     ladder,
     numerator_values,
     section_list,
 )
-from tactuator.identification.spectral.hold import Grid, edge_columns, response_columns, transient_columns
+from tactuator.identification.spectral.hold import Grid, edge_columns, held_slopes, response_columns, transient_columns
 from tactuator.identification.spectral.joined import JoinedEquations, equation_slices
 from tactuator.identification.spectral.lines import Equations
 
@@ -61,7 +62,8 @@ class SpectralFit:
 
 @dataclass(frozen=True, eq=False)
 class SpectralProblem:
-    """Equations with weights (e,) under one hold; with the transient's columns unless the lines are free of one.
+    """Equations with weights (e,) under one hold; with the transient's columns unless the lines are free of one; with
+    poles in the left half plane alone if `stable`.
 
     All sums over the equations are taken once, as products of columns; what is linear is eliminated from them.
     """
@@ -70,6 +72,7 @@ class SpectralProblem:
     weight: FloatArray
     grid: Grid
     with_transient: bool = True
+    stable: bool = False
 
     def evaluate(self, form: Form, theta: FloatArray, delay: float) -> _Point | None:
         """Return the linear solution at theta, or None where numbers run away."""
@@ -132,17 +135,19 @@ class SpectralProblem:
             damping = 1e-3
             for _ in range(most if now is not None and theta.size + form.dead_time else 0):
                 assert now is not None
-                ahead, damping = self._step(now, damping)
+                least = gain * max(1.0, 1e-6 * now.cost)
+                ahead, damping = self._step(now, damping, least)
                 if ahead is None:
                     break
                 won, now = now.cost - ahead.cost, ahead
-                if won < gain * max(1.0, 1e-6 * now.cost):
+                if won < least:
                     break
         if now is None:
             return None
         return SpectralFit(form, now.theta, now.delay, now.numerator, now.rungs, self.grid, now.cost)
 
-    def _step(self, now: _Point, damping: float) -> tuple[_Point | None, float]:
+    def _step(self, now: _Point, damping: float, least: float) -> tuple[_Point | None, float]:
+        """Return the next point and damping; no point where a step would, to first order, win less than `least`."""
         slopes = self.slopes(now)
         if not np.all(np.isfinite(slopes)):
             return None, damping
@@ -152,10 +157,14 @@ class SpectralProblem:
         size[size == 0.0] = 1.0
         gram, downhill = left[1:, 1:] / np.outer(size, size), left[1:, 0] / size
         for _ in range(8):
-            step = np.linalg.solve(gram + damping * np.eye(size.size), downhill) / size
+            scaled = np.linalg.solve(gram + damping * np.eye(size.size), downhill)
+            if not float(scaled @ downhill) >= least:
+                break
+            step = scaled / size
             delay = max(now.delay + float(step[-1]), 0.0) if now.form.dead_time else now.delay
             trial = self.evaluate(now.form, now.theta + step[: now.theta.size], delay)
-            if trial is not None and trial.cost < now.cost * (1.0 + 1e-12):
+            refused = trial is None or (self.stable and not is_stable(trial.theta, trial.form))
+            if trial is not None and not refused and trial.cost < now.cost * (1.0 + 1e-12):
                 return trial, max(damping / 8.0, 1e-9)
             damping = max(damping * 6.0, 1e-4)
         return None, damping
@@ -255,12 +264,15 @@ def nonlinear_slopes(
             made += [-value * grid.s / under] * (section.size == 3) + [-value / under]
         made += [-grid.s * value] * form.dead_time
         return np.stack(made, axis=1) if made else np.zeros((grid.s.size, 0), dtype=np.complex128)
+    steps = np.array([1e-7 * max(_size(theta, form, j), 1e-9) for j in range(theta.size)])
+    smooth = held_slopes(grid, theta, delay, form, rungs, numerator, steps) if grid.hold == "zero-order" else None
+    if smooth is not None:
+        return smooth
     made = []
     here = response_columns(grid, theta, delay, form, rungs) @ numerator
-    for j in range(theta.size):
-        step = np.zeros(theta.size)
-        step[j] = 1e-7 * max(_size(theta, form, j), 1e-9)
-        made.append((response_columns(grid, theta + step, delay, form, rungs) @ numerator - here) / step[j])
+    for step in np.diag(steps):
+        moved = response_columns(grid, theta + step, delay, form, rungs) @ numerator
+        made.append((moved - here) / step.sum())
     if form.dead_time:
         late = 1e-6 * grid.period
         made.append((response_columns(grid, theta, delay + late, form, rungs) @ numerator - here) / late)

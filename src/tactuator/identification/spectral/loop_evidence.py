@@ -20,8 +20,21 @@ _LENGTHS = (2, 5, 10, 20, 40)
 """Lengths of the filter that are tried, samples."""
 _SMEARED = 3
 """Samples by which the filters before the converters let a band-limited command seem to run ahead of the noise."""
-_WIDTH, _FEWEST = 0.12, 40
+_NEAR = 40
+"""Lines over which powers are averaged: they may fall by much towards half the rate, and all is lost in a wide mean."""
 _NUGGET = 1e-7
+
+
+def joint_misfit(taken: Spectrum, left: Residual, highest_hz: float, *, filtered: bool) -> float:
+    """Return -2 log likelihood of position and command, constants aside, from the lines up to highest_hz of what a fit
+    leaves; filtered as for `explained_by_loop`.
+    """
+    inside = taken.frequency_hz[1:] <= highest_hz
+    power = _mean(np.where(inside, np.abs(left.lines[1:]) ** 2, 0.0)) / np.maximum(
+        _mean(inside.astype(np.float64)), 1e-3
+    )
+    own = 2.0 * float(np.sum(np.log(np.maximum(power[inside], 1e-30))))
+    return own - explained_by_loop(taken, left, highest_hz, filtered=filtered)
 
 
 def explained_by_loop(taken: Spectrum, left: Residual, highest_hz: float, *, filtered: bool) -> float:
@@ -61,9 +74,8 @@ def explained_by_loop(taken: Spectrum, left: Residual, highest_hz: float, *, fil
 
 
 def _mean(power: FloatArray) -> FloatArray:
-    """Return the mean of power (m,) over 12 % of the lines' places, 40 lines at least."""
+    """Return the mean of power (m,) over 40 lines."""
     sums = np.concatenate([[0.0], np.cumsum(power)])
     place = np.arange(power.size)
-    half = np.maximum(_FEWEST // 2, (0.5 * _WIDTH * place).astype(np.int64))
-    low, high = np.maximum(place - half, 0), np.minimum(place + half + 1, power.size)
+    low, high = np.maximum(place - _NEAR // 2, 0), np.minimum(place + _NEAR // 2 + 1, power.size)
     return np.asarray((sums[high] - sums[low]) / (high - low))

@@ -1,4 +1,4 @@
-"""The noise's power over frequency, from what a model leaves: what weighs the lines, and what compares two models.
+"""The noise's power over frequency, from what a model leaves of the record: it weighs the lines.
 
 Weighted by its own residual's spectrum the estimate is consistent in closed loop too, as long as all lines up to half
 the rate take part: what the loop feeds back of the noise is causal, so that its sum over the whole circle vanishes.
@@ -51,14 +51,3 @@ def weights(given: Equations | JoinedEquations, residual: ComplexArray, highest_
     pieces = zip(given.parts, equation_slices(given), strict=True)
     by_equation = np.concatenate([noise_power(one, residual[piece])[0] for one, piece in pieces])
     return np.where(given.of_hz <= highest_hz, 1.0 / np.sqrt(by_equation), 0.0)
-
-
-def misfit(given: Equations | JoinedEquations, residual: ComplexArray, highest_hz: float) -> float:
-    """Return -2 log likelihood of the residual with its own noise (Whittle), constants aside, up to highest_hz."""
-    total = 0.0
-    for one, piece in zip(given.parts, equation_slices(given), strict=True):
-        by_equation, by_band = noise_power(one, residual[piece])
-        total += float(np.sum(np.log(by_equation[one.of_hz <= highest_hz])))
-        if one.centre_hz.size:
-            total += float(np.sum((one.spare * np.log(by_band))[one.centre_hz <= highest_hz]))
-    return 2.0 * total

@@ -25,11 +25,13 @@ from tactuator.identification.spectral.uncertainty import response_of_rows
 @dataclass(frozen=True, eq=False)
 class Residual:
     """A fit's residual. lines: of position less model and transient, zero first; weight: one over their noise's
-    deviation; simulated, measured: samples of the shifted record, without mean, (n,).
+    deviation; response: the fit's, hold included, on the lines but zero; simulated, measured: samples of the shifted
+    record, without mean, (n,).
     """
 
     lines: ComplexArray
     weight: FloatArray
+    response: ComplexArray
     simulated: FloatArray
     measured: FloatArray
 
@@ -53,7 +55,8 @@ def line_residual(fit: SpectralFit, given: Equations, weight: FloatArray, taken:
     """Return the residual of a fit on all lines of one record, the transient solved for on its weighted equations."""
     hertz = taken.frequency_hz[1:]
     ahead = np.exp(2j * np.pi * hertz * taken.shift / taken.rate_hz)
-    moved = response_of_rows(fit, hertz) * ahead * taken.command[1:]
+    response = response_of_rows(fit, hertz)
+    moved = response * ahead * taken.command[1:]
     grid = replace(fit.grid, frequency_hz=given.frequency_hz, rate_hz=given.rate_hz, shift=given.shift)
     columns = given.transient_of(beside_columns(grid, fit.theta, fit.form))
     own = response_of_rows(fit, given.frequency_hz)
@@ -69,5 +72,5 @@ def line_residual(fit: SpectralFit, given: Equations, weight: FloatArray, taken:
     root = np.sqrt(taken.samples)
     measured = np.concatenate([[0.0], taken.position[1:]])
     return Residual(
-        left, spread, np.fft.irfft(whole, taken.samples) * root, np.fft.irfft(measured, taken.samples) * root
+        left, spread, response, np.fft.irfft(whole, taken.samples) * root, np.fft.irfft(measured, taken.samples) * root
     )

@@ -14,7 +14,7 @@ from tactuator.identification.spectral.initial_models import Starter
 from tactuator.identification.spectral.joined import JoinedEquations
 from tactuator.identification.spectral.likelihood import SpectralFit, SpectralProblem
 from tactuator.identification.spectral.lines import Equations, LocalResponse
-from tactuator.identification.spectral.noise import misfit, weights
+from tactuator.identification.spectral.noise import weights
 
 TIE = 6.0
 """Difference of the criterion within which the form of fewer poles is taken (Raftery 1995: from 6 on it is strong)."""
@@ -26,6 +26,9 @@ _MANY = 4
 _FITS, _HOPELESS = 1.5, 300.0
 """Mean squared departure from the local response, in its errors, of a form that follows it; the criterion's difference
 from which on another hold is not tried with more poles."""
+_STRETCHES, _CHANCE = (1, 2, 4, 8, 16, 32), 9.0
+"""Lengths of stretches of the local response, points, and the mean power that nothing but its errors leaves in none of
+them (exp(-9) is the chance of one stretch)."""
 _POOR = 3.0
 """Mean squared departure from the local response, in its errors, from which on forms with many zeros are tried."""
 
@@ -68,23 +71,22 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """Under one hold: the fit chosen, every form that was fitted to the record with its criterion (Bayes), the problem
-    with the noise's weights, and -2 log likelihood with the noise fitted too."""
+    """Under one hold: the fit chosen, every form that was fitted to the record with its criterion (Bayes), and the
+    problem with the noise's weights."""
 
     hold: Hold
     fit: SpectralFit
     fits: dict[Form, SpectralFit]
     problem: SpectralProblem
-    likelihood: float
 
     def criterion(self, fit: SpectralFit) -> float:
         """Return -2 log likelihood for the noise of the chosen fit, with Bayes' penalty."""
         return 2.0 * fit.cost + float(np.log(self.problem.given.total)) * fit.form.count
 
     @property
-    def evidence(self) -> float:
-        """Return what two holds are compared by."""
-        return self.likelihood + float(np.log(self.problem.given.total)) * self.fit.form.count
+    def price(self) -> float:
+        """Return Bayes' penalty of the chosen form."""
+        return float(np.log(self.problem.given.total)) * self.fit.form.count
 
 
 def propose(
@@ -103,18 +105,19 @@ def propose(
     best, stale = np.inf, 0
     least = max(1, known.integrators, known.origin_zeros, known.zeros or 0)
     for poles in [known.poles] if known.poles is not None else range(least, MOST_POLES + 1):
-        now = np.inf
+        now, before = np.inf, dict[Form, SpectralFit]()
         for hold in _worth(found, local):
             for form in known.forms(poles):
-                fit = starters[hold].fit(form, (known.delay_s or 0.0) * scale_rad_s)
+                fit = starters[hold].fit(form, (known.delay_s or 0.0) * scale_rad_s, before.get(form))
                 if fit is not None:
+                    before.setdefault(form, fit)
                     score = 2.0 * fit.cost + price * form.count
                     found[hold].append((score, fit))
                     now = min(now, score)
         note(f"{poles} poles")
         stale = stale + 1 if now > best - 2.0 else 0
         best = min(best, now)
-        if stale >= 2:
+        if stale >= 2 or (stale and _nothing_left(starters, found)):
             break
     if _all_poor(found, local):
         for poles in [known.poles] if known.poles is not None else range(_MANY, MOST_POLES + 1):
@@ -125,6 +128,21 @@ def propose(
                     if fit is not None:
                         found[hold].append((2.0 * fit.cost + price * form.count, fit))
     return {hold: [fit for _, fit in sorted(found[hold], key=lambda one: one[0])] for hold in holds}
+
+
+def _nothing_left(starters: dict[Hold, Starter], found: dict[Hold, list[tuple[float, SpectralFit]]]) -> bool:
+    """Return true where the best fit leaves of the local response no more than chance would, in no stretch of it:
+    further poles could bring nothing.
+    """
+    best = {hold: min(fits, key=lambda one: one[0]) for hold, fits in found.items() if fits}
+    leads = min(best, key=lambda hold: best[hold][0])
+    problem = starters[leads].problem
+    left = problem.residual(best[leads][1]) * problem.weight
+    sums = np.concatenate([[0.0], np.cumsum(left)])
+    for width in _STRETCHES:
+        if left.size >= width and float(np.max(np.abs(sums[width:] - sums[:-width]) ** 2)) > _CHANCE * width:
+            return False
+    return True
 
 
 def _worth(found: dict[Hold, list[tuple[float, SpectralFit]]], local: LocalResponse) -> list[Hold]:
@@ -153,24 +171,23 @@ def choose(
     quick: bool = False,
     weight: FloatArray | None = None,
     begun: Choice | None = None,
+    stable: bool = False,
 ) -> Choice:
     """Return the form of best criterion on the record, simpler ones tried from there (quick: the best two only).
 
-    begun: the quick choice, to go on from. weight: one over the noise's deviation at each equation (e,), where it is
-    known beforehand, of lines free of transients; the spectrum of what the model leaves tells it otherwise.
+    begun: the quick choice, to go on from. stable: no pole may move into the right half plane. weight: one over the
+    noise's deviation at each equation (e,), where it is known beforehand, of lines free of transients; the spectrum of
+    what the model leaves tells it otherwise.
     """
     highest = _HIGHEST[hold] * given.rate_hz
     kept = _kept(proposals)[: 2 if quick else _KEPT]
     first = kept[0]
     grid = Grid(given.frequency_hz, given.rate_hz, first.grid.scale_rad_s, hold, given.shift)
     flat = np.where(given.of_hz <= highest, 1.0, 0.0)
-    problem = SpectralProblem(given, flat, grid, with_transient=weight is None)
+    problem = SpectralProblem(given, flat, grid, with_transient=weight is None, stable=stable)
 
     def weighed(now: SpectralProblem, fit: SpectralFit) -> SpectralProblem:
         return now.with_weight(weights(given, now.residual(fit), highest) if weight is None else weight * flat)
-
-    def likelihood(now: SpectralProblem, fit: SpectralFit) -> float:
-        return misfit(given, now.residual(fit), COMPARED * given.rate_hz) if weight is None else 2.0 * fit.cost
 
     for _ in range(2 if begun is None else 0):
         problem = weighed(problem, first)
@@ -187,8 +204,8 @@ def choose(
         best = _again(problem, best, 10) or best
     fits[best.form] = best
     if quick:
-        return Choice(hold, best, {best.form: best}, problem, likelihood(problem, best))
-    return Choice(hold, best, _near(problem, fits, best) | {best.form: best}, problem, likelihood(problem, best))
+        return Choice(hold, best, {best.form: best}, problem)
+    return Choice(hold, best, _near(problem, fits, best) | {best.form: best}, problem)
 
 
 def _near(problem: SpectralProblem, fits: dict[Form, SpectralFit], best: SpectralFit) -> dict[Form, SpectralFit]:
