@@ -31,6 +31,8 @@ _FLANK = 15.0
 """Power below a filter's edge over that beyond it, from which on a signal is taken to have passed one (12 dB)."""
 _FAR = 300.0
 """The same from which on the worse hold is not looked at more closely."""
+_LATE = 100
+"""Dead time, samples, from which on its turning of the phase spoils a local response that does not know of it."""
 _SILENT = 1e-6
 """Power of the command's lines, over their median, below which the response is not looked at."""
 _NO_FORM = "no model of the form asked for fits the record at all; allowed: another order, or more zeros"
@@ -74,19 +76,17 @@ def estimate(
 
     Raises BadInput where no form gives a start.
     """
-    whole = [spectrum(command, position, rate_hz) for command, position in signals]
-    local = join_local([local_response(one, 0.47 * rate_hz) for one in whole])
-    if local.frequency_hz.size < 4:
-        raise BadInput(
-            f"the record shows its response at {local.frequency_hz.size} frequencies; allowed: 4 or more (a longer "
-            "record, or a command with more lines)"
-        )
-    local = local.at(local.excitation > _SILENT * float(np.median(local.excitation)))
+    whole = tuple(spectrum(command, position, rate_hz) for command, position in signals)
+    local = _local(whole, rate_hz)
     proposals = _proposals(local, rate_hz, holds, known, note)
     # what was commanded before the record began is unknown for as long as the dead time: the position starts later
     shift = max(min(int(proposals[hold][0].delay_s * rate_hz + 1e-3) for hold in holds) - 1, 0)
     shift = min(shift, *(command.size // 4 for command, _ in signals))
-    taken = tuple([spectrum(*one, rate_hz, shift) for one in signals] if shift else whole)
+    taken = tuple(spectrum(*one, rate_hz, shift) for one in signals) if shift else whole
+    if shift > _LATE:
+        note("the dead time is long: starting once more without it")
+        local = _local(taken, rate_hz)
+        proposals = _proposals(local, rate_hz, holds, known, note)
     given = join([equations(one, 0.0, 0.5 * rate_hz) for one in taken])
     found: list[_Judged] = []
     for hold in sorted(holds, key=lambda one: proposals[one][0].cost):
@@ -106,6 +106,17 @@ def estimate(
             best = min(best, stable, key=lambda one: one.evidence)
         found.append(best)
     return _decided(found, holds, local, taken)
+
+
+def _local(taken: tuple[Spectrum, ...], rate_hz: float) -> LocalResponse:
+    """Return the records' own response where their command has power. Raises BadInput where that is nearly nowhere."""
+    local = join_local([local_response(one, 0.47 * rate_hz) for one in taken])
+    if local.frequency_hz.size < 4:
+        raise BadInput(
+            f"the record shows its response at {local.frequency_hz.size} frequencies; allowed: 4 or more (a longer "
+            "record, or a command with more lines)"
+        )
+    return local.at(local.excitation > _SILENT * float(np.median(local.excitation)))
 
 
 @np.errstate(all="ignore")

@@ -211,7 +211,9 @@ class LocalResponse:
 
 
 def local_response(taken: Spectrum, high_hz: float, share: float = 0.02, fewest: int = 13) -> LocalResponse:
-    """Return the local polynomial estimate in bands `share` of their frequency wide, at least `fewest` lines."""
+    """Return the local polynomial estimate in bands `share` of their frequency wide, at least `fewest` lines; the
+    position's shift is put back into the response.
+    """
     last = min(int(high_hz / taken.spacing_hz) + 1, (taken.samples + 1) // 2)
     rows = []
     for begin, end in band_edges(taken, 2, last, share, fewest):
@@ -235,7 +237,8 @@ def local_response(taken: Spectrum, high_hz: float, share: float = 0.02, fewest:
         )
     columns = list(zip(*rows, strict=True)) if rows else [()] * 6
     frequency, value, variance_, noise_, excitation, lines = columns
+    late = np.exp(-2j * np.pi * np.array(frequency, dtype=np.float64) * taken.shift / taken.rate_hz)
     return LocalResponse(
-        np.array(frequency, dtype=np.float64), np.array(value, dtype=np.complex128), np.array(variance_),
+        np.array(frequency, dtype=np.float64), np.array(value, dtype=np.complex128) * late, np.array(variance_),
         np.array(noise_), np.array(excitation), np.array(lines, dtype=np.float64),
     )  # fmt: skip

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.spectral.form import MOST_POLES, Form, free_poles, sections_of
+from tactuator.identification.spectral.form import MOST_POLES, Form, free_poles, numerator_polynomial, sections_of
 from tactuator.identification.spectral.hold import Grid, Hold
 from tactuator.identification.spectral.initial_models import Starter
 from tactuator.identification.spectral.joined import JoinedEquations
@@ -52,11 +52,14 @@ class Known:
                 if zeros <= poles and poles >= self.integrators:
                     yield Form(poles, zeros, late, self.integrators, self.origin_zeros)
 
-    def full_forms(self, poles: int) -> Iterator[Form]:
-        """Yield the forms of that many poles with as many zeros or one less: what structures with many modes show."""
+    def full_forms(self, poles: int, late: bool) -> Iterator[Form]:
+        """Yield the forms of that many poles with as many zeros or one less: what structures with many modes show.
+
+        late: with a dead time to estimate.
+        """
         if self.zeros is None and poles >= max(_MANY, self.integrators, self.origin_zeros + 1):
             for zeros in (poles - 1, poles):
-                yield Form(poles, zeros, False, self.integrators, self.origin_zeros)
+                yield Form(poles, zeros, late and self.delay_s is None, self.integrators, self.origin_zeros)
 
     def allows(self, form: Form) -> bool:
         """Return true for a form that does not contradict what is known."""
@@ -117,17 +120,34 @@ def propose(
         note(f"{poles} poles")
         stale = stale + 1 if now > best - 2.0 else 0
         best = min(best, now)
-        if stale >= 2 or (stale and _nothing_left(starters, found)):
+        if stale >= 2:
             break
     if _all_poor(found, local):
-        for poles in [known.poles] if known.poles is not None else range(_MANY, MOST_POLES + 1):
-            note(f"{poles} poles and as many zeros")
-            for hold in holds:
-                for form in known.full_forms(poles):
-                    fit = starters[hold].fit(form, (known.delay_s or 0.0) * scale_rad_s)
-                    if fit is not None:
-                        found[hold].append((2.0 * fit.cost + price * form.count, fit))
+        _add_full_forms(found, starters, known, scale_rad_s, price, note)
     return {hold: [fit for _, fit in sorted(found[hold], key=lambda one: one[0])] for hold in holds}
+
+
+def _add_full_forms(
+    found: dict[Hold, list[tuple[float, SpectralFit]]],
+    starters: dict[Hold, Starter],
+    known: Known,
+    scale_rad_s: float,
+    price: float,
+    note: Callable[[str], None],
+) -> None:
+    """Add the forms with many zeros, with a dead time if the best of the others has one, until nothing is left."""
+    leading = min((one for fits in found.values() for one in fits), key=lambda one: one[0])[1]
+    for poles in [known.poles] if known.poles is not None else range(_MANY, MOST_POLES + 1):
+        note(f"{poles} poles and as many zeros")
+        before = dict[Form, SpectralFit]()
+        for hold, starter in starters.items():
+            for form in known.full_forms(poles, leading.form.dead_time):
+                fit = starter.fit(form, (known.delay_s or 0.0) * scale_rad_s, before.get(form))
+                if fit is not None:
+                    before.setdefault(form, fit)
+                    found[hold].append((2.0 * fit.cost + price * form.count, fit))
+        if before and _nothing_left(starters, found):
+            break
 
 
 def _nothing_left(starters: dict[Hold, Starter], found: dict[Hold, list[tuple[float, SpectralFit]]]) -> bool:
@@ -256,9 +276,12 @@ def _settled(problem: SpectralProblem, fits: dict[Form, SpectralFit], known: Kno
 
 def _simpler(fit: SpectralFit) -> Iterator[tuple[Form, FloatArray]]:
     """Return the forms beside the fit's, with where to start: a far pole less (perhaps a dead time for it), a slow one
-    with a zero less, a zero less, no dead time.
+    with a zero less, the one that a zero cancels best with that zero less, a zero less, no dead time.
     """
     form = fit.form
+    cancelled = _cancelled(fit)
+    if cancelled is not None and form.zeros > form.origin_zeros and form.poles > 1:
+        yield replace(form, poles=form.poles - 1, zeros=form.zeros - 1), sections_of(cancelled)
     without_far, without_slow = _fewer_poles(free_poles(fit.theta, form))
     if without_far is not None and without_slow is not None and form.poles > 1:
         less = replace(form, poles=form.poles - 1) if form.zeros <= form.poles - 1 else None
@@ -272,6 +295,17 @@ def _simpler(fit: SpectralFit) -> Iterator[tuple[Form, FloatArray]]:
         yield replace(form, zeros=form.zeros - 1, dead_time=True), fit.theta
     if form.dead_time:
         yield replace(form, dead_time=False), fit.theta
+
+
+def _cancelled(fit: SpectralFit) -> ComplexArray | None:
+    """Return the poles without the real one that lies nearest to a zero; None where none is real."""
+    poles = free_poles(fit.theta, fit.form)
+    real = np.flatnonzero(np.abs(poles.imag) <= 1e-9 * np.abs(poles))
+    zeros = np.roots(numerator_polynomial(fit.rungs, fit.numerator, fit.form))
+    if not real.size or not zeros.size:
+        return None
+    apart = np.min(np.abs(poles[real, None] - zeros[None, :]), axis=1) / np.maximum(np.abs(poles[real]), 1e-12)
+    return np.delete(poles, real[np.argmin(apart)])
 
 
 def _fewer_poles(poles: ComplexArray) -> tuple[ComplexArray | None, ComplexArray | None]:
