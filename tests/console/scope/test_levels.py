@@ -54,6 +54,7 @@ def test_levels__of_nothing__are_the_floor_and_the_offset_of_the_command_its_mea
     assert [one.level_db_sl for one in found] == [-120.0] * 3
     assert [one.command_mean_v for one in found] == pytest.approx([0.1, -0.2, 0.3])
     assert all(one.tone_db_sl is None for one in found)
+    assert [one.tone_db_sl for one in Levels(controller.display).of_rows(rows, 2.3)] == [-120.0] * 3
 
 
 def test_levels__of_less_than_a_second_or_with_a_gap__are_none(controller):

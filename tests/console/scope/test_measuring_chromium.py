@@ -18,6 +18,7 @@ from tactuator.files.start.shipped import EXAMPLES
 from tactuator.rig.board.link import Mode
 from tests.console.held_rig.board_at_port import board_at_port
 from tests.console.pages import TOKEN, go, saved_by, tab_to
+from tests.console.test_accessibility_chromium import AXE, faults
 from tests.web.server import served
 
 ONE = (EXAMPLES / "display.toml").read_text("utf-8").partition('[[channel]]\nname = "thumb"')[0]
@@ -159,6 +160,8 @@ def measure(page, tmp_path):
     page.wait_for_selector("#measure:not([disabled])")
     measured(page, "40,100,250")
     page.wait_for_selector("#measured:has-text('3 points: measured')")
+    page.evaluate(AXE)
+    assert faults(page, {}) == []
     assert (
         "tactuator measure --controller controller.json --frequency-hz 40,100,250" in page.locator("code").inner_text()
     )

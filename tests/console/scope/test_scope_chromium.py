@@ -8,6 +8,7 @@ from tactuator.console.workshop import Workshop
 from tactuator.files.controller import write_controller
 from tactuator.files.record import read_record
 from tests.console.pages import tab_to
+from tests.console.test_accessibility_chromium import AXE, faults
 from tests.web.server import served
 
 TOKEN = "a-token-of-this-test"
@@ -88,6 +89,8 @@ def test_scope__by_keyboard_alone__plays_is_touched_paused_saved_and_stopped(pag
     tab_to(page, ".cursor")
     page.keyboard.press("Shift+ArrowRight")
     page.wait_for_selector("#cursor-values:has-text('cursors: 70 ms apart')")
+    page.evaluate(AXE)
+    assert faults(page, {}) == []
     page.locator("#pause").focus()
     page.keyboard.press("Enter")
     page.wait_for_selector("#pause:has-text('Go on')")

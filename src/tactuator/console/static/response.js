@@ -32,9 +32,9 @@ export class Response {
     this.bits = { progress: make("p", { id: "measured", role: "status" }), command: make("div"), table: make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Points" }) };
     this.chart = new Chart("Level (dB SL) over frequency (Hz): expected as lines, measured as points", { height: 300, log: true, unit: "dB SL" });
     this.view.replaceChildren(make("h1", {}, `Response of ${display}`), this.rig.bar, this.loader.box,
-      make("div", { class: "panel" }, make("div", { class: "bar" }, ...channels.map((one, k) => make("label", {}, this.on[k], ` ${one.name}`)), make("label", {}, "finger ", this.load), ...Object.values(this.inputs), term("sensation level", "dB SL")),
+      make("div", { class: "panel" }, make("h2", {}, "Measure"), make("div", { class: "bar" }, ...channels.map((one, k) => make("label", {}, this.on[k], ` ${one.name}`)), make("label", {}, "finger ", this.load), ...Object.values(this.inputs), term("sensation level", "dB SL")),
         make("div", { class: "bar" }, make("label", {}, "frequencies, Hz, commas between ", this.hz), this.begin, this.save), this.bits.command, this.bits.progress),
-      make("div", { class: "panel" }, make("label", {}, "channel ", this.shown), this.chart.box, this.bits.table));
+      make("div", { class: "panel" }, make("h2", {}, "Level over frequency"), make("label", {}, "channel ", this.shown), this.chart.box, this.bits.table));
   }
 
   value(name) { return Number(this.inputs[name].querySelector("input").value); }
@@ -87,7 +87,7 @@ export class Response {
     this.chart.show([...lines, ...points]);
     const rows = found.length ? found.at(-1) : null, cell = (text) => make("td", { class: "number" }, text);
     this.bits.table.replaceChildren(rows === null ? "" : make("table", {}, make("caption", {}, `${channel}, ${named(rows.load)}`),
-      make("thead", {}, make("tr", {}, ...["Hz", "dB SL", "expected", "difference, dB", "± dB", "cut"].map((text) => make("th", { scope: "col" }, text)))),
+      make("thead", {}, make("tr", {}, ...["Hz", "dB SL", "expected", "difference, dB", "± dB", "cut"].map((text) => make("th", { scope: "col", class: "number" }, text)))),
       make("tbody", {}, ...rows.frequency_hz.map((hz, k) => make("tr", {}, cell(digits(hz)), cell(rows.level_db_sl[k].toFixed(2)), cell(rows.expected_db_sl[k].toFixed(2)), cell((rows.level_db_sl[k] - rows.expected_db_sl[k]).toFixed(2)), cell(rows.confidence_db[k] === null ? "—" : digits(rows.confidence_db[k])), cell(rows.saturated[k] ? "yes" : ""))))));
   }
 

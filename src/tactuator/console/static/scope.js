@@ -63,7 +63,7 @@ export class Scope {
     const save = make("button", { type: "button", id: "save-record", onclick: () => this.save() }, "Save as a record");
     const names = this.channels.map((one, k) => make("button", { type: "button", class: `legend-${k % HUES.length}`, "aria-pressed": "true", onclick: (event) => { one.shown = !one.shown; event.target.setAttribute("aria-pressed", String(one.shown)); this.redraw(); } }, one.name));
     return make("div", {}, make("div", { class: "bar" }, this.paused, shoot, cursors, save, ...names),
-      make("div", { class: "bar" }, labelled("span", this.span), labelled("picture", this.mode), labelled("trigger on", this.source), this.signal, labelled("level", this.level), this.edge));
+      make("div", { class: "bar" }, labelled("span", this.span), labelled("picture", this.mode), labelled("trigger on", this.source), labelled("signal", this.signal), labelled("level", this.level), labelled("edge", this.edge)));
   }
 
   get seconds() { return Number(this.span.value); }
