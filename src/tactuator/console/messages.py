@@ -9,6 +9,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from tactuator.console.asked import Finite, Name, PageRequest
 from tactuator.console.views.display_text import DisplayTextRequest
 from tactuator.console.views.identify import IdentifyRequest
+from tactuator.console.views.prefilter import PrefilterRequest
 from tactuator.errors import BadInput
 
 CHANNELS_MAX = 64
@@ -69,7 +70,9 @@ class Check(PageRequest):
     shapes: Annotated[dict[Name, dict[str, Any]], Field(max_length=CHANNELS_MAX)]
 
 
-Request = Start | Open | Bring | Draw | MovePoint | Design | Check | DisplayTextRequest | IdentifyRequest
+Request = (
+    Start | Open | Bring | Draw | MovePoint | Design | Check | DisplayTextRequest | IdentifyRequest | PrefilterRequest
+)
 _REQUEST: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="do")])
 
 

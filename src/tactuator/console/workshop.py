@@ -40,6 +40,7 @@ class Workshop:
     def __init__(self, path: Path | None = None) -> None:
         self._path, self.drawer = path, Drawer()
         self._displays: dict[str, Display] = {}
+        self._own: dict[tuple[str, str], ChannelController] = {}
         self._texts: OrderedDict[str, tuple[str, Path]] = OrderedDict()
         self._benches: OrderedDict[tuple[str, str], Bench] = OrderedDict()
         self._made: OrderedDict[tuple[str, str, LoopShape], ChannelController] = OrderedDict()
@@ -109,6 +110,7 @@ class Workshop:
         self._displays[key] = display
         self._benches = OrderedDict((one, kept) for one, kept in self._benches.items() if one[0] != key)
         self._made = OrderedDict((one, kept) for one, kept in self._made.items() if one[0] != key)
+        self._own = {one: kept for one, kept in self._own.items() if one[0] != key}
         return display
 
     def display(self, key: str) -> Display:
@@ -154,6 +156,15 @@ class Workshop:
         shape = taken_apart(feedback)
         self.keep(key, channel, shape, made)
         return shape
+
+    def own_design(self, key: str, channel: str) -> ChannelController:
+        """Return what the synthesis makes of a channel as its file describes it, made once; channels without a loop
+        have their prefilter.
+        """
+        display = self.display(key)
+        if (key, channel) not in self._own:
+            self._own[key, channel] = design_channel(display, display.channel(channel))
+        return self._own[key, channel]
 
     def made(self, key: str, channel: str, shape: LoopShape) -> ChannelController:
         """Return the controller of a shape: what the synthesis made, as it made it, or one with a prefilter fitted to

@@ -120,7 +120,12 @@ def _columns(path: Path, rows: list[str]) -> dict[str, np.ndarray[tuple[int], np
 def write_curve(
     path: str | Path, threshold: ThresholdCurve, circumstances: Mapping[str, Sequence[object]] | None = None
 ) -> None:
-    """Write a curve so that `read_curve` gives it back.
+    """Write a curve so that `read_curve` gives it back; circumstances as `curve_text` has them."""
+    write_text(path, curve_text(threshold, circumstances))
+
+
+def curve_text(threshold: ThresholdCurve, circumstances: Mapping[str, Sequence[object]] | None = None) -> str:
+    """Return the text of a curve's file.
 
     circumstances: further columns by name, one cell for each point, which tell how the curve was measured.
     """
@@ -136,4 +141,4 @@ def write_curve(
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows(zip(*columns.values(), strict=True))
-    write_text(path, stream.getvalue())
+    return stream.getvalue()

@@ -6,4 +6,5 @@ export const VIEWS = {
   loop: { title: "Loop", ofDisplay: true, load: async () => (await import("./loop.js")).Loop },
   response: { title: "Response", load: async () => (await import("./response.js")).Response },
   scope: { title: "Scope", load: async () => (await import("./scope.js")).Scope },
+  prefilter: { title: "Prefilter", ofDisplay: true, load: async () => (await import("./prefilter.js")).Prefilter },
 };

@@ -15,6 +15,8 @@ export const TERMS = {
   "hold": "What the command does between its samples: a converter holds it (zero-order hold), or it is band-limited.",
   "load": "What touches the display, a resting finger for example; it changes the plant.",
   "plant": "The actuator as the loop sees it: from command to sensor voltage.",
+  "threshold curve": "The level at which a sinusoid is just felt, against frequency: what the display is to follow.",
+  "provenance": "Where the curve comes from: measured, digitised, inferred, synthetic or simulated.",
   "prefilter": "The filter ahead of the loop; with it, equal amplitude of the reference is felt equally far above threshold.",
   "verdict": "The outcome of each objective: met, not met, or not judged, with what it rests on.",
 };
