@@ -8,7 +8,7 @@ from importlib.resources import files
 from urllib.parse import unquote
 
 from fastapi import FastAPI, Request, Response, WebSocket
-from fastapi.responses import JSONResponse
+from fastapi.responses import FileResponse, JSONResponse
 from starlette.exceptions import HTTPException as StarletteHTTPException
 
 from tactuator.console.connection import ConsoleConnection
@@ -58,6 +58,17 @@ def build_console(workshop: Workshop, token: str, apart: Executor | None = None,
         except BadInput as error:
             return plain_text(str(error), 422)
         return JSONResponse({"key": key, "name": workshop.drawer.path(key).name}, headers=HEADERS)
+
+    @app.get("/made/{key}/{name}")
+    async def made(request: Request, key: str, name: str) -> Response:
+        if not hmac.compare_digest(request.headers.get("x-token", "").encode(), token.encode()):
+            return plain_text("That needs the token of the page.", 403)
+        try:
+            found = workshop.drawer.path(key).parent / name
+        except BadInput as error:
+            return plain_text(str(error), 404)
+        there = "/" not in name and found.is_file()
+        return FileResponse(found, headers=HEADERS) if there else plain_text(_NOTHING, 404)
 
     @app.websocket("/ws")
     async def connection(socket: WebSocket) -> None:

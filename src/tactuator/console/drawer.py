@@ -30,17 +30,13 @@ class Drawer:
         plain = name.replace("\\", "/").rpartition("/")[2].strip()
         if not plain or plain.startswith(".") or len(plain) > _LONGEST_NAME or not plain.isprintable():
             raise BadInput(f"a file named {name[:60]!r}; allowed: a name of 1 to {_LONGEST_NAME} characters")
-        key = secrets.token_hex(8)
-        place = self.folder() / key
-        place.mkdir()
+        key, place = self.place()
         try:
             await _written(place / plain, blocks)
         except BaseException:
             shutil.rmtree(place, ignore_errors=True)
             raise
-        self._files[key] = place / plain
-        while len(self._files) > _MOST_FILES:
-            shutil.rmtree(self._files.popitem(last=False)[1].parent, ignore_errors=True)
+        self.keep(key, place / plain)
         return key
 
     def path(self, key: str) -> Path:
@@ -48,6 +44,19 @@ class Drawer:
         if key not in self._files:
             raise BadInput("that file is not on the server any more; allowed: drop it again")
         return self._files[key]
+
+    def place(self) -> tuple[str, Path]:
+        """Return a new key and its folder, for files that a view makes; the first of them is kept by `keep`."""
+        key = secrets.token_hex(8)
+        place = self.folder() / key
+        place.mkdir()
+        return key, place
+
+    def keep(self, key: str, path: Path) -> None:
+        """Keep a file by its key; of many files the oldest are forgotten."""
+        self._files[key] = path
+        while len(self._files) > _MOST_FILES:
+            shutil.rmtree(self._files.popitem(last=False)[1].parent, ignore_errors=True)
 
     def folder(self) -> Path:
         """Return the folder of the drawer, made the first time it is asked for."""

@@ -10,6 +10,7 @@ from tactuator.console.asked import Finite, Name, PageRequest
 from tactuator.console.views.display_text import DisplayTextRequest
 from tactuator.console.views.identify import IdentifyRequest
 from tactuator.console.views.prefilter import PrefilterRequest
+from tactuator.console.views.speech import SpeechRequest
 from tactuator.errors import BadInput
 
 CHANNELS_MAX = 64
@@ -71,7 +72,17 @@ class Check(PageRequest):
 
 
 Request = (
-    Start | Open | Bring | Draw | MovePoint | Design | Check | DisplayTextRequest | IdentifyRequest | PrefilterRequest
+    Start
+    | Open
+    | Bring
+    | Draw
+    | MovePoint
+    | Design
+    | Check
+    | DisplayTextRequest
+    | IdentifyRequest
+    | PrefilterRequest
+    | SpeechRequest
 )
 _REQUEST: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="do")])
 

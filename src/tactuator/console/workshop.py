@@ -166,6 +166,11 @@ class Workshop:
             self._own[key, channel] = design_channel(display, display.channel(channel))
         return self._own[key, channel]
 
+    def own_controller(self, key: str) -> Controller:
+        """Return the controller that `design` makes of a display."""
+        display = self.display(key)
+        return Controller(display, tuple(self.own_design(key, one.name) for one in display.channels), __version__)
+
     def made(self, key: str, channel: str, shape: LoopShape) -> ChannelController:
         """Return the controller of a shape: what the synthesis made, as it made it, or one with a prefilter fitted to
         it. Raises BadInput where the loop is unstable or no prefilter fits.

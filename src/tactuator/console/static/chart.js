@@ -46,7 +46,7 @@ export class Chart {
       axes: [{ ...axis, size: 28, ...(this.log ? { values: tens } : {}) }, { ...axis, size: 52 }], series: lines,
       hooks: { draw: [() => this.drawn?.()] },
     }, data, this.host);
-    this.legend.replaceChildren(...this.series.map(({ name, hue, dash, points, band }) => entry(name, hue, dash, points, band)));
+    this.legend.replaceChildren(...this.series.filter((one) => one.name).map(({ name, hue, dash, points, band }) => entry(name, hue, dash, points, band)));
   }
 
   resize() { if (this.plot && this.host.clientWidth) this.plot.setSize({ width: this.host.clientWidth, height: this.height }); }

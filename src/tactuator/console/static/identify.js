@@ -79,7 +79,7 @@ export class Identify {
     const edges = (middle, half) => [middle.map((one, i) => one - half[i]), middle.map((one, i) => one + half[i])];
     const of = (chart, name, band) => [
       { name: "95 % band", hue: "shade", x: response.frequency_hz, band: edges(response[name], response[band]) },
-      { name: "the record’s own", hue: "faint", x: own.frequency_hz, y: own[name], points: true },
+      { name: "the record’s own, hold included", hue: "faint", x: own.frequency_hz, y: own[name], points: true },
       { name: "model", hue: "nominal", x: response.frequency_hz, y: response[name] }];
     const again = make("button", { type: "button", onclick: () => { this.own.order = this.own.zeros = this.own.hold = ""; this.again(); } }, "Let the data choose");
     this.bits.model.replaceChildren(

@@ -99,7 +99,7 @@ export class Prefilter {
       ...(this.personal ? [{ name: `${this.personal.name}, ${this.personal.provenance}`, hue: "sense", dash: [7, 3], ...line(this.personal) }] : []),
       { name: `target: ${curve.name}`, hue: "nominal", x: hz, y: wanted_db }, { name: "with the prefilter", hue: "load", dash: [7, 4], x: hz, y: given_db }]);
     const flat = (db) => ({ x: [hz[0], hz.at(-1)], y: [db, db], hue: "limit", dash: [5, 3] });
-    this.error.show([{ name: "error", hue: "nominal", x: hz, y: error_db }, { name: `allowed, ±${allowed} dB`, ...flat(allowed) }, { name: "allowed, below", ...flat(-allowed) }]);
+    this.error.show([{ name: "error", hue: "nominal", x: hz, y: error_db }, { name: `allowed, ±${allowed} dB`, ...flat(allowed) }, { name: "", ...flat(-allowed) }]);
     const over = Number(found.greatest_db) > allowed;
     this.bits.error.textContent = `Greatest error ${found.greatest_db} dB at ${found.worst_hz} Hz, rms ${found.rms_db} dB; allowed: ${allowed} dB.`;
     this.bits.error.classList.toggle("crossed", over);

@@ -7,4 +7,5 @@ export const VIEWS = {
   response: { title: "Response", load: async () => (await import("./response.js")).Response },
   scope: { title: "Scope", load: async () => (await import("./scope.js")).Scope },
   prefilter: { title: "Prefilter", ofDisplay: true, load: async () => (await import("./prefilter.js")).Prefilter },
+  speech: { title: "Speech", ofDisplay: true, load: async () => (await import("./speech.js")).Speech },
 };

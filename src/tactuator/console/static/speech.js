@@ -1,0 +1,109 @@
+// The view Speech: a file is dropped; asked, felt and their difference, by finger, over time and over frequency.
+import { write } from "./address.js";
+import { Chart } from "./chart.js";
+import { colour, command, make, refusal, say } from "./dom.js";
+import { Drop } from "./drop.js";
+import { table } from "./figures.js";
+import { term } from "./words.js";
+
+const LOW = -10, HIGH = 55, APART = 3, HEARD = 10;
+
+export class Speech {
+  constructor(view, link, state) { Object.assign(this, { view, link, state, own: state.own, charts: [], maps: [] }); }
+
+  async open() {
+    const { view, link, state } = this;
+    const [display, { codings, level }] = [await link.ask("open", { display: state.display }), await link.ask("speech.codings")];
+    this.drop = new Drop(link, { label: "Speech file", accept: "audio/*", hint: "Drop a sound file here: WAV, FLAC, Ogg or AIFF.",
+      taken: (file, name, content) => { Object.assign(this.own, { file, name }); this.heard.src = URL.createObjectURL(content); this.heard.hidden = false; return this.render(); } });
+    this.heard = make("audio", { controls: "", hidden: "", "aria-label": "The speech file, as it sounds" });
+    const coding = make("select", { id: "coding", onchange: () => { this.own.coding = coding.value; this.again(); } }, ...codings.map((name) => make("option", { value: name, selected: name === this.own.coding ? "" : null }, name)));
+    const input = make("input", { id: "level", type: "number", min: "-20", max: "60", step: "1", value: this.own.level ?? level, onchange: () => { this.own.level = input.value; this.again(); } });
+    this.found = make("div");
+    view.replaceChildren(make("h1", {}, "Speech on ", display.name),
+      make("p", {}, "The file is coded onto the fingers at a level in dB SL (", term("sensation level"), "), and felt on the simulated display with the controller that `design` makes."),
+      make("div", { class: "panel" }, this.drop.box, this.heard, make("div", { class: "factor" },
+        make("div", {}, make("label", { for: "coding" }, "coding"), coding), make("div", {}, make("label", { for: "level" }, "level, dB SL"), input))), this.found);
+    if (this.own.file) { this.drop.name.textContent = this.own.name ?? ""; await this.again(); }
+  }
+
+  again() { return this.own.file ? this.render().catch((error) => (error.lost ? undefined : this.drop.refuse(error.message))) : undefined; }
+
+  async render() {
+    write(this.state);
+    const { file, coding, level } = this.own, began = Date.now(), busy = make("p", { role: "status" }, "Rendering.");
+    this.found.prepend(busy);
+    const clock = setInterval(() => { busy.textContent = `Rendering and feeling it, ${Math.round((Date.now() - began) / 1000)} s.`; }, 500);
+    try {
+      this.show(await this.link.ask("speech.render", { display: this.state.display, file, ...(coding ? { coding } : {}), ...(level ? { level: Number(level) } : {}) }));
+      this.drop.refuse("");
+    } finally { clearInterval(clock); busy.remove(); }
+  }
+
+  show(found) {
+    const head = ["finger", "peak, dB SL", "limiter, dB", "felt − asked, rms dB", "median frame, dB", "95 % of frames, dB"];
+    this.charts = []; this.maps = [];
+    const files = found.files.map((name) => make("button", { type: "button", class: "saving", "data-name": name, onclick: () => this.save(found.key, name) }, `Save ${name}`));
+    const panels = found.fingers.map((finger) => {
+      const chart = new Chart(`${finger.name}: level (dB SL) over frequency (Hz)`, { log: true, height: 190 });
+      this.charts.push([chart, finger]);
+      const maps = ["asked", "felt", "difference"].map((what) => this.map(finger, what));
+      return make("div", { class: "panel" }, make("h2", {}, finger.name), make("div", { class: "maps" }, ...maps), chart.box);
+    });
+    this.found.replaceChildren(make("div", { class: "bar" }, ...files, make("span", { class: "gap" }), command(found.command)), command("tactuator play reference.wav --display display.toml"),
+      ...found.notes.map((text) => make("p", {}, `Note: ${text}.`)),
+      make("div", { class: "scroll panel", tabindex: "0", role: "region", "aria-label": "Figures" }, table("Asked and felt", head, found.rows)),
+      make("p", {}, `Time runs to the right over ${Math.min(found.duration_s, found.shown_s).toFixed(1)} s, frequency upwards. Levels from ${LOW} dB SL (as the ground) to ${HIGH} dB SL (full colour); the difference from −${APART} dB (orange) to +${APART} dB (blue), where ${HEARD} dB SL or more was asked.`),
+      ...panels);
+    this.draw();
+    say("rendered");
+  }
+
+  map(finger, what) {
+    const canvas = make("canvas", { width: 420, height: 150, role: "img", "aria-label": `${finger.name}, ${what}: levels in third octaves over time` });
+    this.maps.push({ canvas, finger, what });
+    return make("figure", {}, make("figcaption", {}, what), canvas);
+  }
+
+  draw() {
+    const ground = colour("paper"), full = colour("nominal"), below = colour("sense");
+    for (const { canvas, finger, what } of this.maps) {
+      const ctx = canvas.getContext("2d"), bands = finger.hz.length, high = canvas.height / bands;
+      ctx.globalAlpha = 1; ctx.fillStyle = ground; ctx.fillRect(0, 0, canvas.width, canvas.height);
+      let first = 0;
+      const length = Math.max(...finger.parts.map((part) => part.asked.length * part.seconds));
+      for (const part of finger.parts) {
+        const wide = canvas.width * part.seconds / length;
+        part.asked.forEach((row, t) => row.forEach((asked, band) => {
+          const felt = part.felt[t][band], top = canvas.height - (first + band + 1) * high;
+          if (what === "difference") {
+            if (asked === null || felt === null || asked < HEARD) return;
+            ctx.fillStyle = felt < asked ? below : full; ctx.globalAlpha = Math.min(1, Math.abs(felt - asked) / APART);
+          } else {
+            const level = what === "asked" ? asked : felt;
+            if (level === null) return;
+            ctx.fillStyle = full; ctx.globalAlpha = Math.max(0, Math.min(1, (level - LOW) / (HIGH - LOW)));
+          }
+          ctx.fillRect(t * wide, top, wide + 0.5, high + 0.5);
+        }));
+        first += part.hz.length;
+      }
+    }
+    for (const [chart, finger] of this.charts) {
+      const line = (y, name, hue, dash) => { const there = finger.hz.map((_, i) => i).filter((i) => y[i] !== null && y[i] > -40); return { name, hue, dash, x: there.map((i) => finger.hz[i]), y: there.map((i) => y[i]) }; };
+      chart.show([line(finger.asked, "asked", "nominal"), line(finger.felt, "felt", "load", [7, 4])]);
+    }
+  }
+
+  // A file that the server made comes with the token in a header, as every request of the page.
+  async save(key, name) {
+    try {
+      const answer = await fetch(`/made/${key}/${name}`, { headers: { "x-token": this.link.token } });
+      if (!answer.ok) throw new Error((await answer.text()).trim());
+      make("a", { href: URL.createObjectURL(await answer.blob()), download: name }).click();
+    } catch (error) { refusal(error); }
+  }
+
+  resize() { this.charts.forEach(([chart]) => chart.resize()); }
+  restyle() { this.draw(); }
+}

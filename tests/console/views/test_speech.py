@@ -1,0 +1,84 @@
+"""The view Speech: the files that it makes are those of `render`, and what it shows is what `render` prints."""
+
+import json
+import shlex
+import shutil
+
+import pytest
+
+from tactuator.cli.main import main
+from tactuator.console.app import build_console
+from tactuator.console.views.speech import SpeechRendered
+from tactuator.console.workshop import FILE, Workshop
+from tactuator.errors import BadInput
+from tactuator.files.start.shipped import EXAMPLES
+from tests.console.pages import TOKEN, console_page, go, tab_to
+from tests.console.views.dropped import dropped
+from tests.web.server import served
+
+ONE = (EXAMPLES / "display.toml").read_text("utf-8").partition('[[channel]]\nname = "thumb"')[0]
+
+
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("speech")
+    (folder / "display.toml").write_text(ONE)
+    shutil.copy(EXAMPLES / "speech.wav", folder / "speech.wav")
+    workshop = Workshop(folder / "display.toml")
+    key = dropped(workshop, EXAMPLES / "speech.wav")
+    found = SpeechRendered(id=1, do="speech.render", display=FILE, file=key, level=30.0).answer(workshop)
+    return folder, workshop, found
+
+
+def test_render__of_a_speech_file__makes_the_files_of_the_shown_command(rendered, monkeypatch, capsys):
+    folder, workshop, found = rendered
+    monkeypatch.chdir(folder)
+    main([*shlex.split(found["command"])[1:], "--json"])
+    made = workshop.drawer.path(found["key"]).parent
+    for name in found["files"]:
+        assert (folder / name).read_bytes() == (made / name).read_bytes(), name
+    felt = json.loads(capsys.readouterr().out)["felt"]["index"]
+    assert found["rows"][0][3:] == [f"{felt[name]:.2f}" for name in ("rms_db", "median_db_all", "p95_db_all")]
+
+
+def test_render__figures_of_the_page__are_lists_of_numbers(rendered):
+    finger = rendered[2]["fingers"][0]
+    assert len(finger["hz"]) == sum(len(part["hz"]) for part in finger["parts"])
+    assert all(len(row) == len(part["hz"]) for part in finger["parts"] for row in part["felt"])
+    json.dumps(rendered[2], allow_nan=False)
+
+
+def test_render__of_what_is_no_sound__says_so(rendered):
+    _, workshop, _ = rendered
+    key = dropped(workshop, EXAMPLES / "display.toml")
+    with pytest.raises(BadInput, match="allowed"):
+        SpeechRendered(id=1, do="speech.render", display=FILE, file=key).answer(workshop)
+
+
+@pytest.mark.parametrize("coding", ["nothing", "../../secret.toml"])
+def test_render__with_a_coding_that_is_none__is_refused(rendered, coding):
+    _, workshop, found = rendered
+    with pytest.raises(BadInput, match="is not known"):
+        SpeechRendered(id=1, do="speech.render", display=FILE, file=found["key"], coding=coding).answer(workshop)
+
+
+def test_made__without_the_token_or_under_another_name__is_not_given(rendered):
+    _, workshop, found = rendered
+    with served(build_console(workshop, TOKEN)) as client:
+        assert client.get(f"/made/{found['key']}/reference.wav").status == 403
+        assert client.get("/made/0123/reference.wav").status == 403
+
+
+@pytest.mark.slow
+def test_speech__by_keyboard_alone__is_rendered_and_saved(browser, rendered, tmp_path):
+    folder, workshop, found = rendered
+    with console_page(browser, folder / "display.toml") as page:
+        go(page, "speech", display=FILE, level="30")
+        tab_to(page, "input[type=file]")
+        page.locator("input[type=file]").set_input_files(EXAMPLES / "speech.wav")
+        page.wait_for_selector("button.saving")
+        tab_to(page, "[data-name='reference.wav']")
+        with page.expect_download() as download:
+            page.keyboard.press("Enter")
+        download.value.save_as(tmp_path / "reference.wav")
+    assert (tmp_path / "reference.wav").read_bytes() == workshop.drawer.path(found["key"]).read_bytes()
