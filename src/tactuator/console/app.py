@@ -30,6 +30,8 @@ _TYPES = {
     ".md": "text/plain",
 }
 _ICON = "icon.svg"
+_HEADERS = HEADERS | {"Content-Security-Policy": f"{HEADERS['Content-Security-Policy']}; media-src blob:"}
+"""The page plays a sound file that was dropped on it, out of its own memory."""
 _NOTHING = "There is no such page here."
 
 
@@ -95,4 +97,4 @@ def static_file(name: str) -> Response | None:
     found = files("tactuator.console").joinpath("static", name)
     if "/" in name or suffix not in _TYPES or not found.is_file():
         return None
-    return Response(found.read_bytes(), media_type=_TYPES[suffix], headers=HEADERS)
+    return Response(found.read_bytes(), media_type=_TYPES[suffix], headers=_HEADERS)

@@ -1,18 +1,15 @@
-"""Files in a workshop's drawer, as the page drops them there."""
+"""Files in a workshop's drawer, as if the page had dropped them there."""
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import AsyncIterator
 from pathlib import Path
 
 from tactuator.console.workshop import Workshop
 
 
 def dropped(workshop: Workshop, path: Path, name: str | None = None) -> str:
-    """Drop a file and return its key."""
-
-    async def blocks() -> AsyncIterator[bytes]:
-        yield path.read_bytes()
-
-    return asyncio.run(workshop.drawer.take(name or path.name, blocks()))
+    """Keep a copy of a file and return its key."""
+    key, place = workshop.drawer.place()
+    (place / (name or path.name)).write_bytes(path.read_bytes())
+    workshop.drawer.keep(key, place / (name or path.name))
+    return key

@@ -4,8 +4,8 @@ export const VIEWS = {
   display: { title: "Display", load: async () => (await import("./display.js")).Display },
   identify: { title: "Identify", load: async () => (await import("./identify.js")).Identify },
   loop: { title: "Loop", ofDisplay: true, load: async () => (await import("./loop.js")).Loop },
-  response: { title: "Response", load: async () => (await import("./response.js")).Response },
-  scope: { title: "Scope", load: async () => (await import("./scope.js")).Scope },
   prefilter: { title: "Prefilter", ofDisplay: true, load: async () => (await import("./prefilter.js")).Prefilter },
   speech: { title: "Speech", ofDisplay: true, load: async () => (await import("./speech.js")).Speech },
+  response: { title: "Response", load: async () => (await import("./response.js")).Response },
+  scope: { title: "Scope", load: async () => (await import("./scope.js")).Scope },
 };

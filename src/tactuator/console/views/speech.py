@@ -71,7 +71,7 @@ class SpeechCodings(ViewRequest):
     do: Literal["speech.codings"]
 
     def answer(self, workshop: Workshop) -> Answer:
-        """Return them."""
+        """Return the names, and the level in dB SL."""
         return {"codings": list(NAMED), "level": LEVEL_DB_SL}
 
 
