@@ -24,9 +24,9 @@ LOOKS = [
     (PHONE, "dark", {}),
     (PHONE, "light", {"runOnly": ["color-contrast"]}),
 ]
-SETTLED = {"loop": ".tiles[aria-busy=false] > div"}
+SETTLED = {"loop": ".tiles[aria-busy=false] > div", "prefilter": "#error:has-text('Greatest')", "display": "#use"}
 #: A file to drop on a view before it is looked at, and what is there then.
-FILLED = {"identify": ("bench.csv", "#tried")}
+FILLED = {"identify": ("bench.csv", "#tried"), "speech": ("speech.wav", "button.saving")}
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ def faults(page, options):
 
 
 def opened(page, view):
-    page.evaluate(f"location.hash = 'view={view}&display=example:display.toml'")
+    page.evaluate(f"location.hash = 'view={view}&display=example:displays/tactuator.toml'")
     page.wait_for_selector(f"body[data-ready={view}]")
     page.wait_for_selector(SETTLED.get(view, "h1"))
     if view in FILLED:

@@ -15,6 +15,7 @@ from tactuator.measure.band_levels import LONG_FRAME_S, SHORT_FRAME_S
 from tactuator.measure.felt import FingerFelt
 from tactuator.speech.coding.file import NAMED, coding_of
 from tactuator.speech.job import RenderJob, render_file
+from tactuator.speech.reading import scan_speech
 from tactuator.speech.render import LEVEL_DB_SL
 
 _REFERENCE, _FELT = "reference.wav", "felt.wav"
@@ -32,7 +33,9 @@ class SpeechRendered(ViewRequest):
 
     def answer(self, workshop: Workshop) -> Answer:
         """Return levels asked and felt in bands, by finger and over time, the limiter's figures, and the files' key."""
-        speech, controller = workshop.drawer.path(self.file), workshop.own_controller(self.display)
+        speech = workshop.drawer.path(self.file)
+        scan_speech(speech)  # what is no sound is told before a controller is designed
+        controller = workshop.own_controller(self.display)
         job = RenderJob(controller, coding_of(self.coding if self.coding in NAMED else "?"), self.level, simulate=True)
         key, place = workshop.drawer.place()
         made = render_file(speech, place / _REFERENCE, job, place / _FELT)

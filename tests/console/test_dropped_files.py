@@ -1,0 +1,150 @@
+"""Files that are no good, dropped on every view that takes one: told in one line, and what was there before stays."""
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import soundfile
+from fastapi import FastAPI
+
+from tactuator.console.app import build_console
+from tactuator.console.messages import request_of
+from tactuator.console.workshop import Workshop
+from tactuator.errors import BadInput
+from tactuator.files.start.shipped import EXAMPLES
+from tests.console.pages import TOKEN, console_page, go
+from tests.console.views.dropped import dropped
+from tests.web.server import served
+
+U, Y = np.random.default_rng(0).standard_normal((2, 4000)) * 0.1
+
+
+def empty(path):
+    path.write_bytes(b"")
+
+
+def random_bytes(path):
+    path.write_bytes(np.random.default_rng(1).bytes(5000))
+
+
+def cut_sound(path):
+    soundfile.write(path, np.stack([U, Y], axis=1), 8000, format="WAV")
+    path.write_bytes(path.read_bytes()[:3000])
+
+
+def claiming_hdf5(path):
+    with h5py.File(path, "w") as file:
+        for name in ("command", "position"):
+            file.create_dataset(name, shape=(600_000_000, 2), dtype="f4", chunks=True, compression="gzip")
+
+
+def cut_matlab(path):
+    with path.open("wb") as file:
+        scipy.io.savemat(file, {"u": U, "y": Y, "fs": 1000.0}, do_compression=True)
+    path.write_bytes(path.read_bytes()[:2000])
+
+
+def endless_line(path):
+    path.write_text("1," * 600_000)
+
+
+def brackets(path):
+    path.write_text("[" * 50_000)
+
+
+def one_column(path):
+    path.write_text("time_s\n" + "\n".join(str(one) for one in range(50)))
+
+
+def not_numbers(path):
+    path.write_text("time_s,command_v,position_v\n0,1,2\n1,x,2\n2,nan,inf\n")
+
+
+FILES = {
+    "empty.csv": empty, "random.csv": random_bytes, "random.h5": random_bytes, "random.mat": random_bytes,
+    "random.wav": random_bytes, "cut.wav": cut_sound, "claim.h5": claiming_hdf5, "cut.mat": cut_matlab,
+    "endless.csv": endless_line, "brackets.toml": brackets, "random.toml": random_bytes, "one.csv": one_column,
+    "letters.csv": not_numbers, "no ending": random_bytes, "odd näme ☃.csv": not_numbers,
+}  # fmt: skip
+REQUESTS = {
+    "identify": {"do": "identify.model", "record": None},
+    "display": {"do": "display.read", "file": None},
+    "prefilter": {"do": "prefilter.curve", "file": None},
+    "speech": {"do": "speech.render", "display": "example:display.toml", "file": None},
+}
+
+
+@pytest.fixture(scope="module")
+def workshop():
+    return Workshop()
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("view", REQUESTS)
+def test_file_that_is_no_good__dropped_on_a_view__is_refused_in_one_line(workshop, tmp_path, view, name):
+    FILES[name](tmp_path / name)
+    key = dropped(workshop, tmp_path / name)
+    request = request_of(json.dumps({"id": 1, **{k: v or key for k, v in REQUESTS[view].items()}}))
+    if view == "display" and name not in ("random.toml",):
+        judged_as_text(workshop, request)
+        return
+    with pytest.raises(BadInput) as told, workshop.drawer.named_plainly():
+        request.answer(workshop)
+    assert "\n" not in str(told.value)
+    assert str(workshop.drawer.folder()) not in str(told.value)
+
+
+def judged_as_text(workshop, request):
+    """A text that can be read is shown as it is, and its fault told; bytes that are none are refused."""
+    try:
+        text = request.answer(workshop)["text"]
+    except BadInput:
+        return
+    if len(text) <= 60_000:
+        judged = request_of(json.dumps({"id": 2, "do": "display.judge", "text": text})).answer(workshop)
+        assert judged["fault"]
+
+
+@pytest.mark.parametrize("name", ["", ".hidden", "a" * 200 + ".csv", "new\nline.csv", "../../up.csv", "c:\\x\\y.csv"])
+def test_name_of_a_dropped_file__stays_within_the_folder_of_the_drawer(name):
+    workshop = Workshop()
+
+    async def blocks():
+        yield b"1,2\n"
+
+    take = workshop.drawer.take(name, blocks())
+    with pytest.raises((BadInput, StopIteration)) as ended:  # a coroutine returns by the latter
+        take.send(None)
+    if isinstance(ended.value, StopIteration):
+        path = workshop.drawer.path(ended.value.value)
+        assert path.is_relative_to(workshop.drawer.folder())
+        assert path.name in ("up.csv", "y.csv")
+    else:
+        assert "allowed" in str(ended.value)
+
+
+def test_drop__without_the_token__is_refused(workshop):
+    app: FastAPI = build_console(workshop, TOKEN)
+    with served(app) as client:
+        assert client.get("/drop").status in (404, 405)
+
+
+@pytest.mark.slow
+def test_bad_file__dropped_after_a_good_one__is_told_where_it_was_dropped_and_the_model_stays(browser, tmp_path):
+    bad = tmp_path / "bad.csv"
+    not_numbers(bad)
+    text = (EXAMPLES / "display.toml").read_text("utf-8")
+    with console_page(browser) as page:
+        go(page, "display", display="example:display.toml")
+        page.wait_for_selector("#use")
+        random_bytes(tmp_path / "bad.toml")
+        page.locator("input[type=file]").set_input_files(tmp_path / "bad.toml")
+        page.wait_for_selector(".drop .told:has-text('not text')")
+        assert page.locator("#text").input_value() == text
+        go(page, "prefilter", display="example:display.toml")
+        page.wait_for_selector("#error:has-text('Greatest error')")
+        page.locator("input[type=file]").set_input_files(bad)
+        page.wait_for_selector(".drop .told:has-text('bad.csv')")
+        assert page.locator(".handles .handle").count() > 10
