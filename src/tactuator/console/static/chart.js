@@ -6,10 +6,10 @@ const FEW = 1e-9;
 
 // series: { name, hue, x, y, dash, width, points, band: [least, greatest] }; range: [low, high] of y, or null.
 export class Chart {
-  constructor(title, { height = 220, log = false, unit = "", range = null, pick = null } = {}) {
-    Object.assign(this, { height, log, unit, range, pick, series: [] });
+  constructor(title, { height = 220, log = false, unit = "", range = null, role = "img" } = {}) {
+    Object.assign(this, { height, log, unit, range, series: [] });
     this.legend = make("ul", { class: "legend" });
-    this.host = make("div", { class: "plot", role: "img", "aria-label": title });
+    this.host = make("div", { class: "plot", role, "aria-label": title });
     this.box = make("div", { class: "chart" }, make("h3", {}, title), this.legend, this.host);
   }
 

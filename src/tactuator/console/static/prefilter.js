@@ -25,7 +25,7 @@ export class Prefilter {
     this.drop = new Drop(link, { label: "Personal curve", accept: ".csv", hint: "A curve that was measured on one person, or any other: frequency_hz, level_db_re_1um. It is overlaid; “Take it” follows it.",
       taken: async (file, name) => { this.personal = { file, ...(await link.ask("prefilter.curve", { file })) }; this.draw(); this.offer(name); } });
     this.offered = make("div", { class: "bar" });
-    this.curve = new Chart("Level at threshold (dB re 1 µm peak) over frequency (Hz)", { log: true, height: 330 });
+    this.curve = new Chart("Level at threshold (dB re 1 µm peak) over frequency (Hz)", { log: true, height: 330, role: "group" });
     this.error = new Chart("Error of the prefilter (dB) over frequency (Hz)", { log: true, height: 170 });
     this.curve.drawn = () => this.handles();
     this.layer = draw("svg", { class: "handles", role: "group", "aria-label": "Points of the threshold curve" });
