@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import hmac
 from concurrent.futures import Executor
 from importlib.resources import files
-from urllib.parse import unquote
 
 from fastapi import FastAPI, Request, Response, WebSocket
-from fastapi.responses import FileResponse, JSONResponse
 from starlette.exceptions import HTTPException as StarletteHTTPException
 
 from tactuator.console.connection import ConsoleConnection
+from tactuator.console.file_routes import add_file_routes
 from tactuator.console.scope.host import RigHost
 from tactuator.console.scope.routes import add_rig
 from tactuator.console.workshop import Workshop
-from tactuator.errors import BadInput
 from tactuator.web.pages import HEADERS, plain_text
 from tactuator.web.pages import static_file as shared_file
 from tactuator.web.sockets import has_token, same_origin
@@ -51,26 +48,7 @@ def build_console(workshop: Workshop, token: str, apart: Executor | None = None,
         found = shared_file(name) if name == _ICON else static_file(name)
         return found or plain_text(_NOTHING, 404)
 
-    @app.post("/drop")
-    async def drop(request: Request) -> Response:
-        if not hmac.compare_digest(request.headers.get("x-token", "").encode(), token.encode()):
-            return plain_text("That needs the token of the page.", 403)
-        try:
-            key = await workshop.drawer.take(unquote(request.headers.get("x-name", "")), request.stream())
-        except BadInput as error:
-            return plain_text(str(error), 422)
-        return JSONResponse({"key": key, "name": workshop.drawer.path(key).name}, headers=HEADERS)
-
-    @app.get("/made/{key}/{name}")
-    async def made(request: Request, key: str, name: str) -> Response:
-        if not hmac.compare_digest(request.headers.get("x-token", "").encode(), token.encode()):
-            return plain_text("That needs the token of the page.", 403)
-        try:
-            found = workshop.drawer.path(key).parent / name
-        except BadInput as error:
-            return plain_text(str(error), 404)
-        there = "/" not in name and found.is_file()
-        return FileResponse(found, headers=HEADERS) if there else plain_text(_NOTHING, 404)
+    add_file_routes(app, workshop.drawer, token)
 
     @app.websocket("/ws")
     async def connection(socket: WebSocket) -> None:

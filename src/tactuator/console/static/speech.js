@@ -21,7 +21,7 @@ export class Speech {
     const input = make("input", { id: "level", type: "number", min: "-20", max: "60", step: "1", value: this.own.level ?? level, onchange: () => { this.own.level = input.value; this.again(); } });
     this.found = make("div");
     view.replaceChildren(make("h1", {}, "Speech on ", display.name),
-      make("p", {}, "The file is coded onto the fingers at a level in dB SL (", term("sensation level"), "), and felt on the simulated display with the controller that `design` makes."),
+      make("p", {}, "The file is coded onto the fingers at a level in dB SL (", term("sensation level"), "), and felt on the simulated display with the controller that “tactuator design” makes."),
       make("div", { class: "panel" }, this.drop.box, this.heard, make("div", { class: "factor" },
         make("div", {}, make("label", { for: "coding" }, "coding"), coding), make("div", {}, make("label", { for: "level" }, "level, dB SL"), input))), this.found);
     if (this.own.file) { this.drop.name.textContent = this.own.name ?? ""; await this.again(); }
@@ -50,10 +50,10 @@ export class Speech {
       const maps = ["asked", "felt", "difference"].map((what) => this.map(finger, what));
       return make("div", { class: "panel" }, make("h2", {}, finger.name), make("div", { class: "maps" }, ...maps), chart.box);
     });
-    this.found.replaceChildren(make("div", { class: "bar" }, ...files, make("span", { class: "gap" }), command(found.command)), command("tactuator play reference.wav --display display.toml"),
+    this.found.replaceChildren(make("div", { class: "bar" }, ...files, make("span", { class: "gap" }), command(found.command)), command(found.play),
       ...found.notes.map((text) => make("p", {}, `Note: ${text}.`)),
-      make("div", { class: "scroll panel", tabindex: "0", role: "region", "aria-label": "Figures" }, table("Asked and felt", head, found.rows)),
-      make("p", {}, `Time runs to the right over ${Math.min(found.duration_s, found.shown_s).toFixed(1)} s, frequency upwards. Levels from ${LOW} dB SL (as the ground) to ${HIGH} dB SL (full colour); the difference from −${APART} dB (orange) to +${APART} dB (blue), where ${HEARD} dB SL or more was asked.`),
+      make("div", { class: "scroll panel narrow", tabindex: "0", role: "region", "aria-label": "Figures" }, table("Asked and felt", head, found.rows)),
+      make("p", {}, `Time runs to the right over ${Math.min(found.duration_s, found.shown_s).toFixed(1)} s, frequency upwards. Levels from −${-LOW} dB SL (as the ground) to ${HIGH} dB SL (full colour); the difference from −${APART} dB (orange) to +${APART} dB (blue), where ${HEARD} dB SL or more was asked.`),
       ...panels);
     this.draw();
     say("rendered");

@@ -59,6 +59,7 @@ class SpeechRendered(ViewRequest):
                 for one in made.limiting
             ],
             "command": self.command(workshop, speech),
+            "play": shlex.join(["tactuator", "play", _REFERENCE, "--display", workshop.command_name(self.display)]),
         }
 
     def command(self, workshop: Workshop, speech: Path) -> str:
