@@ -37,6 +37,8 @@ def controller() -> Controller:
 _SHARED = {
     "tests/paper/test_": "the study",
     "tests/repository/installed/": "the installed wheel",
+    "tests/rig/sound/test_simulated_card.py::test_loopback": "the simulated card",
+    "tests/rig/sound/test_simulated_card.py::test_multisine": "the simulated card",
 }
 
 

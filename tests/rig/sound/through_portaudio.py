@@ -58,36 +58,40 @@ def seen() -> list[str]:
         return [card.device, *listed]
 
 
-def loopback() -> dict[str, object]:
-    with simulated_card([None, None, None]), opened(3) as rig:
-        delays, exact = [], []
-        for seed in (1, 2):
-            trace = rig.drive(np.random.default_rng(seed).uniform(-1.9, 1.9, (96000, 3)))
-            for column in range(3):
-                asked, heard = trace.command_v[:, column], trace.position_v[:, column]
-                late = delay_of(asked, heard)
-                delays.append(late)
-                exact.append(np.array_equal((asked[:-late] / 2.0).astype(np.float32) * 2.0, heard[late:]))
-        return {"delays": delays, "exact": exact[:3] if all(exact) else exact}
-
-
-def multisine_against_truth() -> dict[str, object]:
+def exciter_and_wires() -> dict[str, object]:
+    """A linear exciter and three wires on one card: the loopback of the wires, and the exciter's response."""
     exciter = Exciter(q=12.0, felt_full_scale_mm=2.0, **QUIET)
-    with simulated_card([exciter, None]), opened(2) as rig:
-        period, lines = 96000, np.arange(16, 1200, 26)
-        spectrum = np.zeros(period // 2 + 1, dtype=complex)
-        spectrum[lines] = np.exp(2j * np.pi * np.random.default_rng(1).uniform(size=lines.size))
-        wave = np.fft.irfft(spectrum, period)
-        wave *= 0.5 / np.max(np.abs(wave))
-        trace = rig.drive(np.column_stack([np.tile(wave, 3)] * 2))
-        late = delay_of(trace.command_v[:, 1], trace.position_v[:, 1])
-        heard = np.fft.rfft(trace.position_v[-period:, 0])[lines] / np.fft.rfft(wave)[lines]
-        frequency = lines * RATE_HZ / period
-        s = 2j * np.pi * frequency
-        # the accelerometer's volts for 1.0 are 2 V at the card; its mean over a sample is told a sample late
-        scale = 2.0 / exciter.sensor_full_scale
-        truth = scale * s**2 * exciter.response(frequency) * np.exp(-s * late / RATE_HZ)
-        ratio = heard / truth
+    with simulated_card([exciter, None, None, None]), opened(4) as rig:
+        return _loopback(rig) | _multisine_against_truth(rig, exciter)
+
+
+def _loopback(rig: SoundRig) -> dict[str, object]:
+    delays, exact = [], []
+    for seed in (1, 2):
+        trace = rig.drive(np.random.default_rng(seed).uniform(-1.9, 1.9, (96000, 4)) * [0.0, 1.0, 1.0, 1.0])
+        for column in (1, 2, 3):
+            asked, heard = trace.command_v[:, column], trace.position_v[:, column]
+            late = delay_of(asked, heard)
+            delays.append(late)
+            exact.append(np.array_equal((asked[:-late] / 2.0).astype(np.float32) * 2.0, heard[late:]))
+    return {"delays": delays, "exact": exact}
+
+
+def _multisine_against_truth(rig: SoundRig, exciter: Exciter) -> dict[str, object]:
+    period, lines = 96000, np.arange(16, 1200, 26)
+    spectrum = np.zeros(period // 2 + 1, dtype=complex)
+    spectrum[lines] = np.exp(2j * np.pi * np.random.default_rng(1).uniform(size=lines.size))
+    wave = np.fft.irfft(spectrum, period)
+    wave *= 0.5 / np.max(np.abs(wave))
+    trace = rig.drive(np.column_stack([np.tile(wave, 3)] * 4))
+    late = delay_of(trace.command_v[:, 1], trace.position_v[:, 1])
+    heard = np.fft.rfft(trace.position_v[-period:, 0])[lines] / np.fft.rfft(wave)[lines]
+    frequency = lines * RATE_HZ / period
+    s = 2j * np.pi * frequency
+    # the accelerometer's volts for 1.0 are 2 V at the card; its mean over a sample is told a sample late
+    scale = 2.0 / exciter.sensor_full_scale
+    truth = scale * s**2 * exciter.response(frequency) * np.exp(-s * late / RATE_HZ)
+    ratio = heard / truth
     worst = np.argmax(np.abs(np.log(np.abs(ratio))))
     return {
         "worst_db": float(abs(20.0 * np.log10(abs(ratio[worst])))),

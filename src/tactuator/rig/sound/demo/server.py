@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tactuator.errors import BadInput, DeviceFault
+from tactuator.rig.sound.demo.client import START_S
 from tactuator.rig.sound.demo.exciter import Exciter
 from tactuator.rig.sound.library import leave_library
 
@@ -58,7 +59,7 @@ def simulated_card(
     if "sounddevice" in sys.modules:
         raise BadInput("PortAudio has looked for its servers before; allowed: the simulated card in a fresh program")
     documents = [None if one is None else one.document() for one in exciters]
-    with _server_name() as name, tempfile.TemporaryDirectory() as folder:
+    with _server_name() as (name, lock), tempfile.TemporaryDirectory() as folder:
         os.environ |= {"JACK_DEFAULT_SERVER": name, "JACK_NO_AUDIO_RESERVATION": "1", "JACK_NO_START_SERVER": "1"}
         file, device = Path(folder) / "exciters.json", f"{name}-exciters"
         settings = {"server": name, "client": device, "seed": seed, "speed": speed, "exciters": documents}
@@ -66,7 +67,7 @@ def simulated_card(
         dummy = ["-d", "dummy", "-r", f"{rate_hz:g}", "-p", str(period), "-w", str(round(1e6 * period / rate_hz))]
         server = subprocess.Popen(
             ["jackd", "-n", name, *_schedule(), "-m", "-T", "-t", "5000", *dummy, "-C", "2", "-P", "2"],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, pass_fds=[lock],
         )  # fmt: skip
         client: subprocess.Popen[bytes] | None = None
         try:
@@ -79,9 +80,12 @@ def simulated_card(
 
 
 @contextmanager
-def _server_name() -> Iterator[str]:
-    """Yield a name that no other program of ours holds. JACK has room for eight servers, and a name that died with its
-    server is freed only by the next server of that name: so the same few names are used again and again.
+def _server_name() -> Iterator[tuple[str, int]]:
+    """Yield a name that no other program of ours holds, and the file that locks it: a server that inherits it holds the
+    name until it has ended, also where the program that began it was killed.
+
+    JACK has room for eight servers, and a name that died with its server is freed only by the next server of that name:
+    so the same few names are used again and again.
     """
     for number in range(1, _SERVERS + 1):
         with (Path(tempfile.gettempdir()) / f"tactuator-jack-{os.getuid()}-{number}.lock").open("w") as lock:
@@ -89,7 +93,7 @@ def _server_name() -> Iterator[str]:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 continue
-            yield f"tactuator-{number}"
+            yield f"tactuator-{number}", lock.fileno()
             return
     raise DeviceFault(f"{_SERVERS} simulated sound cards run already; allowed: no more at once")
 
@@ -120,7 +124,11 @@ def _started_client(settings: Path) -> subprocess.Popen[bytes]:
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     assert client.stdout is not None
-    if client.stdout.readline() == b"ready\n":
+    late = threading.Timer(2.0 * START_S, client.kill)
+    late.start()
+    ready = client.stdout.readline() == b"ready\n"
+    late.cancel()
+    if ready:
         return client
     words = _end(client)
     if b"No module named 'jack'" in words:
