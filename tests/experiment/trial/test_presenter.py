@@ -134,24 +134,37 @@ def test_marks__that_cannot_be__are_refused(amiss) -> None:
         Marks("thumb", **amiss)
 
 
-def test_present__board_whose_time_goes_on__lamps_light_within_twenty_milliseconds_of_the_boards_onset() -> None:
-    """The witness is the board's own counter, read where it stands in memory: no request of the test moves it."""
+def lag(first, second) -> int:
+    """By how many samples the second signal is behind the first, from their correlation within 200 samples."""
+    middle = first[220:-220] - first.mean()
+    return int(np.argmax([middle @ second[220 + k : len(second) - 220 + k] for k in range(-200, 201)])) - 200
+
+
+def test_present__board_whose_time_goes_on__keeps_the_onsets_and_lights_lamps_within_twenty_milliseconds() -> None:
+    """Onsets are where the board's own sensor finds the same displacement again, within a sample.
+
+    The lamps' witness is the board's own counter, read where it stands in memory: no request of the test moves it.
+    """
     transport = InProcess()
     rig = BoardRig(LinkClient(transport), designed().display, waits=False, sleep=lambda seconds: None)
     rig.simulate(*simulated_board_bytes(designed().display, 1))
     rig.load(designed())
     stands: list[tuple[int, bool, int]] = []
     presenter = Presenter(rig, "index", lambda *edge: stands.append((*edge, int(transport.board.tick))))
-    late_s, stored_s = [], []
+    late_s, stored_s, lags = [], [], []
     for trial in range(4):
         stands.clear()
-        tone = presenter.on_channel(np.ones(701 + 37 * trial))
+        time_s = np.arange(701 + 37 * trial) / RATE_HZ
+        tone = presenter.on_channel(100.0 * np.sin(2.0 * np.pi * 70.0 * time_s) * np.sin(np.pi * time_s / time_s[-1]))
         shown = presenter.present([tone] * 3, 0.31, 0.13)
         begun = [tick for _, begins, tick in stands if begins]
         assert len(begun) == 3
         for tick, one in zip(begun, shown.intervals, strict=True):
             late_s.append((tick - shown.rig_tick) / RATE_HZ - one.onset_s)
             stored_s.append(one.lamp_late_s)
+        felt = [one.trace.position_v[:, presenter.column] for one in shown.intervals]
+        lags += [lag(felt[0], other) for other in felt[1:]]
+    assert {abs(one) <= 1 for one in lags} == {True}, lags
     assert min(late_s) >= 0.0
     assert max(late_s) <= 0.020, sorted(late_s)
     assert np.abs(np.array(stored_s) - late_s).max() <= 0.010
