@@ -146,6 +146,8 @@ int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t dr
             tact_controller_q31_reset(&board->channel[c].controller.q31);
         else
             tact_controller_reset(&board->channel[c].controller.single);
+        if (board->image.adapts)
+            tact_touch_reset(board->channel[c].touch, &board->channel[c].touch_state);
         tact_stimulus_rewind(&board->stimulus[c]);
         tact_guard_begin(&board->channel[c].guard);
         board->channel[c].is_cut = 0;
@@ -231,7 +233,7 @@ int tact_board_take_safety(tact_board *board, const tact_safety *safety)
     board->taken++;
     board->safety = *safety;
     board->channels = safety->channels;
-    board->image.format = 0;
+    board->image.format = board->image.adapts = 0;
     board->is_designed = 0;
     board->delay_at = 0;
     board->turn = 0;
@@ -281,12 +283,13 @@ int tact_board_take_image(tact_board *board, const tact_image *image)
         return 0;
     board->taken++;
     board->image = *image;
-    board->is_designed = image->format == TACT_FLOAT32;
+    board->is_designed = image->format == TACT_FLOAT32 && image->adapts == 0;
     for (int32_t c = 0; c < board->channels; c++) {
         tact_board_channel *channel = &board->channel[c];
         const float most = board->safety.channel[c].command_max_v;
         channel->single = &board->image.tables.single[c];
         channel->q31 = &board->image.tables.q31[c];
+        channel->touch = &board->image.touch[c];
         if (image->format == TACT_Q31) {
             tact_controller_q31 *table = &board->image.tables.q31[c];
             const int32_t limit = tact_q31_of(most, TACT_Q31_PER_VOLT);

@@ -59,9 +59,11 @@ typedef struct {
     int32_t broken;                    /* the command was no number, and nobody has seen to it */
     int32_t is_cut;                    /* until the next run: nothing is put out any more */
     float slow;                        /* part of the reference, within travel_max */
+    tact_touch_state touch_state;
     const tact_safety_channel *safety; /* in the board's table */
     const tact_controller *single;     /* in the board's image */
     const tact_controller_q31 *q31;
+    const tact_touch *touch;           /* in the board's image; its feedback_count 0: nothing is fed forward */
 } tact_board_channel;
 
 typedef struct {

@@ -5,6 +5,9 @@
 
 #define COEFFICIENT_MAX 1e6f
 #define COMMAND_LIMIT_MAX 31.0f
+#define TOUCH_MAX 1e20f
+
+enum { TOUCH_FLOATS = 25 };
 
 /* Roots of d^2 + a1 d + a2 with |1 + d| < 1, or <= 1 where `marginal` (Jury's conditions, written for d). */
 static int is_stable(double a1, double a2, int marginal)
@@ -114,18 +117,67 @@ static int32_t read_q31(tact_reader *reader, tact_controller_q31 *table, int32_t
     return refusal ? refusal : read_sections_q31(reader, table->feedback, feedbacks, 1);
 }
 
+static int32_t read_touch_floats(tact_reader *reader, float *to, int32_t count)
+{
+    for (int32_t i = 0; i < count; i++) {
+        to[i] = tact_read_f32(reader);
+        if (!tact_is_number(to[i]) || to[i] > TOUCH_MAX || to[i] < -TOUCH_MAX)
+            return TACT_IMAGE_COEFFICIENT;
+    }
+    return TACT_IMAGE_GOOD;
+}
+
+/* How a channel feeds forward: its own copy of C's sections among it. */
+static int32_t read_touch(tact_reader *reader, tact_touch *touch, int32_t feedbacks)
+{
+    float value[TOUCH_FLOATS];
+    touch->feedback_count = feedbacks;
+    touch->delay = tact_read_u8(reader);
+    touch->turns = tact_read_u8(reader);
+    touch->turn = tact_read_u8(reader);
+    touch->hum_count = tact_read_u8(reader);
+    int32_t refusal = read_touch_floats(reader, value, TOUCH_FLOATS);
+    if (refusal)
+        return refusal;
+    const float *at = value;
+    for (int i = 0; i < 4; i++)
+        touch->plant[i] = *at++;
+    for (int i = 0; i < 3; i++)
+        touch->inverse[i] = *at++;
+    float *const rest[] = {&touch->per_sample, &touch->drag,       &touch->spring, &touch->mass,       &touch->damping,
+                           &touch->stiffness,  &touch->corner,     &touch->force,  &touch->slow,       &touch->forgetting,
+                           &touch->gate,       &touch->ridge,      &touch->shape,  &touch->fading,     &touch->slew,
+                           &touch->weight_max, &touch->push_max_v, &touch->hum_gain};
+    for (int i = 0; i < TOUCH_FLOATS - 7; i++)
+        *rest[i] = *at++;
+    if (!tact_touch_is_valid(touch))
+        return TACT_IMAGE_COEFFICIENT;
+    refusal = read_sections(reader, touch->feedback, feedbacks, 1);
+    return refusal ? refusal : read_touch_floats(reader, touch->hum[0], 2 * touch->hum_count);
+}
+
+static int32_t read_tables(tact_reader *reader, tact_image *image, int32_t channel, int32_t prefilters,
+                           int32_t feedbacks, float limit_v)
+{
+    if (image->format == TACT_FLOAT32)
+        return read_single(reader, &image->tables.single[channel], prefilters, feedbacks, limit_v);
+    return read_q31(reader, &image->tables.q31[channel], prefilters, feedbacks, limit_v);
+}
+
 static int32_t read_channel(tact_reader *reader, tact_image *image, int32_t channel)
 {
     tact_read_bytes(reader, image->names[channel], TACT_NAME_SIZE);
     const int32_t prefilters = tact_read_u8(reader), feedbacks = tact_read_u8(reader);
-    if (tact_read_u16(reader) != 0 || prefilters < 1 || prefilters > TACT_PREFILTER_MAX || feedbacks > TACT_FEEDBACK_MAX)
+    const int32_t touch = tact_read_u16(reader);
+    if (touch > 1 || prefilters < 1 || prefilters > TACT_PREFILTER_MAX || feedbacks > TACT_FEEDBACK_MAX)
         return TACT_IMAGE_SECTIONS;
     const float limit_v = tact_read_f32(reader);
     if (!(limit_v > 0.0f && limit_v < COMMAND_LIMIT_MAX))
         return TACT_IMAGE_LIMIT;
-    if (image->format == TACT_FLOAT32)
-        return read_single(reader, &image->tables.single[channel], prefilters, feedbacks, limit_v);
-    return read_q31(reader, &image->tables.q31[channel], prefilters, feedbacks, limit_v);
+    const int32_t refusal = read_tables(reader, image, channel, prefilters, feedbacks, limit_v);
+    image->adapts += touch;
+    image->touch[channel].feedback_count = 0;
+    return refusal || !touch ? refusal : read_touch(reader, &image->touch[channel], feedbacks);
 }
 
 static int32_t read_header(tact_reader *reader, tact_image *image)
@@ -160,6 +212,7 @@ int32_t tact_image_parse(tact_image *image, const uint8_t *bytes, size_t size, f
         return TACT_IMAGE_DELAY;
     if (image->channels != channels || channels < 1 || channels > TACT_CHANNELS_MAX)
         return TACT_IMAGE_CHANNELS;
+    image->adapts = 0;
     for (int32_t c = 0; c < channels; c++) {
         refusal = read_channel(&reader, image, c);
         if (refusal)

@@ -1,8 +1,9 @@
 /* Image: the controllers of all channels as bytes, checked before any of it is used.
  *
  *     magic "TACI" | version 3 | format | length | rate_hz | delay, channels, 0, 0 | hash of controller.json (32)
- *     then for each channel: name (16) | prefilter sections, feedback sections, 0, 0 | command_limit_v |
- *                            unwinding | sections
+ *     then for each channel: name (16) | prefilter sections, feedback sections, touch, 0 | command_limit_v |
+ *                            unwinding | sections | where touch is 1: how it feeds forward for a finger (touch.h):
+ *                            delay, turns, turn, lines of hum (a byte each) | floats in the order of tact_touch
  *     CRC-32 of all before
  *
  * All little-endian. Unwinding: anti-windup's two gains, conditioning, reference_max (controller.h): four floats; in Q31
@@ -26,6 +27,7 @@
 
 #include "control/controller.h"
 #include "control/controller_q31.h"
+#include "touch/touch.h"
 
 enum { TACT_CHANNELS_MAX = 4, TACT_NAME_SIZE = 16, TACT_HASH_SIZE = 32 };
 enum { TACT_IMAGE_VERSION = 3, TACT_IMAGE_MAGIC = 0x49434154, TACT_IMAGE_MAX = 4096 };
@@ -59,6 +61,8 @@ typedef struct {
         tact_controller single[TACT_CHANNELS_MAX];
         tact_controller_q31 q31[TACT_CHANNELS_MAX];
     } tables;
+    int32_t adapts; /* channels that feed forward for a finger */
+    tact_touch touch[TACT_CHANNELS_MAX];
 } tact_image;
 
 /* TACT_IMAGE_GOOD and the image filled, or why not; then `image` is left in pieces and must not be run. */

@@ -1,6 +1,7 @@
 #include "board/period.h"
 
 #include "board/fade.h"
+#include "touch/adaptive.h"
 
 /* What acts seldom stays out of the way of what every tick does: its calls would cost the others registers. */
 #define SELDOM static __attribute__((noinline))
@@ -97,19 +98,34 @@ typedef int (*runner)(const tact_board *board, tact_board_channel *channel, floa
 static int run_single(const tact_board *board, tact_board_channel *channel, float want, float position_v)
 {
     const tact_controller *table = channel->single;
+    tact_controller_state *state = &channel->controller.single;
+    const tact_touch *touch = channel->touch;
     const float reference = board->fade * want;
-    const float command_v = tact_controller_sections(table, &channel->controller.single, reference, position_v);
-    if (!(__builtin_fabsf(command_v) <= table->command_max_v))
-        return put_limited(board, channel, reference, command_v);
-    put(channel, board->delay_at, board->command_fade * command_v);
-    return 0;
+    const float command_v =
+        touch->feedback_count == 0
+            ? tact_controller_sections(table, state, reference, position_v)
+            : tact_adaptive_step(table, touch, state, &channel->touch_state, reference, position_v);
+    int found = 0;
+    if (__builtin_fabsf(command_v) <= table->command_max_v)
+        put(channel, board->delay_at, board->command_fade * command_v);
+    else
+        found = put_limited(board, channel, reference, command_v);
+    if (touch->feedback_count)
+        tact_touch_put(touch, &channel->touch_state, channel->delayed_v[board->delay_at]);
+    return found;
 }
 
 static int run_q31(const tact_board *board, tact_board_channel *channel, float want, float position_v)
 {
     tact_controller_q31_state *state = &channel->controller.q31;
-    const float command_v = tact_controller_q31_step(channel->q31, state, board->fade * want, position_v);
+    const tact_touch *touch = channel->touch;
+    const float command_v =
+        touch->feedback_count == 0
+            ? tact_controller_q31_step(channel->q31, state, board->fade * want, position_v)
+            : tact_adaptive_q31_step(channel->q31, touch, state, &channel->touch_state, board->fade * want, position_v);
     put_marked(channel, board->delay_at, board->command_fade * command_v, state->clamped);
+    if (touch->feedback_count)
+        tact_touch_put(touch, &channel->touch_state, channel->delayed_v[board->delay_at]);
     return 0;
 }
 

@@ -212,6 +212,18 @@ static void digest_controller(tact_period_check *check, int32_t format, const ta
     }
 }
 
+static void digest_touch(tact_period_check *check, const tact_touch_state *touch)
+{
+    for (int i = 0; i < 2; i++) {
+        digest_float(check, touch->weight[i]);
+        digest_float(check, touch->push[i].past[2]);
+        digest_float(check, touch->product[i]);
+    }
+    digest_float(check, touch->plant.s1);
+    digest_float(check, touch->position.past[2]);
+    digest_float(check, touch->command.past[2]);
+}
+
 static void digest_guard(tact_period_check *check, const tact_guard_state *guard)
 {
     digest_float(check, guard->model.first);
@@ -239,6 +251,8 @@ static void look_inside(tact_period_check *check)
     if ((board->ticks & 3u) == 0 && board->image.format != 0) {
         digest_guard(check, &channel->guard);
         digest_controller(check, board->image.format, channel);
+        if (board->image.adapts)
+            digest_touch(check, &channel->touch_state);
     }
 }
 

@@ -34,7 +34,7 @@ static int are_alike(const tact_closed_loop *one, const tact_closed_loop *other)
 {
     const tact_display *mine = one->display, *theirs = other->display;
     const tact_display_state *my_state = &one->display_state, *their_state = &other->display_state;
-    return one->controller->prefilter_count == other->controller->prefilter_count &&
+    return !other->touch && one->controller->prefilter_count == other->controller->prefilter_count &&
            one->controller->feedback_count == other->controller->feedback_count &&
            tact_display_plant(mine, my_state)->order == tact_display_plant(theirs, their_state)->order &&
            one->delay_samples == other->delay_samples && one->delay_at == other->delay_at &&
@@ -45,7 +45,7 @@ static int are_alike(const tact_closed_loop *one, const tact_closed_loop *other)
 
 static int is_batch(const tact_closed_loop *loops, size_t left)
 {
-    if (left < TACT_LANES)
+    if (left < TACT_LANES || loops[0].touch)
         return 0;
     for (int l = 1; l < TACT_LANES; l++)
         if (!are_alike(&loops[0], &loops[l]))

@@ -9,11 +9,18 @@ from tactuator.files.display_schema import (
     DisplayKeys,
     ObjectivesKeys,
     SoundKeys,
+    TouchKeys,
     WireKeys,
 )
 
 SOUND = {**SoundKeys.model_fields, **WireKeys.model_fields}
-TABLES = {"display": DisplayKeys, "channel": ChannelOwnKeys, "objectives": ObjectivesKeys, **SHARED_TABLES}
+TABLES = {
+    "display": DisplayKeys,
+    "channel": ChannelOwnKeys,
+    "objectives": ObjectivesKeys,
+    "touch": TouchKeys,
+    **SHARED_TABLES,
+}
 
 
 def documented() -> dict[str, set[str]]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tactuator import __version__
 from tactuator.display.description import Channel, Display
 from tactuator.display.document import display_document, document_hash
+from tactuator.display.touch import FeedForward
 from tactuator.errors import BadInput
 from tactuator.signals.sections import check_sections
 from tactuator.signals.systems import SampledSystem
@@ -46,7 +47,7 @@ class ChannelController:
     prefilter_sos: (n, 6), maps r (threshold units) to volts of y, or to volts of u where feedback_sos is None.
     feedback_sos: (m, 6), the integrator in the last section. threshold_voltage_dc: H(0), volts of y per threshold
     unit. designed_for: names of the loads (and "family") the margins hold for. report: figures of the design, plain
-    numbers and lists as they stand in controller.json.
+    numbers and lists as they stand in controller.json. feed_forward: for the finger on it, None where there is none.
     """
 
     name: str
@@ -57,6 +58,7 @@ class ChannelController:
     limits: Limits
     designed_for: tuple[str, ...] = ()
     report: Mapping[str, Any] = field(default_factory=dict)
+    feed_forward: FeedForward | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "prefilter_sos", check_sections(self.prefilter_sos))
@@ -83,6 +85,7 @@ class ChannelController:
             "limits": dict(vars(self.limits)),
             "designed_for": list(self.designed_for),
             "report": dict(self.report),
+            **({} if self.feed_forward is None else {"feed_forward": self.feed_forward.document()}),
         }
 
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactuator.display.load import DERIVATIVES, Load, Quantity
 from tactuator.display.requirements import FeedbackRequirements, Objectives, PrefilterRequirements
 from tactuator.display.sound_card import SoundCard
+from tactuator.display.touch import Touch
 from tactuator.errors import BadInput
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.systems import ContinuousSystem
@@ -186,6 +187,7 @@ class Display:
     channels: tuple[Channel, ...]
     objectives: Objectives = field(default_factory=Objectives)
     sound: SoundCard | None = None
+    touch: Touch = field(default_factory=Touch)
 
     def __post_init__(self) -> None:
         if not 0.0 < self.rate_hz <= HIGHEST_RATE_HZ:

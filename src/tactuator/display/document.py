@@ -32,6 +32,7 @@ def display_document(display: Display) -> dict[str, Any]:
         },
         "objectives": asdict(display.objectives),
         **_sound_document(display.sound),
+        **({"touch": asdict(display.touch)} if display.touch.adaptive else {}),
         "channel": [
             _channel_document(channel) | wires
             for channel, wires in zip(display.channels, _wire_documents(display), strict=True)

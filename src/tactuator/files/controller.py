@@ -10,6 +10,7 @@ import numpy as np
 
 from tactuator.display.controller import FORMAT, AntiWindup, ChannelController, Controller, Limits
 from tactuator.display.document import document_hash
+from tactuator.display.touch import FeedForward
 from tactuator.errors import BadInput
 from tactuator.files.atomic import write_text
 from tactuator.files.display import parse_display
@@ -67,4 +68,5 @@ def _channel(entry: dict[str, Any]) -> ChannelController:
         Limits(**entry["limits"]),
         tuple(entry["designed_for"]),
         entry["report"],
+        FeedForward.from_document(entry["feed_forward"]) if "feed_forward" in entry else None,
     )

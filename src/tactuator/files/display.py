@@ -16,6 +16,7 @@ from tactuator.display.load import Load
 from tactuator.display.requirements import FeedbackRequirements, Objectives, PrefilterRequirements
 from tactuator.display.response_plant import ResponsePlant, plant_of_response
 from tactuator.display.sound_card import SoundCard, Wires
+from tactuator.display.touch import Touch
 from tactuator.errors import BadInput
 from tactuator.files.curve import resolve_curve
 from tactuator.files.display_schema import (
@@ -31,6 +32,7 @@ from tactuator.files.display_schema import (
     PrefilterKeys,
     SoundKeys,
     ThresholdKeys,
+    TouchKeys,
     WireKeys,
 )
 from tactuator.files.foreign_response import is_response, read_foreign_response
@@ -62,7 +64,7 @@ def read_display(path: str | Path) -> Display:
 
 def parse_display(document: Document, beside: Path = Path()) -> Display:
     """Return the display of a document's tables; relative paths in it start at the folder `beside`."""
-    allowed = {"display", "channel", "objectives", "sound", *SHARED_TABLES}
+    allowed = {"display", "channel", "objectives", "sound", "touch", *SHARED_TABLES}
     for key in document:
         if key not in allowed:
             raise BadInput(f"table [{key}] is not known; allowed: {', '.join(sorted(allowed))}")
@@ -78,6 +80,7 @@ def parse_display(document: Document, beside: Path = Path()) -> Display:
         tuple(_channel(document, entry, beside) for entry in channels),
         Objectives(**objectives.model_dump()),
         _sound_card(_table(document, "sound"), channels) if "sound" in document else None,
+        Touch(**_checked(TouchKeys, _table(document, "touch"), "[touch]").model_dump()),
     )
 
 

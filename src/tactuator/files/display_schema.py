@@ -125,6 +125,12 @@ class ObjectivesKeys(_Table):
     comfort_db_sl: Positive = 55.0
 
 
+class TouchKeys(_Table):
+    """Keys of [touch], each with its default."""
+
+    adaptive: Annotated[bool, Field(strict=True)] = False
+
+
 class DisplayKeys(_Table):
     """Keys of [display], each with its default."""
 

@@ -24,6 +24,7 @@ from tactuator.runtime.q31 import (
     q31_conditioning,
     q31_row,
 )
+from tactuator.runtime.touch_table import touch_bytes
 
 Format = Literal["float32", "q31"]
 FORMATS: tuple[Format, ...] = ("float32", "q31")
@@ -33,7 +34,8 @@ _MAGIC, _VERSION = b"TACI", 3
 _FORMAT_CODES: dict[str, int] = {"float32": 1, "q31": 2}
 _Q31_RANGE_MAX_V = 15.0
 CHANNEL_HEAD = struct.Struct("<16sBBHf")
-"""Of a channel in an image: name, prefilter sections, feedback sections, 0, command limit in volts."""
+"""Of a channel in an image: name, prefilter sections, feedback sections, 1 where it feeds forward for a finger, command
+limit in volts."""
 
 
 class ImageRefusal(IntEnum):
@@ -100,6 +102,8 @@ def build_image(controller: Controller, number_format: str) -> bytes:
         parts = [float32_channel(channel) for channel in controller.channels]
     else:
         parts = [_q31_channel(channel, controller.rate_hz) for channel in controller.channels]
+    touches = [touch_bytes(own, controller.rate_hz, place) for place, own in enumerate(controller.channels)]
+    parts = [part + touch for part, touch in zip(parts, touches, strict=True)]
     for channel, body in zip(controller.channels, parts, strict=True):
         _require_range(channel, body, number_format)
     body = bytes.fromhex(controller.content_hash) + b"".join(parts)
@@ -150,7 +154,8 @@ def read_image_header(image: bytes) -> ImageHeader:
 def _channel_head(channel: ChannelController) -> bytes:
     name = channel.name.encode()[:16].ljust(16, b"\0")
     feedback = 0 if channel.feedback_sos is None else channel.feedback_sos.shape[0]
-    return CHANNEL_HEAD.pack(name, channel.prefilter_sos.shape[0], feedback, 0, channel.limits.command_v)
+    adapts = int(channel.feed_forward is not None)
+    return CHANNEL_HEAD.pack(name, channel.prefilter_sos.shape[0], feedback, adapts, channel.limits.command_v)
 
 
 def float32_channel(channel: ChannelController) -> bytes:

@@ -16,6 +16,7 @@ from tactuator.errors import BadInput
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.simulation import SimulatedBlock, block_samples, check_arithmetic, empty_block
 from tactuator.runtime.tables import controller_table, display_table
+from tactuator.runtime.touch_table import touch_table
 
 KERNELS = {"widest": 0, "single": 1, "baseline": 2, "avx2": 3, "avx512": 4}
 """The core's kernels by name; all give the same bits. "single" is the loop that `Simulation` runs."""
@@ -68,6 +69,7 @@ class ManyLoops:
         self._kernel = KERNELS[kernel]
         self._displays: dict[int, tuple[Any, list[Any], tuple[str | None, ...]]] = {}
         self._controllers: dict[int, Any] = {}
+        self._touches: dict[int, Any] = {}
         self._described = tuple(loops)  # keeps the ids above alive
         self._loops = ffi.new("tact_closed_loop[]", len(loops))
         for index, loop in enumerate(loops):
@@ -122,6 +124,8 @@ class ManyLoops:
             self._displays[id(loop.channel)] = display_table(loop.channel, self.rate_hz)
         if id(loop.controller) not in self._controllers:
             self._controllers[id(loop.controller)] = controller_table(loop.controller)
+            touch = touch_table(loop.controller, self.rate_hz, 0)
+            self._touches[id(loop.controller)] = touch if touch.feedback_count else ffi.NULL
         table, plants, loads = self._displays[id(loop.channel)]
         if delay_samples == 0 and any(plant.sensor_direct for plant in plants[0]):
             raise BadInput(
@@ -134,6 +138,7 @@ class ManyLoops:
             )
         into = self._loops[index]
         into.display, into.controller = table, self._controllers[id(loop.controller)]
+        into.touch = self._touches[id(loop.controller)]
         into.delay_samples = delay_samples
         lib.tact_display_reset(table, ffi.addressof(into, "display_state"), loop.seed, 0)
         into.display_state.touched = loads.index(loop.load)

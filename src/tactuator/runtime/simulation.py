@@ -14,6 +14,7 @@ from tactuator.display.description import Display
 from tactuator.errors import BadInput
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.tables import controller_table, display_table
+from tactuator.runtime.touch_table import touch_table
 
 _TRACE, _DOUBLES, _FLAGS = (ffi.typeof(name) for name in ("tact_trace *", "double[]", "uint8_t[]"))
 
@@ -67,19 +68,27 @@ class Simulation:
             lib.tact_display_reset(table, ffi.addressof(loop, "display_state"), seed, index)
             lib.tact_closed_loop_rest(ffi.addressof(self._loops, index))
         self._controllers: list[Any] = []
+        self._touches: list[Any] = []
 
     def load(self, controller: Controller) -> None:
         """Load the controller of every channel; its states start at zero, the device goes on as it is."""
         controller.require_runs(self.display)
         self._controllers = [controller_table(channel) for channel in controller.channels]
-        for loop, table in zip(self._loops, self._controllers, strict=True):
+        rate_hz = controller.rate_hz
+        self._touches = [touch_table(channel, rate_hz, place) for place, channel in enumerate(controller.channels)]
+        for loop, table, touch in zip(self._loops, self._controllers, self._touches, strict=True):
             loop.controller = table
+            loop.touch = touch if touch.feedback_count else ffi.NULL
         self.rest()
 
     def rest(self) -> None:
         """Set the controller and the computing delay to zero; no time passes for the device."""
         for index in range(len(self._loops)):
             lib.tact_closed_loop_rest(ffi.addressof(self._loops, index))
+
+    def weights(self) -> FloatArray:
+        """Return the weights that each channel has learnt of its finger, (channels, 2); zeros where none are learnt."""
+        return np.array([list(loop.touch_state.weight) for loop in self._loops], dtype=np.float64)
 
     def touch(self, channel: int, load: str | None) -> None:
         """Put a load on a channel (None: take it off). Position and velocity go on."""
@@ -109,10 +118,10 @@ class Simulation:
         """Go on from a state that this simulation saved, with the controller that is loaded now."""
         if len(state.loops) != ffi.sizeof(self._loops):
             raise BadInput("the state is another simulation's; allowed: one that this simulation saved")
-        pointers = [(loop.controller, loop.display) for loop in self._loops]
+        pointers = [(loop.controller, loop.display, loop.touch) for loop in self._loops]
         ffi.buffer(self._loops)[:] = state.loops
-        for loop, (controller, display) in zip(self._loops, pointers, strict=True):
-            loop.controller, loop.display = controller, display
+        for loop, (controller, display, touch) in zip(self._loops, pointers, strict=True):
+            loop.controller, loop.display, loop.touch = controller, display, touch
 
     def _run(self, step: Any, samples: ArrayLike, name: str, force_v: ArrayLike | None) -> SimulatedBlock:
         check_arithmetic()

@@ -28,6 +28,7 @@ from tactuator.synthesis.loop.sections import anti_windup, feedback_sections
 from tactuator.synthesis.loop.synthesis import Task, synthesise
 from tactuator.synthesis.prefilter.fit import PrefilterFit, fit_prefilter
 from tactuator.synthesis.suitability import require_suitable
+from tactuator.synthesis.touch import design_feed_forward
 
 _SERVES, _GOOD = 0.75, 1.95
 _NEAR_DB = 1.5
@@ -152,6 +153,7 @@ def assemble(
         limits=_limits(display, channel),
         designed_for=tuple(member.name for member in members),
         report=_report(display, channel, nominal, fit, assessments, members),
+        feed_forward=design_feed_forward(display, channel, nominal) if display.touch.adaptive else None,
     )
 
 

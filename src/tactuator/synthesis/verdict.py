@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.display.controller import ChannelController, Controller
 from tactuator.display.description import Channel, Display
+from tactuator.display.touch import FeedForward
 from tactuator.display.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.loop.margins import margins
@@ -21,6 +22,7 @@ from tactuator.signals.bands import third_octave_bands
 from tactuator.signals.decibels import db
 from tactuator.synthesis.family import UNLOADED, Member, plant_family
 from tactuator.synthesis.felt import felt_db_sl, felt_hum_v, felt_noise_rms_v
+from tactuator.synthesis.touch import adapted_response
 
 _POINTS = 600
 _DB, _DB_SL = "dB", "dB SL"
@@ -70,6 +72,7 @@ class _Judge:
     member: Member
     loop: TwoDegreeLoop
     nominal: TwoDegreeLoop
+    feed_forward: FeedForward | None = None
 
     def open(self, objective: str, quantity: str, remark: str, *, counts: bool = True) -> Finding:
         """Return a finding that was not judged, and why."""
@@ -190,12 +193,22 @@ class _Judge:
                 remedy="a lower sensitivity_peak or a greater phase_margin_deg",
             )
 
+    def _loaded_response(self, frequency_hz: FloatArray) -> ComplexArray:
+        if self.feed_forward is None:
+            return self.loop.position_response(frequency_hz)
+        load = self.channel.load(self.member.load)
+        rate_hz = self.display.rate_hz
+        return adapted_response(self.feed_forward, self.nominal, self.loop, load, frequency_hz, rate_hz)
+
     def load(self) -> Finding:
-        """Judge objective iv; the worst change over the band is told beside it."""
+        """Judge objective iv; the worst change over the band is told beside it. A controller that feeds forward for a
+        finger is judged over the whole band, with the weights that it finds.
+        """
         asked = self.display.objectives
         frequency = _band(self.channel)
-        change = db(np.abs(self.loop.position_response(frequency)) / np.abs(self.nominal.position_response(frequency)))
-        low = (frequency <= asked.load_band_hz) & self.channel.is_known(frequency)
+        change = db(np.abs(self._loaded_response(frequency)) / np.abs(self.nominal.position_response(frequency)))
+        edge_hz = asked.load_band_hz if self.feed_forward is None else np.inf
+        low = (frequency <= edge_hz) & self.channel.is_known(frequency)
         worst = int(np.argmax(np.abs(change)))
         told = f"over the band {change[worst]:+.2f} dB at {frequency[worst]:.3g} Hz"
         if not np.any(low):
@@ -224,7 +237,7 @@ def judge_channel(own: ChannelController, channel: Channel, display: Display) ->
     prefilter, feedback = own.prefilter(display.rate_hz), own.feedback(display.rate_hz)
     loops = [TwoDegreeLoop(prefilter, feedback, member.sampled) for member in family]
     for member, loop in zip(family, loops, strict=True):
-        judge = _Judge(channel, display, member, loop, loops[0])
+        judge = _Judge(channel, display, member, loop, loops[0], own.feed_forward)
         if not _is_stable(loop):
             yield from _unstable(judge)
             continue

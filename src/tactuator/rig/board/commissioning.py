@@ -31,6 +31,8 @@ SOFT_START_S, FADE_S, RAMP_S, QUICK_S = 0.1, 0.05, 0.05, 0.04
 COMFORT_TOLERANCE_DB = 1.0
 LIFTED_DB = 0.5
 """Below comfort, for the reference: what a finger that is taken off at the worst moment adds (docs/safety.md)."""
+ADAPTIVE_DB = 3.0
+"""Below that, where a finger is fed forward: what weights that are still a finger's add when it is lifted."""
 OBSERVER_RAD_S = 125.0
 FROZEN_S, FROZEN_MOST_S, FROZEN_CHANCE = 0.0125, 0.05, 1e-12
 STOP_SHARE, OPEN_SHARE, DISAGREEMENT_SHARE = 0.85, 1.15, 0.14
@@ -178,7 +180,7 @@ def _channel(display: Display, channel: Channel) -> ChannelSafety:
     code_max = 2 ** (converter.bits - 1) - 1
     comfort = float(from_db(display.objectives.comfort_db_sl))
     watched = is_watched(channel)
-    reference_max = comfort / float(from_db(LIFTED_DB))
+    reference_max = comfort / float(from_db(LIFTED_DB + ADAPTIVE_DB * display.touch.adaptive))
     model, lost = observer(channel, rate) if watched else (_NOWHERE, 1.0)
     return ChannelSafety(
         converter=converter,

@@ -1,0 +1,141 @@
+"""Figures of the core's feed-forward for a finger (core/touch/touch.h), from a controller's model."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tactuator.arrays import FloatArray
+from tactuator.display.controller import ChannelController
+from tactuator.display.touch import FeedForward
+from tactuator.errors import BadInput
+from tactuator.runtime._core import ffi, lib
+from tactuator.runtime.coefficients import FEEDBACK_SECTIONS_MAX, delta_coefficients_single
+from tactuator.signals.exponential import matrix_exponential
+
+Table = dict[str, Any]
+
+
+def touch_figures(channel: ChannelController, rate_hz: float, place: int) -> Table | None:
+    """Return the figures of `tact_touch` by name, rounded to float32; None where nothing is fed forward.
+
+    place: the channel's, so that the channels learn in turn. Raises BadInput for what the core cannot hold.
+    """
+    model = channel.feed_forward
+    if model is None:
+        return None
+    where = f"controller, channel {channel.name!r}: touch: "
+    if channel.feedback_sos is None:
+        raise BadInput(f"{where}there is no feedback; allowed: a controller with a loop")
+    if len(model.hum_hz) > lib.TACT_TOUCH_HUM_MAX:
+        raise BadInput(f"{where}{len(model.hum_hz)} lines of hum; allowed: at most {lib.TACT_TOUCH_HUM_MAX}")
+    sections = delta_coefficients_single(channel.feedback_sos, FEEDBACK_SECTIONS_MAX, f"{where}feedback")
+    if not 1 <= model.turns <= 255:
+        raise BadInput(f"{where}turns is {model.turns}; allowed: 1 to 255")
+    figures = _figures(model, 1.0 / rate_hz)
+    if not all(np.all(np.abs(value) <= float(np.finfo(np.float32).max)) for value in figures.values()):
+        raise BadInput(f"{where}a figure is beyond single precision; allowed: what it holds")
+    angles = 2.0 * np.pi * np.array(model.hum_hz, dtype=np.float64) * model.turns / rate_hz
+    return {
+        "feedback": sections,
+        "delay": model.delay_samples,
+        "turns": model.turns,
+        "turn": place % model.turns,
+        "hum": np.stack([np.cos(angles), np.sin(angles)], axis=1).astype(np.float32),
+        **{name: np.float32(value) for name, value in figures.items()},
+    }
+
+
+SCALARS = (
+    "per_sample",
+    "drag",
+    "spring",
+    "mass",
+    "damping",
+    "stiffness",
+    "corner",
+    "force",
+    "slow",
+    "forgetting",
+    "gate",
+    "ridge",
+    "shape",
+    "fading",
+    "slew",
+    "weight_max",
+    "push_max_v",
+    "hum_gain",
+)
+"""The scalars, in the order of an image; before them stand `plant` (4) and `inverse` (3)."""
+
+
+def _figures(model: FeedForward, period_s: float) -> dict[str, Any]:
+    """Return the figures that do not depend on the feedback, in double precision."""
+    b1, total, a1, a2 = held_second_order(model, period_s)
+    turn_s = model.turns * period_s
+    corner = 2.0 * np.pi * model.corner_hz * period_s
+    mass, damping, stiffness = model.load
+    return {
+        "plant": np.array([b1, total, a1, a2]),
+        "inverse": np.array([corner * corner, corner * a1, a2]) / total,
+        "per_sample": 1.0 / period_s,
+        "drag": model.damping / model.gain,
+        "spring": model.stiffness / model.gain,
+        "mass": mass,
+        "damping": damping / model.gain,
+        "stiffness": stiffness / model.gain,
+        "corner": corner,
+        "force": corner * b1 / total,
+        "slow": 2.0 * np.pi * model.slow_hz * turn_s,
+        "forgetting": min(turn_s / model.forgetting_s, 1.0),
+        "gate": model.gate_v**2,
+        "ridge": model.ridge_v**2,
+        "shape": model.shape,
+        "fading": turn_s / model.fading_s,
+        "slew": turn_s / model.slew_s,
+        "weight_max": model.weight_max,
+        "push_max_v": model.push_max_v,
+        "hum_gain": 4.0 * np.pi * model.hum_band_hz * turn_s,
+    }
+
+
+def held_second_order(model: FeedForward, period_s: float) -> FloatArray:
+    """Return b1, b1 + b0, a1', a2' of the held plant (b1 z + b0)/(d^2 + a1' d + a2') with d = z - 1, shape (4,)."""
+    a = np.array([[0.0, 1.0, 0.0], [-model.stiffness, -model.damping, model.gain], [0.0, 0.0, 0.0]]) * period_s
+    less_one = matrix_exponential(a) - np.eye(3)
+    m, b = less_one[:2, :2], less_one[:2, 2]
+    return np.array([b[0], m[0, 1] * b[1] - m[1, 1] * b[0], -np.trace(m), np.linalg.det(m)])
+
+
+def touch_bytes(channel: ChannelController, rate_hz: float, place: int) -> bytes:
+    """Return the part of an image that says how a channel feeds forward; nothing where it does not."""
+    figures = touch_figures(channel, rate_hz, place)
+    if figures is None:
+        return b""
+    counts = bytes([figures["delay"], figures["turns"], figures["turn"], len(figures["hum"])])
+    scalars = np.array([figures[name] for name in SCALARS])
+    parts = (figures["plant"], figures["inverse"], scalars, figures["feedback"].ravel(), figures["hum"].ravel())
+    return counts + np.concatenate(parts).astype("<f4").tobytes()
+
+
+def touch_table(channel: ChannelController, rate_hz: float, place: int) -> Any:
+    """Return the `tact_touch` of a channel; one whose feedback_count is zero where nothing is fed forward."""
+    table = ffi.new("tact_touch *")
+    figures = touch_figures(channel, rate_hz, place)
+    if figures is None:
+        return table
+    sections = figures["feedback"]
+    table.feedback_count = len(sections)
+    for section, row in zip(table.feedback, sections.tolist(), strict=False):
+        section.b0, section.b1, section.b2, section.a1, section.a2 = row
+    table.delay, table.turns, table.turn = figures["delay"], figures["turns"], figures["turn"]
+    table.hum_count = len(figures["hum"])
+    for line, row in zip(table.hum, figures["hum"].tolist(), strict=False):
+        line[0], line[1] = row
+    table.plant[0:4], table.inverse[0:3] = figures["plant"].tolist(), figures["inverse"].tolist()
+    for name in SCALARS:
+        setattr(table, name, float(figures[name]))
+    if not lib.tact_touch_is_valid(table):
+        raise BadInput(f"controller, channel {channel.name!r}: touch: its counts cannot be run; allowed: as designed")
+    return table

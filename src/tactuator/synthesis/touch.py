@@ -1,0 +1,162 @@
+"""Feed-forward for a finger: the figures that a display gives, and the bounds on what it can do.
+
+A load Z at the finger port changes H by T_load/T = 1/(1 + P S Z/B) of the unloaded loop. The command u_ff = Z yd / B,
+with yd what the unloaded loop does with the same reference, takes that back exactly and is affine in the load, so that
+two weights on the designed finger (mass; damping with stiffness) are enough, and no filter is switched.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.display.description import Channel, Display
+from tactuator.display.load import Load
+from tactuator.display.touch import PREVIEW_MAX, FeedForward
+from tactuator.errors import BadInput
+from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.signals.decibels import db, from_db
+
+LEARN_HZ = 1000.0
+"""Rate at which a channel learns; a channel of a display learns in each sample's turn."""
+WEIGHT_MAX = 1.6
+"""Fingers have 0.5 to 1.5 times the designed one's figures."""
+FORGETTING_S, FADING_S, SLEW_S = 0.035, 30.0, 0.02
+GATE_DB_SL, RIDGE_DB_SL = 16.0, 0.0
+"""Levels of a sinusoid: the memory is twice the shortest at the gate; at the ridge zero weighs as much as what is
+heard."""
+SHAPE = 0.02
+_CORNER, _SLOW_HZ = 0.4, 8.0
+_POINTS = 61
+_TAIL_S = 4.0
+
+
+def design_feed_forward(display: Display, channel: Channel, loop: TwoDegreeLoop) -> FeedForward:
+    """Return the model from which a channel feeds forward; loop: the designed one, unloaded and sampled.
+
+    Raises BadInput where the plant does not allow it: no loop, no load to design for, a plant that is not a
+    second-order motor with a displacement sensor, a delay beyond the preview.
+    """
+    gain, damping, stiffness = _motor(channel, loop)
+    delay = display.delay_samples + round(channel.plant.delay_s * display.rate_hz)
+    if not 1 <= delay <= PREVIEW_MAX:
+        raise BadInput(
+            f"channel {channel.name!r}: [touch] adaptive, and {delay} samples from command to reading; "
+            f"allowed: 1 to {PREVIEW_MAX}, which is what the model looks ahead"
+        )
+    load = channel.loads[0]
+    high = channel.threshold.band_hz[1]
+    turns = max(1, round(display.rate_hz / LEARN_HZ))
+    lines = [f for f in channel.environment.hum_hz if f < 0.4 * display.rate_hz / turns]
+    draft = FeedForward(
+        gain=gain,
+        damping=damping,
+        stiffness=stiffness,
+        load=(load.mass, load.damping, load.stiffness),
+        delay_samples=delay,
+        turns=turns,
+        corner_hz=_CORNER * high,
+        slow_hz=_SLOW_HZ,
+        forgetting_s=FORGETTING_S,
+        gate_v=1.0,
+        ridge_v=1.0,
+        shape=SHAPE,
+        fading_s=FADING_S,
+        slew_s=SLEW_S,
+        weight_max=WEIGHT_MAX,
+        push_max_v=0.0,
+        hum_hz=tuple(lines[:4]),
+    )
+    heard_v = _heard_v(draft, channel, loop, display.rate_hz)
+    most_v = WEIGHT_MAX * push_bound_v(draft, loop, display) * float(from_db(display.objectives.comfort_db_sl))
+    figures = {
+        "gate_v": heard_v * float(from_db(GATE_DB_SL)),
+        "ridge_v": heard_v * float(from_db(RIDGE_DB_SL)),
+        "push_max_v": min(most_v, channel.converter.range_v),
+    }
+    return FeedForward(**{**vars(draft), **figures})
+
+
+def _motor(channel: Channel, loop: TwoDegreeLoop) -> tuple[float, float, float]:
+    """Return gain, damping and stiffness of a second-order motor. Raises BadInput for what is none."""
+    where = f"channel {channel.name!r}: [touch] adaptive, "
+    plant = channel.plant
+    if loop.feedback is None:
+        raise BadInput(f"{where}and no loop (structure is 'none'); allowed: a loop, which knows the position")
+    if not channel.loads:
+        raise BadInput(f"{where}and no load is described (loads); allowed: one to design for")
+    if channel.quantity != "displacement" or plant.zeros.size or plant.poles.size != 2:
+        raise BadInput(
+            f"{where}and a plant of {plant.poles.size} poles and {plant.zeros.size} zeros to a {channel.quantity}; "
+            "allowed: 2 poles, no zero, displacement"
+        )
+    if not np.all(plant.poles.real <= 0.0):
+        raise BadInput(f"{where}and an unstable plant; allowed: poles that do not grow")
+    return plant.gain, float(-np.sum(plant.poles).real), float(np.prod(plant.poles).real)
+
+
+def push_responses(model: FeedForward, loop: TwoDegreeLoop, frequency_hz: FloatArray) -> ComplexArray:
+    """Return the two pushes, volts for a threshold unit of reference, at `frequency_hz` (n,): shape (2, n)."""
+    s = 2j * np.pi * frequency_hz
+    moved = loop.position_response(frequency_hz) / model.gain
+    mass, damping, stiffness = model.load
+    return np.array([mass * s**2 * moved, (damping * s + stiffness) * moved])
+
+
+def loaded_change_db(
+    model: FeedForward, loop: TwoDegreeLoop, weights: FloatArray, frequency_hz: FloatArray
+) -> FloatArray:
+    """Return by how many dB the felt level changes when nothing touches and the weights (2,) are wrong, (n,).
+
+    The pushes then come on top of the reference's own: 1 + P S u_ff / H.
+    """
+    assert loop.feedback is not None
+    added = np.tensordot(weights, push_responses(model, loop, frequency_hz), 1)
+    return db(np.abs(1.0 + loop.feedback.load_sensitivity(frequency_hz) * added / loop.position_response(frequency_hz)))
+
+
+def load_weights(model: FeedForward, load: Load) -> FloatArray:
+    """Return the weights, (2,), of the designed finger's mass and of its damping with stiffness that are nearest to a
+    load, within what is allowed; nearest at frequencies where the damping is felt, not the stiffness.
+    """
+    mass, damping, _ = model.load
+    nearest = [load.mass / mass if mass else 0.0, load.damping / damping if damping else 0.0]
+    return np.asarray(np.clip(np.array(nearest), 0.0, model.weight_max), dtype=np.float64)
+
+
+def adapted_response(
+    model: FeedForward, free: TwoDegreeLoop, loaded: TwoDegreeLoop, load: Load, frequency_hz: FloatArray, rate_hz: float
+) -> ComplexArray:
+    """Return H under a load once its weights are found, at `frequency_hz` (n,): volts of y for a threshold unit.
+
+    free: the loop that the model knows; loaded: the one that there is. A push meets the motor as a held command does,
+    half a sample after its beginning.
+    """
+    assert loaded.feedback is not None
+    push = np.tensordot(load_weights(model, load), push_responses(model, free, frequency_hz), 1)
+    advance = np.exp(2j * np.pi * frequency_hz * (model.delay_samples + 0.5) / rate_hz)
+    through = loaded.feedback.load_sensitivity(frequency_hz)
+    return np.asarray(loaded.position_response(frequency_hz) + through * push * advance)
+
+
+def _heard_v(model: FeedForward, channel: Channel, loop: TwoDegreeLoop, rate_hz: float) -> float:
+    """Return the rms of what a sinusoid at threshold pushes, seen through the three poles: the median over the band."""
+    low = min(_SLOW_HZ, 0.5 * channel.threshold.band_hz[1])
+    frequency = np.geomspace(low, channel.threshold.band_hz[1], _POINTS)
+    d = np.exp(2j * np.pi * frequency / rate_hz) - 1.0
+    corner = 2.0 * np.pi * model.corner_hz / rate_hz
+    slow = 2.0 * np.pi * model.slow_hz / rate_hz
+    seen = np.abs((corner / (d + corner)) ** 3 * d / (d + slow)) ** 2
+    power = np.sum(np.abs(push_responses(model, loop, frequency)) ** 2, axis=0) * seen / 2.0
+    return float(np.sqrt(np.median(power)))
+
+
+def push_bound_v(model: FeedForward, loop: TwoDegreeLoop, display: Display) -> float:
+    """Return the greatest sum of both pushes, volts, that a reference within one threshold unit can bring about: the
+    sum of the magnitudes of the impulse response."""
+    count = 1 << int(np.ceil(np.log2(_TAIL_S * display.rate_hz)))
+    frequency = np.asarray(np.fft.rfftfreq(count, 1.0 / display.rate_hz), dtype=np.float64)
+    frequency[0] = 1e-3 * frequency[1]
+    response = np.sum(push_responses(model, loop, frequency), axis=0)
+    response[0] = response[0].real
+    return float(np.sum(np.abs(np.fft.irfft(response, count))))

@@ -1,0 +1,194 @@
+"""What the core learns of a finger, and what is felt: on the simulated display, and on fingers it does not contain."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import linalg
+from scipy.signal import sosfilt
+
+from tactuator.display.controller import ChannelController, Controller
+from tactuator.display.description import Environment
+from tactuator.display.load import Load
+from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.runtime._core import ffi, lib
+from tactuator.runtime.image import FORMATS, ImageRefusal, build_image, check_image
+from tactuator.runtime.many_loops import Loop, ManyLoops
+from tactuator.runtime.simulation import Simulation
+from tactuator.runtime.touch_table import touch_table
+from tactuator.signals.decibels import db
+from tactuator.synthesis.family import plant_family
+from tactuator.synthesis.touch import design_feed_forward
+from tests.runtime.paper_display import RATE_HZ, channel, controller, display
+
+FIVE_HZ = np.array([3.0, 9.0, 27.0, 85.0, 250.0])
+SECOND = int(RATE_HZ)
+
+
+def tones(samples: int, frequency_hz: NDArray[np.float64] = FIVE_HZ, level_db_sl: float = 30.0) -> NDArray[np.float64]:
+    phase = 2.0 * np.pi * np.outer(np.arange(samples) / RATE_HZ, frequency_hz) + frequency_hz
+    return np.asarray(10.0 ** (level_db_sl / 20.0) * np.sin(phase).sum(axis=1))
+
+
+def amplitudes(signal: NDArray[np.float64], frequency_hz: NDArray[np.float64] = FIVE_HZ) -> NDArray[np.float64]:
+    phase = 2.0 * np.pi * np.outer(np.arange(signal.size) / RATE_HZ, frequency_hz)
+    basis = np.hstack([np.cos(phase), np.sin(phase), np.ones((signal.size, 1))])
+    found = np.linalg.lstsq(basis, signal, rcond=None)[0][:-1].reshape(2, -1)
+    return np.asarray(np.hypot(*found))
+
+
+@cache
+def adaptive(finger: str = "index") -> ChannelController:
+    of = channel(finger)
+    own = display(of)
+    fixed = controller(own).channels[0]
+    plant = plant_family(of, RATE_HZ, 1)[0].sampled
+    loop = TwoDegreeLoop(fixed.prefilter(RATE_HZ), fixed.feedback(RATE_HZ), plant)
+    return replace(fixed, feed_forward=design_feed_forward(own, of, loop))
+
+
+def played(
+    own: ChannelController, load: str | None, seconds: int, touched: Load | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The last second of what was felt, mm, and the weights."""
+    of = channel() if touched is None else channel(loads=(touched,))
+    simulation = Simulation(display(of), 7)
+    simulation.load(Controller(display(channel()), (own,)))
+    simulation.touch(0, load)
+    felt = simulation.play(tones(seconds * SECOND)).displacement_mm[-SECOND:, 0]
+    return felt, simulation.weights()[0]
+
+
+def test_adaptation__finger_with_friction_hum_and_noise__felt_as_free() -> None:
+    free, no_weight = played(adaptive(), None, 3)
+    loaded, weight = played(adaptive(), "finger", 3)
+    fixed, _ = played(replace(adaptive(), feed_forward=None), "finger", 3)
+    assert np.max(np.abs(db(amplitudes(fixed) / amplitudes(free)))) > 1.5
+    assert np.max(np.abs(db(amplitudes(loaded) / amplitudes(free)))) < 0.25
+    np.testing.assert_allclose(weight, [1.0, 1.0], atol=0.15)
+    np.testing.assert_allclose(no_weight, [0.0, 0.0], atol=0.15)
+
+
+@pytest.mark.parametrize(("mass", "damping"), [(0.5, 1.5), (1.5, 0.5), (1.4, 1.4)])
+def test_adaptation__finger_of_another_shape__is_found(mass: float, damping: float) -> None:
+    other = Load("finger", 0.12 * mass, 31.0 * damping, 360.0 * damping)
+    felt, weight = played(adaptive(), "finger", 3, other)
+    free, _ = played(adaptive(), None, 3)
+    np.testing.assert_allclose(weight, [mass, damping], atol=0.2)
+    assert np.max(np.abs(db(amplitudes(felt) / amplitudes(free)))) < 0.3
+
+
+def chain_felt(own: ChannelController, chain: tuple[float, ...] | None) -> NDArray[np.float64]:
+    """What is felt under a Kelvin-Voigt chain of two, by the plant's equations and an exponential of their own: no
+    converter, no hum. chain: contact mass, damper and spring to a second mass, it, damper and spring to the ground.
+    """
+    m, b, k, m2, b2, k2 = chain or (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
+    inertia = np.array([[1.0 + m, 0.0], [0.0, m2]])
+    drag = np.array([[94.0 + b, -b], [-b, b + b2]])
+    spring = np.array([[290.0 + k, -k], [-k, k + k2]])
+    a = np.zeros((5, 5))
+    a[:2, 2:4] = np.eye(2)
+    a[2:4, :4] = -np.linalg.solve(inertia, np.hstack([spring, drag]))
+    a[2:4, 4] = np.linalg.solve(inertia, [2875.0, 0.0])
+    step = linalg.expm(a / RATE_HZ)[:4]
+    samples = 3 * SECOND // 2
+    table, state = touch_table(own, RATE_HZ, 0), ffi.new("tact_touch_state *")
+    lib.tact_touch_reset(table, state)
+    asked = sosfilt(own.prefilter(RATE_HZ).sections(), tones(samples)).tolist()
+    feedback = np.asarray(own.feedback_sos).tolist()
+    memory = [[0.0, 0.0] for _ in feedback]
+    x, held, felt = np.zeros(4), 0.0, np.zeros(samples)
+    for n in range(samples):
+        felt[n] = x[0]
+        command = asked[n] - felt[n]
+        for section, past in zip(feedback, memory, strict=True):
+            out = section[0] * command + past[0]
+            past[0] = section[1] * command - section[4] * out + past[1]
+            past[1] = section[2] * command - section[5] * out
+            command = out
+        command += lib.tact_touch_step(table, state, asked[n], felt[n])
+        lib.tact_touch_put(table, state, command)
+        x = step @ np.append(x, held)
+        held = command
+    return felt[-SECOND:]
+
+
+def test_adaptation__chain_that_the_estimator_does_not_contain__within_a_decibel() -> None:
+    free = amplitudes(chain_felt(adaptive(), None))
+    chain = (0.05, 40.0, 8000.0, 0.11, 25.0, 360.0)
+    fixed = replace(adaptive().feed_forward, weight_max=0.0)  # type: ignore[type-var]
+    still = amplitudes(chain_felt(replace(adaptive(), feed_forward=fixed), chain))
+    felt = amplitudes(chain_felt(adaptive(), chain))
+    assert np.max(np.abs(db(still / free))) > 1.2
+    assert np.max(np.abs(db(felt / free))) < 1.0
+
+
+def test_adaptation__silence__weights_stay_and_fade_slowly() -> None:
+    simulation = Simulation(display(channel()), 3)
+    simulation.load(Controller(display(channel()), (adaptive(),)))
+    simulation.touch(0, "finger")
+    simulation.play(np.append(tones(2 * SECOND), np.zeros(SECOND)))
+    learnt = simulation.weights()[0]
+    simulation.play(np.zeros(10 * SECOND))
+    assert adaptive().feed_forward.fading_s == 30.0  # type: ignore[union-attr]
+    np.testing.assert_allclose(simulation.weights()[0] / learnt, np.exp(-10.0 / 30.0), atol=0.03)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e38])
+def test_estimator__fed_what_is_no_number__adds_nothing_and_goes_on(bad: float) -> None:
+    table, state = touch_table(adaptive(), RATE_HZ, 0), ffi.new("tact_touch_state *")
+    lib.tact_touch_reset(table, state)
+    rng = np.random.default_rng(2)
+    wanted = (0.01 * rng.standard_normal(SECOND)).astype(np.float32)
+    position = wanted.copy()
+    position[500:520] = bad
+    command, added = np.zeros(SECOND, np.float32), np.zeros(SECOND, np.float32)
+    pointers = [ffi.from_buffer("float[]", one) for one in (wanted, position, command, added)]
+    lib.tact_touch_run(table, state, *pointers, SECOND)
+    weight = np.array(list(state.weight))
+    assert np.all(np.isfinite(added))
+    assert np.max(np.abs(added)) <= table.push_max_v
+    assert np.all((weight >= 0.0) & (weight <= table.weight_max))
+
+
+def test_push__beyond_its_bound__everything_is_reset() -> None:
+    own = replace(adaptive(), feed_forward=replace(adaptive().feed_forward, push_max_v=0.01))  # type: ignore[type-var]
+    _, weight = played(own, "finger", 1)
+    unbounded = played(adaptive(), "finger", 1)[1]
+    assert np.max(weight) < 0.5 < np.max(unbounded)
+
+
+def test_lanes__adaptive_loops_among_fixed_ones__same_bits_as_the_single_loop() -> None:
+    fixed = replace(adaptive(), feed_forward=None)
+    loops = [Loop(channel(), adaptive() if i % 20 == 3 else fixed, i, "finger") for i in range(36)]
+    reference = 30.0 * np.random.default_rng(1).standard_normal((2000, 36))
+    one, other = (ManyLoops(loops, RATE_HZ, 1, kernel).play(reference) for kernel in ("single", "widest"))
+    assert np.array_equal(one.command_v, other.command_v)
+    simulation = Simulation(display(channel()), 3)
+    simulation.load(Controller(display(channel()), (adaptive(),)))
+    simulation.touch(0, "finger")
+    alone = simulation.play(reference[:, 3:4])
+    assert np.array_equal(alone.command_v[:, 0], one.command_v[:, 3])
+
+
+@pytest.mark.parametrize("number_format", FORMATS)
+def test_image__of_an_adaptive_controller__is_taken_and_longer(number_format: str) -> None:
+    image = build_image(Controller(display(channel()), (adaptive(),)), number_format)
+    fixed = build_image(Controller(display(channel()), (replace(adaptive(), feed_forward=None),)), number_format)
+    assert check_image(image, RATE_HZ, 1, 1) is ImageRefusal.GOOD
+    assert len(image) - len(fixed) == 4 + 4 * (25 + 5 * len(adaptive().feedback_sos) + 2 * 3)  # type: ignore[arg-type]
+    assert fixed[52 + 18 : 52 + 20] == b"\0\0"
+    assert image[52 + 18 : 52 + 20] == b"\1\0"
+
+
+def test_simulation__saved_and_restored__goes_on_with_what_it_had_learnt() -> None:
+    simulation = Simulation(display(channel(environment=Environment())), 3)
+    simulation.load(Controller(display(channel()), (adaptive(),)))
+    simulation.touch(0, "finger")
+    simulation.play(tones(SECOND))
+    state = simulation.save()
+    one = simulation.play(tones(1000)).command_v
+    simulation.restore(state)
+    assert np.array_equal(simulation.play(tones(1000)).command_v, one)

@@ -1,0 +1,146 @@
+"""Feed-forward for a finger: what a display gives for it, what it takes back, and where it is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactuator.display.controller import Controller
+from tactuator.display.description import Channel, Display
+from tactuator.display.load import Load
+from tactuator.display.requirements import FeedbackRequirements
+from tactuator.display.touch import FeedForward, Touch
+from tactuator.display.verdict import Finding, Outcome
+from tactuator.errors import BadInput
+from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.signals.decibels import db
+from tactuator.signals.systems import ContinuousSystem
+from tactuator.synthesis.family import plant_family
+from tactuator.synthesis.touch import adapted_response, design_feed_forward, load_weights, loaded_change_db
+from tactuator.synthesis.verdict import judge
+from tests.runtime.paper_display import RATE_HZ, channel, controller, display
+
+BAND_HZ = np.geomspace(0.4, 300.0, 60)
+
+
+def loops(of: Channel, own: Display) -> list[TwoDegreeLoop]:
+    """The paper's loop on the channel's plant, unloaded and under its load."""
+    designed = controller(own).channels[0]
+    members = plant_family(of, own.rate_hz, own.delay_samples)
+    feedback = designed.feedback(own.rate_hz)
+    return [TwoDegreeLoop(designed.prefilter(own.rate_hz), feedback, member.sampled) for member in members]
+
+
+@pytest.mark.parametrize("finger", ["index", "thumb", "middle"])
+def test_feed_forward__weights_of_the_designed_finger__take_the_load_back(finger: str) -> None:
+    # the loaded loop comes from the load's own arithmetic: its plant, held and sampled anew
+    of = channel(finger)
+    own = display(of)
+    free, loaded = loops(of, own)
+    model = design_feed_forward(own, of, free)
+    felt = adapted_response(model, free, loaded, of.loads[0], BAND_HZ, RATE_HZ)
+    fixed_db = db(np.abs(loaded.position_response(BAND_HZ) / free.position_response(BAND_HZ)))
+    adaptive_db = db(np.abs(felt / free.position_response(BAND_HZ)))
+    assert np.max(np.abs(fixed_db)) > 1.5
+    assert np.max(np.abs(adaptive_db)) < 0.05
+
+
+def test_feed_forward__wrong_weight_on_a_free_display__costs_below_two_decibels() -> None:
+    of = channel()
+    own = display(of)
+    free, _ = loops(of, own)
+    model = design_feed_forward(own, of, free)
+    change_db = loaded_change_db(model, free, np.array([1.0, 1.0]), BAND_HZ)
+    assert 1.5 < np.max(np.abs(change_db)) < 2.1
+    assert np.max(np.abs(loaded_change_db(model, free, np.zeros(2), BAND_HZ))) == 0.0
+
+
+def refused(of: Channel, delay_samples: int = 1, loop_of: Channel | None = None) -> str:
+    own = display(of, delay_samples=delay_samples)
+    free = loops(loop_of or channel(), display(loop_of or channel()))[0]
+    with pytest.raises(BadInput) as caught:
+        design_feed_forward(own, of, free)
+    return str(caught.value)
+
+
+def test_design__no_loop__refuses() -> None:
+    of = channel(feedback=FeedbackRequirements(structure="none"))
+    free = replace(loops(channel(), display(channel()))[0], controller=None)
+    with pytest.raises(BadInput, match="no loop"):
+        design_feed_forward(display(of), of, free)
+
+
+def test_design__no_load__refuses() -> None:
+    assert "no load is described" in refused(channel(loads=()))
+
+
+def test_design__dead_time_beyond_the_preview__refuses_and_names_it() -> None:
+    slow = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0], delay_s=20 / RATE_HZ)
+    assert "21 samples from command to reading; allowed: 1 to 16" in refused(channel(plant=slow))
+
+
+def test_design__no_computing_delay__refuses() -> None:
+    assert "0 samples" in refused(channel(), delay_samples=0)
+
+
+@pytest.mark.parametrize("den", [[1.0, 94.0], [1.0, 94.0, 290.0, 10.0]])
+def test_design__plant_of_another_order__refuses(den: list[float]) -> None:
+    assert "allowed: 2 poles" in refused(channel(plant=ContinuousSystem.from_polynomials([2875.0], den)))
+
+
+def test_design__plant_to_a_velocity__refuses() -> None:
+    assert "to a velocity" in refused(channel(quantity="velocity"))
+
+
+def test_design__growing_plant__refuses() -> None:
+    assert "unstable" in refused(channel(plant=ContinuousSystem.from_polynomials([2875.0], [1.0, -94.0, 290.0])))
+
+
+@pytest.mark.parametrize("name", ["gate_v", "forgetting_s", "weight_max", "push_max_v"])
+def test_feed_forward__figure_that_is_none__refuses_and_names_it(name: str) -> None:
+    of = channel()
+    own = display(of)
+    model = design_feed_forward(own, of, loops(of, own)[0])
+    with pytest.raises(BadInput, match=name):
+        replace(model, **{name: -1.0})
+
+
+def test_feed_forward__document__comes_back_equal() -> None:
+    of = channel()
+    own = replace(display(of), touch=Touch(adaptive=True))
+    model = design_feed_forward(own, of, loops(of, own)[0])
+    assert FeedForward.from_document(model.document()) == model
+
+
+def test_load_weights__loads__their_share_of_the_designed_one_within_bounds() -> None:
+    of = channel()
+    model = design_feed_forward(display(of), of, loops(of, display(of))[0])
+    light, heavy = Load("light", 0.06, 46.5, 0.0), Load("heavy", 12.0, 3100.0, 0.0)
+    np.testing.assert_allclose(load_weights(model, light), [0.5, 1.5])
+    np.testing.assert_allclose(load_weights(model, heavy), model.weight_max)
+
+
+def objective_iv(load: Load, is_adaptive: bool) -> Finding:
+    """The verdict on the paper's loop, designed for the display's own finger, where another one touches."""
+    of = channel()
+    own = display(of)
+    designed = controller(own).channels[0]
+    if is_adaptive:
+        designed = replace(designed, feed_forward=design_feed_forward(own, of, loops(of, own)[0]))
+    shown = display(replace(of, loads=(load,)))
+    objectives = judge(Controller(own, (designed,)), shown).objectives
+    return next(one for objective in objectives for one in objective.findings if one.objective == "iv")
+
+
+def test_verdict__adaptive__objective_iv_over_the_whole_band() -> None:
+    found = objective_iv(Load("finger", 0.14, 22.0, 250.0), is_adaptive=True)
+    fixed = objective_iv(Load("finger", 0.14, 22.0, 250.0), is_adaptive=False)
+    assert found.outcome is Outcome.MET
+    assert fixed.frequency_hz is not None
+    assert fixed.frequency_hz <= 10.0
+    assert "-1." in fixed.remark
+    assert "-1." not in found.remark
+
+
+def test_verdict__finger_beyond_the_weights__objective_iv_is_not_met() -> None:
+    assert objective_iv(Load("finger", 0.5, 124.0, 1440.0), is_adaptive=True).outcome is Outcome.NOT_MET
