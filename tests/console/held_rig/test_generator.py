@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactuator.console.held_rig.generator import RAMP_S, Generator
+from tactuator.console.held_rig.generator import MOST_DB_SL, RAMP_S, Generator
 from tactuator.console.held_rig.generator import GeneratorWave as Wave
 from tactuator.errors import BadInput
 from tactuator.files.reference import ReferenceHead, write_reference
@@ -39,6 +39,13 @@ def test_noise__has_the_power_of_a_sinusoid_of_its_level_and_stays_within_comfor
     hertz = np.fft.rfftfreq(len(rows), 1.0 / RATE)
     assert spectrum[hertz > 600.0].sum() < 1e-3 * spectrum.sum()
     assert abs(np.corrcoef(rows[:, 0], rows[:, 2])[0, 1]) < 0.05
+
+
+def test_noise__whose_samples_pass_comfort__is_held_there(generator, monkeypatch):
+    monkeypatch.setitem(MOST_DB_SL, "noise", 55.0)
+    generator.ask(Wave("noise", 55.0, ("index",)))
+    rows = played(generator, 5.0)
+    assert np.max(np.abs(rows)) == 10.0 ** (55.0 / 20.0)
 
 
 def test_sweep__goes_up_and_down_between_its_frequencies(generator):
