@@ -21,6 +21,7 @@ def console_page(browser: Any, display: Path | None = None) -> Iterator[Any]:
     with served(build_console(Workshop(display), TOKEN)) as client:
         context = browser.new_context(accept_downloads=True, viewport={"width": 1366, "height": 900})
         page = context.new_page()
+        page.set_default_timeout(120_000)
         complaints: list[str] = []
         page.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
         page.on("pageerror", lambda error: complaints.append(str(error)))

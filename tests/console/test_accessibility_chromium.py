@@ -33,6 +33,7 @@ FILLED = {"identify": ("bench.csv", "#tried"), "speech": ("speech.wav", "button.
 def page(browser):
     with served(build_console(Workshop(), TOKEN)) as client:
         made = browser.new_page(viewport=LAPTOP)
+        made.set_default_timeout(120_000)  # a record is identified, a display designed: a busy machine takes its time
         made.goto(f"http://127.0.0.1:{client.port}/#token={TOKEN}")
         made.wait_for_selector("body[data-ready=start]")
         made.evaluate(AXE)
