@@ -134,3 +134,18 @@ def test_identify__structure_with_as_many_zeros_as_poles__is_found() -> None:
     assert found.order in (6, 7)
     frequency = np.geomspace(20.0, 0.3 * RATE_HZ, 100)
     assert np.max(np.abs(logarithm_off(found, modes, frequency))) < 0.05
+
+
+@pytest.mark.slow
+def test_identify__exciter_heard_late__second_mode_and_dead_time_are_found() -> None:
+    """High-pass, two modes, acceleration, 120 samples of dead time: as many zeros as poles, and late."""
+    first, second = 90.0 * 2.0 * np.pi, 210.0 * 2.0 * np.pi
+    modes = [size * np.array([-0.08 + 1j, -0.08 - 1j]) for size in (first, second)]
+    zeros = np.concatenate([1.4 * first * np.array([-0.05 + 1j, -0.05 - 1j]), [-1e-3, -1e-3, -1e-3]])
+    late = Plant(zeros, np.concatenate([*modes, [-60.0]]), 1e-12, 0.08)
+    record = Record(1500.0, *band_limited(late, np.random.default_rng(9), 1500.0, 10.0, 45.0))
+    found = identify(record, hold="band-limited", quantity="acceleration")
+    assert found.order in (5, 6)
+    assert found.model.delay_s == pytest.approx(0.08, abs=2e-5)
+    frequency = np.geomspace(20.0, 400.0, 100)
+    assert np.max(np.abs(logarithm_off(found, late, frequency))) < 0.05

@@ -33,6 +33,8 @@ _FAR = 300.0
 """The same from which on the worse hold is not looked at more closely."""
 _LATE = 100
 """Dead time, samples, from which on its turning of the phase spoils a local response that does not know of it."""
+_STANDS_OUT = 4.0
+"""Tenth of an impulse response's peak over its median, from which on its beginning can be seen."""
 _SILENT = 1e-6
 """Power of the command's lines, over their median, below which the response is not looked at."""
 _NO_FORM = "no model of the form asked for fits the record at all; allowed: another order, or more zeros"
@@ -77,16 +79,18 @@ def estimate(
     Raises BadInput where no form gives a start.
     """
     whole = tuple(spectrum(command, position, rate_hz) for command, position in signals)
-    local = _local(whole, rate_hz)
-    proposals = _proposals(local, rate_hz, holds, known, note)
+    arrival = _arrival(whole[0])
+    early = tuple(spectrum(*one, rate_hz, arrival) for one in signals) if arrival > _LATE else whole
+    local = _local(early, rate_hz)
+    proposals = _proposals(local, rate_hz, holds, known, note, arrival / rate_hz)
     # what was commanded before the record began is unknown for as long as the dead time: the position starts later
     shift = max(min(int(proposals[hold][0].delay_s * rate_hz + 1e-3) for hold in holds) - 1, 0)
     shift = min(shift, *(command.size // 4 for command, _ in signals))
     taken = tuple(spectrum(*one, rate_hz, shift) for one in signals) if shift else whole
-    if shift > _LATE:
+    if abs(shift - early[0].shift) > _LATE:
         note("the dead time is long: starting once more without it")
         local = _local(taken, rate_hz)
-        proposals = _proposals(local, rate_hz, holds, known, note)
+        proposals = _proposals(local, rate_hz, holds, known, note, shift / rate_hz)
     given = join([equations(one, 0.0, 0.5 * rate_hz) for one in taken])
     found: list[_Judged] = []
     for hold in sorted(holds, key=lambda one: proposals[one][0].cost):
@@ -106,6 +110,24 @@ def estimate(
             best = min(best, stable, key=lambda one: one.evidence)
         found.append(best)
     return _decided(found, holds, local, taken)
+
+
+def _arrival(taken: Spectrum) -> int:
+    """Return about how many samples pass before the position answers the command: when the impulse response that the
+    lines show by themselves first rises to a tenth of its greatest; 0 where it does not stand out of the noise.
+    """
+    power = np.abs(taken.command) ** 2
+    lines = np.conj(taken.command) * taken.position / (power + 0.01 * float(np.max(_smooth(power))))
+    impulse = np.abs(np.fft.irfft(lines, taken.samples))[: taken.samples // 4]
+    tenth = 0.1 * float(np.max(impulse))
+    if not tenth > _STANDS_OUT * float(np.median(impulse)):
+        return 0
+    return max(int(0.9 * float(np.argmax(impulse > tenth))) - 10, 0)
+
+
+def _smooth(power: FloatArray) -> FloatArray:
+    sums = np.cumsum(power)
+    return np.asarray((sums[41:] - sums[:-41]) / 41.0 if power.size > 82 else power)
 
 
 def _local(taken: tuple[Spectrum, ...], rate_hz: float) -> LocalResponse:
@@ -142,11 +164,16 @@ def estimate_lines(
 
 
 def _proposals(
-    local: LocalResponse, rate_hz: float, holds: tuple[Hold, ...], known: Known, note: Callable[[str], None]
+    local: LocalResponse,
+    rate_hz: float,
+    holds: tuple[Hold, ...],
+    known: Known,
+    note: Callable[[str], None],
+    arrival_s: float = 0.0,
 ) -> dict[Hold, list[SpectralFit]]:
     """Return the starts of every hold. Raises BadInput where a hold has none."""
     scale = 2.0 * np.pi * float(np.exp(np.mean(np.log(local.frequency_hz))))
-    proposals = propose(local, rate_hz, scale, holds, known, note)
+    proposals = propose(local, rate_hz, scale, holds, known, note, arrival_s)
     if not all(proposals[hold] for hold in holds):
         raise BadInput(_NO_FORM)
     return proposals

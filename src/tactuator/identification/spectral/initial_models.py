@@ -29,13 +29,17 @@ _FLOOR = 3e-3
 _ALIKE = 3.0
 """Half of -2 log likelihood by which a fit may be behind that of another hold, from which it started."""
 _MOST_DELAYS = 40
+_SOON = 20.0
+"""Samples before which the beginning of the answer is no start for a dead time."""
 _THIN = 120
 
 
 class Starter:
     """Fits to one local response under one hold, and what was learnt from them on the way."""
 
-    def __init__(self, local: LocalResponse, rate_hz: float, hold: Hold, scale_rad_s: float) -> None:
+    def __init__(
+        self, local: LocalResponse, rate_hz: float, hold: Hold, scale_rad_s: float, arrival_s: float = 0.0
+    ) -> None:
         self.local, self.hold = local, hold
         weight = 1.0 / np.sqrt(local.variance + (_FLOOR * np.abs(local.value)) ** 2)
         grid = Grid(local.frequency_hz, rate_hz, scale_rad_s, hold)
@@ -51,6 +55,7 @@ class Starter:
         self.low_hz, self.high_hz = float(seen.min()), float(seen.max())
         self._scale, self._rate_hz = scale_rad_s, rate_hz
         self._last_delay: float | None = None
+        self._arrival = [arrival_s * scale_rad_s] if arrival_s * rate_hz > _SOON else []
 
     def fit(self, form: Form, delay: float = 0.0, near: SpectralFit | None = None) -> SpectralFit | None:
         """Return the best fit of that form; `delay` (scaled) holds where the form has no dead time to estimate.
@@ -89,7 +94,7 @@ class Starter:
         first; near the one found before, from three poles on.
         """
         if form.poles > 2 and self._last_delay is not None:
-            return [self._last_delay, 0.6 * self._last_delay]
+            return [self._last_delay, 0.6 * self._last_delay, *self._arrival]
         hertz = self.local.frequency_hz
         longest = max(min(400.0 / self._rate_hz, 0.5 / self.low_hz), 2.5 / self._rate_hz)
         best: list[float] = []
@@ -107,7 +112,7 @@ class Starter:
             else:
                 costs = np.array([self._cost(form, lag * self._scale, chosen) for lag in tried])
             best = tried[np.argsort(costs, kind="stable")[:3]].tolist()
-        return [lag * self._scale for lag in best] or [0.5 * self._scale / self._rate_hz]
+        return [*(lag * self._scale for lag in best), *self._arrival] or [0.5 * self._scale / self._rate_hz]
 
     def _cost(self, form: Form, lag: float, chosen: NDArray[np.int64]) -> float:
         return self._linear_cost(form, lag, self._relocated(form, lag, chosen, 4), chosen)

@@ -99,10 +99,13 @@ def propose(
     holds: tuple[Hold, ...],
     known: Known,
     note: Callable[[str], None] = lambda _: None,
+    arrival_s: float = 0.0,
 ) -> dict[Hold, list[SpectralFit]]:
-    """Return fits to the local response under each hold, best first: poles are added until two
-    more bring nothing."""
-    starters = {hold: Starter(local, rate_hz, hold, scale_rad_s) for hold in holds}
+    """Return fits to the local response under each hold, best first: poles are added until two more bring nothing.
+
+    arrival_s: about when the position begins to answer, a dead time to start from as well.
+    """
+    starters = {hold: Starter(local, rate_hz, hold, scale_rad_s, arrival_s) for hold in holds}
     found: dict[Hold, list[tuple[float, SpectralFit]]] = {hold: [] for hold in holds}
     price = float(np.log(2.0 * local.frequency_hz.size))
     best, stale = np.inf, 0
