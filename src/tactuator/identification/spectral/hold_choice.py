@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -105,9 +105,9 @@ def estimate(
         best = _judged(choose(given, proposals[hold], hold, known, begun=glance), taken)
         if not is_stable(best.choice.fit.theta, best.choice.fit.form):
             # in a loop a model that is not causal takes the noise in the command for an answer
-            kept = [one for one in proposals[hold] if is_stable(one.theta, one.form)]
-            stable = _judged(choose(given, kept, hold, known, stable=True), taken) if kept else best
-            best = min(best, stable, key=lambda one: one.evidence)
+            mirrored = [replace(one, theta=np.abs(one.theta)) for one in (best.choice.fit, *proposals[hold])]
+            stable = _judged(choose(given, mirrored, hold, known, stable=True), taken)
+            best = stable if stable.evidence < best.evidence + CERTAIN else best
         found.append(best)
     return _decided(found, holds, local, taken)
 
