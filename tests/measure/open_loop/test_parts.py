@@ -13,6 +13,7 @@ from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.files.display import read_display
 from tactuator.measure.open_loop.flatness import _groups
+from tactuator.measure.open_loop.model import follow
 from tactuator.measure.open_loop.probe import broadband, find_level, hear
 from tactuator.measure.open_loop.take_away import equaliser_document, impulse_response
 from tactuator.measure.open_loop.usable import usable_band
@@ -21,6 +22,7 @@ from tactuator.rig.sensing import require_sensors
 from tactuator.rig.sound.demo.exciter import Exciter
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.signals.systems import ContinuousSystem
+from tests.measure.open_loop import exciters
 from tests.measure.open_loop.exciters import RATE_HZ, ExciterCard, exciter_display, exciter_rig
 from tests.rig.sound.turned_card import flat_controller, sound_display, turned_rig
 
@@ -135,3 +137,16 @@ def test_toml__of_a_display__is_read_as_the_same(tmp_path: Path):
     path = tmp_path / "display.toml"
     path.write_text(toml_text(display_document(made.display)), encoding="utf-8")
     assert display_document(read_display(path)) == display_document(display)
+
+
+@pytest.mark.slow
+def test_follow__card_that_is_119_ms_late__model_and_its_delay_to_the_sample(monkeypatch):
+    monkeypatch.setattr(exciters, "PERIOD", 4096)
+    exciter = replace(exciters.drawn_exciter(7), noise=5.0)
+    rig = exciter_rig([exciter])
+    rig.feed_far_ahead()
+    heard, fresh = (hear(rig, "exciter", wave(seed), 0.1, 2) for seed in (1, 2))
+    found = follow(rig.display.channels[0], heard, fresh, BAND_HZ)
+    assert found.by == "model"
+    assert found.departure_db < 0.4
+    assert found.plant.delay_s * RATE_HZ == pytest.approx(4096 + exciter.delay_s * RATE_HZ, abs=1.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ _FOLLOWS_DB = 0.4
 _POINTS, _SHARP = 90, 0.06
 _MEAN = 9
 _LINES, _SLOW_SHARE = 240, 0.2
+_MARGIN_S = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,8 @@ def follow(channel: Channel, heard: Heard, fresh: Heard, band_hz: tuple[float, f
     """Return the plant of a channel: the first model whose magnitude keeps to fresh noise within 0.4 dB over the band,
     the best of them otherwise; where none comes within 1 dB, a plant of the response by itself.
     """
-    given = _points(heard)
+    late_s = _bulk_delay_s(heard)
+    given = _points(heard, late_s)
     best: Followed | None = None
     remarks: list[str] = []
     for poles, zeros in FORMS:
@@ -52,7 +54,7 @@ def follow(channel: Channel, heard: Heard, fresh: Heard, band_hz: tuple[float, f
         except BadInput as error:
             remarks.append(f"{poles} poles: {error}")
             continue
-        model = found.model
+        model = replace(found.model, delay_s=found.model.delay_s + late_s)
         plant = at_rest(ContinuousSystem.from_polynomials(model.num, model.den, model.delay_s), band_hz)
         if not (plant.is_stable and plant.is_proper):
             continue
@@ -77,10 +79,24 @@ def at_rest(plant: ContinuousSystem, band_hz: tuple[float, float]) -> Continuous
     return ContinuousSystem(np.where(slow, 0.0, plant.zeros), plant.poles, plant.gain, plant.delay_s)
 
 
-def _points(heard: Heard) -> FrequencyResponse:
-    """Return the response at lines of even distance in log frequency, with phase."""
+def _bulk_delay_s(heard: Heard) -> float:
+    """Return a delay, seconds, that is less than the answer's own by 10 ms or less: where its impulse response begins.
+
+    Between lines of even distance in log frequency a card's delay of 100 ms turns the phase by more than half a turn.
+    """
+    response, _ = heard.response()
+    spectrum = np.zeros(heard.wave.samples.size // 2 + 1, dtype=np.complex128)
+    spectrum[heard.wave.bins] = response
+    impulse = np.abs(np.fft.irfft(spectrum, heard.wave.samples.size))
+    begun = int(np.flatnonzero(impulse > 0.5 * np.max(impulse))[0])
+    return max(0.0, begun / heard.wave.rate_hz - _MARGIN_S)
+
+
+def _points(heard: Heard, late_s: float) -> FrequencyResponse:
+    """Return the response at lines of even distance in log frequency, with phase, late_s earlier than it was heard."""
     response, error = heard.response()
     frequency = heard.wave.frequency_hz
+    response = response * np.exp(2j * np.pi * frequency * late_s)
     wanted = np.geomspace(frequency[0], frequency[-1], _LINES)
     chosen = np.unique(np.searchsorted(frequency, wanted).clip(0, frequency.size - 1))
     value = response[chosen]
