@@ -16,6 +16,7 @@ from tactuator.errors import TactuatorError
 from tactuator.measure.error import error_db
 from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.open_loop.chain import Calibrated, CalibrationRequest, calibrate
+from tactuator.measure.open_loop.flatness import _groups
 from tactuator.measure.open_loop.usable import usable_band
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.demo.exciter import Exciter
@@ -48,9 +49,9 @@ def felt_error_db(made: Calibrated, exciter: Exciter, rng: np.random.Generator) 
         assert isinstance(rig, SoundRig)
         rig.feed_far_ahead()
         rig.load(made.controller)
-        for group in range(3):
+        for group in _groups(made.controller, "exciter", frequency, ASKED.level_db_sl):  # none of which is cut
             (response,) = multisine_response(
-                rig, frequency[group::3], ASKED.level_db_sl, rng,
+                rig, group, ASKED.level_db_sl, rng,
                 channels=["exciter"], mains_hz=50.0, band_hz=band, exactly=False, longest_s=12.0,
             )  # fmt: skip
             found.append(error_db(response, display))
