@@ -43,7 +43,7 @@ def run(
     address = Address(host, port, tuple(allowed_host or ()), tls_certificate, tls_key)
     workshop, token = Workshop(display), secrets.token_urlsafe(_TOKEN_BYTES)
     sock = address.listen()
-    with _held(rig, workshop, seed) as held, _figures_apart() as apart:
+    with sock, _held(rig, workshop, seed) as held, _figures_apart() as apart:
         server = uvicorn.Server(address.config(build_console(workshop, token, apart, held), time.monotonic))
         lines = [f"console: {address.base_url(sock)}/#token={token}", *filter(None, [address.warning])]
         sys.stderr.write("\n".join(lines) + "\n")

@@ -56,7 +56,11 @@ class RigHost:
             first = self._pipe.recv()
             if first.mode == "gone":
                 raise BadInput(first.fault)
+        except BadInput:
+            self._end()
+            raise
         except (EOFError, OSError):
+            self._end()
             raise BadInput(_ENDED) from None
         self.standing = first
         self._thread = threading.Thread(target=self._read, args=(self._pipe,), daemon=True)
@@ -88,6 +92,9 @@ class RigHost:
     def close(self) -> None:
         """Bring the rig to rest, and end the process."""
         self.changed = lambda told: None
+        self._end()
+
+    def _end(self) -> None:
         with suppress(OSError):
             self._pipe.send(orders.QuitOrder())
         self._process.join(_END_S)
