@@ -66,6 +66,13 @@ def test_whole_curve__every_truth_two_hundred_runs__band_covers(truth: str) -> N
 
 
 @pytest.mark.soak
+def test_whole_curve__a_fifth_of_lapses__band_covers_and_no_threshold_is_lost() -> None:
+    found = run("flat", 200, lapse=0.2)
+    assert found.coverage95 >= 0.90
+    assert found.rms_error_db <= 3.3  # 4.9 where only the heaviest components choose the trials
+
+
+@pytest.mark.soak
 def test_whole_curve__normal_person_hundred_trials__nine_tenths_of_a_decibel() -> None:
     assert run("flat", 200, 100).rms_error_db <= 0.95
 
@@ -79,6 +86,19 @@ def test_whole_curve__guessers__are_flagged() -> None:
     found = run("flat", 8, 60, guessed=1.0)
     assert found.flags["chance"] == 1.0
     assert found.flagged == 1.0
+
+
+def test_choosing__lapse_rate_with_little_weight__takes_part_with_all_of_it() -> None:
+    belief, rng = CurveBelief(CurvePrior(), Answering()), np.random.default_rng(5)
+    for _ in range(40):  # somebody attentive: frequent lapses become improbable
+        point, level = belief.choose(-30.0, 50.0)
+        belief.learn(point, level, np.array([rng.random() < np.where(level[0] > 0.0, 0.97, 0.4)]))
+    weight, rates = np.sqrt(belief.weight[0]), np.array(belief.answering.lapses)
+    chosen, share = belief.choosing()
+    assert belief.share_of_lapses(0.15)[0] < 0.1
+    for rate in rates:
+        of_rate = belief.lapse[0, chosen[0]] == rate
+        assert share[0, of_rate].sum() == pytest.approx(weight[belief.lapse[0] == rate].sum() / weight.sum())
 
 
 def test_whole_curve__before_any_trial__is_the_prior() -> None:

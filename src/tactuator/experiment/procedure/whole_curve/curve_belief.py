@@ -21,8 +21,11 @@ from tactuator.experiment.procedure.answering import Answering
 from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
 from tactuator.experiment.procedure.whole_curve.curve_refinement import PointLikelihoods, Sites, refine
 
-OFFSETS_DB = (-6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0, 8.0, 11.0, 14.0)
-"""Levels that are tried, relative to the present estimate at each frequency."""
+OFFSETS_DB = (-12.0, -6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0, 8.0, 11.0, 14.0, 20.0)
+"""Levels that are tried, relative to the present estimate at each frequency.
+
+The outermost tell a person of frequent lapses, who misses loud ones too, from one of a higher threshold.
+"""
 
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
@@ -30,8 +33,8 @@ _FINE_NODES, _FINE_WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
 _FINE_WEIGHTS = _FINE_WEIGHTS / _FINE_WEIGHTS.sum()
 """Nodes for learning are finer: psi rises within a few decibels, and a marginal may be twenty wide."""
 
-_CHOOSING_COMPONENTS = 10
-"""Number of components, the heaviest, that choose a trial."""
+_CHOOSING_COMPONENTS = 12
+"""Number of components that choose a trial: the heaviest of every lapse rate."""
 _CHOOSING_POWER = 0.5
 """Power of the weights where trials are chosen, so that a kind not ruled out still counts."""
 _READING_POWER = 0.75
@@ -132,17 +135,32 @@ class CurveBelief:
 
     def choose(self, floor_db_sl: float, ceiling_db_sl: float) -> tuple[NDArray[np.intp], FloatArray]:
         """Return point (index) and level (to half a dB) of the most telling trial of every run, (runs,) each."""
-        tempered = self._tempered(_CHOOSING_POWER)
-        chosen = min(_CHOOSING_COMPONENTS, tempered.shape[1])
-        top = np.argpartition(-tempered, chosen - 1, axis=1)[:, :chosen]
         row = np.arange(self.runs)[:, None]
-        share = tempered[row, top] / tempered[row, top].sum(axis=1, keepdims=True)
+        top, share = self.choosing()
         mean = np.einsum("rk,rkg->rg", share, self.mean[row, top])
         levels = np.round(2.0 * (mean[:, :, None] + np.array(OFFSETS_DB))) / 2.0
         levels = np.clip(levels, floor_db_sl, ceiling_db_sl)
         gain = self._expected_gain(levels, row, top, share).reshape(self.runs, -1)
         best = np.argmax(gain, axis=1)
         return best // levels.shape[2], levels.reshape(self.runs, -1)[np.arange(self.runs), best]
+
+    def choosing(self) -> tuple[NDArray[np.intp], FloatArray]:
+        """Return the components that choose a trial and their shares, (runs, chosen) each.
+
+        Every lapse rate chooses with the weight of all its components. The heaviest of all alone would agree on a low
+        rate, and would then never play what tells frequent lapses from a higher threshold.
+        """
+        tempered, rates = self._tempered(_CHOOSING_POWER), self.answering.lapses
+        each = min(max(1, _CHOOSING_COMPONENTS // len(rates)), tempered.shape[1])
+        row, tops, shares = np.arange(self.runs)[:, None], [], []
+        for rate in rates:
+            own = np.where(self.lapse == rate, tempered, 0.0)
+            top = np.argpartition(-own, each - 1, axis=1)[:, :each]
+            heaviest = own[row, top]
+            tops.append(top)
+            shares.append(heaviest * (own.sum(axis=1) / np.maximum(heaviest.sum(axis=1), 1e-300))[:, None])
+        share = np.concatenate(shares, axis=1)
+        return np.concatenate(tops, axis=1), np.asarray(share / share.sum(axis=1, keepdims=True))
 
     def _expected_gain(
         self, levels: FloatArray, row: NDArray[np.intp], top: NDArray[np.intp], share: FloatArray
