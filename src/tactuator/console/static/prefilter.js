@@ -93,7 +93,8 @@ export class Prefilter {
     if (!found) return;
     const { frequency_hz: hz, wanted_db, given_db, error_db, curve, own, allowed_db: allowed } = found;
     const line = ({ points }) => ({ x: points.map(([at]) => at), y: points.map(([, level]) => level) });
-    const drawn = this.own.points || this.own.file;
+    const drawn = this.own.points || this.own.file, focused = this.points.indexOf(document.activeElement);
+    if (focused >= 0) this.focused = focused; // a chart that is made anew takes its handles off the page for a moment
     this.curve.show([
       ...(drawn ? [{ name: `${own.name}, the display’s own`, hue: "kept", dash: [2, 3], ...line(own) }] : []),
       ...(this.personal ? [{ name: `${this.personal.name}, ${this.personal.provenance}`, hue: "sense", dash: [7, 3], ...line(this.personal) }] : []),
@@ -124,6 +125,8 @@ export class Prefilter {
       node.setAttribute("aria-valuenow", level.toFixed(1));
       node.setAttribute("aria-valuetext", `${level.toFixed(1)} dB re 1 µm`);
     });
+    if (this.focused !== undefined && document.activeElement === document.body) this.points[this.focused]?.focus();
+    this.focused = undefined;
   }
 
   handle() {
