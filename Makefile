@@ -1,11 +1,11 @@
 # Everything starts here: `make reproduce` and `make test` set up what they need. `make help` lists the rest.
 PYTHON ?= python3
-WORKERS ?= 2
+WORKERS ?= 3
 ARGS ?=
 CC ?= cc
 CORE_FLAGS = -std=c99 -O2 -ffp-contract=off -Wall -Wextra -Wpedantic -Wshadow -Werror
 BIN = .venv/bin
-# One core for each test worker; results that do not depend on how many threads a machine has.
+# One core for each test worker (some wait for boards and pages, so a third has room on two cores); results that do not depend on how many threads a machine has.
 TEST_ENV = OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
 .PHONY: help python install reproduce test check check-slow check-all lint types contract core-warnings soak bench docs readme \

@@ -33,7 +33,7 @@ _FINE_NODES, _FINE_WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
 _FINE_WEIGHTS = _FINE_WEIGHTS / _FINE_WEIGHTS.sum()
 """Nodes for learning are finer: psi rises within a few decibels, and a marginal may be twenty wide."""
 
-_CHOOSING_COMPONENTS = 12
+_CHOOSING_COMPONENTS = 24
 """Number of components that choose a trial: the heaviest of every lapse rate."""
 _CHOOSING_POWER = 0.5
 """Power of the weights where trials are chosen, so that a kind not ruled out still counts."""
