@@ -15,7 +15,7 @@ from tactuator.wordlength.buildable import built
 
 ROOT = Path(__file__).resolve().parents[3]
 FLAGS = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror"]
-PARTS = ("arithmetic", "control", "wire")
+PARTS = ("arithmetic", "control", "wire", "touch")
 
 pytestmark = pytest.mark.slow
 
