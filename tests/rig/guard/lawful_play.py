@@ -14,7 +14,7 @@ from tactuator.runtime.simulated_board import simulated_board_bytes
 from tests.rig.guard.guarded import designed
 
 ROOT = Path(__file__).resolve().parents[3]
-_PARTS = ("arithmetic", "board", "control", "display", "link", "wire")
+_PARTS = ("arithmetic", "board", "control", "display", "link", "touch", "wire")
 _FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror")
 
 
