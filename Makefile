@@ -40,7 +40,7 @@ test: check ## everything that must hold: style, types, floors, warnings, tests
 
 check-slow: install-test install-site ## what takes minutes: a minute of fuzzing, packing, installing for real, the site
 	$(PYTHON) tools/system.py slow
-	$(TEST_ENV) $(BIN)/python -m pytest -m slow -n $(WORKERS) $(ARGS)
+	$(TEST_ENV) $(BIN)/python -m pytest -m "slow and not soak" -n $(WORKERS) $(ARGS)
 
 check-all: check install-site ## both in one run, as CI does: what waits in one overlaps with the other
 	$(PYTHON) tools/system.py slow

