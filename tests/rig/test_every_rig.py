@@ -20,7 +20,12 @@ from tests.runtime import paper_display
 AnyRig = SimulatedRig | BoardRig
 
 
-@pytest.fixture(scope="module", params=list(RIGS))
+#: These wait much: the board at a socket is in the quick tests of tests/rig/board, the other emulated board here.
+_SLOW = ("board:socket", "emulated:mps2-an386")
+_NAMES = [pytest.param(name, marks=pytest.mark.slow if name in _SLOW else ()) for name in RIGS]
+
+
+@pytest.fixture(scope="module", params=_NAMES)
 def opened(request):
     with RIGS[request.param](designed().display) as rig:
         yield rig
@@ -50,7 +55,7 @@ def test_rig__opened__is_one_at_the_displays_rate_with_its_channels(rig: AnyRig)
     assert rig.channels == ("index", "thumb", "middle")
 
 
-@pytest.mark.parametrize("name", RIGS)
+@pytest.mark.parametrize("name", _NAMES)
 def test_play__before_any_controller__is_refused(name: str) -> None:
     with RIGS[name](designed().display) as rig:
         with pytest.raises(BadInput, match="no controller is loaded; allowed: load one before playing a reference"):

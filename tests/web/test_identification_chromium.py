@@ -240,7 +240,7 @@ def _file_and_key(found: re.Match[str]) -> str:
     return f'file = "{LABELS[int(found[1]) % 4]}.wav"\nkey = "{keys[int(found[1])]}"'
 
 
-@pytest.mark.parametrize("count", [2, 3, 9, 12, 30])
+@pytest.mark.parametrize("count", [*(pytest.param(few, marks=pytest.mark.slow) for few in (2, 3, 9)), 12, 30])
 def test_responses__two_to_thirty__fit_phone_and_laptop(serve, browser, count) -> None:
     server = serve(many(count))
     page = browser.new_page(viewport=LAPTOP)
@@ -302,6 +302,7 @@ new MutationObserver((changes) => {
 """
 
 
+@pytest.mark.slow
 def test_tab__opened_twice__goes_on_in_the_newer_with_the_same_trial(serve, browser) -> None:
     text = protocol_text(training=0, test=2, labels=LABELS)
     server = serve(text)
