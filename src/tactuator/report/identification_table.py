@@ -38,10 +38,10 @@ def identification_rows(found: Identification, about: Mapping[str, str]) -> Iter
     for words, value in _circumstances(found, about):
         yield words, value, ""
     if found.friction is not None:
-        command, position = model.command_unit, model.position_unit
+        command, position = f"{model.command_unit} of command".strip(), f"{model.position_unit} of position".strip()
         level = with_error(found.friction.coulomb, found.friction.confidence)
-        yield f"Coulomb friction ({command} of command)", *level
-        yield f"presliding distance ({position} of position)", f"{found.friction.presliding:.3g}", ""
+        yield f"Coulomb friction ({command})", *level
+        yield f"presliding distance ({position})", f"{found.friction.presliding:.3g}", ""
 
 
 def _circumstances(found: Identification, about: Mapping[str, str]) -> Iterator[tuple[str, str]]:
