@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
+
+from tactuator.errors import BadInput
 
 if TYPE_CHECKING:
     from tactuator.console.workshop import Workshop
@@ -13,6 +15,7 @@ Count = Annotated[int, Field(ge=0, lt=2**53, strict=True)]
 Name = Annotated[str, StringConstraints(max_length=200)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Answer = dict[str, Any]
+Asked = TypeVar("Asked")
 
 
 class PageRequest(BaseModel):
@@ -28,3 +31,13 @@ class ViewRequest(PageRequest):
     def answer(self, workshop: Workshop) -> Answer:
         """Return what the page is to show, plain JSON. Raises TactuatorError in words for what cannot be done."""
         raise NotImplementedError
+
+
+def checked_request(requests: TypeAdapter[Asked], text: str) -> Asked:
+    """Return the request that a page's text holds. Raises BadInput, naming the key, for anything else."""
+    try:
+        return requests.validate_json(text)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        where = ".".join(str(part) for part in first["loc"]) or "message"
+        raise BadInput(f"{where}: {first['msg']}; allowed: a request of the console's page") from None

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter
 
-from tactuator.console.asked import Finite, Name, PageRequest
+from tactuator.console.asked import Finite, Name, PageRequest, checked_request
 from tactuator.console.views.display_text import DisplayTextRequest
 from tactuator.console.views.identify import IdentifyRequest
 from tactuator.console.views.prefilter import PrefilterRequest
 from tactuator.console.views.speech import SpeechRequest
-from tactuator.errors import BadInput
 
 CHANNELS_MAX = 64
 
@@ -89,9 +88,4 @@ _REQUEST: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discrimina
 
 def request_of(text: str) -> Request:
     """Return a request. Raises BadInput, naming the key, for anything else."""
-    try:
-        return _REQUEST.validate_json(text)
-    except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        where = ".".join(str(part) for part in first["loc"]) or "message"
-        raise BadInput(f"{where}: {first['msg']}; allowed: a request of the console's page") from None
+    return checked_request(_REQUEST, text)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
-from tactuator.console.asked import Count, Finite, Name
+from tactuator.console.asked import Count, Finite, Name, checked_request
 from tactuator.console.messages import CHANNELS_MAX
-from tactuator.errors import BadInput
 
 _Channels = Annotated[list[Name], Field(max_length=CHANNELS_MAX, min_length=1)]
 _Frequency = Annotated[Finite, Field(gt=0.0, le=1e5)]
@@ -127,9 +126,4 @@ _REQUEST: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discrimina
 
 def request_of(text: str) -> Request:
     """Return a request. Raises BadInput, naming the key, for anything else."""
-    try:
-        return _REQUEST.validate_json(text)
-    except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        where = ".".join(str(part) for part in first["loc"]) or "message"
-        raise BadInput(f"{where}: {first['msg']}; allowed: a request of the console's page") from None
+    return checked_request(_REQUEST, text)
