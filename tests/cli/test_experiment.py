@@ -9,6 +9,7 @@ from tactuator.cli.main import main
 from tactuator.experiment.protocol.file import parse_identification
 from tactuator.experiment.session.identification_plan import block_trials
 from tactuator.experiment.store.lock import sessions_of
+from tactuator.experiment.store.store import Store
 from tactuator.files.controller import write_controller
 from tests.experiment.session.apparatuses import PROTOCOL
 from tests.experiment.session.identifying import controller, items, protocol_text  # noqa: F401
@@ -154,3 +155,28 @@ def test_serve__sessions_are_run_already__is_refused_in_one_line(tmp_path, capsy
     assert told.count("\n") == 1
     assert "its sessions are run by process" in told
     assert not (tmp_path / "lab.db").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["observe", "mains.toml"], "60 Hz is 0 Hz from the mains line"),
+        (["serve", "mains.toml", "--port", "0"], "60 Hz is 0 Hz from the mains line"),
+        (["identify", "words.toml", "--subject", "S9", "--scripted-error", "0"], "subject 'S9' is not in the study"),
+    ],
+)
+def test_experiment__study_that_cannot_be__leaves_no_store_but_one_that_was_there(
+    words, capsys, arguments, told
+) -> None:
+    (words / "mains.toml").write_text(SHORT.replace("[30, 90, 210]", "[30, 60, 210]"))
+    (words / "words.toml").write_text(protocol_text())
+    before = {path.name for path in words.iterdir()}
+    command = ["experiment", *arguments, "--controller", "controller.json", "--store", "lab.db"]
+    assert main(command) == 2
+    said = capsys.readouterr().err
+    assert told in said
+    assert said.count("\n") == 1
+    assert {path.name for path in words.iterdir()} == before
+    Store(words / "lab.db").close()
+    assert main(command) == 2
+    assert {path.name for path in words.iterdir()} == before | {"lab.db"}

@@ -26,6 +26,7 @@ from tactuator.experiment.session.respondent import run_session
 from tactuator.experiment.session.studies import open_session, open_study, task_of
 from tactuator.experiment.simulated.respondents import ErringRespondent
 from tactuator.experiment.store.lock import sessions_of
+from tactuator.experiment.store.opening import opened_store
 from tactuator.experiment.store.run_records import Sitting
 from tactuator.experiment.store.store import Store
 from tactuator.files.matrix import read_matrix
@@ -49,8 +50,7 @@ def identify_items(
     speed = 1.0 if scripted_error is None else None
     with sessions_of(store), opened_apparatus(rig, display, controller, seed, speed) as place:
         task, clock = task_of(read, protocol.parent, place), SystemClock()
-        database = Store(store)
-        try:
+        with opened_store(store) as database:
             study = open_study(database, task, text, clock, fresh_token, beside=protocol.parent)
             presented = PresentedSession(
                 open_session(study, code, sitting=Sitting("person" if scripted is None else "script"))
@@ -59,8 +59,6 @@ def identify_items(
                 bar = bars.add_task(code, total=sum(run.trials or 0 for run in presented.session.runs))
                 respondent = scripted or Terminal(task.question, task.words)
                 trials = run_session(presented, respondent, lambda session: bars.update(bar, completed=session.trials))
-        finally:
-            database.close()
     table = Table("subject", "trials answered now")
     table.add_row(code, str(trials))
     answer({"subject": code, "trials": trials, "store": str(store)}, as_json, table)

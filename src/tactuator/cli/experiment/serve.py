@@ -6,6 +6,7 @@ import os
 import secrets
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 
 import uvicorn
@@ -18,7 +19,7 @@ from tactuator.experiment.session.clock import SystemClock
 from tactuator.experiment.session.studies import open_study, task_of
 from tactuator.experiment.store.cells import Found
 from tactuator.experiment.store.lock import sessions_of
-from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.opening import opened_store
 from tactuator.web.address import Address
 from tactuator.web.app import build_app
 from tactuator.web.lab import Lab
@@ -43,39 +44,28 @@ def serve(
     a simulated display are shown on the page. Raises BadInput where another process runs the sessions of the store.
     """
     with sessions_of(store_path):
-        _serve(protocol_path, store_path, apparatus, address, token_file, auto_start, amend, show)
+        operator_token = _operator_token(token_file)
+        protocol, text = read_any_protocol(protocol_path)
+        task = task_of(protocol, protocol_path.parent, apparatus)
+        with closing(address.listen()) as sock, opened_store(store_path) as store:
+            study = open_study(store, task, text, SystemClock(), fresh_token, amend, protocol_path.parent)
+            lab = Lab(study, auto_start, "seen or heard" if show and apparatus.simulated else "")
+            server = uvicorn.Server(address.config(build_app(lab, operator_token), time.monotonic))
+            _tell(lab, address, address.base_url(sock), operator_token)
+            try:
+                server.run(sockets=[sock])
+            finally:
+                lab.close()
 
 
-def _serve(
-    protocol_path: Path,
-    store_path: Path,
-    apparatus: Apparatus,
-    address: Address,
-    token_file: Path | None,
-    auto_start: bool,
-    amend: str | None,
-    show: bool,
-) -> None:
-    operator_token = _operator_token(token_file)
-    protocol, text = read_any_protocol(protocol_path)
-    task = task_of(protocol, protocol_path.parent, apparatus)
-    sock = address.listen()
-    store, clock = Store(store_path), SystemClock()
-    study = open_study(store, task, text, clock, fresh_token, amend, protocol_path.parent)
-    lab = Lab(study, auto_start, "seen or heard" if show and apparatus.simulated else "")
-    server = uvicorn.Server(address.config(build_app(lab, operator_token), time.monotonic))
-    base = address.base_url(sock)
+def _tell(lab: Lab, address: Address, base: str, operator_token: str) -> None:
+    """Write the addresses to standard error."""
     lines = [f"operator: {base}/operator#{operator_token}"]
     lines += [f"{_who(row)}: {base}/s/{row.link_token}" for row in lab.sessions]
     if address.warning:
         lines.append(address.warning)
     sys.stderr.write("\n".join(lines) + "\n")
     sys.stderr.flush()
-    try:
-        server.run(sockets=[sock])
-    finally:
-        lab.close()
-        store.close()
 
 
 def _operator_token(path: Path | None) -> str:

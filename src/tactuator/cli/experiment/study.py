@@ -19,6 +19,7 @@ from tactuator.experiment.protocol.file import read_protocol
 from tactuator.experiment.session.clock import SystemClock
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
 from tactuator.experiment.store.lock import sessions_of
+from tactuator.experiment.store.opening import opened_store
 from tactuator.experiment.store.store import Store
 from tactuator.rig.touchable import touchable
 from tactuator.web.address import Address
@@ -78,7 +79,7 @@ def observe(
         def show(name: str, share: float) -> None:
             bars.update(task, completed=round(1000 * (at[name] + share)))
 
-        with closing(Store(store)) as database:
+        with opened_store(store) as database:
             run_study(database, read, text, place, observers, SystemClock(), load, show)
     true = [
         {"subject": subject.code, "frequency_hz": hertz, "true_db_re_1um": float(one.curve.level_db_re_1um_at(hertz))}
