@@ -27,7 +27,7 @@
 
 #include "control/controller.h"
 #include "control/controller_q31.h"
-#include "touch/touch.h"
+#include "touch/table.h"
 
 enum { TACT_CHANNELS_MAX = 4, TACT_NAME_SIZE = 16, TACT_HASH_SIZE = 32 };
 enum { TACT_IMAGE_VERSION = 3, TACT_IMAGE_MAGIC = 0x49434154, TACT_IMAGE_MAX = 4096 };

@@ -1,7 +1,7 @@
 #include "board/period.h"
 
 #include "board/fade.h"
-#include "touch/adaptive.h"
+#include "touch/adaptive_controller.h"
 
 /* What acts seldom stays out of the way of what every tick does: its calls would cost the others registers. */
 #define SELDOM static __attribute__((noinline))

@@ -1,6 +1,6 @@
 #include "display/closed_loop.h"
 
-#include "touch/adaptive.h"
+#include "touch/adaptive_controller.h"
 
 static int32_t zero_code(const tact_closed_loop *loop)
 {

@@ -19,7 +19,7 @@
 
 #include "control/controller.h"
 #include "display/display.h"
-#include "touch/touch.h"
+#include "touch/table.h"
 
 enum { TACT_DELAY_MAX = 8 };
 enum { TACT_SATURATED_POSITION = 1, TACT_SATURATED_COMMAND = 2, TACT_BROKEN = 4 };

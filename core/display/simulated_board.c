@@ -1,6 +1,6 @@
 #include "display/simulated_board.h"
 
-#include "display/touch.h"
+#include "display/finger_request.h"
 
 #include "wire/bytes.h"
 #include "wire/crc32.h"

@@ -10,7 +10,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 ARITHMETIC = (
     "arithmetic/converter arithmetic/finite arithmetic/float_pair arithmetic/noise arithmetic/section "
-    "control/controller control/controller_q31 arithmetic/section_q31 touch/touch touch/adaptive"
+    "control/controller control/controller_q31 arithmetic/section_q31 "
+    "touch/table touch/learning touch/feed_forward touch/adaptive_controller"
 )
 DISPLAY = "display/closed_loop display/display display/friction display/hum display/plant"
 LANES = "lanes/lanes lanes/lanes_baseline lanes/lanes_avx2 lanes/lanes_avx512"

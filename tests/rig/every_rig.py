@@ -10,7 +10,7 @@ import numpy as np
 from tactuator.display.description import Display
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
-from tactuator.rig.boards import emulated_rig, in_process_rig
+from tactuator.rig.board_rigs import emulated_rig, in_process_rig
 from tactuator.rig.open import open_rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport.transport import InProcess

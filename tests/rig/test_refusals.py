@@ -9,7 +9,7 @@ from tactuator.errors import BadInput
 from tactuator.rig.board.link import STREAM, LinkClient, Mode
 from tactuator.rig.board.tones import BoardTone
 from tactuator.rig.board_check.streaming_check import check_streaming
-from tactuator.rig.boards import in_process_rig
+from tactuator.rig.board_rigs import in_process_rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport.transport import LinkDown
 from tactuator.runtime._core import lib

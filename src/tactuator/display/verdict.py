@@ -11,14 +11,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-OBJECTIVES = {
-    "i": "|H| follows the threshold curve over the band, without load",
-    "ii": "every mains line is felt below threshold",
-    "iii": "noise is felt below threshold in every third octave, and no resonance stands out",
-    "iv": "a finger's load does not change |H| at low frequencies",
-    "build": "a board takes the controller as an image",
-}
-"""The paper's four objectives (its section 2), and what a controller needs besides to run on a board."""
+from tactuator.display.objectives import OBJECTIVES
 
 
 class Outcome(StrEnum):

@@ -1,78 +1,72 @@
-"""Boards as rigs: in the emulator, in this process, or at a port."""
+"""Boards that there are: each has a folder of firmware/, whose board.toml says what the tools must know of it."""
 
 from __future__ import annotations
 
-from tactuator.display.description import Display
-from tactuator.rig.board.link import LinkClient
-from tactuator.rig.board.rig import BoardRig
-from tactuator.rig.transport.emulator import emulator
-from tactuator.rig.transport.serial import SerialPort
-from tactuator.rig.transport.socket import SCHEME, connect
-from tactuator.rig.transport.transport import InProcess, Transport
-from tactuator.runtime.simulated_board import simulated_board_bytes
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
 
-_EMULATED_ANSWER_S = 10.0
-_SERIAL_ANSWER_S = 1.0
+from tactuator.errors import BadInput
+
+CHECKOUT = Path(__file__).resolve().parents[3]
+_PACKED = Path(__file__).resolve().parents[1] / "sources"
+ROOT = _PACKED if _PACKED.is_dir() else CHECKOUT
+"""The folder with core/ and firmware/: the checkout's, or in a package that was installed from a wheel its own."""
+NO_SOURCES = "the firmware's sources are not in this installation; allowed: a wheel, or a checkout of the repository"
+"""Told where core/ and firmware/ are missing."""
 
 
-def emulated_rig(
-    board: str,
-    display: Display,
-    seed: int = 0,
-    number_format: str = "float32",
-    counting: str | None = "shift=3,sleep=off",
-) -> BoardRig:
-    """Return a rig of `display`, simulated, on a board of the emulator ("mps2-an500"). Raises BadInput if QEMU or the
-    cross-compiler is missing.
+@dataclass(frozen=True)
+class Board:
+    """A board: what the compiler and the linker are told, and what the emulator calls it.
+
+    folder: its own, in firmware/, where board.toml has the other keys; `script` there is the linker's. rows: of the
+    rings for stream and trace, a power of two. machine: QEMU's name, where the timer counts at `timer_hz`; its link is
+    the emulator's serial port number `serial`. has_fifos: in the emulator it can be reached over FIFOs as well.
+    is_real: it can be bought, and has a program for the board itself.
     """
-    return simulated_board_rig(emulator(board, counting), display, seed, number_format)
+
+    name: str
+    describes: str
+    processor: str
+    floating_point: str
+    folder: str
+    script: str
+    rows: int
+    machine: str
+    timer_hz: float
+    serial: int = 0
+    has_fifos: bool = False
+    is_real: bool = False
+
+    def parts(self, emulated: bool) -> tuple[str, ...]:
+        """Return the folders of firmware/ whose files the program is made of, besides what is for every board."""
+        own = (self.folder, f"{self.folder}/{'emulated' if emulated else 'silicon'}")
+        return ("cortex_m", "emulated", *own) if emulated else ("cortex_m", *own)
 
 
-def in_process_rig(display: Display, seed: int = 0, number_format: str = "float32") -> BoardRig:
-    """Return a rig with the same board and link in this very process, with which the emulated ones are compared."""
-    return simulated_board_rig(InProcess(), display, seed, number_format)
+def read_boards(firmware: Path) -> dict[str, Board]:
+    """Return the boards of every board.toml in the folders of `firmware`, by name; none where there is no such file.
 
-
-def simulated_board_rig(transport: Transport, display: Display, seed: int, number_format: str) -> BoardRig:
-    """Return the rig of a board with a simulated display behind any transport; it is closed again if it cannot be set
-    up.
+    Raises BadInput if a file is no TOML, or a board has a key that is not known or lacks one.
     """
-    client = LinkClient(transport, _EMULATED_ANSWER_S)
-    try:
-        rig = BoardRig(client, display, number_format)
-        content, loads = simulated_board_bytes(display, seed)
-        rig.simulate(content, loads)
-    except BaseException:
-        client.close()
-        raise
-    return rig
+    found = {}
+    for path in sorted(firmware.glob("*/board.toml")):
+        try:
+            tables = tomllib.loads(path.read_text(encoding="utf-8"))
+            found.update({name: Board(name=name, folder=path.parent.name, **keys) for name, keys in tables.items()})
+        except (tomllib.TOMLDecodeError, TypeError) as error:
+            raise BadInput(f"{path}: {error}; allowed: a table for each board, with the keys of Board") from error
+    return found
 
 
-def serial_rig(url: str, display: Display, seed: int = 0) -> BoardRig:
-    """Return the rig of `display` on the board at `url`, a serial port or socket://host:port. A board whose display is
-    simulated gets this one, with `seed`.
-    """
-    client = _at(url)
-    try:
-        rig = BoardRig(client, display)
-        rig.off()  # whoever was here before may have left it running
-        if client.status().allows_hold:
-            rig.simulate(*simulated_board_bytes(display, seed))
-    except BaseException:
-        client.close()
-        raise
-    return rig
+BOARDS = read_boards(ROOT / "firmware")
 
 
-def acknowledge_faults(url: str) -> int:
-    """Tell the board at `url` that a person knows of its sensor and travel faults; give how many there were."""
-    client = _at(url)
-    try:
-        return client.acknowledge()
-    finally:
-        client.close()
-
-
-def _at(url: str) -> LinkClient:
-    transport: Transport = connect(url) if url.startswith(SCHEME) else SerialPort(url)
-    return LinkClient(transport, _SERIAL_ANSWER_S)
+def find_board(name: str) -> Board:
+    """Return the board of that name. Raises BadInput if there is none."""
+    if not BOARDS:
+        raise BadInput(NO_SOURCES)
+    if name not in BOARDS:
+        raise BadInput(f"board {name!r} is not known; allowed: {', '.join(BOARDS)}")
+    return BOARDS[name]

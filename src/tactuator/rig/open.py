@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from tactuator.display.description import Display
 from tactuator.errors import BadInput
-from tactuator.rig.boards import emulated_rig, in_process_rig, serial_rig
-from tactuator.rig.program import BOARDS
+from tactuator.rig.board_rigs import emulated_rig, in_process_rig, serial_rig
+from tactuator.rig.boards import BOARDS
 from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.sound.open import sound_rig

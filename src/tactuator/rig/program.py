@@ -1,4 +1,4 @@
-"""Programs of boards: the boards that there are, and their programs built from core/ and firmware/."""
+"""Programs of boards, built from core/ and firmware/."""
 
 from __future__ import annotations
 
@@ -7,15 +7,11 @@ import os
 import shutil
 import subprocess
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 
 from tactuator.errors import BadInput
+from tactuator.rig.boards import CHECKOUT, NO_SOURCES, ROOT, Board, find_board
 
-_CHECKOUT = Path(__file__).resolve().parents[3]
-_PACKED = Path(__file__).resolve().parents[1] / "sources"
-ROOT = _PACKED if _PACKED.is_dir() else _CHECKOUT
-"""The folder with core/ and firmware/: the checkout's, or in a package that was installed from a wheel its own."""
 COMPILER = "arm-none-eabi-gcc"
 OBJCOPY, SIZE = "arm-none-eabi-objcopy", "arm-none-eabi-size"
 FLAGS = (
@@ -28,62 +24,11 @@ _HOST_ALONE = ("core/lanes", "core/host", "core/display/closed_loop")
 """Parts of core/ for many loops at once and for identification: no board has a use for them."""
 
 
-@dataclass(frozen=True)
-class Board:
-    """A board: what the compiler and the linker are told, and what the emulator calls it.
-
-    folder: its own, in firmware/; `script` there is the linker's. rows: of the rings for stream and trace, a power of
-    two. machine: QEMU's name, where the timer counts at `timer_hz`; its link is the emulator's serial port number
-    `serial`. has_fifos: in the emulator it can be reached over FIFOs as well. is_real: it can be bought, and has a
-    program for the board itself.
-    """
-
-    name: str
-    describes: str
-    processor: str
-    floating_point: str
-    folder: str
-    script: str
-    rows: int
-    machine: str
-    timer_hz: float
-    serial: int = 0
-    has_fifos: bool = False
-    is_real: bool = False
-
-    def parts(self, emulated: bool) -> tuple[str, ...]:
-        """Return the folders of firmware/ whose files the program is made of, besides what is for every board."""
-        own = (self.folder, f"{self.folder}/{'emulated' if emulated else 'silicon'}")
-        return ("cortex_m", "emulated", *own) if emulated else ("cortex_m", *own)
-
-
-BOARDS: dict[str, Board] = {
-    board.name: board
-    for board in (
-        Board("mps2-an386", "Cortex-M4F", "cortex-m4", "fpv4-sp-d16", "mps2", "mps2.ld", 4096, "mps2-an386",
-              25e6, has_fifos=True),
-        Board("mps2-an500", "Cortex-M7", "cortex-m7", "fpv5-d16", "mps2", "mps2.ld", 4096, "mps2-an500",
-              25e6, has_fifos=True),
-        Board("stm32f405", "STM32F405, Cortex-M4F", "cortex-m4", "fpv4-sp-d16", "stm32f405", "stm32f405.ld", 1024,
-              "netduinoplus2", 168e6, serial=2, is_real=True),
-    )
-}  # fmt: skip
-
-
-def find_board(name: str) -> Board:
-    """Return the board of that name. Raises BadInput if there is none."""
-    if name not in BOARDS:
-        raise BadInput(f"board {name!r} is not known; allowed: {', '.join(BOARDS)}")
-    return BOARDS[name]
-
-
 def sources(board: Board, emulated: bool = True) -> list[Path]:
     """Return every file that a board's program is made of. Raises BadInput where they are not beside the package."""
     core, firmware = ROOT / "core", ROOT / "firmware"
     if not (core.is_dir() and firmware.is_dir()):
-        raise BadInput(
-            "the firmware's sources are not in this installation; allowed: a wheel, or a checkout of the repository"
-        )
+        raise BadInput(NO_SOURCES)
     every = [path for path in core.rglob("*") if not str(path.relative_to(ROOT)).startswith(_HOST_ALONE)]
     for part in ("", *board.parts(emulated)):
         every += (firmware / part).glob("*")
@@ -167,6 +112,6 @@ def _digest(board: Board, files: list[Path], flags: tuple[str, ...]) -> str:
 
 def _cache() -> Path:
     folder = ROOT / "build" / "firmware"
-    if ROOT == _CHECKOUT and os.access(ROOT, os.W_OK):
+    if ROOT == CHECKOUT and os.access(ROOT, os.W_OK):
         return folder
     return Path(tempfile.gettempdir()) / f"tactuator-firmware-{os.getuid()}"

@@ -1,4 +1,4 @@
-"""Figures of the core's feed-forward for a finger (core/touch/touch.h), from a controller's model."""
+"""Figures of the core's feed-forward for a finger (core/touch/feed_forward.h), from a controller's model."""
 
 from __future__ import annotations
 

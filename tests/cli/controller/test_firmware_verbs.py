@@ -14,7 +14,8 @@ from tactuator.display.description import Display
 from tactuator.files.controller import write_controller
 from tactuator.rig import program
 from tactuator.rig.board_check.period_check import PeriodCheck
-from tactuator.rig.program import BOARDS, build_firmware
+from tactuator.rig.boards import BOARDS
+from tactuator.rig.program import build_firmware
 from tactuator.rig.transport import emulator
 from tests.cli.controller.controller_files import paper_file
 from tests.cli.refusals import refused

@@ -5,12 +5,12 @@ from itertools import pairwise
 import pytest
 
 from tactuator.errors import BadInput
+from tactuator.experiment.procedure.kinds import PriorPart, QuestPlusProcedure, UpDownProcedure
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule
 from tactuator.experiment.procedure.up_down import UpDownRule
 from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
 from tactuator.experiment.protocol.file import parse_protocol, read_protocol
 from tactuator.experiment.protocol.plan import latin_square, plan_runs, run_seed
-from tactuator.experiment.protocol.procedures import PriorPart, QuestPlusProcedure, UpDownProcedure
 from tests.experiment.session.apparatuses import PROTOCOL
 
 
@@ -91,7 +91,7 @@ def test_run_seed__attempt_or_subject__makes_another() -> None:
 def test_procedure__named_in_the_file__is_built(kind: str) -> None:
     start, end = PROTOCOL.index("[procedure]"), PROTOCOL.index("[conditions]")
     protocol = parse_protocol(PROTOCOL[:start] + f'[procedure]\nkind = "{kind}"\n' + PROTOCOL[end:])
-    placement = protocol.procedure.build(protocol.forced_choice(), (0.4, 300.0)).placement()
+    placement = protocol.fresh_run((0.4, 300.0)).placement()
     assert placement is not None
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tactuator.rig.program import BOARDS, build_firmware
+from tactuator.rig.boards import BOARDS
+from tactuator.rig.program import build_firmware
 from tests.repository.installed.conftest import ROOT, Installation
 from tools import wheel as maker
 

@@ -9,7 +9,7 @@ from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.display.touch import Touch
 from tactuator.rig.board.commissioning import ADAPTIVE_DB, safety_table
-from tactuator.rig.boards import in_process_rig
+from tactuator.rig.board_rigs import in_process_rig
 from tactuator.signals.decibels import db
 from tests.runtime.paper_display import channel, display
 from tests.runtime.test_touch import SECOND, adaptive, tones

@@ -8,7 +8,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.rig.board.link import Mode, RigFault
-from tactuator.rig.boards import emulated_rig, in_process_rig, simulated_board_rig
+from tactuator.rig.board_rigs import emulated_rig, in_process_rig, simulated_board_rig
 from tactuator.rig.open import open_rig
 from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig

@@ -12,7 +12,8 @@ import subprocess
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tactuator.rig.program import ROOT, _command, find_board, sources
+from tactuator.rig.boards import ROOT, find_board
+from tactuator.rig.program import _command, sources
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ import pytest
 from tactuator.errors import DeviceFault, TactuatorError
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board_check.period_check import check_period
-from tactuator.rig.boards import simulated_board_rig
-from tactuator.rig.program import BOARDS
+from tactuator.rig.board_rigs import simulated_board_rig
+from tactuator.rig.boards import BOARDS
 from tactuator.rig.transport.emulator import Emulator
 from tactuator.rig.transport.transport import LinkDown
 from tactuator.runtime.image import FORMATS

@@ -9,7 +9,7 @@ import typer
 
 from tactuator.cli.deferred import Verbs, does
 from tactuator.cli.options import AsJson, ControllerOption, FiguresOption, Seed
-from tactuator.rig.program import BOARDS
+from tactuator.rig.boards import BOARDS
 
 BoardOption = Annotated[str, typer.Option("--board", help=f"Board: {', '.join(BOARDS)}.")]
 

@@ -282,7 +282,7 @@ def _refit(text: str) -> dict[str, object]:
     protocol = parse_any_protocol(text)
     if not isinstance(protocol, Protocol) or protocol.procedure.kind == "curve":
         return {}
-    procedure = protocol.procedure.build(protocol.forced_choice(), Playable())
+    procedure = protocol.fresh_run(Playable())
     return {"refit": refit_prior(protocol.forced_choice().guess, procedure).settings()}
 
 

@@ -6,8 +6,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from tactuator.experiment.protocol.study import Part, StudyProtocol, each_once
+from tactuator.experiment.part import Part
 from tactuator.experiment.protocol.study import Seconds as BreakSeconds
+from tactuator.experiment.protocol.study import StudyProtocol, each_once
 
 Paradigm = Literal["identification", "middle-of-three", "abx"]
 Seconds = Annotated[float, Field(ge=0.0, le=60.0, allow_inf_nan=False)]

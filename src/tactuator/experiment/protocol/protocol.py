@@ -6,10 +6,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from tactuator.experiment.part import Part, Positive
+from tactuator.experiment.procedure.kinds import AnyProcedure, Level
 from tactuator.experiment.procedure.practice import Practice
-from tactuator.experiment.procedure.procedure import Playable
-from tactuator.experiment.protocol.procedures import AnyProcedure, Level
-from tactuator.experiment.protocol.study import Part, Positive, Seconds, StudyProtocol
+from tactuator.experiment.procedure.procedure import Playable, Procedure
+from tactuator.experiment.protocol.study import Seconds, StudyProtocol
 from tactuator.experiment.trial.marks import Marks
 from tactuator.experiment.trial.stimulus import Masker
 from tactuator.experiment.trial.timing import Timing
@@ -143,12 +144,16 @@ class Protocol(StudyProtocol):
         self.forced_choice()
         if self.marks is not None:
             self.marks.build()
-        self.procedure.build(self.forced_choice(), Playable())
+        self.fresh_run(Playable())
         return self
 
     def forced_choice(self) -> ForcedChoice:
         """Return the paradigm that the table describes."""
         return ForcedChoice(self.paradigm.intervals)
+
+    def fresh_run(self, playable: Playable) -> Procedure:
+        """Return a fresh run of the procedure, over what can be played."""
+        return self.procedure.build(self.forced_choice().guess, playable)
 
     def practice(self, frequency_hz: float) -> Practice:
         """Return a fresh practice run at that frequency."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
+from pydantic import Field, StringConstraints, model_validator
 
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+from tactuator.experiment.part import Part, Positive
+
 Seconds = Annotated[float, Field(ge=0.0, le=86400.0, allow_inf_nan=False)]
 Celsius = Annotated[float, Field(gt=0.0, lt=50.0)]
 Group = Literal["hearing", "hearing-impaired", "simulated", "unknown"]
@@ -15,12 +16,6 @@ Code = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9]{1,32}$")]
 ParticipantId = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9._-]{1,64}$")]
 _NAME_PATTERN = r"^[a-z][a-z0-9_]{0,31}$"
 _SEED_MAX = 2**53
-
-
-class Part(BaseModel):
-    """A table of the protocol file, which allows no key but the known ones."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class StudyPart(Part):
@@ -100,7 +95,7 @@ class SubjectPart(Part):
     group: Group = "unknown"
     participant_id: ParticipantId | None = None
     skin_temperature_c: Celsius | None = None
-    demographics: dict[str, str | float] = {}
+    demographics: dict[str, str | float] = Field(default_factory=dict)
 
 
 class StudyProtocol(Part):

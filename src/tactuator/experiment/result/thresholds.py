@@ -89,7 +89,7 @@ def replayed(run: StoredRun) -> Procedure:
     """
     timing = run.protocol.timing.build()
     playable = Playable((run.run.band_low_hz, run.run.band_high_hz), clearance_hz=timing.clearance_hz(60.0))
-    procedure = run.protocol.procedure.build(run.protocol.forced_choice(), playable)
+    procedure = run.protocol.fresh_run(playable)
     if not isinstance(procedure, WholeCurve):
         for outcome in run.correct[catch_kinds(run) == ""]:
             procedure.record(bool(outcome))

@@ -106,7 +106,7 @@ class DetectionTask:
     def expected(self, planned: PlannedRun) -> tuple[float, float]:
         """Return the approximate number of trials of a run, and how many seconds one of them plays."""
         protocol = self.protocol
-        procedure = protocol.procedure.build(protocol.forced_choice(), self.apparatus.playable(protocol.timing.build()))
+        procedure = protocol.fresh_run(self.apparatus.playable(protocol.timing.build()))
         if planned.practice:
             trials = float(protocol.session.practice_trials)
         elif isinstance(procedure, UpDown):
@@ -126,7 +126,7 @@ class DetectionTask:
             procedure: Procedure = protocol.practice(planned.frequency_hz or 100.0)
         else:
             playable = self.apparatus.playable(protocol.timing.build())
-            procedure = protocol.procedure.build(protocol.forced_choice(), playable)
+            procedure = protocol.fresh_run(playable)
         seed = run_seed(protocol, subject, planned.position, attempt, visit)
         return DetectionCourse(self, planned, procedure, seed)
 

@@ -14,7 +14,8 @@ import time
 from pathlib import Path
 
 from tactuator.errors import BadInput
-from tactuator.rig.program import build_firmware, find_board
+from tactuator.rig.boards import find_board
+from tactuator.rig.program import build_firmware
 from tactuator.rig.transport.socket import SocketLink
 from tactuator.rig.transport.transport import LinkDown
 

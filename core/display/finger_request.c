@@ -1,4 +1,4 @@
-#include "display/touch.h"
+#include "display/finger_request.h"
 
 #include "link/link.h"
 

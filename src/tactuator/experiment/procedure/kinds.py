@@ -1,4 +1,7 @@
-"""The table [procedure] of a protocol file: which procedure places the trials, and its keys."""
+"""Kinds of procedure: the table [procedure] of a protocol file says which one places the trials, with its keys.
+
+Each kind builds a fresh run; `guess` is the share of right answers of somebody who feels nothing.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +9,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from tactuator.experiment.part import Part, Positive
 from tactuator.experiment.procedure.answering import Answering
 from tactuator.experiment.procedure.procedure import Playable, Procedure
 from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule
 from tactuator.experiment.procedure.up_down import IMECE2004, UpDown, UpDownRule
 from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
 from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurve, WholeCurveRule
-from tactuator.experiment.protocol.study import Part, Positive
-from tactuator.experiment.trial.trial import ForcedChoice
 from tactuator.perception.levels import COMFORT_DB_SL
 
 Level = Annotated[float, Field(ge=-60.0, le=COMFORT_DB_SL, allow_inf_nan=False)]
@@ -26,7 +28,7 @@ class ImeceProcedure(Part):
     kind: Literal["imece2004"]
     start_db_sl: Level = 20.0
 
-    def build(self, paradigm: ForcedChoice, playable: Playable) -> Procedure:
+    def build(self, guess: float, playable: Playable) -> Procedure:
         """Return a fresh run of the procedure."""
         return UpDown(IMECE2004, self.start_db_sl)
 
@@ -47,7 +49,7 @@ class UpDownProcedure(Part):
     ceiling_db_sl: Level = COMFORT_DB_SL
     trial_limit: int = 1000
 
-    def build(self, paradigm: ForcedChoice, playable: Playable) -> Procedure:
+    def build(self, guess: float, playable: Playable) -> Procedure:
         """Return a fresh run of the procedure."""
         return UpDown(UpDownRule(**self.model_dump(exclude={"kind", "start_db_sl"})), self.start_db_sl)
 
@@ -63,9 +65,9 @@ class QuestPlusProcedure(Part):
     expected_sd_db: Positive = 15.0
     aim: Literal["threshold", "parameters"] = "threshold"
 
-    def build(self, paradigm: ForcedChoice, playable: Playable) -> Procedure:
+    def build(self, guess: float, playable: Playable) -> Procedure:
         """Return a fresh run of the procedure."""
-        return QuestPlus(QuestPlusRule(**self.model_dump(exclude={"kind"}), guess=paradigm.guess))
+        return QuestPlus(QuestPlusRule(**self.model_dump(exclude={"kind"}), guess=guess))
 
 
 class PriorPart(Part):
@@ -98,15 +100,15 @@ class CurveProcedure(Part):
     ceiling_db_sl: Level = 50.0
     prior: PriorPart = PriorPart()
 
-    def build(self, paradigm: ForcedChoice, playable: Playable) -> Procedure:
+    def build(self, guess: float, playable: Playable) -> Procedure:
         """Return a fresh run over the display's band."""
-        return WholeCurve(self.rule(paradigm, playable))
+        return WholeCurve(self.rule(guess, playable))
 
-    def rule(self, paradigm: ForcedChoice, playable: Playable) -> WholeCurveRule:
+    def rule(self, guess: float, playable: Playable) -> WholeCurveRule:
         """Return the rule of a run over the display's band."""
         own = self.prior.model_dump()
         prior = CurvePrior(playable.band_hz, self.points, playable.mains_hz, playable.clearance_hz, **own)
-        answering = Answering(guess=paradigm.guess)
+        answering = Answering(guess=guess)
         return WholeCurveRule(self.trials, prior, answering, self.floor_db_sl, self.ceiling_db_sl)
 
 

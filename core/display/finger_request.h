@@ -1,6 +1,6 @@
 /* A finger put on the simulated display, or taken off it, and a sensor made to fail: requests that come over the link. */
-#ifndef TACT_TOUCH_H
-#define TACT_TOUCH_H
+#ifndef TACT_FINGER_REQUEST_H
+#define TACT_FINGER_REQUEST_H
 
 #include "display/simulated_board.h"
 #include "wire/bytes.h"

@@ -11,72 +11,19 @@
  * touched, so that no weight can make it unstable. The pushes are those of the time when the command acts, since the
  * model knows yd as far ahead as its command is late.
  *
- * The weights are learnt: what the motor was given (u) less what the reading says of it (y through the plant's inverse)
- * is the finger's force. Both, and the pushes, pass the same three poles; slow parts are taken off; a hum of known
- * frequencies is estimated beside it. Least squares on the pushes, which carry no noise, forget the faster the more
- * there is to learn from, lean towards the designed finger's shape, and are kept within bounds and a slew. Below the
- * gate nothing is learnt, and the weights fade to zero.
- * u_ff beyond its design's bound, or a weight that is no number, sets everything here to zero.
+ * The weights are learnt (learning.h).
+ * u_ff beyond its design's bound sets everything here to zero.
  *
  * Example use, in each sample:
  *   float command_v = C's answer + tact_touch_step(&table, &state, F's answer, position_v);
  *   tact_touch_put(&table, &state, command_v within its limits);
  */
-#ifndef TACT_TOUCH_TOUCH_H
-#define TACT_TOUCH_TOUCH_H
+#ifndef TACT_TOUCH_FEED_FORWARD_H
+#define TACT_TOUCH_FEED_FORWARD_H
 
-#include <stdint.h>
+#include <stddef.h>
 
-#include "arithmetic/section.h"
-
-enum { TACT_TOUCH_FEEDBACK_MAX = 4, TACT_TOUCH_DELAY_MAX = 16, TACT_TOUCH_HUM_MAX = 4 };
-
-#define TACT_TOUCH_SILENT 1e-12f /* volts: less is nothing */
-
-typedef struct {
-    int32_t feedback_count; /* 0: nothing is fed forward */
-    int32_t delay;          /* samples from command to reading, 1 to TACT_TOUCH_DELAY_MAX */
-    int32_t turns, turn;    /* learns in every turns-th sample, first after `turn` of them */
-    int32_t hum_count;
-    tact_section feedback[TACT_TOUCH_FEEDBACK_MAX];
-    float plant[4]; /* b1 b2 a1 a2 of a section with b0 = 0: the position, one sample after the command */
-    float per_sample;            /* 1/T */
-    float drag, spring;          /* the plant's own: volts for a speed, for a place */
-    float mass, damping, stiffness; /* the finger's: a share of the acceleration; volts for a speed, for a place */
-    float corner;                /* of the three poles: 2 pi f T */
-    float force, inverse[3];     /* of what the poles hold: section.h's d in the plant's numerator, its denominator */
-    float slow;                  /* of the slow parts, for a turn, as all below */
-    float forgetting, gate, ridge, shape, fading, slew;
-    float weight_max, push_max_v;
-    float hum_gain;
-    float hum[TACT_TOUCH_HUM_MAX][2]; /* cosine and sine of the angle of a turn */
-} tact_touch;
-
-typedef struct {
-    float past[3]; /* what three poles hold */
-} tact_touch_poles;
-
-typedef struct {
-    tact_section_state feedback[TACT_TOUCH_FEEDBACK_MAX];
-    tact_section_state plant;
-    tact_touch_poles command, position, push[2];
-    float weight[2];
-    float slow[3];             /* of force and pushes */
-    float power, square[3], product[2];
-    float hum[TACT_TOUCH_HUM_MAX][4]; /* cosine, sine, and how much of either */
-    int32_t at, count;
-    float model_v[TACT_TOUCH_DELAY_MAX], command_v[TACT_TOUCH_DELAY_MAX];
-    float pushed_v[2][TACT_TOUCH_DELAY_MAX];
-} tact_touch_state;
-
-/* At rest, nothing learnt. */
-void tact_touch_reset(const tact_touch *table, tact_touch_state *state);
-
-/* Returns 1 if the counts of a table can be run, 0 if not. */
-int tact_touch_is_valid(const tact_touch *table);
-
-/* One turn of learning. */
-void tact_touch_learn(const tact_touch *table, tact_touch_state *state);
+#include "touch/learning.h"
 
 /* One sample through three poles. */
 inline void tact_touch_pass(float corner, tact_touch_poles *poles, float x)

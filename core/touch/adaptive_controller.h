@@ -1,4 +1,4 @@
-/* A controller that feeds forward for a finger: controller.h, or controller_q31.h, with touch.h. One channel.
+/* A controller that feeds forward for a finger: controller.h, or controller_q31.h, with feed_forward.h. One channel.
  *
  *     r ---> F ---+--->(+)---> C --->(+)---> command, to be limited
  *                 |     ^-            ^
@@ -12,12 +12,12 @@
  *   float command_v = tact_controller_limit(&table, &state, reference, wanted_v);
  *   tact_touch_put(&touch, &touch_state, command_v);
  */
-#ifndef TACT_ADAPTIVE_H
-#define TACT_ADAPTIVE_H
+#ifndef TACT_ADAPTIVE_CONTROLLER_H
+#define TACT_ADAPTIVE_CONTROLLER_H
 
 #include "control/controller.h"
 #include "control/controller_q31.h"
-#include "touch/touch.h"
+#include "touch/feed_forward.h"
 
 /* One sample: reference (threshold units, finite) and position (volts, finite) in, the command before its limits out. */
 inline float tact_adaptive_step(const tact_controller *table, const tact_touch *touch, tact_controller_state *state,

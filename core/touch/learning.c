@@ -1,68 +1,9 @@
-#include "touch/touch.h"
-
-#include "arithmetic/finite.h"
-
-extern inline void tact_touch_pass(float corner, tact_touch_poles *poles, float x);
-extern inline float tact_touch_section(const tact_section *section, tact_section_state *state, float x);
-extern inline void tact_touch_push(const tact_touch *table, tact_touch_state *state, float wanted_v, float *push_v);
-extern inline float tact_touch_step(const tact_touch *table, tact_touch_state *state, float wanted_v, float position_v);
-extern inline void tact_touch_put(const tact_touch *table, tact_touch_state *state, float command_v);
+#include "touch/learning.h"
 
 static float within(float value, float lowest, float highest)
 {
     const float cut = value > highest ? highest : value;
     return cut < lowest ? lowest : cut;
-}
-
-static void rest_poles(tact_touch_poles *poles)
-{
-    for (int i = 0; i < 3; i++)
-        poles->past[i] = 0.0f;
-}
-
-/* The model at rest, and what passed of it. */
-static void rest_model(tact_touch_state *state)
-{
-    for (int i = 0; i < TACT_TOUCH_FEEDBACK_MAX; i++)
-        state->feedback[i].s1 = state->feedback[i].s2 = 0.0f;
-    state->plant.s1 = state->plant.s2 = 0.0f;
-    rest_poles(&state->push[0]);
-    rest_poles(&state->push[1]);
-    for (int i = 0; i < TACT_TOUCH_DELAY_MAX; i++)
-        state->model_v[i] = state->pushed_v[0][i] = state->pushed_v[1][i] = 0.0f;
-    state->slow[1] = state->slow[2] = 0.0f;
-}
-
-/* What was learnt. */
-static void forget(const tact_touch *table, tact_touch_state *state)
-{
-    state->power = state->weight[0] = state->weight[1] = state->product[0] = state->product[1] = 0.0f;
-    for (int i = 0; i < 3; i++)
-        state->square[i] = state->slow[i] = 0.0f;
-    for (int i = 0; i < TACT_TOUCH_HUM_MAX; i++) {
-        state->hum[i][0] = 1.0f;
-        state->hum[i][1] = state->hum[i][2] = state->hum[i][3] = 0.0f;
-    }
-    state->count = table->turn;
-}
-
-void tact_touch_reset(const tact_touch *table, tact_touch_state *state)
-{
-    rest_model(state);
-    rest_poles(&state->command);
-    rest_poles(&state->position);
-    for (int i = 0; i < TACT_TOUCH_DELAY_MAX; i++)
-        state->command_v[i] = 0.0f;
-    state->at = 0;
-    forget(table, state);
-}
-
-int tact_touch_is_valid(const tact_touch *table)
-{
-    return table->feedback_count >= 1 && table->feedback_count <= TACT_TOUCH_FEEDBACK_MAX && table->delay >= 1 &&
-           table->delay <= TACT_TOUCH_DELAY_MAX && table->turns >= 1 && table->turn >= 0 &&
-           table->turn < table->turns && table->hum_count >= 0 && table->hum_count <= TACT_TOUCH_HUM_MAX &&
-           table->push_max_v >= 0.0f && table->weight_max >= 0.0f && table->ridge > 0.0f && table->gate > 0.0f;
 }
 
 /* What is left when a slow part is taken off. */
@@ -156,7 +97,7 @@ static void see_to_silence(tact_touch_state *state, float first, float second)
             state->hum[i][j] = __builtin_fabsf(state->hum[i][j]) < TACT_TINY ? 0.0f : state->hum[i][j];
     if (__builtin_fabsf(state->plant.s1) < TACT_TOUCH_SILENT && __builtin_fabsf(state->plant.s2) < TACT_TOUCH_SILENT &&
         __builtin_fabsf(first) < TACT_TOUCH_SILENT && __builtin_fabsf(second) < TACT_TOUCH_SILENT)
-        rest_model(state);
+        tact_touch_rest_model(state);
 }
 
 void tact_touch_learn(const tact_touch *table, tact_touch_state *state)
@@ -177,13 +118,4 @@ void tact_touch_learn(const tact_touch *table, tact_touch_state *state)
     if (!(state->weight[0] >= 0.0f && state->weight[0] <= table->weight_max && state->weight[1] >= 0.0f &&
           state->weight[1] <= table->weight_max))
         tact_touch_reset(table, state);
-}
-
-void tact_touch_run(const tact_touch *table, tact_touch_state *state, const float *wanted_v, const float *position_v,
-                    const float *command_v, float *added_v, size_t samples)
-{
-    for (size_t k = 0; k < samples; k++) {
-        added_v[k] = tact_touch_step(table, state, tact_finite(wanted_v[k], 1e6f), position_v[k]);
-        tact_touch_put(table, state, command_v[k]);
-    }
 }

@@ -1,0 +1,51 @@
+#include "touch/table.h"
+
+static void rest_poles(tact_touch_poles *poles)
+{
+    for (int i = 0; i < 3; i++)
+        poles->past[i] = 0.0f;
+}
+
+void tact_touch_rest_model(tact_touch_state *state)
+{
+    for (int i = 0; i < TACT_TOUCH_FEEDBACK_MAX; i++)
+        state->feedback[i].s1 = state->feedback[i].s2 = 0.0f;
+    state->plant.s1 = state->plant.s2 = 0.0f;
+    rest_poles(&state->push[0]);
+    rest_poles(&state->push[1]);
+    for (int i = 0; i < TACT_TOUCH_DELAY_MAX; i++)
+        state->model_v[i] = state->pushed_v[0][i] = state->pushed_v[1][i] = 0.0f;
+    state->slow[1] = state->slow[2] = 0.0f;
+}
+
+/* What was learnt. */
+static void forget(const tact_touch *table, tact_touch_state *state)
+{
+    state->power = state->weight[0] = state->weight[1] = state->product[0] = state->product[1] = 0.0f;
+    for (int i = 0; i < 3; i++)
+        state->square[i] = state->slow[i] = 0.0f;
+    for (int i = 0; i < TACT_TOUCH_HUM_MAX; i++) {
+        state->hum[i][0] = 1.0f;
+        state->hum[i][1] = state->hum[i][2] = state->hum[i][3] = 0.0f;
+    }
+    state->count = table->turn;
+}
+
+void tact_touch_reset(const tact_touch *table, tact_touch_state *state)
+{
+    tact_touch_rest_model(state);
+    rest_poles(&state->command);
+    rest_poles(&state->position);
+    for (int i = 0; i < TACT_TOUCH_DELAY_MAX; i++)
+        state->command_v[i] = 0.0f;
+    state->at = 0;
+    forget(table, state);
+}
+
+int tact_touch_is_valid(const tact_touch *table)
+{
+    return table->feedback_count >= 1 && table->feedback_count <= TACT_TOUCH_FEEDBACK_MAX && table->delay >= 1 &&
+           table->delay <= TACT_TOUCH_DELAY_MAX && table->turns >= 1 && table->turn >= 0 &&
+           table->turn < table->turns && table->hum_count >= 0 && table->hum_count <= TACT_TOUCH_HUM_MAX &&
+           table->push_max_v >= 0.0f && table->weight_max >= 0.0f && table->ridge > 0.0f && table->gate > 0.0f;
+}

@@ -1,0 +1,78 @@
+"""Boards as rigs: in the emulator, in this process, or at a port."""
+
+from __future__ import annotations
+
+from tactuator.display.description import Display
+from tactuator.rig.board.link import LinkClient
+from tactuator.rig.board.rig import BoardRig
+from tactuator.rig.transport.emulator import emulator
+from tactuator.rig.transport.serial import SerialPort
+from tactuator.rig.transport.socket import SCHEME, connect
+from tactuator.rig.transport.transport import InProcess, Transport
+from tactuator.runtime.simulated_board import simulated_board_bytes
+
+_EMULATED_ANSWER_S = 10.0
+_SERIAL_ANSWER_S = 1.0
+
+
+def emulated_rig(
+    board: str,
+    display: Display,
+    seed: int = 0,
+    number_format: str = "float32",
+    counting: str | None = "shift=3,sleep=off",
+) -> BoardRig:
+    """Return a rig of `display`, simulated, on a board of the emulator ("mps2-an500"). Raises BadInput if QEMU or the
+    cross-compiler is missing.
+    """
+    return simulated_board_rig(emulator(board, counting), display, seed, number_format)
+
+
+def in_process_rig(display: Display, seed: int = 0, number_format: str = "float32") -> BoardRig:
+    """Return a rig with the same board and link in this very process, with which the emulated ones are compared."""
+    return simulated_board_rig(InProcess(), display, seed, number_format)
+
+
+def simulated_board_rig(transport: Transport, display: Display, seed: int, number_format: str) -> BoardRig:
+    """Return the rig of a board with a simulated display behind any transport; it is closed again if it cannot be set
+    up.
+    """
+    client = LinkClient(transport, _EMULATED_ANSWER_S)
+    try:
+        rig = BoardRig(client, display, number_format)
+        content, loads = simulated_board_bytes(display, seed)
+        rig.simulate(content, loads)
+    except BaseException:
+        client.close()
+        raise
+    return rig
+
+
+def serial_rig(url: str, display: Display, seed: int = 0) -> BoardRig:
+    """Return the rig of `display` on the board at `url`, a serial port or socket://host:port. A board whose display is
+    simulated gets this one, with `seed`.
+    """
+    client = _at(url)
+    try:
+        rig = BoardRig(client, display)
+        rig.off()  # whoever was here before may have left it running
+        if client.status().allows_hold:
+            rig.simulate(*simulated_board_bytes(display, seed))
+    except BaseException:
+        client.close()
+        raise
+    return rig
+
+
+def acknowledge_faults(url: str) -> int:
+    """Tell the board at `url` that a person knows of its sensor and travel faults; give how many there were."""
+    client = _at(url)
+    try:
+        return client.acknowledge()
+    finally:
+        client.close()
+
+
+def _at(url: str) -> LinkClient:
+    transport: Transport = connect(url) if url.startswith(SCHEME) else SerialPort(url)
+    return LinkClient(transport, _SERIAL_ANSWER_S)
