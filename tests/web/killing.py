@@ -27,7 +27,7 @@ from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer
 from tests.web.study import Server, started
 
 ONE = PROTOCOL[: PROTOCOL.rindex("[[subject]]")].replace("break_after_trials = 20", "break_after_trials = 100000")
-LONG = ONE.replace("reversals = 6", "reversals = 80").replace("averaged = 4", "averaged = 70")
+LONG = ONE.replace("reversals = 6", "reversals = 240").replace("averaged = 4", "averaged = 230")
 LONG = LONG.replace("resume_within_s = 600", "resume_within_s = 80000")  # a piece may come hours after another
 
 

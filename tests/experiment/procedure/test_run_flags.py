@@ -26,7 +26,7 @@ def flagged(
     As in a session, every trial is drawn to be loud or the procedure's, and a loud one lies 20 dB above where the
     procedure stands.
     """
-    rng, trial = np.random.default_rng(seed), 0
+    rng = np.random.default_rng(seed)
     steep = rng.uniform(0.35, 0.75, runs)
     model = Psychometric(Logistic(0.5), lapse=lapse)
     edge = -np.log(model.at_threshold / (1.0 - model.at_threshold))
@@ -35,10 +35,8 @@ def flagged(
         found = model.guess + (1.0 - model.guess - lapse) / (1.0 + np.exp(edge - steep[numbers] * level_db))
         return np.full_like(found, 1.0 / 3.0) if guess else found
 
-    def chance(level_db, numbers):
-        nonlocal trial
-        trial += 1
-        return probability(level_db - drift_db * (min((trial - 1) / 80.0, 1.0) - 0.5), numbers)
+    def chance(level_db, numbers, trial):
+        return probability(level_db - drift_db * (min(trial / 80.0, 1.0) - 0.5), numbers)
 
     tracks = run_tracks(IMECE2004, np.full(runs, 20.0), chance, rng)
     count = rng.negative_binomial(tracks.trials, 1.0 - loud_share)

@@ -105,7 +105,7 @@ def test_batch__any_responses__gives_the_single_track(responses: list[bool], ini
             run.record(response)
     answers = iter(responses)
     tracks = run_tracks(
-        rule, np.array([10.0]), lambda _, __: np.array([float(next(answers))]), np.random.default_rng(0)
+        rule, np.array([10.0]), lambda _, __, ___: np.array([float(next(answers))]), np.random.default_rng(0)
     )
     assert tracks.levels_db_sl[0].tolist() == run.levels
     estimate = run.estimate()

@@ -1,10 +1,7 @@
 """What is said of the whole-curve procedure, and for whom."""
 
-import pytest
-
-from tactuator.errors import BadInput
 from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule
-from tactuator.experiment.simulated.curve_quality import CurvePeople, simulate_curve
+from tactuator.experiment.simulated.curve_quality import simulate_curve
 from tactuator.experiment.simulated.procedure_quality import Setting
 
 
@@ -18,9 +15,3 @@ def test_simulate_curve__no_truth_given__says_that_people_are_drawn() -> None:
 def test_simulate_curve__same_seed__same_figures() -> None:
     first, second = (simulate_curve(WholeCurveRule(10), Setting(3, seed=5)) for _ in range(2))
     assert first == second
-
-
-@pytest.mark.parametrize("odd", [{"guessed": 1.5}, {"guessed": -0.1}, {"drift_db": 100.0}])
-def test_people__impossible__are_refused(odd: dict[str, float]) -> None:
-    with pytest.raises(BadInput, match="allowed"):
-        CurvePeople(**odd)

@@ -76,6 +76,10 @@ def test_simulate__same_seed__gives_the_same() -> None:
         ({"runs": 10, "slope": (3.0, 2.0)}, "slope 3 to 2"),
         ({"runs": 10, "lapse": 0.3}, "lapse 0.3"),
         ({"runs": 10, "start_db": 500.0}, "start 500"),
+        ({"runs": 10, "guessed": 1.5}, "guess 1.5"),
+        ({"runs": 10, "guessed": -0.1}, "guess -0.1"),
+        ({"runs": 10, "drift_db": 100.0}, "drift 100 dB"),
+        ({"runs": 10, "loud_share": 0.7}, "loud share 0.7"),
     ],
 )
 def test_setting__nonsense__is_refused(settings: dict[str, object], message: str) -> None:

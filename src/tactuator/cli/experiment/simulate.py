@@ -12,9 +12,10 @@ from tactuator.cli.answer import answer, progress, working
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule
 from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule
-from tactuator.experiment.simulated.curve_quality import CurvePeople, CurveQuality, simulate_curve
+from tactuator.experiment.simulated.curve_quality import CurveQuality, simulate_curve
 from tactuator.experiment.simulated.procedure_quality import PROCEDURES, Setting, simulate
 from tactuator.files.curve import read_relative_curve
+from tactuator.perception.relative_curve import RelativeCurve
 
 
 def run(
@@ -27,13 +28,14 @@ def run(
     truth: Path | None,
     guess: float,
     drift_db: float,
+    loud_share: float,
     seed: int,
     as_json: bool,
 ) -> None:
     """Run a procedure many times against a Weibull observer and say how good its estimates are."""
-    setting = Setting(runs, _slope_range(slope), lapse, start_db, seed)
-    if procedure != "curve" and (truth is not None or guess != 0.0 or drift_db != 0.0):
-        raise BadInput(f"--truth, --guess or --drift-db with {procedure}; allowed: with curve")
+    setting = Setting(runs, _slope_range(slope), lapse, start_db, seed, guess, drift_db, loud_share)
+    if procedure != "curve" and truth is not None:
+        raise BadInput(f"--truth with {procedure}; allowed: with curve")
     if procedure in PROCEDURES:
         if trials is not None:
             raise BadInput(f"--trials {trials} with {procedure}; allowed: with quest-plus and curve")
@@ -43,7 +45,7 @@ def run(
         with working(f"{runs} runs"):
             result = simulate(QuestPlusRule(trials=48 if trials is None else trials), setting)
     elif procedure == "curve":
-        people = CurvePeople(None if truth is None else read_relative_curve(truth), guess, drift_db)
+        people = None if truth is None else read_relative_curve(truth)
         result = _curve(WholeCurveRule(trials=150 if trials is None else trials), setting, people)
     else:
         raise BadInput(f"procedure {procedure!r}; allowed: {', '.join([*PROCEDURES, 'quest-plus', 'curve'])}")
@@ -52,7 +54,7 @@ def run(
     answer(figures, as_json, _table(f"{procedure}, {runs} runs", figures))
 
 
-def _curve(rule: WholeCurveRule, setting: Setting, people: CurvePeople) -> CurveQuality:
+def _curve(rule: WholeCurveRule, setting: Setting, people: RelativeCurve | None) -> CurveQuality:
     with progress() as bars:
         task = bars.add_task("runs", total=1000)
         return simulate_curve(rule, setting, people, lambda share: bars.update(task, completed=round(1000 * share)))

@@ -178,8 +178,9 @@ def simulate(
         Path | None,
         typer.Option(help="curve: everybody's threshold, a CSV with frequency_hz,level_db_sl (default: drawn)."),
     ] = None,
-    guess: Annotated[float, typer.Option(help="curve: share of trials that are guessed outright; 1: all.")] = 0.0,
-    drift_db: Annotated[float, typer.Option(help="curve: rise of thresholds over the run, dB.")] = 0.0,
+    guess: Annotated[float, typer.Option(help="Share of trials that are guessed outright; 1: all.")] = 0.0,
+    drift_db: Annotated[float, typer.Option(help="Rise of thresholds over the run, dB.")] = 0.0,
+    loud_share: Annotated[float, typer.Option(help="Share of loud catch trials, as in [catch].")] = 0.0,
     seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:

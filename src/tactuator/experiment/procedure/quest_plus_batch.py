@@ -33,7 +33,7 @@ def _batch(
     for trial in range(rule.trials):
         place = table.most_telling(posterior)
         levels[:, trial] = table.levels[place]
-        outcomes[:, trial] = rng.random(runs) < probability(levels[:, trial], numbers)
+        outcomes[:, trial] = rng.random(runs) < probability(levels[:, trial], numbers, trial)
         posterior = table.learn(posterior, place, outcomes[:, trial])
     return levels, outcomes, table.threshold(posterior)[0]
 

@@ -13,6 +13,10 @@ from tactuator.experiment.procedure.procedure import Estimate, Placement
 _LEVEL_TOLERANCE_DB = 1e-9  # levels are sums of steps, so a level at a limit may differ from it by rounding
 
 
+_TRIALS_PER_REVERSAL = 5.3
+"""Trials for a reversal of the paper's procedure, by simulation (79 for 15)."""
+
+
 @dataclass(frozen=True)
 class UpDownRule:
     """Rule by which an up-down track moves and ends.
@@ -66,6 +70,11 @@ class UpDownRule:
         a, b = p ** (self.down - 1), q ** (self.up - 1)
         race = a * (1.0 - q**self.up) / (a + b - a * b)
         return float(np.interp(0.5, race, p))
+
+    @property
+    def typical_trials(self) -> float:
+        """Return the number of trials that runs have on average, by simulation of the paper's rule."""
+        return _TRIALS_PER_REVERSAL * self.reversals
 
     def step_db(self, reversals: int) -> float:
         """Return the step in dB after that many reversals."""

@@ -12,8 +12,9 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.up_down import UpDownRule
 
-Probability = Callable[[FloatArray, NDArray[np.intp]], FloatArray]
-"""A function of levels in dB SL and the numbers of their runs: probability of a correct response, elementwise."""
+Probability = Callable[[FloatArray, NDArray[np.intp], int], FloatArray]
+"""A function of levels in dB SL, the numbers of their runs, and the number of the trial in its run: probability of a
+correct response, elementwise."""
 
 
 @dataclass(frozen=True)
@@ -38,10 +39,10 @@ def run_tracks(rule: UpDownRule, start_db_sl: FloatArray, probability: Probabili
     if rule.average != "reversals":
         raise BadInput(f"batch of up-down tracks: average {rule.average!r}; allowed: reversals")
     state = _State(rule, start_db_sl)
-    levels, outcomes = [], []
+    levels, outcomes = list[FloatArray](), list[NDArray[np.bool_]]()
     numbers = np.arange(start_db_sl.size)
     while state.alive.any():
-        correct = rng.random(state.level.size) < probability(state.level, numbers)
+        correct = rng.random(state.level.size) < probability(state.level, numbers, len(levels))
         levels.append(np.where(state.alive, state.level, np.nan))
         outcomes.append(correct & state.alive)
         state.record(correct)

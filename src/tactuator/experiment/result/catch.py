@@ -28,6 +28,11 @@ def catch_kinds(run: StoredRun) -> NDArray[np.str_]:
     return np.array(kinds, dtype="<U5")
 
 
+def inattentive(missed: int, loud: int) -> bool:
+    """Return whether more of the loud trials were missed than a lapse rate of 3 % explains."""
+    return bool(loud and binom.sf(missed - 1, loud, _LAPSE_RATE) < _FALSE_ALARM_RATE)
+
+
 def attention(run: StoredRun) -> tuple[str, ...]:
     """Return the flags of the catch trials.
 
@@ -36,7 +41,7 @@ def attention(run: StoredRun) -> tuple[str, ...]:
     kinds = catch_kinds(run)
     loud, blank = run.correct[kinds == "loud"], run.correct[kinds == "blank"]
     found = []
-    if loud.size and binom.sf(np.sum(~loud) - 1, loud.size, _LAPSE_RATE) < _FALSE_ALARM_RATE:
+    if inattentive(int(np.sum(~loud)), loud.size):
         found.append("attention")
     if blank.size and binom.sf(np.sum(blank) - 1, blank.size, run.protocol.forced_choice().guess) < _FALSE_ALARM_RATE:
         found.append("cue")

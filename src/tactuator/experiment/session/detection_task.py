@@ -33,8 +33,8 @@ from tactuator.experiment.trial.trial import BLANK, LOUD, SIGNAL, Trial, trial_r
 from tactuator.perception.levels import COMFORT_DB_SL
 from tactuator.signals.stimuli import ramps
 
-_TRIALS_PER_REVERSAL, _TYPICAL_TRIALS = 5.3, 80.0
-"""Trials for a reversal of the paper's procedure, by simulation (79 for 15), and of a run of unknown length."""
+_TYPICAL_TRIALS = 80.0
+"""Trials of a run of unknown length."""
 
 _PICTURE_POINTS, _JUDGED_TRIALS_MIN = 60, 40
 
@@ -110,7 +110,7 @@ class DetectionTask:
         if planned.practice:
             trials = float(protocol.session.practice_trials)
         elif isinstance(procedure, UpDown):
-            trials = _TRIALS_PER_REVERSAL * procedure.rule.reversals
+            trials = procedure.rule.typical_trials
         else:
             trials = float(getattr(protocol.procedure, "trials", _TYPICAL_TRIALS))
         timing, intervals = protocol.timing.build(), protocol.paradigm.intervals

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput
 from tactuator.experiment.procedure.drift import Trials
 from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
-from tactuator.experiment.procedure.whole_curve.curve_flags import CurveFlags, curve_flags
+from tactuator.experiment.procedure.whole_curve.curve_flags import curve_flags
 from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
 from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule
-from tactuator.experiment.simulated.procedure_quality import Setting
+from tactuator.experiment.simulated.loud_trials import with_loud_trials
+from tactuator.experiment.simulated.procedure_quality import Setting, shares
 from tactuator.perception.psychometric import Psychometric, Weibull, weibull_rise
 from tactuator.perception.relative_curve import RelativeCurve
 
@@ -27,26 +27,6 @@ NORMAL_PEOPLE = CurveKind("normal people", offset_db=4.0, tilt_db_per_decade=2.5
 
 _BATCH_RUNS = 50
 _GRID_POINTS = 100
-
-
-@dataclass(frozen=True)
-class CurvePeople:
-    """Observers of a whole-curve simulation.
-
-    truth: everybody's curve, or None for NORMAL_PEOPLE. guessed: share of trials that are guessed outright (1: all).
-    drift_db: rise of thresholds from the first trial to the last, about their mean. Raises BadInput for values that
-    cannot be.
-    """
-
-    truth: RelativeCurve | None = None
-    guessed: float = 0.0
-    drift_db: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not (0.0 <= self.guessed <= 1.0 and abs(self.drift_db) <= 60.0):
-            raise BadInput(
-                f"simulated people: guess {self.guessed:g}, drift {self.drift_db:g} dB; allowed: 0 to 1, -60 to 60"
-            )
 
 
 @dataclass(frozen=True)
@@ -71,35 +51,32 @@ class CurveQuality:
 def simulate_curve(
     rule: WholeCurveRule,
     setting: Setting,
-    people: CurvePeople | None = None,
+    truth: RelativeCurve | None = None,
     told: Callable[[float], None] = lambda share: None,
 ) -> CurveQuality:
     """Run the procedure on setting.runs observers and judge its curves.
 
-    setting.start_db has no meaning here. told: called with the share that is done.
+    truth: everybody's curve; None: drawn from NORMAL_PEOPLE. setting.start_db has no meaning here. told: called with
+    the share that is done.
     """
-    people = CurvePeople() if people is None else people
     rng = np.random.default_rng(setting.seed)
     errors, inside, names = [], [], list[tuple[str, ...]]()
     for first in range(0, setting.runs, _BATCH_RUNS):
         count = min(_BATCH_RUNS, setting.runs - first)
-        part = _Batch(rule, setting, people, count, rng)
-        flags = part.run(lambda share, done=first, more=count: told((done + share * more) / setting.runs))  # type: ignore[misc]
+        part = _Batch(rule, setting, truth, count, rng)
+        names += part.run(lambda share, done=first, more=count: told((done + share * more) / setting.runs))  # type: ignore[misc]
         error, within = part.judged()
         errors.append(error)
         inside.append(within)
-        names += [flags.names(run) for run in range(count)]
     error, within = np.concatenate(errors), np.concatenate(inside)
-    each = sorted({name for found in names for name in found})
     return CurveQuality(
         rms_error_db=float(np.sqrt(np.mean(error**2))),
         bias_db=float(error.mean()),
         rms_error_median_db=float(np.median(np.sqrt(np.mean(error**2, axis=1)))),
         coverage95=float(within.mean()),
-        flagged=float(np.mean([bool(found) for found in names])),
-        flags={name: float(np.mean([name in found for found in names])) for name in each},
+        **shares(names),
         trials=rule.trials,
-        people="drawn: normal people near the procedure's own prior" if people.truth is None else people.truth.name,
+        people="drawn: normal people near the procedure's own prior" if truth is None else truth.name,
     )
 
 
@@ -107,43 +84,65 @@ class _Batch:
     """Several runs that are computed together."""
 
     def __init__(
-        self, rule: WholeCurveRule, setting: Setting, people: CurvePeople, runs: int, rng: np.random.Generator
+        self, rule: WholeCurveRule, setting: Setting, truth: RelativeCurve | None, runs: int, rng: np.random.Generator
     ) -> None:
-        self._rule, self._people, self._rng = rule, people, rng
+        self._rule, self._setting, self._rng = rule, setting, rng
         self._fine_hz = np.geomspace(*rule.prior.band_hz, _GRID_POINTS)
         both = np.concatenate([rule.prior.frequency_hz, self._fine_hz])
-        if people.truth is None:
-            truth = NORMAL_PEOPLE.draw(both, rule.prior.middle_hz, runs, rng)
+        if truth is None:
+            level = NORMAL_PEOPLE.draw(both, rule.prior.middle_hz, runs, rng)
         else:
-            truth = np.broadcast_to(people.truth.level_db_sl_at(both), (runs, both.size))
-        self._at_points, self._at_fine = truth[:, : rule.prior.points], truth[:, rule.prior.points :]
+            level = np.broadcast_to(truth.level_db_sl_at(both), (runs, both.size))
+        self._at_points, self._at_fine = level[:, : rule.prior.points], level[:, rule.prior.points :]
         self._slope = rng.uniform(*setting.slope, runs)
         answering = rule.answering
         self._model = Psychometric(Weibull(1.0), answering.guess, setting.lapse, answering.target)
-        self._belief = CurveBelief(rule.prior, answering, runs)
+        self._beliefs = [CurveBelief(rule.prior, answering, runs)]
 
-    def run(self, told: Callable[[float], None]) -> CurveFlags:
-        """Run all trials and return the flags that they earn. told: called with the share that is done."""
-        rule, rows, kept = self._rule, np.arange(self._slope.size), []
+    def run(self, told: Callable[[float], None]) -> list[tuple[str, ...]]:
+        """Run all trials and return the flags that each run earns. told: called with the share that is done."""
+        rule, kept, belief = self._rule, [], self._beliefs[0]
         for trial in range(rule.trials):
-            point, level = self._belief.choose(rule.floor_db_sl, rule.ceiling_db_sl)
-            moved = self._people.drift_db * (trial / max(rule.trials - 1, 1) - 0.5)
-            correct = self._answers(level - self._at_points[rows, point] - moved)
-            self._belief.learn(point, level, correct)
+            point, level = belief.choose(rule.floor_db_sl, rule.ceiling_db_sl)
+            correct = self._answers(point[:, None], level[:, None], np.array([[trial]]))[:, 0]
+            belief.learn(point, level, correct)
             kept.append((point, level, correct))
             told((trial + 1) / rule.trials)
-        points, levels, outcomes = (np.array(column).T for column in zip(*kept, strict=True))
-        return curve_flags(self._belief, Trials(points, levels, outcomes))
+        trials = Trials(*(np.array(column).T for column in zip(*kept, strict=True)))
+        if self._setting.loud_share:
+            return self._with_loud(trials)
+        found = curve_flags(belief, trials)
+        return [found.names(run) for run in range(self._slope.size)]
 
-    def _answers(self, level_db: FloatArray) -> NDArray[np.bool_]:
-        model, guessed = self._model, self._people.guessed
-        rise = weibull_rise(level_db, self._slope, model.at_threshold)
-        chance = model.guess + (1.0 - model.guess - model.lapse) * rise
-        chance = guessed * model.guess + (1.0 - guessed) * chance
-        return np.asarray(self._rng.random(level_db.size) < chance)
+    def _with_loud(self, own: Trials) -> list[tuple[str, ...]]:
+        """Learn every run anew with loud trials among the procedure's, as `thresholds` does, and return its flags."""
+        order = with_loud_trials(
+            np.full(self._slope.size, own.level_db_sl.shape[1]), self._setting.loud_share, self._rng
+        )
+        points, levels = np.take_along_axis(own.point, order.own, axis=1), order.levels(own.level_db_sl)
+        correct = order.outcomes(own.correct, self._answers(points, np.nan_to_num(levels), order.own))
+        self._beliefs, names = [], []
+        for run, there in enumerate(order.there):
+            belief = CurveBelief(self._rule.prior, self._rule.answering)
+            mine = Trials(points[[run]][:, there], levels[[run]][:, there], correct[[run]][:, there])
+            for point, level, right in zip(mine.point.T, mine.level_db_sl.T, mine.correct.T, strict=True):
+                belief.learn(point, level, right)
+            self._beliefs.append(belief)
+            names.append((*curve_flags(belief, mine).names(), *order.attention(run, correct)))
+        return names
+
+    def _answers(self, point: NDArray[np.intp], level_db: FloatArray, trial: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Return whether trials are answered rightly; arguments (runs, trials)."""
+        model, setting = self._model, self._setting
+        threshold = np.take_along_axis(self._at_points, point, axis=1)
+        above = level_db - threshold - setting.drifted_db(trial, self._rule.trials)
+        rise = weibull_rise(above, self._slope[:, None], model.at_threshold)
+        chance = setting.chance(model.guess, model.guess + (1.0 - model.guess - model.lapse) * rise)
+        return np.asarray(self._rng.random(level_db.shape) < chance)
 
     def judged(self) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return errors and whether the band holds the truth, (runs, _GRID_POINTS) each, over the band."""
-        mean, sd = self._belief.curve(self._fine_hz)
+        found = [belief.curve(self._fine_hz) for belief in self._beliefs]
+        mean, sd = (np.concatenate(column) for column in zip(*found, strict=True))
         error = mean - self._at_fine
         return error, np.abs(error) <= 1.96 * sd

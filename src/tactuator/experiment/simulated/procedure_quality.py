@@ -6,7 +6,9 @@ its target, so that estimates are errors.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +18,10 @@ from tactuator.errors import BadInput
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule
 from tactuator.experiment.procedure.quest_plus_batch import run_quests
 from tactuator.experiment.procedure.refit import RefitPrior, refit
+from tactuator.experiment.procedure.run_flags import run_flags
 from tactuator.experiment.procedure.up_down import IMECE2004, UpDownRule
 from tactuator.experiment.procedure.up_down_batch import Tracks, run_tracks
+from tactuator.experiment.simulated.loud_trials import WithLoud, with_loud_trials
 from tactuator.perception.psychometric import Psychometric, Weibull, weibull_rise
 
 _START_ABOVE_EXPECTED_DB = 20.0
@@ -29,7 +33,9 @@ class Setting:
     """Settings of a simulation of runs.
 
     runs: their number. slope: range of Weibull slopes, (lowest, highest), from which each run's is drawn. lapse: lapse
-    rate. start_db: level of the first trial above the truth. Raises BadInput for values that cannot be.
+    rate. start_db: level of the first trial above the truth. guessed: share of trials that are guessed outright (1:
+    all). drift_db: rise of thresholds from the first trial to the last (of a run of typical length), about their mean.
+    loud_share: of loud catch trials among all. Raises BadInput for values that cannot be.
     """
 
     runs: int
@@ -37,6 +43,9 @@ class Setting:
     lapse: float = 0.0
     start_db: float = 20.0
     seed: int = 0
+    guessed: float = 0.0
+    drift_db: float = 0.0
+    loud_share: float = 0.0
 
     def __post_init__(self) -> None:
         if self.runs < 2:
@@ -46,6 +55,19 @@ class Setting:
         if not -40.0 <= self.start_db <= 60.0:
             raise BadInput(f"start {self.start_db:g} dB above the threshold; allowed: -40 to 60")
         Psychometric(Weibull(self.slope[0]), lapse=self.lapse)
+        if not (0.0 <= self.guessed <= 1.0 and abs(self.drift_db) <= 60.0 and 0.0 <= self.loud_share <= 0.5):
+            raise BadInput(
+                f"guess {self.guessed:g}, drift {self.drift_db:g} dB, loud share {self.loud_share:g}; "
+                "allowed: 0 to 1, -60 to 60 dB, 0 to 0.5"
+            )
+
+    def drifted_db(self, trial: NDArray[np.intp] | int, trials: float) -> FloatArray:
+        """Return how far above their mean thresholds are at a trial of a run of so many."""
+        return self.drift_db * (np.asarray(trial) / max(trials - 1.0, 1.0) - 0.5)
+
+    def chance(self, guess: float, felt: FloatArray) -> FloatArray:
+        """Return the probability of a right answer where it is `felt` in trials that are not guessed outright."""
+        return np.asarray(self.guessed * guess + (1.0 - self.guessed) * felt)
 
 
 @dataclass(frozen=True)
@@ -59,7 +81,11 @@ class RefitQuality:
 
 @dataclass(frozen=True)
 class Quality:
-    """Quality of the procedure's own estimate; unfinished: number of runs that reached the trial limit without one."""
+    """Quality of the procedure's own estimate.
+
+    trials_*: of the procedure, catch trials left out. unfinished: number of runs that reached the trial limit without
+    an estimate. flagged, flags: share of runs with any, and with each, of the flags chance, lapses, drift, attention.
+    """
 
     bias_db: float
     sd_db: float
@@ -68,18 +94,24 @@ class Quality:
     trials_p05: float
     trials_p95: float
     refit: RefitQuality
-    unfinished: int = 0
+    unfinished: int
+    flagged: float
+    flags: dict[str, float]
 
 
 def simulate(procedure: UpDownRule | QuestPlusRule, setting: Setting) -> Quality:
     """Run the procedure `setting.runs` times and judge its estimates. Raises BadInput where no run comes to its end."""
-    tracks = run_procedure(procedure, setting)
-    own = tracks.estimates_db_sl[np.isfinite(tracks.estimates_db_sl)]
+    rng = np.random.default_rng(setting.seed)
+    tracks, truth = _run(procedure, setting, rng)
+    own = tracks.estimates_db_sl - truth.threshold
+    own = own[np.isfinite(own)]
     if own.size < 2:
         raise BadInput("not one run came to its end; allowed: a trial limit that lets runs end")
-    again = refit(tracks.levels_db_sl, tracks.correct, RefitPrior())
+    levels, correct, loud = _with_loud(tracks, truth, setting, rng)
+    again = refit(levels, correct, RefitPrior())
     error = again.threshold_db
     covered = (again.low_db <= 0.0) & (again.high_db >= 0.0)
+    tests = run_flags(levels, correct, again, RefitPrior())
     low, high = np.percentile(tracks.trials, [5.0, 95.0])
     return Quality(
         bias_db=float(own.mean()),
@@ -90,52 +122,66 @@ def simulate(procedure: UpDownRule | QuestPlusRule, setting: Setting) -> Quality
         trials_p95=float(high),
         refit=RefitQuality(float(error.mean()), float(np.sqrt(np.mean(error**2))), float(covered.mean())),
         unfinished=setting.runs - own.size,
+        **shares([(*tests.names(run), *loud.attention(run, correct)) for run in range(setting.runs)]),
     )
+
+
+def shares(names: Sequence[tuple[str, ...]]) -> dict[str, Any]:
+    """Return the share of runs with any flag and with each, from the names of each run's flags."""
+    each = sorted({name for found in names for name in found})
+    flags = {name: float(np.mean([name in found for found in names])) for name in each}
+    return {"flagged": float(np.mean([bool(found) for found in names])), "flags": flags}
+
+
+def _with_loud(
+    tracks: Tracks, truth: _Truth, setting: Setting, rng: np.random.Generator
+) -> tuple[FloatArray, NDArray[np.bool_], WithLoud]:
+    """Return levels above the truth and outcomes of all trials, loud ones included, and their order."""
+    order = with_loud_trials(tracks.trials, setting.loud_share, rng)
+    levels = order.levels(tracks.levels_db_sl)
+    numbers = np.broadcast_to(np.arange(setting.runs)[:, None], levels.shape)
+    loud = rng.random(levels.shape) < truth(np.nan_to_num(levels), numbers, order.own)
+    return levels - truth.threshold[:, None], order.outcomes(tracks.correct, loud), order
 
 
 def run_procedure(procedure: UpDownRule | QuestPlusRule, setting: Setting) -> Tracks:
     """Run the procedure setting.runs times and return the tracks; levels and estimates are relative to the truth."""
-    return _up_down(procedure, setting) if isinstance(procedure, UpDownRule) else _quest_plus(procedure, setting)
+    tracks, truth = _run(procedure, setting, np.random.default_rng(setting.seed))
+    levels = tracks.levels_db_sl - truth.threshold[:, None]
+    return Tracks(levels, tracks.correct, tracks.trials, tracks.estimates_db_sl - truth.threshold)
 
 
-def _up_down(rule: UpDownRule, setting: Setting) -> Tracks:
-    rng = np.random.default_rng(setting.seed)
-    slopes = _slopes(setting, rng)
-    return run_tracks(
-        rule, np.full(setting.runs, setting.start_db), _Truth(slopes, setting.lapse, np.zeros(setting.runs)), rng
-    )
+def _run(procedure: UpDownRule | QuestPlusRule, setting: Setting, rng: np.random.Generator) -> tuple[Tracks, _Truth]:
+    """Return the tracks in dB SL, and the truths.
 
-
-def _quest_plus(rule: QuestPlusRule, setting: Setting) -> Tracks:
-    """Run QUEST+ against truths that scatter about what the rule expects.
-
-    An experimenter who starts a track start_db above the threshold expects the threshold _START_ABOVE_EXPECTED_DB below
-    that start. The truth therefore lies _START_ABOVE_EXPECTED_DB - start_db above what the rule expects, on average.
+    A track of an up-down rule begins start_db above a truth at 0 dB SL. Truths of QUEST+ scatter about what the rule
+    expects: an experimenter who starts a track start_db above the threshold expects the threshold
+    _START_ABOVE_EXPECTED_DB below that start, so that the truth lies _START_ABOVE_EXPECTED_DB - start_db above what the
+    rule expects, on average.
     """
-    rng = np.random.default_rng(setting.seed)
-    slopes = _slopes(setting, rng)
-    centre = rule.expected_db_sl + _START_ABOVE_EXPECTED_DB - setting.start_db
-    truth = centre + rng.normal(0.0, _SCATTER_DB, setting.runs)
-    tracks = run_quests(rule, setting.runs, _Truth(slopes, setting.lapse, truth), rng)
-    levels = tracks.levels_db_sl - truth[:, None]
-    return Tracks(levels, tracks.correct, tracks.trials, tracks.estimates_db_sl - truth)
-
-
-def _slopes(setting: Setting, rng: np.random.Generator) -> FloatArray:
-    return rng.uniform(*setting.slope, setting.runs)
+    slopes = rng.uniform(*setting.slope, setting.runs)
+    if isinstance(procedure, UpDownRule):
+        truth = _Truth(setting, slopes, np.zeros(setting.runs), procedure.typical_trials)
+        return run_tracks(procedure, np.full(setting.runs, setting.start_db), truth, rng), truth
+    centre = procedure.expected_db_sl + _START_ABOVE_EXPECTED_DB - setting.start_db
+    threshold = centre + rng.normal(0.0, _SCATTER_DB, setting.runs)
+    truth = _Truth(setting, slopes, threshold, procedure.trials)
+    return run_quests(procedure, setting.runs, truth, rng), truth
 
 
 class _Truth:
-    """Probability of a right answer of the observer of every run."""
+    """Probability of a right answer of the observer of every run, whose thresholds drift over so many trials."""
 
-    def __init__(self, slopes: FloatArray, lapse: float, threshold: FloatArray) -> None:
-        model = Psychometric(Weibull(1.0), lapse=lapse)
-        self._guess, self._lapse, self._at_threshold = model.guess, lapse, model.at_threshold
-        self._slopes, self._threshold = slopes, threshold
+    def __init__(self, setting: Setting, slopes: FloatArray, threshold: FloatArray, trials: float) -> None:
+        self._model = Psychometric(Weibull(1.0), lapse=setting.lapse)
+        self._setting, self._slopes, self._trials = setting, slopes, trials
+        self.threshold = threshold
 
-    def __call__(self, level_db: FloatArray, numbers: NDArray[np.intp]) -> FloatArray:
-        rise = weibull_rise(level_db - self._threshold[numbers], self._slopes[numbers], self._at_threshold)
-        return np.asarray(self._guess + (1.0 - self._guess - self._lapse) * rise)
+    def __call__(self, level_db: FloatArray, numbers: NDArray[np.intp], trial: NDArray[np.intp] | int) -> FloatArray:
+        model, setting = self._model, self._setting
+        above = level_db - self.threshold[numbers] - setting.drifted_db(trial, self._trials)
+        rise = weibull_rise(above, self._slopes[numbers], model.at_threshold)
+        return setting.chance(model.guess, model.guess + (1.0 - model.guess - model.lapse) * rise)
 
 
 PROCEDURES: dict[str, UpDownRule] = {"imece2004": IMECE2004}

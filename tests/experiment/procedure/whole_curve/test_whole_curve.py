@@ -12,7 +12,7 @@ from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
 from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
 from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
 from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurve, WholeCurveRule
-from tactuator.experiment.simulated.curve_quality import CurvePeople, CurveQuality, simulate_curve
+from tactuator.experiment.simulated.curve_quality import CurveQuality, simulate_curve
 from tactuator.experiment.simulated.procedure_quality import Setting
 from tactuator.perception.relative_curve import RelativeCurve
 
@@ -42,7 +42,7 @@ TRUTHS = {
 
 def run(truth: str, runs: int, trials: int = 150, lapse: float = 0.02, **people: float) -> CurveQuality:
     curve = RelativeCurve(FINE_HZ, TRUTHS[truth], truth)
-    return simulate_curve(WholeCurveRule(trials), Setting(runs, lapse=lapse, seed=3), CurvePeople(curve, **people))
+    return simulate_curve(WholeCurveRule(trials), Setting(runs, lapse=lapse, seed=3, **people), curve)
 
 
 @pytest.mark.parametrize(("truth", "limit_db"), [("flat", 1.3), ("+30 flat", 3.0), ("sinusoid", 4.0)])
