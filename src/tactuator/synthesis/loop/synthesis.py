@@ -2,7 +2,8 @@
 
 A loop is looked for in a fixed set of candidates (`candidates`), which depends on the plant alone: whatever keeps
 tight limits is found again under looser ones. Local optima in the parameters of `LoopStructure` then improve on it,
-from the candidates found and from a few starts around the plant's own poles.
+from the candidates found and from a few starts around the plant's own poles. Where these starts find nothing, the
+search goes on from the nearest misses, by steps that no limit changes (`hopping`).
 
 Beyond the file's limits a loop keeps half of the display's resonance objective in reserve where that is possible
 (max|T| <= 1.15 for an objective of 1.3), and must not be conditionally stable where the plant allows that: a command
@@ -24,6 +25,7 @@ from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.family import Member
 from tactuator.synthesis.loop.assessment import MemberAssessment, assess, figures, shortfalls
 from tactuator.synthesis.loop.candidates import shapes
+from tactuator.synthesis.loop.hopping import hops
 from tactuator.synthesis.loop.problem import DB, DEGREES_PER_DB, LoopProblem
 from tactuator.synthesis.loop.screening import Screen, Survivors
 from tactuator.synthesis.loop.solution import Solution, is_sound, solve
@@ -70,6 +72,10 @@ def synthesise(task: Task) -> Iterator[Found]:
     held = _witnesses(task, [first])
     found = _improved(task, [one for one, _ in held], classical=True)
     best = next(found, None)
+    if best is None and not held:
+        held = _hopped(task)
+        found = _improved(task, [one for one, _ in held], classical=False)
+        best = next(found, None)
     if best is None and not held:
         held = _witnesses(task, _later(task))
         found = _improved(task, [one for one, _ in held], classical=False)
@@ -188,6 +194,20 @@ def _settled(task: Task, share: float, starts: Sequence[FloatArray], classical: 
             means.append(solution.mean_db)
             ready = sorted([*ready, settled], key=_mean_db)
     yield from ready
+
+
+def _hopped(task: Task) -> list[tuple[FloatArray, Found]]:
+    """Return the first loop, if any, that steps from one local optimum to the next come upon."""
+    problem = LoopProblem(task.family, task.requirements, task.rate_hz, task.resonance_peak)
+    limits = bounds(problem, task.family[0].continuous)
+    starts = [*classical_starts(problem, task.family[0], task.rate_hz), *nearest(task)]
+    for solution in hops(problem, starts, limits, task.family, task.screen.must_bear_less):
+        if solution.excess_db <= _FEASIBLE_DB:
+            settled = _settle(task, problem, solution)
+            problem.tighten = np.zeros(len(problem.labels))
+            if settled is not None:
+                return [(solution.parameters, settled)]
+    return []
 
 
 def _settle(task: Task, problem: LoopProblem, solution: Solution) -> Found | None:
