@@ -15,21 +15,43 @@ TOKEN = "a-token-of-this-test"
 REFUSED = "Failed to load resource: the server responded with a status of 422"
 
 
+def address_of(client: Any) -> str:
+    """Return the address of a console's start page, with its token."""
+    return f"http://127.0.0.1:{client.port}/#token={TOKEN}"
+
+
+@contextmanager
+def watched_page(browser: Any, timeout_s: float = 30.0, also_logged: bool = True) -> Iterator[Any]:
+    """Yield an empty page; errors of its scripts, and those that the browser logged, fail the test at its end."""
+    context = browser.new_context(accept_downloads=True, viewport={"width": 1366, "height": 900})
+    page = context.new_page()
+    page.set_default_timeout(1000.0 * timeout_s)
+    complaints: list[str] = []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    if also_logged:
+        page.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
+    yield page
+    assert [one for one in complaints if not one.startswith(REFUSED)] == []
+    context.close()
+
+
+@contextmanager
+def opened_page(browser: Any, address: str, ready: str, timeout_s: float = 30.0) -> Iterator[Any]:
+    """Yield the page at an address once it is ready, watched."""
+    with watched_page(browser, timeout_s) as page:
+        page.goto(address)
+        page.wait_for_selector(f"body[data-ready={ready}]")
+        yield page
+
+
 @contextmanager
 def console_page(browser: Any, display: Path | None = None) -> Iterator[Any]:
     """Yield the start page of a console; what the browser complains of fails the test at its end."""
-    with served(build_console(Workshop(display), TOKEN)) as client:
-        context = browser.new_context(accept_downloads=True, viewport={"width": 1366, "height": 900})
-        page = context.new_page()
-        page.set_default_timeout(120_000)
-        complaints: list[str] = []
-        page.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.goto(f"http://127.0.0.1:{client.port}/#token={TOKEN}")
-        page.wait_for_selector("body[data-ready=start]")
+    with (
+        served(build_console(Workshop(display), TOKEN)) as client,
+        opened_page(browser, address_of(client), "start", 120.0) as page,
+    ):
         yield page
-        assert [one for one in complaints if not one.startswith(REFUSED)] == []
-        context.close()
 
 
 def go(page: Any, view: str, **more: str) -> None:

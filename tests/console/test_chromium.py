@@ -9,9 +9,9 @@ from tactuator.cli.main import main
 from tactuator.console.app import build_console
 from tactuator.console.workshop import Workshop
 from tactuator.files.start.shipped import EXAMPLES
+from tests.console.pages import TOKEN, console_page, tab_to
 from tests.web.server import served
 
-TOKEN = "a-token-of-this-test"
 ONE = (EXAMPLES / "display.toml").read_text("utf-8").partition('[[channel]]\nname = "thumb"')[0]
 SETTLED = ".tiles[aria-busy=false]"
 
@@ -21,26 +21,8 @@ def page(browser, tmp_path):
     """The start page of a console for a display of one channel; what the browser complains of is kept."""
     path = tmp_path / "display.toml"
     path.write_text(ONE)
-    with served(build_console(Workshop(path), TOKEN)) as client:
-        context = browser.new_context(accept_downloads=True)
-        made = context.new_page()
-        made.complaints = []
-        made.on("console", lambda said: made.complaints.append(said.text) if said.type == "error" else None)
-        made.on("pageerror", lambda error: made.complaints.append(str(error)))
-        made.goto(f"http://127.0.0.1:{client.port}/#token={TOKEN}")
-        made.wait_for_selector("body[data-ready=start]")
+    with console_page(browser, path) as made:
         yield made
-        assert made.complaints == []
-        context.close()
-
-
-def tab_to(page, found, most=80):
-    """Press Tab until the element in focus answers to `found`, a CSS selector."""
-    for _ in range(most):
-        page.keyboard.press("Tab")
-        if page.evaluate("(wanted) => document.activeElement.matches(wanted)", found):
-            return
-    raise AssertionError(f"Tab does not reach {found}")
 
 
 def shape(page):

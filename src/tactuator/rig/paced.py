@@ -8,31 +8,20 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.rig.finger import Finger
-from tactuator.rig.rig import ClosingRig, Rig, Ticking
+from tactuator.rig.rig import Rig, Ticking, WrappedRig
 from tactuator.rig.touchable import TouchableRig
 from tactuator.rig.trace import Trace
 
 
-class PacedRig(ClosingRig):
+class PacedRig(WrappedRig):
     """The given `rig`, slowed down: each block takes its own duration over `speed` (1: real time)."""
 
     def __init__(self, rig: Rig, speed: float = 1.0) -> None:
-        self._rig = rig
+        super().__init__(rig)
         self._speed = speed
         self._rows_played = 0
-
-    @property
-    def rate_hz(self) -> float:
-        """Return the sampling rate, hertz."""
-        return self._rig.rate_hz
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Return the names of the channels."""
-        return self._rig.channels
 
     @property
     def began_at(self) -> int | None:
@@ -60,10 +49,6 @@ class PacedRig(ClosingRig):
             raise BadInput("this display is real: a finger goes onto it by hand; allowed: a simulated display")
         return self._rig.finger(channel)
 
-    def load(self, controller: Controller) -> None:
-        """Load the controller into the rig."""
-        self._rig.load(controller)
-
     def play(self, reference: ArrayLike) -> Trace:
         """Play, and wait until the block would be over."""
         return self._wait(self._rig.play(reference), time.monotonic(), np.shape(reference)[0])
@@ -80,10 +65,6 @@ class PacedRig(ClosingRig):
     def drive(self, command_v: ArrayLike) -> Trace:
         """Drive, and wait until the block would be over."""
         return self._wait(self._rig.drive(command_v), time.monotonic(), np.shape(command_v)[0])
-
-    def rest(self) -> None:
-        """Bring the output to rest."""
-        self._rig.rest()
 
     def close(self) -> None:
         """Close the rig that is paced."""

@@ -112,6 +112,31 @@ class DisplayRig(ClosingRig):
         return tuple(channel.name for channel in self._display.channels)
 
 
+class WrappedRig(ClosingRig):
+    """A rig around another, whose rate, channels, controller and rest it has."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+
+    @property
+    def rate_hz(self) -> float:
+        """Return the sampling rate, hertz."""
+        return self._rig.rate_hz
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Return the names of the channels."""
+        return self._rig.channels
+
+    def load(self, controller: Controller) -> None:
+        """Make the controller the one that runs, as the rig does."""
+        self._rig.load(controller)
+
+    def rest(self) -> None:
+        """Bring the output to rest."""
+        self._rig.rest()
+
+
 @runtime_checkable
 class Ticking(Protocol):
     """A rig that tells by its own clock when it began what it played last, and how far it has come since."""

@@ -12,15 +12,13 @@ from websockets.sync.client import connect
 from tactuator.cli.main import main
 from tactuator.console.app import build_console
 from tactuator.console.scope.frames import HEADER
-from tactuator.console.scope.host import RigHost
 from tactuator.console.scope.routes import CLOSE_FORBIDDEN, CLOSE_NO_RIG
 from tactuator.console.workshop import Workshop
-from tactuator.files.controller import write_controller
 from tactuator.files.record import read_record
 from tactuator.files.start.shipped import EXAMPLES
+from tests.console.pages import TOKEN
 from tests.web.server import served
 
-TOKEN = "a-token-of-this-test"
 LOOK = {"do": "look", "span_s": 0.1, "columns": 100}
 
 
@@ -61,19 +59,6 @@ class Page:
             message = self.take()
             if message and message.get("id") == self.count:
                 return message
-
-
-@pytest.fixture(scope="module")
-def console(controller, tmp_path_factory):
-    """A console with a simulated rig in a process of its own, live."""
-    host = RigHost("simulated", controller.display, 2)
-    try:
-        with served(build_console(Workshop(), TOKEN, rig=host)) as client:
-            client.host, client.file = host, tmp_path_factory.mktemp("console") / "controller.json"
-            write_controller(client.file, controller)
-            yield client
-    finally:
-        host.close()
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from tactuator.files.reference import ReferenceHead, write_reference
 from tactuator.files.start.shipped import EXAMPLES
 from tactuator.rig.board.link import Mode
 from tests.console.held_rig.board_at_port import board_at_port
-from tests.console.pages import TOKEN, go, saved_by, tab_to
+from tests.console.pages import TOKEN, go, saved_by, tab_to, watched_page
 from tests.console.test_accessibility_chromium import AXE, faults
 from tests.web.server import served
 
@@ -27,14 +27,8 @@ PROGRAM = "import sys; from tactuator.cli import main; sys.exit(main())"
 
 @pytest.fixture
 def page(browser):
-    context = browser.new_context(accept_downloads=True, viewport={"width": 1366, "height": 900})
-    page = context.new_page()
-    page.set_default_timeout(60_000)
-    page.errors = []
-    page.on("pageerror", lambda error: page.errors.append(str(error)))
-    yield page
-    assert page.errors == []
-    context.close()
+    with watched_page(browser, 60.0, also_logged=False) as made:
+        yield made
 
 
 @pytest.fixture

@@ -3,47 +3,22 @@
 import pytest
 
 from tactuator.console.app import build_console
-from tactuator.console.scope.host import RigHost
 from tactuator.console.workshop import Workshop
-from tactuator.files.controller import write_controller
 from tactuator.files.record import read_record
-from tests.console.pages import tab_to
+from tests.console.pages import TOKEN, address_of, opened_page, tab_to
 from tests.console.test_accessibility_chromium import AXE, faults
 from tests.web.server import served
 
-TOKEN = "a-token-of-this-test"
-
-
-@pytest.fixture(scope="module")
-def console(controller, tmp_path_factory):
-    host = RigHost("simulated", controller.display, 2)
-    try:
-        with served(build_console(Workshop(), TOKEN, rig=host)) as client:
-            client.host, client.file = host, tmp_path_factory.mktemp("console") / "controller.json"
-            write_controller(client.file, controller)
-            yield client
-    finally:
-        host.close()
-
 
 def opened(browser, client):
-    """The scope of a console, and what the browser complains of."""
-    context = browser.new_context(accept_downloads=True, viewport={"width": 1366, "height": 800})
-    page = context.new_page()
-    page.complaints = []
-    page.on("console", lambda said: page.complaints.append(said.text) if said.type == "error" else None)
-    page.on("pageerror", lambda error: page.complaints.append(str(error)))
-    page.goto(f"http://127.0.0.1:{client.port}/#token={TOKEN}&view=scope")
-    page.wait_for_selector("body[data-ready=scope]")
-    return page
+    """Return the context of a console's scope in a page of its own."""
+    return opened_page(browser, f"{address_of(client)}&view=scope", "scope")
 
 
 @pytest.fixture
 def page(browser, console):
-    made = opened(browser, console)
-    yield made
-    assert made.complaints == []
-    made.context.close()
+    with opened(browser, console) as made:
+        yield made
 
 
 def begun(page, console):
@@ -115,19 +90,17 @@ def test_scope__by_keyboard_alone__plays_is_touched_paused_saved_and_stopped(pag
 @pytest.mark.slow
 def test_two_consoles__one_has_the_controls_and_the_other_watches(page, browser, console):
     begun(page, console)
-    other = opened(browser, console)
-    other.wait_for_selector("#rig-held:has-text('another page has the controls')")
-    assert other.locator("#play").is_disabled()
-    frames_past(other)
-    other.locator("#take").focus()
-    other.keyboard.press("Enter")
-    page.wait_for_selector("#rig-held:has-text('another page has the controls')")
-    other.wait_for_selector("#play:not([disabled])")
-    other.locator("#give").focus()
-    other.keyboard.press("Enter")
-    page.wait_for_selector("#rig-held:has-text('nobody has the controls')")
-    assert other.complaints == []
-    other.context.close()
+    with opened(browser, console) as other:
+        other.wait_for_selector("#rig-held:has-text('another page has the controls')")
+        assert other.locator("#play").is_disabled()
+        frames_past(other)
+        other.locator("#take").focus()
+        other.keyboard.press("Enter")
+        page.wait_for_selector("#rig-held:has-text('another page has the controls')")
+        other.wait_for_selector("#play:not([disabled])")
+        other.locator("#give").focus()
+        other.keyboard.press("Enter")
+        page.wait_for_selector("#rig-held:has-text('nobody has the controls')")
 
 
 @pytest.mark.slow
@@ -148,7 +121,5 @@ def test_rig__whose_process_is_killed__is_told_and_can_be_opened_again(page, con
 
 @pytest.mark.slow
 def test_console__without_a_rig__says_how_to_begin_it_with_one(browser):
-    with served(build_console(Workshop(), TOKEN)) as client:
-        made = opened(browser, client)
+    with served(build_console(Workshop(), TOKEN)) as client, opened(browser, client) as made:
         made.wait_for_selector("code:has-text('--rig simulated')")
-        made.context.close()

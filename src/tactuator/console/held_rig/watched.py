@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 from numpy.typing import ArrayLike
 
-from tactuator.display.controller import Controller
-from tactuator.rig.rig import ClosingRig, Rig
+from tactuator.rig.rig import Rig, WrappedRig
 from tactuator.rig.sensing import PartlyDeaf
 from tactuator.rig.trace import Trace
 
@@ -16,30 +15,17 @@ class RigHalted(Exception):
     """Raised where what goes on at the rig is to stop."""
 
 
-class WatchedRig(ClosingRig):
+class WatchedRig(WrappedRig):
     """The given rig; `halted` is asked with every piece of a stream, and before anything begins."""
 
     def __init__(self, rig: Rig, halted: Callable[[], bool]) -> None:
-        self._rig, self._halted = rig, halted
-
-    @property
-    def rate_hz(self) -> float:
-        """Return the sampling rate, hertz."""
-        return self._rig.rate_hz
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Return the names of the channels."""
-        return self._rig.channels
+        super().__init__(rig)
+        self._halted = halted
 
     @property
     def without_sensor(self) -> tuple[str, ...]:
         """Return the names of the channels that have no sensor."""
         return self._rig.without_sensor if isinstance(self._rig, PartlyDeaf) else ()
-
-    def load(self, controller: Controller) -> None:
-        """Make the controller the one that runs, as the rig does."""
-        self._rig.load(controller)
 
     def play(self, reference: ArrayLike) -> Trace:
         """Play a block; a halt comes after it."""
@@ -57,10 +43,6 @@ class WatchedRig(ClosingRig):
         """Drive the motors; a halt comes after it."""
         self._go_on()
         return self._rig.drive(command_v)
-
-    def rest(self) -> None:
-        """Bring the output to rest."""
-        self._rig.rest()
 
     def _go_on(self) -> None:
         if self._halted():

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+from tactuator.errors import BadInput
+
 
 @dataclass(frozen=True)
 class Placement:
@@ -35,6 +37,34 @@ class Playable:
     band_hz: tuple[float, float] = (0.4, 300.0)
     mains_hz: float = 60.0
     clearance_hz: float = 2.5
+
+
+class FixedTrials:
+    """The count of a run that is over after a fixed number of trials. Procedures inherit from it."""
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._trials = 0
+
+    @property
+    def trials(self) -> int:
+        """Return the number of trials recorded so far."""
+        return self._trials
+
+    @property
+    def progress(self) -> float:
+        """Return the share of the trials done."""
+        return self._trials / self._limit
+
+    @property
+    def is_over(self) -> bool:
+        """Tell whether every trial has been recorded."""
+        return self._trials >= self._limit
+
+    def _count(self) -> None:
+        if self.is_over:
+            raise BadInput(f"the run was over after {self._trials} trials; allowed: no further response")
+        self._trials += 1
 
 
 class Procedure(Protocol):

@@ -18,7 +18,7 @@ from scipy.special import entr
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.procedure import Estimate, Placement
+from tactuator.experiment.procedure.procedure import Estimate, FixedTrials, Placement
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
 
 
@@ -124,26 +124,15 @@ def tables(rule: QuestPlusRule) -> Tables:
     return Tables(rule)
 
 
-class QuestPlus:
+class QuestPlus(FixedTrials):
     """One run of QUEST+ by the given rule."""
 
     def __init__(self, rule: QuestPlusRule) -> None:
+        super().__init__(rule.trials)
         self.rule = rule
         self._tables = tables(rule)
         self._posterior = self._tables.prior[None, :]
         self._next = int(self._tables.most_telling(self._posterior)[0])
-        self._trials = 0
-        self._limits: set[str] = set()
-
-    @property
-    def trials(self) -> int:
-        """Return the number of trials recorded so far."""
-        return self._trials
-
-    @property
-    def progress(self) -> float:
-        """Return the share of the trials done."""
-        return self._trials / self.rule.trials
 
     @property
     def flags(self) -> tuple[str, ...]:
@@ -158,21 +147,19 @@ class QuestPlus:
 
     def placement(self) -> Placement | None:
         """Return the most telling level, or None when the run is over."""
-        if self._trials >= self.rule.trials:
+        if self.is_over:
             return None
         return Placement(float(self._tables.levels[self._next]))
 
     def record(self, correct: bool) -> None:
         """Learn the outcome of a trial. Raises BadInput once the run is over."""
-        if self.placement() is None:
-            raise BadInput(f"the run was over after {self._trials} trials; allowed: no further response")
+        self._count()
         self._posterior = self._tables.learn(self._posterior, np.array([self._next]), np.array([correct]))
         self._next = int(self._tables.most_telling(self._posterior)[0])
-        self._trials += 1
 
     def estimate(self) -> Estimate | None:
         """Return the posterior mean and standard deviation once the run is over; None before."""
-        if self._trials < self.rule.trials:
+        if not self.is_over:
             return None
         mean, sd = self._tables.threshold(self._posterior)
         return Estimate(float(mean[0]), float(sd[0]))

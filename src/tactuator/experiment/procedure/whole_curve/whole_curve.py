@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.answering import Answering
-from tactuator.experiment.procedure.procedure import Estimate, Placement
+from tactuator.experiment.procedure.procedure import Estimate, FixedTrials, Placement
 from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
 from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
 
@@ -38,29 +38,19 @@ class WholeCurveRule:
             )
 
 
-class WholeCurve:
+class WholeCurve(FixedTrials):
     """One run of the whole-curve procedure.
 
     belief: what is known so far. played: frequency, level and outcome of every trial.
     """
 
     def __init__(self, rule: WholeCurveRule) -> None:
+        super().__init__(rule.trials)
         self.rule = rule
         self.belief = CurveBelief(rule.prior, rule.answering)
         self.played: list[tuple[float, float, bool]] = []
-        self._trials = 0
         self._limits: set[str] = set()
         self._placed: tuple[int, float] | None = None
-
-    @property
-    def trials(self) -> int:
-        """Return the number of trials recorded so far."""
-        return self._trials
-
-    @property
-    def progress(self) -> float:
-        """Return the share of the trials done."""
-        return self._trials / self.rule.trials
 
     @property
     def flags(self) -> tuple[str, ...]:
@@ -69,23 +59,23 @@ class WholeCurve:
 
     def placement(self) -> Placement | None:
         """Return the most telling frequency and level, or None when the run is over."""
-        if self._trials >= self.rule.trials:
+        if self.is_over:
             return None
+        point, level_db_sl = self._chosen()
+        return Placement(level_db_sl, float(self.rule.prior.frequency_hz[point]))
+
+    def _chosen(self) -> tuple[int, float]:
         if self._placed is None:
-            rule = self.rule
-            point, level = self.belief.choose(rule.floor_db_sl, rule.ceiling_db_sl)
+            point, level = self.belief.choose(self.rule.floor_db_sl, self.rule.ceiling_db_sl)
             self._placed = int(point[0]), float(level[0])
-        point_index, level_db_sl = self._placed
-        return Placement(level_db_sl, float(self.rule.prior.frequency_hz[point_index]))
+        return self._placed
 
     def record(self, correct: bool) -> None:
         """Learn the outcome of a trial. Raises BadInput once the run is over."""
-        if self.placement() is None or self._placed is None:
-            raise BadInput(f"the run was over after {self._trials} trials; allowed: no further response")
-        point, level = self._placed
+        self._count()
+        point, level = self._chosen()
         self.belief.learn(np.array([point]), np.array([level]), np.array([correct]))
         self.played.append((float(self.rule.prior.frequency_hz[point]), level, bool(correct)))
-        self._trials += 1
         self._placed = None
         if level <= self.rule.floor_db_sl:
             self._limits.add("floor")
