@@ -10,7 +10,9 @@ TEST_ENV = OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
 .PHONY: help python install reproduce test check check-slow check-all lint types contract core-warnings soak bench docs readme \
 	lock site wheel install-test install-site install-boards fix clean
+ifndef TOGETHER # what is set up comes before what needs it, even with `make -j`
 .NOTPARALLEL:
+endif
 .SILENT:
 
 help: ## list the targets
@@ -42,11 +44,14 @@ check-slow: install-test install-site ## what takes minutes: a minute of fuzzing
 	$(PYTHON) tools/system.py slow
 	$(TEST_ENV) $(BIN)/python -m pytest -m "slow and not soak" -n $(WORKERS) $(ARGS)
 
-check-all: check install-site ## both in one run, as CI does: what waits in one overlaps with the other
+check-all: install-site check ## both in one run, as CI does: what waits in one overlaps with the other; one set installed, not two
 	$(PYTHON) tools/system.py slow
 	$(TEST_ENV) $(BIN)/python -m pytest -m "not soak" -n $(WORKERS) $(ARGS)
 
-check: install-test lint types contract core-warnings
+check: install-test # without its cache mypy keeps one core busy for half a minute: the rest goes beside it
+	$(MAKE) --no-print-directory --jobs=2 --output-sync TOGETHER=1 .together
+
+.together: types lint contract core-warnings
 
 lint:
 	$(BIN)/ruff check --quiet

@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import matplotlib
@@ -33,7 +34,14 @@ class Plate:
             raise BadInput(f"columns of {self.name} have {lengths} rows; allowed: as many in each")
 
     def svg(self) -> str:
-        """Return the figure as SVG text: the same figure gives the same bytes, and looks the same with any fonts."""
+        """Return the figure as SVG text: the same figure gives the same bytes, and looks the same with any fonts.
+
+        It is drawn the first time that it is asked for.
+        """
+        return self._drawn
+
+    @cached_property
+    def _drawn(self) -> str:
         with matplotlib.rc_context({"svg.hashsalt": self.name, "svg.fonttype": "path"}):
             stream = io.StringIO()
             self.figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": "tactuator"})

@@ -54,8 +54,9 @@ def answers(guarded, rows, left=0.0):
     return np.array(found), np.array(wanted)
 
 
-@pytest.mark.parametrize("controller", [designed(), uncommon(designed())], ids=["designed", "uncommon"])
-def test_period__tones_and_silence__commands_are_the_controllers_to_the_bit(controller):
+@pytest.mark.parametrize("made", [designed, lambda: uncommon(designed())], ids=["designed", "uncommon"])
+def test_period__tones_and_silence__commands_are_the_controllers_to_the_bit(made):
+    controller = made()
     guarded = Guarded(controller)
     assert guarded.board.is_designed == (controller is designed())
     time_s = np.arange(SOFT + 1500) / 4000.0
