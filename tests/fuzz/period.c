@@ -12,7 +12,7 @@
 #include "board/period.h"
 #include "tables.h"
 
-enum { ROWS = 64, CHANNELS = 3 };
+enum { ROWS = 64, CHANNELS = 3, IMAGES = 5 };
 enum { CLEAR, ARM, START, STOP, OFF, ACKNOWLEDGE, STREAM, RUN, NOISE, SILENT, LATE, IMAGE, SAFETY, TONES, EVENT, RAW };
 
 typedef struct {
@@ -24,7 +24,7 @@ static tact_board board;
 static tact_drawn_display display;
 static tact_noise noise;
 static tact_safety designed, safety;
-static tact_image images[3], image;
+static tact_image images[IMAGES], image;
 static float stream[ROWS * CHANNELS];
 static int32_t trace[ROWS * CHANNELS * 2];
 static uint32_t resting, fading;
@@ -51,9 +51,18 @@ int LLVMFuzzerInitialize(int *count, char ***arguments)
     (void)count;
     (void)arguments;
     MUST(tact_safety_parse(&designed, SAFETY_TABLE, sizeof SAFETY_TABLE, CHANNELS) == TACT_SAFETY_GOOD);
-    MUST(tact_image_parse(&images[0], IMAGE_SINGLE, sizeof IMAGE_SINGLE, designed.rate_hz, 1, CHANNELS) == 0);
-    MUST(tact_image_parse(&images[1], IMAGE_Q31, sizeof IMAGE_Q31, designed.rate_hz, 1, CHANNELS) == 0);
-    MUST(tact_image_parse(&images[2], IMAGE_OTHER, sizeof IMAGE_OTHER, designed.rate_hz, 1, CHANNELS) == 0);
+    static const struct {
+        const uint8_t *bytes;
+        size_t size;
+    } FILES[IMAGES] = {
+        {IMAGE_SINGLE, sizeof IMAGE_SINGLE},
+        {IMAGE_Q31, sizeof IMAGE_Q31},
+        {IMAGE_OTHER, sizeof IMAGE_OTHER},
+        {IMAGE_ADAPTIVE, sizeof IMAGE_ADAPTIVE},
+        {IMAGE_ADAPTIVE_Q31, sizeof IMAGE_ADAPTIVE_Q31},
+    };
+    for (int i = 0; i < IMAGES; i++)
+        MUST(tact_image_parse(&images[i], FILES[i].bytes, FILES[i].size, designed.rate_hz, 1, CHANNELS) == 0);
     atexit(tell);
     return 0;
 }
@@ -175,9 +184,9 @@ static void ask(input *in, uint8_t operation)
     else if (operation == ACKNOWLEDGE)
         (void)tact_board_acknowledge(&board, board.sensor_faults + (byte & 1u));
     else if (operation == IMAGE) {
-        image = images[byte % 3];
+        image = images[byte % IMAGES];
         if (byte & 128)
-            tact_drawn_image(&image, &images[byte % 3], &noise);
+            tact_drawn_image(&image, &images[byte % IMAGES], &noise);
         (void)(board.safety.channels && tact_board_take_image(&board, &image));
     } else if (operation == SAFETY) {
         safety = designed;
@@ -216,7 +225,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     board.allows_hold = 1;
     tick(0, 1, 0); /* without a table */
     MUST(tact_board_take_safety(&board, &designed));
-    MUST(tact_board_take_image(&board, &images[next(&in) % 3]));
+    MUST(tact_board_take_image(&board, &images[next(&in) % IMAGES]));
     while (in.left)
         act(&in, next(&in) & 15);
     return 0;

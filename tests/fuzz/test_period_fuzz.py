@@ -14,7 +14,7 @@ import pytest
 from tactuator.rig.board.commissioning import safety_table
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import safety_bytes
-from tests.rig.guard.guarded import designed
+from tests.rig.guard.guarded import adaptive, designed
 
 ROOT = Path(__file__).resolve().parents[2]
 PARTS = ("arithmetic", "board", "control", "touch", "wire")
@@ -39,6 +39,8 @@ def write_tables(folder: Path) -> None:
         "IMAGE_SINGLE": build_image(controller, "float32"),
         "IMAGE_Q31": build_image(controller, "q31"),
         "IMAGE_OTHER": build_image(other, "float32"),
+        "IMAGE_ADAPTIVE": build_image(adaptive(), "float32"),
+        "IMAGE_ADAPTIVE_Q31": build_image(adaptive(), "q31"),
     }
     arrays = (
         f"static const uint8_t {name}[] = {{{','.join(map(str, content))}}};" for name, content in contents.items()
@@ -52,7 +54,7 @@ def write_seeds(folder: Path) -> None:
     feed = [STREAM, 10, 2, RUN, 4] * 12
     ended = [RUN, 255, RUN, 255, RUN, 255, RUN, 255, RUN, 255, CLEAR, 0, ACKNOWLEDGE, 0, OFF, 0]
     begun = [ARM, 0, START, 1]
-    for image in range(3):
+    for image in range(5):
         for name, happens in {
             "played": [*feed, STOP, 0, RUN, 100],
             "loud": [*([STREAM, 23, 1, RUN, 4] * 20)],
@@ -66,6 +68,8 @@ def write_seeds(folder: Path) -> None:
             (folder / f"{name}-{image}").write_bytes(bytes([1, image, *begun, *happens, *ended, IMAGE, 128 + image]))
         driven = [ARM, 0, START, 12 + 1, *([STREAM, 11, 1, RUN, 4] * 20), RAW, 0, 0, *([255] * 96), RUN, 20]
         (folder / f"driven-{image}").write_bytes(bytes([2, image, *driven, *ended]))
+        not_a_number = [ARM, 0, START, 12 + 1, *([STREAM, 0, 0, RUN, 4] * 3), RAW, 0, 0, *([255] * 96), RUN, 20]
+        (folder / f"not-a-number-{image}").write_bytes(bytes([4, image, *not_a_number, *ended]))
         tones = [TONES, 30, 60, 2, 40, 31, 60, 2, 40, 32, 60, 2, 40, ARM, 0, START, 2, RUN, 255, STOP, 0, *ended]
         (folder / f"tones-{image}").write_bytes(bytes([3, image, *tones]))
         held = [ARM, 0, START, 16, *feed, RUN, 100, START, 32, *feed, STOP, 0, RUN, 255, *ended]

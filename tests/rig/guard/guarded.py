@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tactuator.display.controller import Controller
 from tactuator.display.description import Display
+from tactuator.display.touch import Touch
 from tactuator.paper.plan import paper_display
 from tactuator.rig.board.finger import SENSOR_FAULTS
 from tactuator.rig.board.frames import Request
@@ -30,6 +31,13 @@ def designed() -> Controller:
     if "it" not in _made:
         _made["it"] = design_controller(paper_display())
     return _made["it"]
+
+
+def adaptive() -> Controller:
+    """The same display's controller with the finger fed forward, designed once."""
+    if "adaptive" not in _made:
+        _made["adaptive"] = design_controller(replace(paper_display(), touch=Touch(adaptive=True)))
+    return _made["adaptive"]
 
 
 def spoilt(controller: Controller, gain: float) -> Controller:

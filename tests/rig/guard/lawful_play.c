@@ -3,7 +3,8 @@
  *
  *     seed --> tones, noise, steps, silence --> board --> simulated display <-- presses, taps, tremor, loads
  *
- *     lawful_play SEED SECONDS          tables.h, written by lawful_play.py: designed tables and a display
+ *     lawful_play SEED SECONDS WHICH    tables.h, written by lawful_play.py: designed tables and a display; WHICH of the
+ *                                       controllers: 0 fixed, 1 adaptive, 2 adaptive in Q31
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -176,21 +177,37 @@ static void play_block(void)
     }
 }
 
+static void take_tables(unsigned long which)
+{
+    static const struct {
+        const uint8_t *safety, *image;
+        size_t safety_size, image_size;
+    } FILES[] = {
+        {SAFETY_FIXED, IMAGE_FIXED, sizeof SAFETY_FIXED, sizeof IMAGE_FIXED},
+        {SAFETY_ADAPTIVE, IMAGE_ADAPTIVE, sizeof SAFETY_ADAPTIVE, sizeof IMAGE_ADAPTIVE},
+        {SAFETY_ADAPTIVE, IMAGE_ADAPTIVE_Q31, sizeof SAFETY_ADAPTIVE, sizeof IMAGE_ADAPTIVE_Q31},
+    };
+    static tact_safety safety;
+    static tact_image image;
+    check(which < sizeof FILES / sizeof *FILES, "allowed for WHICH: 0, 1, 2");
+    check(tact_safety_parse(&safety, FILES[which].safety, FILES[which].safety_size, CHANNELS) == TACT_SAFETY_GOOD,
+          "safety table");
+    check(tact_image_parse(&image, FILES[which].image, FILES[which].image_size, safety.rate_hz, 1, CHANNELS) == 0, "image");
+    check(tact_simulated_board_parse(&simulated, DISPLAY, sizeof DISPLAY, CHANNELS), "display");
+    check(tact_board_take_safety(&board, &safety) && tact_board_take_image(&board, &image), "tables not taken");
+    check((board.image.adapts > 0) == (which > 0), "finger fed forward");
+}
+
 int main(int count, char **arguments)
 {
-    check(count == 3, "allowed: lawful_play SEED SECONDS");
+    check(count == 4, "allowed: lawful_play SEED SECONDS WHICH");
     tact_noise_seed(&noise, (uint32_t)strtoul(arguments[1], NULL, 10), 77);
     tact_board_reset(&board, CHANNELS, stream, ROWS, trace, ROWS);
     tact_simulated_board_reset(&simulated, force, felt_mm);
-    static tact_safety safety;
-    static tact_image image;
-    check(tact_safety_parse(&safety, SAFETY_TABLE, sizeof SAFETY_TABLE, CHANNELS) == TACT_SAFETY_GOOD, "safety table");
-    check(tact_image_parse(&image, IMAGE_SINGLE, sizeof IMAGE_SINGLE, safety.rate_hz, 1, CHANNELS) == 0, "image");
-    check(tact_simulated_board_parse(&simulated, DISPLAY, sizeof DISPLAY, CHANNELS), "display");
-    check(tact_board_take_safety(&board, &safety) && tact_board_take_image(&board, &image), "tables not taken");
+    take_tables(strtoul(arguments[3], NULL, 10));
     for (int c = 0; c < CHANNELS; c++)
         draw_reference(&players[c], 0.0f);
-    const double wanted = strtod(arguments[2], NULL) * (double)safety.rate_hz;
+    const double wanted = strtod(arguments[2], NULL) * (double)board.safety.rate_hz;
     while ((double)ticks < wanted) {
         if (board.mode != TACT_RUNNING)
             begin();
@@ -200,8 +217,8 @@ int main(int count, char **arguments)
             draw_event();
         play_block();
     }
-    printf("seconds %.6g running %.6g runs %llu", (double)ticks / (double)safety.rate_hz,
-           (double)running / (double)safety.rate_hz, starts);
+    printf("seconds %.6g running %.6g runs %llu", (double)ticks / (double)board.safety.rate_hz,
+           (double)running / (double)board.safety.rate_hz, starts);
     for (int f = 1; f <= TACT_FAULT_LAST; f++)
         printf(" %llu", faults[f]);
     printf("\n");

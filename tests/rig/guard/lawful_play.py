@@ -11,10 +11,11 @@ from tactuator.rig.board.commissioning import safety_table
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import Fault, safety_bytes
 from tactuator.runtime.simulated_board import simulated_board_bytes
-from tests.rig.guard.guarded import designed
+from tests.rig.guard.guarded import adaptive, designed
 
 ROOT = Path(__file__).resolve().parents[3]
 _PARTS = ("arithmetic", "board", "control", "display", "link", "touch", "wire")
+CONTROLLERS = ("fixed", "adaptive", "adaptive, q31")
 _FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror")
 
 
@@ -29,12 +30,14 @@ class Lawful:
 
 
 def build(folder: Path) -> Path:
-    """Compile the program with the example display's tables into `folder` and return its path."""
-    controller = designed()
+    """Compile the program with the tables of the example display, fixed and adaptive, into `folder`."""
     contents = {
-        "SAFETY_TABLE": safety_bytes(safety_table(controller.display)),
-        "IMAGE_SINGLE": build_image(controller, "float32"),
-        "DISPLAY": simulated_board_bytes(controller.display, 1)[0],
+        "SAFETY_FIXED": safety_bytes(safety_table(designed().display)),
+        "SAFETY_ADAPTIVE": safety_bytes(safety_table(adaptive().display)),
+        "IMAGE_FIXED": build_image(designed(), "float32"),
+        "IMAGE_ADAPTIVE": build_image(adaptive(), "float32"),
+        "IMAGE_ADAPTIVE_Q31": build_image(adaptive(), "q31"),
+        "DISPLAY": simulated_board_bytes(designed().display, 1)[0],
     }
     arrays = (f"static const uint8_t {name}[] = {{{','.join(map(str, of))}}};\n" for name, of in contents.items())
     (folder / "tables.h").write_text("".join(arrays))
@@ -45,9 +48,10 @@ def build(folder: Path) -> Path:
     return program
 
 
-def play(program: Path, seed: int, seconds: float) -> Lawful:
-    """Run the program for so many simulated seconds; the same seed plays the same."""
-    said = subprocess.run([program, str(seed), str(seconds)], capture_output=True, text=True, check=True).stdout
+def play(program: Path, seed: int, seconds: float, controller: str = "fixed") -> Lawful:
+    """Run the program for so many simulated seconds on one of CONTROLLERS; the same seed plays the same."""
+    which = str(CONTROLLERS.index(controller))
+    said = subprocess.run([program, str(seed), str(seconds), which], capture_output=True, text=True, check=True).stdout
     found = re.search(r"seconds (\S+) running (\S+) runs (\d+)((?: \d+)+)", said)
     assert found, said
     counts = map(int, found[4].split())

@@ -16,7 +16,7 @@ from tactuator.runtime._core import lib
 from tactuator.runtime.safety_table import Fault
 from tests.rig.guard.felt_reference import FeltReference
 from tests.rig.guard.guarded import Guarded, designed
-from tests.rig.guard.lawful_play import build, play
+from tests.rig.guard.lawful_play import CONTROLLERS, build, play
 from tests.rig.guard.lying_sensor import BEGIN, DOCS, END, LIES, SITUATIONS, table, try_lie
 
 TRAVEL_MM, LOUDEST_DB_SL, RATE, SOFT = 12.5, 56.0, 4000, 410
@@ -36,7 +36,8 @@ def reset(guarded: Guarded) -> list[np.ndarray]:
     return moved
 
 
-def judge_stuck(code: int, resets: int, ticks: int) -> None:
+def stuck(code: int, resets: int, ticks: int) -> tuple[float, float, int]:
+    """How far the motor went at most, in mm; the loudest after the first three notices, in dB SL; the resets."""
     guarded = Guarded(designed(), seed=abs(code) + 1)
     moved, notices = [guarded.run(np.zeros((900, 3))).displacement_mm], []
     guarded.break_sensor("stuck", 0, float(code))
@@ -49,13 +50,18 @@ def judge_stuck(code: int, resets: int, ticks: int) -> None:
             break
         moved += reset(guarded)
     displacement = np.concatenate(moved)[:, 0]
-    assert notices
-    assert np.max(np.abs(displacement)) < TRAVEL_MM
-    judge = FeltReference(designed(), 0)
+    judge, loudest = FeltReference(designed(), 0), 0.0
     for at in notices[:3]:
         since = max(0, at - 9000)
-        felt = np.abs(judge.of(displacement[since : at + 3000]))[at + 1 - since :]
-        assert 20.0 * np.log10(np.max(felt)) < LOUDEST_DB_SL
+        loudest = max(loudest, np.max(np.abs(judge.of(displacement[since : at + 3000]))[at + 1 - since :]))
+    return float(np.max(np.abs(displacement))), 20.0 * np.log10(loudest) if loudest else -np.inf, len(notices)
+
+
+def judge_stuck(code: int, resets: int, ticks: int) -> None:
+    furthest_mm, loudest_db_sl, notices = stuck(code, resets, ticks)
+    assert notices
+    assert furthest_mm < TRAVEL_MM
+    assert loudest_db_sl < LOUDEST_DB_SL
 
 
 @pytest.mark.parametrize("code", CODES)
@@ -181,7 +187,14 @@ def test_lawful_play__two_thousand_seconds_of_sound_sensors__trip_nothing(lawful
     assert found.running_s > 1980.0
 
 
+@pytest.mark.parametrize("controller", CONTROLLERS[1:])
+def test_lawful_play__finger_fed_forward__trips_nothing(lawful: Path, controller: str) -> None:
+    assert play(lawful, 1, 300.0, controller).faults == {}
+
+
 @pytest.mark.soak
+@pytest.mark.parametrize("controller", CONTROLLERS)
 @pytest.mark.parametrize("seed", range(2, 12))
-def test_lawful_play__million_seconds_in_ten_parts__trip_nothing(lawful: Path, seed: int) -> None:
-    assert play(lawful, seed, 1e5).faults == {}
+def test_lawful_play__million_seconds_in_ten_parts__trip_nothing(lawful: Path, seed: int, controller: str) -> None:
+    """The finger fed forward for a tenth of that time in either format."""
+    assert play(lawful, seed, 1e5 if controller == "fixed" else 1e4, controller).faults == {}
