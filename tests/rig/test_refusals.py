@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
+from tactuator.rig.board.frames import ANSWER, Frame, Request, RequestOutcome, frame_bytes
 from tactuator.rig.board.link import STREAM, LinkClient, Mode
 from tactuator.rig.board.tones import BoardTone
 from tactuator.rig.board_check.streaming_check import check_streaming
@@ -73,6 +74,39 @@ def test_ask__port_that_chatters__is_given_up() -> None:
         client.status()
     assert port.sent == 3
     assert port.now_s == pytest.approx(6.0, abs=0.5)
+
+
+class Restarted(Chatter):
+    """A board that loses the first request, since it begins anew, and answers the second."""
+
+    def receive(self, timeout_s: float) -> bytes:
+        if self.sent == 1:
+            self.now_s += 0.01
+            return b"\0"
+        self.now_s += min(0.1, max(timeout_s, 1e-3))
+        return frame_bytes(Frame(Request.ARM | ANSWER, 1, bytes([RequestOutcome.NOT_IN_THIS_MODE])))
+
+
+def test_ask__board_that_begins_anew__is_asked_again_at_once() -> None:
+    port = Restarted()
+    client = LinkClient(port, answer_s=100.0, clock=lambda: port.now_s)
+    assert client.ask(Request.ARM) == (RequestOutcome.NOT_IN_THIS_MODE, b"")
+    assert (client.begun, port.sent) == (1, 2)
+    assert port.now_s < 1.0
+
+
+class Zeros(Chatter):
+    def receive(self, timeout_s: float) -> bytes:
+        return b"\0" * len(super().receive(timeout_s))
+
+
+def test_ask__port_of_nothing_but_zeros__is_given_up_after_its_time() -> None:
+    port = Zeros()
+    client = LinkClient(port, answer_s=2.0, tries=3, clock=lambda: port.now_s)
+    with pytest.raises(LinkDown, match="the board does not answer"):
+        client.status()
+    assert port.sent == 3
+    assert port.now_s == pytest.approx(4.1, abs=0.5)
 
 
 def test_block_samples__rows_of_unequal_length__are_refused() -> None:

@@ -33,11 +33,13 @@ def in_process_rig(display: Display, seed: int = 0, number_format: str = "float3
     return simulated_board_rig(InProcess(), display, seed, number_format)
 
 
-def simulated_board_rig(transport: Transport, display: Display, seed: int, number_format: str) -> BoardRig:
+def simulated_board_rig(
+    transport: Transport, display: Display, seed: int, number_format: str, answer_s: float = _EMULATED_ANSWER_S
+) -> BoardRig:
     """Return the rig of a board with a simulated display behind any transport; it is closed again if it cannot be set
-    up.
+    up. answer_s: how long an answer is waited for before the board is asked again.
     """
-    client = LinkClient(transport, _EMULATED_ANSWER_S)
+    client = LinkClient(transport, answer_s)
     try:
         rig = BoardRig(client, display, number_format)
         content, loads = simulated_board_bytes(display, seed)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
-from tactuator.errors import DeviceFault, TactuatorError
+from tactuator.errors import TactuatorError
 from tactuator.rig.board.rig import BoardRig
-from tactuator.rig.board_check.period_check import check_period
+from tactuator.rig.board_check.period_check import STRETCH_TICKS, check_period
 from tactuator.rig.board_rigs import simulated_board_rig
 from tactuator.rig.boards import BOARDS
 from tactuator.rig.transport.emulator import Emulator
@@ -20,29 +21,48 @@ from tests.rig.board_check.mutants import FEW, MANY, Bench, Mutant
 from tests.rig.guard.guarded import designed
 
 ENOUGH_TICKS, TICKS = 30_000, 200_000
+HANGS_S = 1.0
+"""Of a processor, without an answer: a stretch takes the emulator a tenth of a second."""
 EMULATED = [name for name, board in BOARDS.items() if board.has_fifos]
 """The STM32F405 is a Cortex-M4F as one of these; what it has besides is in test_verified_boards.py."""
 
 
 @contextmanager
-def running(board: str, program: Path) -> Iterator[BoardRig]:
-    rig = simulated_board_rig(Emulator(board, program=program), designed().display, 0, "float32")
+def running(board: str, program: Path, answer_s: float) -> Iterator[tuple[BoardRig, Emulator]]:
+    emulator = Emulator(board, program=program)
+    rig = simulated_board_rig(emulator, designed().display, 0, "float32", answer_s)
     try:
-        yield rig
+        yield rig, emulator
     finally:
         rig.client.close()
 
 
-def differs(board: str, program: Path, number_format: str, ticks: int) -> str:
-    """Where a program differs; "" nowhere. A board whose guard ends the run, or that will not load, does; one that does
-    not answer says nothing, since the emulator may be starved."""
-    try:
-        with running(board, program) as rig:
+def processor_s(emulator: Emulator) -> float:
+    """Processor time of the emulator so far: of its group of processes."""
+    ticks = 0
+    for entry in Path("/proc").iterdir():
+        with suppress(OSError):
+            words = (entry / "stat").read_text().rsplit(")", 1)[1].split() if entry.name.isdigit() else []
+            if words and emulator._process is not None and int(words[2]) == emulator._process.pid:
+                ticks += int(words[11]) + int(words[12])
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
+def differs(board: str, program: Path, number_format: str, ticks: int, answer_s: float = 10.0) -> str:
+    """Where a program differs; "" nowhere. A board whose guard ends the run, that breaks down, or that will not load,
+    does. So does one that does not answer although it had its processor; if it had not, the emulator is starved, and
+    that is told as an error."""
+    with running(board, program, answer_s) as (rig, emulator):
+        before_s = processor_s(emulator)
+        try:
             return check_period(rig, designed(), ticks, formats=(number_format,)).first_difference
-    except LinkDown:
-        raise
-    except (DeviceFault, TactuatorError) as error:
-        return f"it ends: {error}"
+        except LinkDown:
+            spent_s = processor_s(emulator) - before_s
+            if spent_s < HANGS_S + ticks / STRETCH_TICKS:
+                raise
+            return f"it hangs: no answer in {spent_s:.0f} s of its processor"
+        except TactuatorError as error:
+            return f"it ends: {error}"
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +91,20 @@ def test_check_period__unaltered__is_the_same_in_both_formats(benches: dict[str,
     program = benches["mps2-an500"].unaltered()
     for number_format in FORMATS:
         assert differs("mps2-an500", program, number_format, ENOUGH_TICKS) == ""
+
+
+BROKEN = {
+    "it hangs": Mutant(
+        "check never ends", "core/board/period_check.c", "    return check->result;", "    for (;;) {\n    }"),
+    "it ends: the board began anew": Mutant(
+        "check breaks down", "core/board/period_check.c", "    return check->result;",
+        "    *(volatile uint32_t *)0xE000ED0C = 0x05FA0004u;\n    for (;;) {\n    }"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("how", [pytest.param("it hangs", marks=pytest.mark.slow), "it ends: the board began anew"])
+def test_check_period__program_that_breaks_down__is_told(how: str, benches: dict[str, Bench]) -> None:
+    assert differs("mps2-an500", benches["mps2-an500"].program(BROKEN[how]), "float32", 100, 0.3).startswith(how)
 
 
 @pytest.mark.soak

@@ -103,11 +103,14 @@ def parse_frame(content: bytes) -> Frame | None:
 
 
 class FrameReader:
-    """Bytes as they come; frames as they are whole. What is spoilt is dropped, and counted; memory is bounded."""
+    """Bytes as they come; frames as they are whole. What is spoilt is dropped, and counted; memory is bounded.
+
+    begun: empty frames so far. A board sends one when it begins: what it was asked before, it has forgotten.
+    """
 
     def __init__(self) -> None:
         self._pending = bytearray()
-        self.dropped = 0
+        self.dropped = self.begun = 0
 
     def feed(self, content: bytes) -> list[Frame]:
         """Return the frames that end within these bytes."""
@@ -117,6 +120,7 @@ class FrameReader:
         frames = []
         for piece in ended:
             if not piece:
+                self.begun += 1
                 continue
             decoded = cobs_decode(bytes(piece))
             frame = None if decoded is None else parse_frame(decoded)

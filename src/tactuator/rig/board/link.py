@@ -106,7 +106,9 @@ class TraceRows:
 
 
 class LinkClient:
-    """Requests over a transport. Each is sent again until its answer comes; all may be carried out twice."""
+    """Requests over a transport. Each is sent again until its answer comes, and at once where the board begins anew;
+    all may be carried out twice.
+    """
 
     def __init__(
         self,
@@ -125,6 +127,11 @@ class LinkClient:
         """Return the number of spoilt frames that came from the board."""
         return self._reader.dropped
 
+    @property
+    def begun(self) -> int:
+        """Return how often the board has said that it begins: one more than before, and it has started anew."""
+        return self._reader.begun
+
     def close(self) -> None:
         """Close the transport of the link."""
         self._transport.close()
@@ -133,14 +140,17 @@ class LinkClient:
         """Send a request; return its outcome, and what the answer holds besides. Raises LinkDown if no answer comes."""
         self._sequence = (self._sequence + 1) & 0xFFFF
         frame = frame_bytes(Frame(request, self._sequence, payload))
+        begun: int | None = self.begun
         for _ in range(self._tries):
             self._transport.send(frame)
-            answer = self._answer(request, self._answer_s * patience)
+            answer = self._answer(request, self._answer_s * patience, begun)
+            begun = None  # once: a port that chatters is no board that begins
             if answer is not None:
                 return RequestOutcome(answer.payload[0]), answer.payload[1:]
         raise LinkDown(f"the board does not answer ({request.name.lower()}); allowed: a board that runs the firmware")
 
-    def _answer(self, request: Request, timeout_s: float) -> Frame | None:
+    def _answer(self, request: Request, timeout_s: float, begun: int | None) -> Frame | None:
+        """Return the answer; None where none comes in time, or where the board has begun after `begun` times."""
         end_s = self._clock() + timeout_s  # a port that chatters is no answer
         while True:
             content = self._transport.receive(max(end_s - self._clock(), 0.0))
@@ -149,7 +159,7 @@ class LinkClient:
             for frame in self._reader.feed(content):
                 if (frame.type, frame.sequence) == (request | ANSWER, self._sequence) and frame.payload:
                     return frame
-            if self._clock() > end_s:
+            if self._clock() > end_s or (begun is not None and self.begun > begun):
                 return None
 
     def must(self, request: Request, payload: bytes = b"", patience: float = 1.0) -> bytes:

@@ -24,7 +24,7 @@ from tactuator.runtime.simulated_board import simulated_board_bytes
 
 STRETCH_TICKS = 10_000
 """Ticks of one request: a fraction of a second on a board at 168 MHz."""
-_PATIENCE = 10.0
+_PATIENCE = 3.0
 _ANSWER = struct.Struct("<4I")
 _PLAYED_ROWS = 1200
 
@@ -107,8 +107,17 @@ def _stretches(ticks: int, seed: int) -> Iterator[tuple[int, int]]:
 
 
 def _ask(rig: BoardRig, seed: int, ticks: int) -> tuple[int, int, int, int]:
-    """Return digest, ticks with a command, starts, and faults as bits of a stretch from its beginning."""
-    answer = rig.client.must(Request.PERIOD_CHECK, struct.pack("<II", seed, ticks), patience=_PATIENCE)
+    """Return digest, ticks with a command, starts, and faults as bits of a stretch from its beginning.
+
+    Raises DeviceFault for a board that begins anew instead: a program that breaks down is reset by its watchdog.
+    """
+    begun = rig.client.begun
+    try:
+        answer = rig.client.must(Request.PERIOD_CHECK, struct.pack("<II", seed, ticks), patience=_PATIENCE)
+    except BadInput:
+        if rig.client.begun == begun:
+            raise
+        raise DeviceFault(f"the board began anew at seed {seed} of the check; its program broke down there") from None
     digest, running, starts, faults = _ANSWER.unpack(answer)
     return digest, running, starts, faults
 
