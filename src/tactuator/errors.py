@@ -2,10 +2,13 @@
 
     TactuatorError
     ├── BadInput       2   input that cannot be used
+    │   └── UnstableLoop   a loop is unstable, so that what was asked of it has no answer (loop)
     ├── NoDesign       2   no controller keeps what was asked for
     ├── DeviceFault    3   a rig, a link or a sound card failed
     │   ├── LinkDown       the other end of a link does not answer (rig/transport)
     │   ├── RigFault       the guard of a board ended the run (rig/board)
+    │   ├── RigLocked      a board is locked out until its faults are acknowledged (rig/board)
+    │   ├── CardGone       a sound card does not call back any more (rig/sound)
     │   └── TimingMissed   a stretch of time was not what was asked for, and may be asked for again
     │       ├── StreamDry      a stream ran dry (rig/board)
     │       └── SoundGap       a run on a sound card had a gap (rig/sound)

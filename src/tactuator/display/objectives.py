@@ -12,3 +12,6 @@ OBJECTIVES = {
     "build": "a board takes the controller as an image",
 }
 """What each objective asks for, in words, by its number; verdicts name them in this order."""
+
+OF_THE_LOOP = ("i", "ii", "iii", "iv")
+"""Objectives that a closed loop has to be stable for."""

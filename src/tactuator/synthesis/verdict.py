@@ -14,6 +14,7 @@ import numpy as np
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.display.controller import ChannelController, Controller
 from tactuator.display.description import Channel, Display
+from tactuator.display.objectives import OF_THE_LOOP
 from tactuator.display.touch import FeedForward
 from tactuator.display.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.loop.feedback import TwoDegreeLoop
@@ -267,7 +268,7 @@ def unsure(found: Finding, channel: Channel) -> Finding:
 
 def _unstable(judge: _Judge) -> Iterator[Finding]:
     remedy = "a design for this display: the loop of this controller is unstable on it"
-    for number in ("i", "ii", "iii", "iv"):
+    for number in OF_THE_LOOP:
         yield Finding(
             number, judge.channel.name, judge.member.name, Outcome.NOT_MET, "the closed loop is unstable", remark=remedy
         )
