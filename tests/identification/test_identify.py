@@ -52,7 +52,12 @@ def test_identify__strong_noise_fed_back__is_seen_as_feedback() -> None:
     record = closed_loop(PAPER, np.random.default_rng(26), 8.0, noise=3.0)
     assert record is not None
     assert identify(record, order=2).tests.feedback
-    assert not identify(open_loop(PAPER, np.random.default_rng(26), 8.0, noise=3.0), order=2).tests.feedback
+
+
+@pytest.mark.parametrize("method", ["refined", "prediction"])
+def test_identify__no_feedback_to_be_seen__cannot_tell(method: str) -> None:
+    record = open_loop(PAPER, np.random.default_rng(26), 8.0, noise=3.0)
+    assert identify(record, order=2, method=method).tests.feedback is None
 
 
 def rubbed(rng, coulomb=4e-3, presliding=10e-3, hum=True):

@@ -101,9 +101,9 @@ class Outcome:
     noise_db: float
 
 
-def outcome(seed: int) -> Outcome:
-    """Identify a seed's record: four rates, held and band-limited, open and closed loop, noise 20 to 60 dB down."""
-    rng = np.random.default_rng([14, seed])
+def drawn(seed: int, draw: int) -> tuple[float, bool, bool, float, others.Plant, tuple[np.ndarray, ...]]:
+    """Rate, filtered, closed, noise_db, plant and record: four rates, held and band-limited, open and closed loop."""
+    rng = np.random.default_rng([14, seed] if draw == 1 else [14, seed, draw])
     rate_hz = list(SECONDS)[seed % 4]
     filtered, closed = (seed // 4) % 2 == 1, (seed // 8) % 2 == 1
     noise_db = rng.uniform(20.0, 60.0)
@@ -111,6 +111,15 @@ def outcome(seed: int) -> Outcome:
     # in a loop every sample of a held record is a step of this generator
     seconds = 3.0 if closed and not filtered and rate_hz > 1e4 else SECONDS[rate_hz]
     made = (others.band_limited if filtered else others.held)(plant, rng, rate_hz, seconds, noise_db, closed)
+    return rate_hz, filtered, closed, noise_db, plant, made
+
+
+def outcome(seed: int) -> Outcome:
+    """Identify a seed's record; a draw whose loop runs away is replaced by the next."""
+    draws = (drawn(seed, draw) for draw in range(1, 20))
+    rate_hz, filtered, closed, noise_db, plant, made = next(
+        one for one in draws if all(np.all(np.abs(signal) < 1e6) for signal in one[-1])
+    )
     found = identify(Record(rate_hz, *made))
     hertz = np.geomspace(max(1.0, 3.0 * rate_hz / made[0].size), 0.3 * rate_hz, 300)
     off = np.log(found.model.response(hertz) / plant.response(hertz))
@@ -141,12 +150,11 @@ def test_identify__two_hundred_outside_records__are_as_promised() -> None:
     assert max(one.off_db for one in quiet) <= 0.05
     assert max(one.off_deg for one in quiet) <= 1.0
     assert np.mean([one.hold_right for one in told]) >= 0.98
-    # 95 % certain of a loop or of none: one in a hundred may be wrong
-    assert np.mean([one.loop_right for one in made]) >= 0.99
+    assert all(one.loop_right for one in made)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 4, 8, 12])
+@pytest.mark.parametrize("seed", [0, 4, 8, 12, 88, 164])
 def test_identify__outside_record__is_as_promised(seed: int) -> None:
     one = outcome(seed)
     assert one.order_right

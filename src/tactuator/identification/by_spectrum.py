@@ -265,7 +265,7 @@ def _tests(common: Prepared, found: SpectralEstimate, residuals: Sequence[Residu
         white_p=min(1.0, len(made) * min(one.white_p for one in made)),
         uncorrelated_p=min(1.0, len(made) * min(one.uncorrelated_p for one in made)),
         unexplained=max(one.unexplained for one in made),
-        feedback=True if True in seen else (False if seen == {False} else None),
+        feedback=True in seen or None,
         jump=next((one.jump for one in made if one.jump is not None), None),
     )
 

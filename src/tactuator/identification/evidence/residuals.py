@@ -20,9 +20,9 @@ class ResidualTests:
     """Chances (p) that a residual free of structure would look as bad; a test passes above 1 %.
 
     white: of the innovations (after the noise model). uncorrelated: with the command's past; unexplained: the share of
-    the residual's power that the command's past explains. feedback: whether the command depends on the
-    residual's past; None: the record cannot tell. jump: the sample at which the innovations jump as noise does not, or
-    None.
+    the residual's power that the command's past explains. feedback: true where the command depends on the residual's
+    past, false where it repeats itself without the noise, None where the record cannot tell. jump: the sample at which
+    the innovations jump as noise does not, or None.
     """
 
     white_p: float
@@ -61,7 +61,7 @@ def check_residual(innovation: FloatArray, command: FloatArray, jacobian: FloatA
     """
     p_white = _ljung_box(innovation)
     p_input, share = _input_test(innovation, command, jacobian, rate_hz)
-    return ResidualTests(p_white, p_input, share, feedback_present(innovation, command))
+    return ResidualTests(p_white, p_input, share, feedback_present(innovation, command) or None)
 
 
 def _ljung_box(values: FloatArray) -> float:
@@ -124,7 +124,7 @@ def _explained(gram: FloatArray, goal: FloatArray) -> tuple[float, int]:
 
 
 def feedback_present(innovation: FloatArray, command: FloatArray) -> bool:
-    """Tell whether later commands follow the residual: the sign of a record taken in closed loop."""
+    """Return true where later commands follow the residual: the sign of a record taken in closed loop."""
     n = innovation.size
     lags = min(200, n // 20)
     size = 1 << int(np.ceil(np.log2(2 * n)))

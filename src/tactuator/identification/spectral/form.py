@@ -135,8 +135,26 @@ def ladder(theta: FloatArray, form: Form) -> Ladder:
 
 def numerator_values(rungs: Ladder, s: ComplexArray, form: Form) -> ComplexArray:
     """Return the numerators at s (m,), shape (m, numerators)."""
-    values = [np.polyval(rungs[j][0], s) * s ** (rungs[j][1] + form.origin_zeros) for j in range(form.numerators)]
-    return np.stack(values, axis=-1)
+    made = np.empty((s.size, form.numerators), dtype=np.complex128)
+    last: FloatArray | None = None
+    for j in range(form.numerators):
+        polynomial, power = rungs[j]
+        # both rungs of a pair stand on the same product
+        if polynomial is not last:
+            value, last = monic_values(polynomial, s), polynomial
+        power += form.origin_zeros
+        made[:, j] = value * s**power if power else value
+    return made
+
+
+def monic_values(polynomial: FloatArray, s: ComplexArray) -> ComplexArray:
+    """Return the values at s (m,) of a polynomial (descending) whose first coefficient is one."""
+    if polynomial.size == 1:
+        return np.ones(s.shape, dtype=np.complex128)
+    value = s + polynomial[1]
+    for coefficient in polynomial[2:]:
+        value = value * s + coefficient
+    return np.asarray(value)
 
 
 def numerator_polynomial(rungs: Ladder, weights: FloatArray, form: Form) -> FloatArray:
@@ -152,7 +170,7 @@ def denominator_values(theta: FloatArray, form: Form, s: ComplexArray) -> Comple
     """Return the denominator at s (m,)."""
     value = s**form.integrators if form.integrators else np.ones(s.shape, dtype=np.complex128)
     for section in section_list(theta, form):
-        value = value * np.polyval(section, s)
+        value = value * monic_values(section, s)
     return np.asarray(value)
 
 

@@ -90,12 +90,19 @@ def response_columns(grid: Grid, theta: FloatArray, delay: float, form: Form, ru
         under = denominator_values(theta, form, grid.s)
         return np.asarray(numerator_values(rungs, grid.s, form) * (grid.late(delay) / under)[:, None])
     poles = separated(all_poles(theta, form))
-    slope = np.array([np.prod(poles[i] - np.delete(poles, i)) for i in range(poles.size)])
+    slope = _slopes_at(poles)
     made = _held(grid, poles, delay) @ (numerator_values(rungs, poles, form) / slope[:, None])
     if form.zeros == form.poles:
         whole, part = divmod(delay / grid.period - grid.shift, 1.0)
         made[:, -1] += grid.back_by(whole) * (1.0 - part + part * grid.back)
     return np.asarray(made)
+
+
+def _slopes_at(poles: ComplexArray) -> ComplexArray:
+    """Return the derivative of the monic polynomial of those poles at each of them, (n,)."""
+    apart = poles[:, None] - poles[None, :]
+    np.fill_diagonal(apart, 1.0)
+    return np.asarray(np.prod(apart, axis=1))
 
 
 def _held(grid: Grid, poles: ComplexArray, delay: float) -> ComplexArray:
@@ -124,8 +131,7 @@ def held_slopes(
         return None
 
     def weights(at: ComplexArray) -> ComplexArray:
-        slope = np.array([np.prod(at[i] - np.delete(at, i)) for i in range(at.size)])
-        return np.asarray(numerator_values(rungs, at, form) @ numerator / slope)
+        return np.asarray(numerator_values(rungs, at, form) @ numerator / _slopes_at(at))
 
     here = weights(poles)
     turned, shifted = np.zeros((2, poles.size, theta.size), dtype=np.complex128)

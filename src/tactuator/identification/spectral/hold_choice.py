@@ -27,6 +27,8 @@ from tactuator.identification.spectral.search import COMPARED, Choice, Known, ch
 
 CERTAIN = 12.0
 """Difference of -2 log likelihood from which on a hold is told: odds of 1 : 400 on equal terms."""
+_CERTAIN_IN_LOOP = 36.0
+"""The same where a loop shows: two lags more or less of the filter that stands for it make twenty."""
 _FLANK = 15.0
 """Power below a filter's edge over that beyond it, from which on a signal is taken to have passed one (12 dB)."""
 _FAR = 300.0
@@ -37,6 +39,8 @@ _STANDS_OUT = 4.0
 """Tenth of an impulse response's peak over its median, from which on its beginning can be seen."""
 _SILENT = 1e-6
 """Power of the command's lines, over their median, below which the response is not looked at."""
+_NOTHING = 1e-10
+"""The same over the strongest line: there is rounding and leakage alone."""
 _NO_FORM = "no model of the form asked for fits the record at all; allowed: another order, or more zeros"
 
 
@@ -103,7 +107,8 @@ def estimate(
                 found.append(seen)
                 continue
         best = _judged(choose(given, proposals[hold], hold, known, begun=glance), taken)
-        if not is_stable(best.choice.fit.theta, best.choice.fit.form):
+        hopeless = bool(found) and best.evidence > found[0].evidence + _CERTAIN_IN_LOOP
+        if not is_stable(best.choice.fit.theta, best.choice.fit.form) and not hopeless:
             # in a loop a model that is not causal takes the noise in the command for an answer
             mirrored = [replace(one, theta=np.abs(one.theta)) for one in (best.choice.fit, *proposals[hold])]
             stable = _judged(choose(given, mirrored, hold, known, stable=True), taken)
@@ -138,7 +143,8 @@ def _local(taken: tuple[Spectrum, ...], rate_hz: float) -> LocalResponse:
             f"the record shows its response at {local.frequency_hz.size} frequencies; allowed: 4 or more (a longer "
             "record, or a command with more lines)"
         )
-    return local.at(local.excitation > _SILENT * float(np.median(local.excitation)))
+    power = local.excitation
+    return local.at(power > max(_SILENT * float(np.median(power)), _NOTHING * float(np.max(power))))
 
 
 @np.errstate(all="ignore")
@@ -181,19 +187,21 @@ def _proposals(
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """A choice, what it leaves of every record, and what two holds are compared by."""
+    """A choice, what it leaves of every record, what holds are compared by, and how much of that a loop explains."""
 
     choice: Choice
     left: tuple[Residual, ...]
     evidence: float
+    by_loop: float = 0.0
 
 
 def _judged(choice: Choice, taken: tuple[Spectrum, ...]) -> _Judged:
     """Return the choice with its criterion (Bayes) for position and command together."""
     highest, filtered = COMPARED * taken[0].rate_hz, choice.hold == "band-limited"
     left = record_residual(choice, taken)
-    misfit = sum(joint_misfit(*pair, highest, filtered=filtered) for pair in zip(taken, left, strict=True))
-    return _Judged(choice, left, misfit + choice.price)
+    parts = [joint_misfit(*pair, highest, filtered=filtered) for pair in zip(taken, left, strict=True)]
+    misfit, by_loop = (sum(column) for column in zip(*parts, strict=True))
+    return _Judged(choice, left, misfit + choice.price, by_loop)
 
 
 def _decided(
@@ -205,7 +213,8 @@ def _decided(
         return SpectralEstimate(best.choice, None, True, np.inf, local, taken, best.left)
     other = others[0]
     advantage = float(other.evidence - best.evidence)
-    certain, flanks = advantage > CERTAIN, False
+    in_loop = max(best.by_loop, other.by_loop) > 0.0
+    certain, flanks = advantage > (_CERTAIN_IN_LOOP if in_loop else CERTAIN), False
     if not certain:
         flanks = bool(best.left) and _flanks(taken, best.left)
         # most commands come from a converter: without evidence the command is taken to be held

@@ -28,6 +28,8 @@ _FLOOR = 3e-3
 """Relative error of a point that is not believed to be smaller: curvature within its band."""
 _ALIKE = 3.0
 """Half of -2 log likelihood by which a fit may be behind that of another hold, from which it started."""
+_WORTH, _WORTH_SHARE = 3e-2, 3e-8
+"""What a step of a descent has to win of the cost, in itself and as a share, for another one: this is a beginning."""
 _MOST_DELAYS = 40
 _SOON = 20.0
 """Samples before which the beginning of the answer is no start for a dead time."""
@@ -66,7 +68,7 @@ class Starter:
         if near is not None:
             ahead = 0.5 if self.hold == "band-limited" else -0.5
             lag = max(near.delay + ahead * self.problem.grid.period, 0.0) if form.dead_time else delay
-            begun = self.problem.descend(form, near.theta, lag, most=10, gain=3e-2)
+            begun = self.problem.descend(form, near.theta, lag, most=10, gain=_WORTH, share=_WORTH_SHARE)
             if begun is not None and begun.cost < near.cost + _ALIKE:
                 return begun
         candidates = []
@@ -78,7 +80,7 @@ class Starter:
                 candidates.append((point.cost, theta, lag))
         candidates.sort(key=lambda one: one[0])
         fits = [
-            self.problem.descend(form, theta, lag, most=10, gain=3e-2)
+            self.problem.descend(form, theta, lag, most=10, gain=_WORTH, share=_WORTH_SHARE)
             for _, theta, lag in candidates[: 2 if form.poles < 4 else 1]
         ]
         found = [one for one in fits if one is not None]

@@ -19,6 +19,7 @@ from tactuator.identification.spectral.form import (
     denominator_values,
     is_stable,
     ladder,
+    monic_values,
     numerator_values,
     section_list,
 )
@@ -26,6 +27,7 @@ from tactuator.identification.spectral.hold import Grid, edge_columns, held_slop
 from tactuator.identification.spectral.joined import JoinedEquations, equation_slices
 from tactuator.identification.spectral.lines import Equations
 
+_SOON = 4
 _LOST = 1e-12
 """Power of a column, over what it had, below which the records' ends have taken all of it."""
 
@@ -77,7 +79,8 @@ class SpectralProblem:
     def evaluate(self, form: Form, theta: FloatArray, delay: float) -> _Point | None:
         """Return the linear solution at theta, or None where numbers run away."""
         rungs = ladder(theta, form)
-        columns = self.given.response_of(response_columns(self.grid, theta, delay, form, rungs))
+        own = response_columns(self.grid, theta, delay, form, rungs)
+        columns = self.given.response_of(own)
         if self.with_transient:
             columns = np.hstack([columns, self.given.transient_of(transient_columns(self.grid, theta, form))])
         rows = np.vstack([self.weighted(columns), self._goal])
@@ -86,7 +89,7 @@ class SpectralProblem:
         products = self.products(rows)
         solution, left = eliminated(products, rows.shape[0] - 1)
         weights = solution[: form.numerators, 0]
-        return _Point(form, theta, delay, weights, rungs, rows, products, float(max(left[0, 0], 0.0)))
+        return _Point(form, theta, delay, weights, rungs, own @ weights, rows, products, float(max(left[0, 0], 0.0)))
 
     def products(self, rows: FloatArray) -> FloatArray:
         """Return the products (k, k) of weighted real rows (k, 2 e), less what the records' ends may add."""
@@ -123,19 +126,33 @@ class SpectralProblem:
 
     def slopes(self, at: _Point) -> FloatArray:
         """Return the weighted derivatives of the right sides by theta and dead time, real, (k, 2 e)."""
-        made = nonlinear_slopes(self.grid, at.form, at.theta, at.delay, at.numerator, at.rungs)
+        made = nonlinear_slopes(self.grid, at.form, at.theta, at.delay, at.numerator, at.rungs, at.response)
         return self.weighted(self.given.response_of(made))
 
     def descend(
-        self, form: Form, theta: FloatArray, delay: float, *, most: int = 25, gain: float = 1e-4
+        self,
+        form: Form,
+        theta: FloatArray,
+        delay: float,
+        *,
+        most: int = 25,
+        gain: float = 1e-4,
+        share: float = 1e-10,
+        hopeless: float = np.inf,
     ) -> SpectralFit | None:
-        """Return the fit after Levenberg and Marquardt's descent from theta, or None where there is no start."""
+        """Return the fit after Levenberg and Marquardt's descent from theta, or None where there is no start.
+
+        most: steps. gain, share: what a step has to win of the cost, in itself and as a share, for another one.
+        hopeless: the cost beyond which nothing more is tried after `_SOON` steps.
+        """
         with np.errstate(all="ignore"):
             now = self.evaluate(form, theta, delay)
             damping = 1e-3
-            for _ in range(most if now is not None and theta.size + form.dead_time else 0):
+            for step in range(most if now is not None and theta.size + form.dead_time else 0):
                 assert now is not None
-                least = gain * max(1.0, 1e-6 * now.cost)
+                if step >= _SOON and now.cost > hopeless:
+                    break
+                least = max(gain, share * now.cost)
                 ahead, damping = self._step(now, damping, least)
                 if ahead is None:
                     break
@@ -240,36 +257,47 @@ def beside_columns(grid: Grid, theta: FloatArray, form: Form) -> ComplexArray:
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """A point of a descent. rows: weighted linear columns and the goal, (k, 2 e); products: of these."""
+    """A point of a descent. response: at the grid, hold included, (m,); rows: weighted linear columns and the goal, (k,
+    2 e); products: of these.
+    """
 
     form: Form
     theta: FloatArray
     delay: float
     numerator: FloatArray
     rungs: Ladder
+    response: ComplexArray
     rows: FloatArray
     products: FloatArray
     cost: float
 
 
 def nonlinear_slopes(
-    grid: Grid, form: Form, theta: FloatArray, delay: float, numerator: FloatArray, rungs: Ladder
+    grid: Grid,
+    form: Form,
+    theta: FloatArray,
+    delay: float,
+    numerator: FloatArray,
+    rungs: Ladder,
+    response: ComplexArray | None = None,
 ) -> ComplexArray:
-    """Return the derivatives of the response by theta and dead time with the numerator as it is, (m, k)."""
+    """Return the derivatives of the response by theta and dead time with the numerator as it is, (m, k).
+
+    response: as it is here, (m,), if that is at hand.
+    """
+    here = response_columns(grid, theta, delay, form, rungs) @ numerator if response is None else response
     if grid.hold == "band-limited":
-        value = response_columns(grid, theta, delay, form, rungs) @ numerator
         made = []
         for section in section_list(theta, form):
-            under = np.polyval(section, grid.s)
-            made += [-value * grid.s / under] * (section.size == 3) + [-value / under]
-        made += [-grid.s * value] * form.dead_time
+            pulled = -here / monic_values(section, grid.s)
+            made += [pulled * grid.s] * (section.size == 3) + [pulled]
+        made += [-grid.s * here] * form.dead_time
         return np.stack(made, axis=1) if made else np.zeros((grid.s.size, 0), dtype=np.complex128)
     steps = np.array([1e-7 * max(_size(theta, form, j), 1e-9) for j in range(theta.size)])
     smooth = held_slopes(grid, theta, delay, form, rungs, numerator, steps) if grid.hold == "zero-order" else None
     if smooth is not None:
         return smooth
     made = []
-    here = response_columns(grid, theta, delay, form, rungs) @ numerator
     for step in np.diag(steps):
         moved = response_columns(grid, theta + step, delay, form, rungs) @ numerator
         made.append((moved - here) / step.sum())

@@ -25,16 +25,17 @@ _NEAR = 40
 _NUGGET = 1e-7
 
 
-def joint_misfit(taken: Spectrum, left: Residual, highest_hz: float, *, filtered: bool) -> float:
+def joint_misfit(taken: Spectrum, left: Residual, highest_hz: float, *, filtered: bool) -> tuple[float, float]:
     """Return -2 log likelihood of position and command, constants aside, from the lines up to highest_hz of what a fit
-    leaves; filtered as for `explained_by_loop`.
+    leaves, and how much of it a loop explains; filtered as for `explained_by_loop`.
     """
     inside = taken.frequency_hz[1:] <= highest_hz
     power = _mean(np.where(inside, np.abs(left.lines[1:]) ** 2, 0.0)) / np.maximum(
         _mean(inside.astype(np.float64)), 1e-3
     )
     own = 2.0 * float(np.sum(np.log(np.maximum(power[inside], 1e-30))))
-    return own - explained_by_loop(taken, left, highest_hz, filtered=filtered)
+    by_loop = explained_by_loop(taken, left, highest_hz, filtered=filtered)
+    return own - by_loop, by_loop
 
 
 def explained_by_loop(taken: Spectrum, left: Residual, highest_hz: float, *, filtered: bool) -> float:

@@ -22,7 +22,13 @@ _HIGHEST = {"zero-order": 0.4999, "first-order": 0.4999, "band-limited": 0.47}
 """Highest line used over the rate: the flank of an anti-alias filter says nothing."""
 COMPARED = 0.47
 _KEPT = 6
+_WORTH, _WORTH_SHARE = 1e-2, 1e-8
+"""What a step has to win of the cost, in itself and as a share, while forms are compared."""
 _MANY = 4
+_NEAR = 20.0
+"""Half of -2 log likelihood by which a simpler form's fit is behind, from which on it is tried from the better one."""
+_FAR_OFF = 20.0
+"""Cost of a form over the best one's from which on it will not do: as it is proposed, or simpler, after a few steps."""
 _FITS, _HOPELESS = 1.5, 300.0
 """Mean squared departure from the local response, in its errors, of a form that follows it; the criterion's difference
 from which on another hold is not tried with more poles."""
@@ -113,7 +119,10 @@ def propose(
     for poles in [known.poles] if known.poles is not None else range(least, MOST_POLES + 1):
         now, before = np.inf, dict[Form, SpectralFit]()
         for hold in _worth(found, local):
+            late_alone = _late_alone(found[hold], local)
             for form in known.forms(poles):
+                if late_alone and not form.dead_time:
+                    continue
                 fit = starters[hold].fit(form, (known.delay_s or 0.0) * scale_rad_s, before.get(form))
                 if fit is not None:
                     before.setdefault(form, fit)
@@ -180,6 +189,14 @@ def _worth(found: dict[Hold, list[tuple[float, SpectralFit]]], local: LocalRespo
     return [hold for hold, score in best.items() if score < best[leads] + _HOPELESS]
 
 
+def _late_alone(fits: list[tuple[float, SpectralFit]], local: LocalResponse) -> bool:
+    """Return true where a form with dead time follows the response and the best one without it is far off: poles in its
+    stead would only imitate it.
+    """
+    best = [min((fit.cost for _, fit in fits if fit.form.dead_time is late), default=np.inf) for late in (False, True)]
+    return bool(best[1] <= _FITS * local.frequency_hz.size and best[0] > _FAR_OFF * best[1])
+
+
 def _all_poor(found: dict[Hold, list[tuple[float, SpectralFit]]], local: LocalResponse) -> bool:
     costs = [min((fit.cost for _, fit in fits), default=np.inf) for fits in found.values()]
     return min(costs) > _POOR * local.frequency_hz.size
@@ -218,7 +235,7 @@ def choose(
     problem, first = (problem, first) if begun is None else (begun.problem, begun.fit)
     fits = {first.form: first}
     for one in kept:
-        fitted = _again(problem, one, 8) if one.form != first.form else None
+        fitted = _glance(problem, one, 8) if one.form != first.form else None
         if fitted is not None:
             fits[fitted.form] = fitted
     best = _best(problem, fits) if quick else _settled(problem, fits, known)
@@ -238,12 +255,17 @@ def _near(problem: SpectralProblem, fits: dict[Form, SpectralFit], best: Spectra
 
 
 def _kept(proposals: list[SpectralFit]) -> list[SpectralFit]:
-    """Return the best few, three of each number of poles at most."""
+    """Return the best few, three of each number of poles at most, without those that are far off."""
     made: list[SpectralFit] = []
     for one in proposals:
-        if sum(other.form.poles == one.form.poles for other in made) < 3:
+        if one.cost <= _FAR_OFF * proposals[0].cost and sum(other.form.poles == one.form.poles for other in made) < 3:
             made.append(one)
     return made[:_KEPT]
+
+
+def _glance(problem: SpectralProblem, fit: SpectralFit, most: int) -> SpectralFit | None:
+    """Return the fit as far as forms are told apart by: the best ones are gone on with."""
+    return problem.descend(fit.form, fit.theta, fit.delay, most=most, gain=_WORTH, share=_WORTH_SHARE)
 
 
 def _again(problem: SpectralProblem, fit: SpectralFit, most: int) -> SpectralFit | None:
@@ -266,12 +288,14 @@ def _settled(problem: SpectralProblem, fits: dict[Form, SpectralFit], known: Kno
     while True:
         best = _best(problem, fits)
         for form, theta in _simpler(best):
-            if form in tried or form in fits or not known.allows(form):
+            there = fits.get(form)
+            if form in tried or not known.allows(form) or (there is not None and there.cost < best.cost + _NEAR):
                 continue
             tried.add(form)
             delay = best.delay if form.dead_time or known.delay_s is not None else 0.0
-            fitted = problem.descend(form, theta, delay, most=12)
-            if fitted is not None:
+            limit = _FAR_OFF * best.cost
+            fitted = problem.descend(form, theta, delay, most=12, gain=_WORTH, share=_WORTH_SHARE, hopeless=limit)
+            if fitted is not None and (there is None or fitted.cost < there.cost):
                 fits[form] = fitted
         if _best(problem, fits) is best:
             return best
