@@ -21,6 +21,7 @@ from tactuator.identification.evidence.excitation import ExcitationReport, requi
 from tactuator.identification.evidence.residuals import check_residual
 from tactuator.identification.result import Identification
 from tactuator.identification.selection import Candidate
+from tactuator.identification.valid_range import valid_range_of
 from tactuator.signals.record import Record
 
 
@@ -94,7 +95,7 @@ def refined(common: Prepared, estimate: RefinedEstimate, tried: tuple[Candidate,
         friction={} if friction is None else {"coulomb": friction.coulomb, "presliding": friction.presliding},
     )
     return Identification(
-        model=model,
+        model=replace(model, valid_hz=valid_range_of(model, common.samples)),
         order=fit.structure.poles,
         excitation=excitation,
         tests=estimate.tests,
@@ -194,7 +195,7 @@ def recursive(common: Prepared, forgetting: float) -> Identification:
         record=common.record.about | {"rate_hz": common.record.rate_hz, "duration_s": common.record.duration_s},
     )
     return Identification(
-        model=model,
+        model=replace(model, valid_hz=valid_range_of(model, samples)),
         order=order,
         excitation=excitation,
         tests=tests,

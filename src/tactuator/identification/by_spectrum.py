@@ -35,12 +35,11 @@ from tactuator.identification.spectral.uncertainty import (
     physical,
     response_of_rows,
 )
+from tactuator.identification.valid_range import moved_range, valid_range
 
 _TABLE = 120
 _FLOOR = 5e-4
 """Deviation that no band goes below, 0.01 dB at 95 %: two channels' converters and filters are not more alike."""
-_WIDEST_DB, _WIDEST_RAD = 3.0, 0.345
-"""Half-widths of the band, 3 dB and as much of the phase (20 degrees), beyond which the model says nothing."""
 _BENT = 0.1
 """Share of the distortion by which a best linear approximation departs from any form of few poles: its shape follows
 the level of every frequency. Seen on hardening springs and on friction; more would be found by the residual."""
@@ -240,19 +239,10 @@ def _model(
 
 
 def _valid(model: PlantModel, found: SpectralEstimate) -> tuple[float, float]:
-    """Return from where to where the record moved the mechanism and the band is narrower than 3 dB and 20 degrees."""
-    local = found.local
-    moved = local.frequency_hz[local.excitation > 1e-5 * float(np.max(local.excitation))]
-    whole = found.chosen.problem.with_transient and moved[0] == local.frequency_hz[0]
-    low = found.spacing_hz if whole else float(moved[0])
-    frequency = np.geomspace(low, min(float(moved[-1]), 0.47 * found.spectra[0].rate_hz), 200)
-    narrow = np.flatnonzero((model.band_db(frequency) <= _WIDEST_DB) & (model.band_rad(frequency) <= _WIDEST_RAD))
-    if not narrow.size:
-        return (float(frequency[0]), float(frequency[0]))
-    # the longest run without a wide place in it
-    runs = np.split(narrow, np.flatnonzero(np.diff(narrow) > 1) + 1)
-    longest = max(runs, key=len)
-    return (float(frequency[longest[0]]), float(frequency[longest[-1]]))
+    """Return from where to where the record moved the mechanism and the band is narrow."""
+    lines = found.local.frequency_hz
+    own_lines = not found.chosen.problem.with_transient
+    return valid_range(model, (float(lines[0]), float(lines[-1])) if own_lines else moved_range(found.spectra))
 
 
 def _tests(common: Prepared, found: SpectralEstimate, residuals: Sequence[Residual]) -> ResidualTests:

@@ -60,7 +60,7 @@ def _identify(
         raise BadInput(f"{len(records)} records with the method {method!r}; allowed: several with 'refined' alone")
     common = _prepared(records, asked)
     if method == "rls":
-        return recursive(common, forgetting)
+        return distrusted(recursive(common, forgetting), common)
     if method == "prediction":
         return distrusted(_by_prediction(common, asked, note), common)
     return distrusted(_by_spectrum(common, asked, note), common)

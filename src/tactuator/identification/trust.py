@@ -10,6 +10,8 @@ from tactuator.identification.by_prediction import Prepared
 from tactuator.identification.result import Identification
 
 _WIDEST_DB = 20.0
+_SHORT = 1.1
+"""Ratio of its ends below which a range of frequency is none."""
 
 
 def distrusted(found: Identification, common: Prepared) -> Identification:
@@ -32,6 +34,8 @@ def distrusted(found: Identification, common: Prepared) -> Identification:
         band = model.band_db(np.geomspace(low, high, 100))
         if float(np.max(band)) > _WIDEST_DB:
             reasons.append(f"the band is {float(np.max(band)):.3g} dB wide inside the record's own excitation")
+    if model.valid_hz is not None and model.valid_hz[1] < _SHORT * model.valid_hz[0]:
+        reasons.append("the band is nowhere narrower than 3 dB and 20 degrees")
     if found.fit_percent < 100.0 * (1.0 - np.sqrt(1.0 - 1e-3)):
         reasons.append("the model explains next to nothing of the position")
     remarks = list(found.remarks)

@@ -180,3 +180,28 @@ def denominator_polynomial(theta: FloatArray, form: Form) -> FloatArray:
     for section in section_list(theta, form):
         made = np.convolve(made, section)
     return made
+
+
+def without_cancelled(poles: ComplexArray, zeros: NDArray[Any]) -> ComplexArray | None:
+    """Return the poles without the real one that lies nearest to a zero; None where none is real."""
+    real = np.flatnonzero(np.abs(poles.imag) <= 1e-9 * np.abs(poles))
+    if not real.size or not zeros.size:
+        return None
+    apart = np.min(np.abs(poles[real, None] - zeros[None, :]), axis=1) / np.maximum(np.abs(poles[real]), 1e-12)
+    return np.delete(poles, real[np.argmin(apart)])
+
+
+def fewer_poles(poles: ComplexArray) -> tuple[ComplexArray | None, ComplexArray | None]:
+    """Return the poles without the farthest and without the slowest real pole; a far pair becomes one real pole where
+    none is real.
+    """
+    real = np.flatnonzero(np.abs(poles.imag) <= 1e-9 * np.abs(poles))
+    if real.size:
+        far, slow = real[np.argmax(np.abs(poles[real]))], real[np.argmin(np.abs(poles[real]))]
+        return np.delete(poles, far), np.delete(poles, slow)
+    if poles.size < 3:
+        return None, None
+    far = int(np.argmax(np.abs(poles)))
+    kept = poles[np.abs(np.abs(poles) - np.abs(poles[far])) > 1e-9 * np.abs(poles[far])]
+    made = np.append(kept, -np.abs(poles[far]))
+    return made, made

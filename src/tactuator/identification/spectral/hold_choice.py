@@ -64,11 +64,6 @@ class SpectralEstimate:
     before: SpectralFit | None = None
     flanks: bool = False
 
-    @property
-    def spacing_hz(self) -> float:
-        """Return the distance between lines of the longest record."""
-        return min(one.spacing_hz for one in self.spectra)
-
 
 @np.errstate(all="ignore")
 def estimate(

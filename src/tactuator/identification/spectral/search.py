@@ -7,8 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.spectral.form import MOST_POLES, Form, free_poles, numerator_polynomial, sections_of
+from tactuator.arrays import FloatArray
+from tactuator.identification.spectral.form import (
+    MOST_POLES,
+    Form,
+    fewer_poles,
+    free_poles,
+    numerator_polynomial,
+    sections_of,
+    without_cancelled,
+)
 from tactuator.identification.spectral.hold import Grid, Hold
 from tactuator.identification.spectral.initial_models import Starter
 from tactuator.identification.spectral.joined import JoinedEquations
@@ -306,10 +314,11 @@ def _simpler(fit: SpectralFit) -> Iterator[tuple[Form, FloatArray]]:
     with a zero less, the one that a zero cancels best with that zero less, a zero less, no dead time.
     """
     form = fit.form
-    cancelled = _cancelled(fit)
+    zeros = np.roots(numerator_polynomial(fit.rungs, fit.numerator, form))
+    cancelled = without_cancelled(free_poles(fit.theta, form), zeros)
     if cancelled is not None and form.zeros > form.origin_zeros and form.poles > 1:
         yield replace(form, poles=form.poles - 1, zeros=form.zeros - 1), sections_of(cancelled)
-    without_far, without_slow = _fewer_poles(free_poles(fit.theta, form))
+    without_far, without_slow = fewer_poles(free_poles(fit.theta, form))
     if without_far is not None and without_slow is not None and form.poles > 1:
         less = replace(form, poles=form.poles - 1) if form.zeros <= form.poles - 1 else None
         if less is not None and form.zeros <= form.poles - 2:
@@ -322,30 +331,3 @@ def _simpler(fit: SpectralFit) -> Iterator[tuple[Form, FloatArray]]:
         yield replace(form, zeros=form.zeros - 1, dead_time=True), fit.theta
     if form.dead_time:
         yield replace(form, dead_time=False), fit.theta
-
-
-def _cancelled(fit: SpectralFit) -> ComplexArray | None:
-    """Return the poles without the real one that lies nearest to a zero; None where none is real."""
-    poles = free_poles(fit.theta, fit.form)
-    real = np.flatnonzero(np.abs(poles.imag) <= 1e-9 * np.abs(poles))
-    zeros = np.roots(numerator_polynomial(fit.rungs, fit.numerator, fit.form))
-    if not real.size or not zeros.size:
-        return None
-    apart = np.min(np.abs(poles[real, None] - zeros[None, :]), axis=1) / np.maximum(np.abs(poles[real]), 1e-12)
-    return np.delete(poles, real[np.argmin(apart)])
-
-
-def _fewer_poles(poles: ComplexArray) -> tuple[ComplexArray | None, ComplexArray | None]:
-    """Return the poles without the farthest and without the slowest real pole; a far pair becomes one real pole where
-    none is real.
-    """
-    real = np.flatnonzero(np.abs(poles.imag) <= 1e-9 * np.abs(poles))
-    if real.size:
-        far, slow = real[np.argmax(np.abs(poles[real]))], real[np.argmin(np.abs(poles[real]))]
-        return np.delete(poles, far), np.delete(poles, slow)
-    if poles.size < 3:
-        return None, None
-    far = int(np.argmax(np.abs(poles)))
-    kept = poles[np.abs(np.abs(poles) - np.abs(poles[far])) > 1e-9 * np.abs(poles[far])]
-    made = np.append(kept, -np.abs(poles[far]))
-    return made, made

@@ -1,0 +1,66 @@
+"""Every method says between which frequencies its model holds, and a display that is given the model knows it."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from tactuator.cli.main import main
+from tactuator.files.record import write_record
+from tactuator.identification.evidence.excitation import ExcitationReport
+from tactuator.identification.identify import identify
+from tactuator.identification.result import Identification
+from tactuator.identification.trust import distrusted
+from tactuator.identification.valid_range import valid_range
+from tactuator.signals.record import Record
+from tests.identification.plants import PAPER, RATE_HZ
+
+TOP_HZ = 60.0
+
+
+@pytest.fixture(scope="module")
+def record() -> Record:
+    """The paper's plant, simulated by scipy, moved below 60 Hz alone."""
+    rng = np.random.default_rng(5)
+    source = rng.standard_normal(round(6.0 * RATE_HZ))
+    command = signal.sosfiltfilt(signal.butter(8, TOP_HZ, output="sos", fs=RATE_HZ), source)
+    num, den, _ = signal.cont2discrete((PAPER.num, PAPER.den), 1.0 / RATE_HZ, "zoh")
+    position = signal.lfilter(num.ravel(), den, command)
+    noise = 1e-3 * position.std() * rng.standard_normal(position.size)
+    return Record(RATE_HZ, command, position + noise)
+
+
+@pytest.mark.parametrize("method", ["refined", "prediction", "rls"])
+def test_identify__command_without_power_above_a_frequency__claims_nothing_above(record: Record, method: str) -> None:
+    found = identify(record, method=method, order=2)
+    assert found.model.valid_hz is not None
+    low, high = found.model.valid_hz
+    assert low < 2.0
+    assert 0.7 * TOP_HZ < high < 2.0 * TOP_HZ
+
+
+@pytest.mark.parametrize("method", ["prediction", "rls"])
+def test_check__band_beyond_the_method_s_valid_range__is_told(record: Record, method: str, tmp_path: Path) -> None:
+    write_record(tmp_path / "record.h5", record)
+    asked = ["identify", str(tmp_path / "record.h5"), "--method", method, "--order", "2"]
+    assert main([*asked, "--out", str(tmp_path / "model.json")]) in (0, 1)
+    assert json.loads((tmp_path / "model.json").read_text())["valid_hz"][1] < 2.0 * TOP_HZ
+
+
+def test_distrusted__band_wide_everywhere__is_a_reason(record: Record) -> None:
+    found: Identification = identify(record, method="rls", order=2)
+    wide = replace(found.model, valid_hz=(1.0, 1.05))
+    common = type("Common", (), {"record": record, "excitation": ExcitationReport(9, 3, 1.0, 1.0, 50.0)})()
+    reasons = distrusted(replace(found, model=wide), common).distrust
+    assert any("nowhere narrower" in one for one in reasons)
+
+
+def test_valid_range__band_narrow_nowhere__is_two_neighbours(record: Record) -> None:
+    found = identify(record, method="rls", order=2)
+    assert found.model.valid_hz is not None
+    model = replace(found.model, covariance=1e12 * found.model.covariance)
+    low, high = valid_range(model, (1.0, 60.0))
+    assert low < high < 1.1 * low
