@@ -59,18 +59,19 @@ def write_seeds(folder: Path) -> None:
             "played": [*feed, STOP, 0, RUN, 100],
             "loud": [*([STREAM, 23, 1, RUN, 4] * 20)],
             "noise": [*feed, NOISE, 200],
+            "steady": [*(feed * 5), STREAM, 10, 2, NOISE, 16],
             "late": [*feed, LATE, 200, *feed],
             "silent": [*feed, SILENT, 255, SILENT, 255],
             "events": [*([EVENT, 0, *feed] * 6)],
-            "raw": [RAW, 0, 0, *range(96), RUN, 20, *feed],
+            "raw": [RAW, 0, 0, 0, *range(96), RUN, 20, *feed],
             "far": [STREAM, 5, 4, RUN, 8, STREAM, 5, 8, *([STREAM, 5, 2] * 8)],
         }.items():
             (folder / f"{name}-{image}").write_bytes(bytes([1, image, *begun, *happens, *ended, IMAGE, 128 + image]))
-        driven = [ARM, 0, START, 12 + 1, *([STREAM, 11, 1, RUN, 4] * 20), RAW, 0, 0, *([255] * 96), RUN, 20]
+        driven = [ARM, 0, START, 12 + 1, *([STREAM, 11, 1, RUN, 4] * 20), RAW, 0, 0, 0, *([255] * 96), RUN, 20]
         (folder / f"driven-{image}").write_bytes(bytes([2, image, *driven, *ended]))
-        not_a_number = [ARM, 0, START, 12 + 1, *([STREAM, 0, 0, RUN, 4] * 3), RAW, 0, 0, *([255] * 96), RUN, 20]
+        not_a_number = [ARM, 0, START, 12 + 1, *([STREAM, 0, 0, RUN, 4] * 3), RAW, 0, 0, 0, *([255] * 96), RUN, 20]
         (folder / f"not-a-number-{image}").write_bytes(bytes([4, image, *not_a_number, *ended]))
-        tones = [TONES, 30, 60, 2, 40, 31, 60, 2, 40, 32, 60, 2, 40, ARM, 0, START, 2, RUN, 255, STOP, 0, *ended]
+        tones = [TONES, 0, 30, 60, 2, 40, 31, 60, 2, 40, 32, 60, 2, 40, ARM, 0, START, 2, RUN, 255, STOP, 0, *ended]
         (folder / f"tones-{image}").write_bytes(bytes([3, image, *tones]))
         held = [ARM, 0, START, 16, *feed, RUN, 100, START, 32, *feed, STOP, 0, RUN, 255, *ended]
         (folder / f"held-{image}").write_bytes(bytes([5, image, *held]))

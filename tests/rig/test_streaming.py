@@ -1,5 +1,6 @@
 """Streams to boards whose time goes on: no gap, no silent underrun, rest on what goes wrong."""
 
+import itertools
 import time
 
 import numpy as np
@@ -11,7 +12,7 @@ from tactuator.rig.board.frames import Request
 from tactuator.rig.board.link import STREAM, LinkClient, Mode, RigFault
 from tactuator.rig.board.rig import STREAM_LEAD_S, BoardRig
 from tactuator.rig.board.stream import BoardStream, StreamDry
-from tactuator.rig.board_check.streaming_check import check_streaming
+from tactuator.rig.board_check.streaming_check import NotJudged, StreamingCheck, check_streaming
 from tactuator.rig.board_rigs import in_process_rig
 from tactuator.rig.open import open_rig
 from tactuator.rig.simulated import SimulatedRig
@@ -159,9 +160,17 @@ def test_free_board__rows_of_which_the_first_are_too_late__are_all_refused():
         assert end == before.stream_end
 
 
+def judged(board, rows, instruction_ns) -> StreamingCheck:
+    """The outcome, where this machine had time for the host: neither passed nor failed otherwise."""
+    try:
+        return check_streaming(board, designed(), rows / 4000.0, instruction_ns)
+    except NotJudged as error:
+        pytest.skip(str(error))
+
+
 @pytest.mark.parametrize(("board", "rows"), [("mps2-an386", 1000), ("mps2-an500", 1000), ("stm32f405", 200)])
 def test_emulated_board_in_free_run__reference_streams_in__no_interrupt_is_late(board, rows):
-    found = check_streaming(board, designed(), rows / 4000.0, instruction_ns=4)  # the soak streams 40,000 rows
+    found = judged(board, rows, 4)  # the soak streams 40,000 rows
     assert (found.late, found.dry, found.dropped, found.fault) == (0, 0, 0, "none")
     assert found.played == found.samples == rows
     assert found.bit_exact
@@ -177,6 +186,65 @@ def test_emulated_board_in_free_run__tick_as_long_as_its_period__is_late():
     assert found.late > 0
     assert found.fault == "late"
     assert not found.holds
+
+
+class SlowLink(InProcess):
+    """A board in free run, of which `ticks` pass with every request once there were 40: too many for its rows."""
+
+    ticks = 400
+
+    def __init__(self, board, counting):
+        super().__init__()
+        self.sent = self.received = self._requests = 0
+
+    def send(self, content):
+        super().send(content)
+        self._requests += self.board.mode == Mode.RUNNING
+        if self._requests > 40:
+            self.run(self.ticks)
+
+
+class DeadLink(SlowLink):
+    ticks = 900
+
+
+UART = "tactuator.rig.board_check.streaming_check.EmulatorUart"
+
+
+def test_streaming_check__runs_dry_beside_a_host_that_had_its_processor__does_not_hold(monkeypatch):
+    monkeypatch.setattr(UART, SlowLink)
+    found = check_streaming("slow", designed(), 2.0, waited=lambda: 0.0)
+    assert found.dry > 0
+    assert not found.holds
+
+
+def test_streaming_check__hears_nothing_of_a_host_that_had_its_processor__does_not_hold(monkeypatch):
+    monkeypatch.setattr(UART, DeadLink)
+    found = check_streaming("slow", designed(), 2.0, waited=lambda: 0.0)
+    assert found.fault == Fault.SILENCE.words
+    assert not found.holds
+
+
+@pytest.mark.parametrize(("waited_share", "instruction_ns"), [(0.5, 8), (0.0, 32)])
+def test_streaming_check__hears_nothing_of_a_host_behind__is_not_judged(monkeypatch, waited_share, instruction_ns):
+    """The emulator's UART takes time of this machine for a byte, while a slow processor's time goes on."""
+    monkeypatch.setattr(UART, DeadLink)
+    now_s = itertools.count()
+    with pytest.raises(NotJudged, match=r"heard nothing for 0\.2 s"):
+        check_streaming(
+            "slow", designed(), 2.0, instruction_ns,
+            clock=lambda: float(next(now_s)), waited=lambda: waited_share * next(now_s),
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("waited_share", [0.06, 1.0, np.nan])
+def test_streaming_check__runs_dry_beside_a_host_without_processor__is_not_judged(monkeypatch, waited_share):
+    monkeypatch.setattr(UART, SlowLink)
+    now_s = itertools.count()
+    with pytest.raises(NotJudged, match=r"not judged: \d+ ticks had no row"):
+        check_streaming(
+            "slow", designed(), 2.0, clock=lambda: float(next(now_s)), waited=lambda: waited_share * next(now_s)
+        )
 
 
 class Standing(InProcess):
