@@ -2,6 +2,7 @@
 
 import itertools
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -297,11 +298,11 @@ def test_port__vanishes_in_mid_stream__is_told():
 def test_host__vanishes_from_a_board_in_free_run__the_board_comes_to_rest_by_itself():
     with socket_board() as (url, _):
         first = BoardRig(open_rig(f"board:{url}", designed().display, 1).client, designed().display, waits=False)
-        first.load(designed())
-        for count, _ in enumerate(first.stream(noise(100) for _ in range(100))):
-            if count == 2:
-                break
-        first.client.close()
+        with closing(first.client):
+            first.load(designed())
+            for count, _ in enumerate(first.stream(noise(100) for _ in range(100))):
+                if count == 2:
+                    break
         client = LinkClient(connect(url))
         for pause_s in (2.0, 4.0, 8.0, 16.0, 32.0):  # a quarter of a second of the board's time, sooner or later
             time.sleep(pause_s)

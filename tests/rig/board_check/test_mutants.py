@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -48,14 +49,16 @@ def processor_s(emulator: Emulator) -> float:
     return ticks / os.sysconf("SC_CLK_TCK")
 
 
-def differs(board: str, program: Path, number_format: str, ticks: int, answer_s: float = 10.0) -> str:
+def differs(
+    board: str, program: Path, number_format: str, ticks: int, answer_s: float = 10.0, locates: bool = False
+) -> str:
     """Where a program differs; "" nowhere. A board whose guard ends the run, that breaks down, or that will not load,
     does. So does one that does not answer although it had its processor; if it had not, the emulator is starved, and
     that is told as an error."""
     with running(board, program, answer_s) as (rig, emulator):
         before_s = processor_s(emulator)
         try:
-            return check_period(rig, designed(), ticks, formats=(number_format,)).first_difference
+            return check_period(rig, designed(), ticks, formats=(number_format,), locates=locates).first_difference
         except LinkDown:
             spent_s = processor_s(emulator) - before_s
             if spent_s < HANGS_S + ticks / STRETCH_TICKS:
@@ -85,6 +88,17 @@ class _Benches(dict[str, Bench]):
 def test_check_period__altered_line__is_noticed(mutant: Mutant, benches: dict[str, Bench]) -> None:
     program = benches["mps2-an500"].program(mutant)
     assert differs("mps2-an500", program, mutant.only or "float32", ENOUGH_TICKS)
+
+
+def test_check_period__altered_line__is_told_by_its_tick(benches: dict[str, Bench]) -> None:
+    """A digest over fewer ticks is the same before that tick, and another from it on."""
+    program = benches["mps2-an500"].program(FEW[0])
+    told = differs("mps2-an500", program, "float32", ENOUGH_TICKS, locates=True)
+    found = re.fullmatch(r"float32: seed 1, tick (\d+) of a stretch", told)
+    assert found
+    at = int(found[1])
+    assert differs("mps2-an500", program, "float32", at).startswith("float32: played")
+    assert differs("mps2-an500", program, "float32", at + 1) == "float32: seed 1"
 
 
 def test_check_period__unaltered__is_the_same_in_both_formats(benches: dict[str, Bench]) -> None:

@@ -36,7 +36,7 @@ class HostWatch:
         self._marks = deque([(0, clock(), waited())])
 
     def mark(self, rows: int) -> None:
-        """Note that `rows` of the stream have been played."""
+        """Take down how long the host has waited by the time that `rows` of the stream are played."""
         self._marks.append((rows, self._clock(), self._waited()))
         while len(self._marks) > 1 and self._marks[1][0] <= rows - self._window:
             self._marks.popleft()
