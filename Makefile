@@ -2,13 +2,17 @@
 PYTHON ?= python3
 WORKERS ?= 3
 ARGS ?=
+MARKS ?=
 CC ?= cc
 CORE_FLAGS = -std=c99 -O2 -ffp-contract=off -Wall -Wextra -Wpedantic -Wshadow -Werror
 BIN = .venv/bin
 # One core for each test worker (some wait for boards and pages, so a third has room on two cores); results that do not depend on how many threads a machine has.
 TEST_ENV = OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: help python install reproduce test check check-slow check-all lint types contract core-warnings soak bench docs readme \
+# Two at a time: mypy without its cache needs one core for half a minute, and tests wait for boards and pages.
+BESIDE = $(MAKE) --no-print-directory --jobs=2 TOGETHER=1
+
+.PHONY: help python install reproduce test check check-slow check-all suite lint types contract core-warnings soak bench docs readme \
 	lock site wheel install-test install-site install-boards fix clean
 ifndef TOGETHER # what is set up comes before what needs it, even with `make -j`
 .NOTPARALLEL:
@@ -37,21 +41,22 @@ install-boards: python ## install the cross-compiler and the emulator (apt, as r
 reproduce: install ## the paper end to end, into out/paper
 	$(BIN)/tactuator reproduce $(ARGS)
 
-test: check ## everything that must hold: style, types, floors, warnings, tests
-	$(TEST_ENV) $(BIN)/python -m pytest -n $(WORKERS) $(ARGS)
+test: install-test lint contract ## everything that must hold: style, types, floors, warnings, tests
+	$(BESIDE) suite types core-warnings
 
-check-slow: install-test install-site ## what takes minutes: a minute of fuzzing, packing, installing for real, the site
+check-slow: install-site install-test ## what takes minutes: a minute of fuzzing, packing, installing for real, the site
 	$(PYTHON) tools/system.py slow
-	$(TEST_ENV) $(BIN)/python -m pytest -m "slow and not soak" -n $(WORKERS) $(ARGS)
+	$(MAKE) --no-print-directory 'MARKS=-m "slow and not soak"' suite
 
-check-all: install-site check ## both in one run, as CI does: what waits in one overlaps with the other; one set installed, not two
+check-all: install-site install-test lint contract ## both in one run, as CI does: what waits in one overlaps with the other
 	$(PYTHON) tools/system.py slow
-	$(TEST_ENV) $(BIN)/python -m pytest -m "not soak" -n $(WORKERS) $(ARGS)
+	$(BESIDE) 'MARKS=-m "not soak"' suite types core-warnings
 
-check: install-test # without its cache mypy keeps one core busy for half a minute: the rest goes beside it
-	$(MAKE) --no-print-directory --jobs=2 --output-sync TOGETHER=1 .together
+check: install-test ## style, types, floors and warnings without the tests
+	$(BESIDE) --output-sync types lint contract core-warnings
 
-.together: types lint contract core-warnings
+suite:
+	$(TEST_ENV) $(BIN)/python -m pytest $(MARKS) -n $(WORKERS) $(ARGS)
 
 lint:
 	$(BIN)/ruff check --quiet

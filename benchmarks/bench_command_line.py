@@ -16,7 +16,7 @@ from pathlib import Path
 from tactuator.cli.verbs import VERBS
 
 REPEATS = 5
-ALLOWED = {"help_s": 0.4, "help_mb": 60.0, "refusal_s": 0.5, "import_s": 0.06}
+ALLOWED = {"help_s": 0.4, "help_goal_s": 0.15, "help_mb": 60.0, "refusal_s": 0.5, "import_s": 0.06}
 PROGRAM = [sys.executable, "-m", "tactuator"]
 TYPER = "import typer; typer.run(lambda level: None)"
 
@@ -59,6 +59,7 @@ def run() -> dict[str, object]:
             "mb": worst_mb,
             "times_typer": worst_s / typer_s,
             "met": worst_s <= ALLOWED["help_s"] and worst_mb <= ALLOWED["help_mb"],
+            "goal_met": worst_s <= ALLOWED["help_goal_s"],
         },
         "refusals": {name: seconds for name, (seconds, _) in refusals.items()}
         | {"met": max(seconds for seconds, _ in refusals.values()) <= ALLOWED["refusal_s"]},

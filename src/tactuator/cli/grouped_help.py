@@ -9,10 +9,25 @@ from typer.core import TyperGroup
 from tactuator.cli.verbs import GROUPS, TITLES
 
 if TYPE_CHECKING:
-    from typer._click import Context, HelpFormatter
+    from typer._click import Context, HelpFormatter, Parameter
 
 
-class GroupedHelp(TyperGroup):
+class QuickGroup(TyperGroup):
+    """A group whose switches are off, not unknown, where they are not given.
+
+    Typer imports pydantic to look at a value that is unknown, which takes as long as a verb's whole help.
+    """
+
+    def get_params(self, ctx: Context) -> list[Parameter]:
+        """Return the group's options, `--help` among them."""
+        there: list[Parameter] = super().get_params(ctx)
+        for one in there:
+            if getattr(one, "is_flag", False) and one.default is None:
+                one.default = False
+        return there
+
+
+class GroupedHelp(QuickGroup):
     """The group of all verbs, whose help has a section for each room."""
 
     def format_commands(self, ctx: Context, formatter: HelpFormatter) -> None:

@@ -15,7 +15,7 @@ import typer
 from typer.exceptions import TyperException
 
 from tactuator.cli.deferred import Verbs
-from tactuator.cli.grouped_help import GroupedHelp
+from tactuator.cli.grouped_help import GroupedHelp, QuickGroup
 from tactuator.cli.verbs import PARTS, ROOMS, VERBS
 from tactuator.errors import BadInput, TactuatorError
 
@@ -56,7 +56,7 @@ def _add(app: typer.Typer, verb: str) -> None:
     if verb not in PARTS:
         app.command(verb)(signatures[verb])
         return
-    parts = typer.Typer(help=PARTS[verb], rich_markup_mode=None)
+    parts = typer.Typer(cls=QuickGroup, help=PARTS[verb], rich_markup_mode=None)
     for name, part in _parts_of(verb).items():
         parts.command(name)(part)
     app.add_typer(parts, name=verb)
