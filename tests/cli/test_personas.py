@@ -127,6 +127,12 @@ def test_open_loop_lra__measured_under_the_finger__told_only(tmp_path: Path, ans
     assert remark.startswith("told only")
 
 
+def test_open_loop_lra__measured_off_its_curve__not_met_and_status_1(tmp_path: Path, answers: Answers) -> None:
+    made = designed(tmp_path, LRA + "[objectives]\nflatness_db = 0.03\n", answers)
+    status, found = answers("measure", "--controller", made, "--method", "multisine", "--frequency-hz", "75,110,175")
+    assert (status, found["outcome"]) == (1, "not met")
+
+
 @pytest.mark.parametrize(
     ("verb", "more"),
     [

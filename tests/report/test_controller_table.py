@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 from tactuator.display.verdict import Finding, Outcome
-from tactuator.report.controller_table import design_rows, finding_row
+from tactuator.report.controller_table import design_rows, finding_row, remark_lines
 
 REPORT = {
     "margins": {
@@ -51,3 +51,10 @@ def test_finding_row__with_a_value__prints_two_digits_and_four_of_the_frequency(
 def test_finding_row__without_a_value__has_empty_cells():
     found = Finding("build", "thumb", "none", Outcome.NOT_JUDGED, "float32")
     assert finding_row(found) == ("build", "thumb", "not judged", "float32", "", "", "none")
+
+
+def test_remark_lines__the_same_of_three_channels__one_line():
+    same = [Finding("iv", name, "none", Outcome.NOT_JUDGED, "change", remark="no load") for name in ("a", "b", "c")]
+    other = Finding("ii", "b", "none", Outcome.NOT_MET, "felt hum", remark="less hum")
+    quiet = Finding("i", "a", "none", Outcome.MET, "error")
+    assert remark_lines([quiet, *same, other]) == ["iv, a, b, c: no load", "ii, b: less hum"]

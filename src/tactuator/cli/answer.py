@@ -59,9 +59,9 @@ class _Framed:
         self.one = one
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Table]:
-        framed = self._table(Table(title=self.one.caption))
+        framed = self._table(Table(title=self.one.caption or None))
         narrowest = framed.__rich_measure__(console, options.update(max_width=10_000)).minimum
-        bare = Table(title=self.one.caption, box=SIMPLE_HEAD, padding=0, pad_edge=False)
+        bare = Table(title=self.one.caption or None, box=SIMPLE_HEAD, padding=0, pad_edge=False)
         yield framed if narrowest <= options.max_width else self._table(bare)
 
     def _table(self, table: Table) -> Table:

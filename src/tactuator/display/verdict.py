@@ -71,8 +71,13 @@ def compared(
     """Return the finding that `value` keeps `allowed`, or does not; not judged where it rests on what is `assumed`."""
     met = value <= allowed
     outcome = Outcome.NOT_JUDGED if assumed else Outcome.MET if met else Outcome.NOT_MET
-    remark = f"{assumed} is assumed, not measured" if assumed else "" if met else remedy
+    remark = rests_on(assumed) if assumed else "" if met else remedy
     return Finding(objective, channel, load, outcome, quantity, value, allowed, unit, frequency_hz, remark)
+
+
+def rests_on(assumed: str) -> str:
+    """Return the remark on a figure that rests on what nobody measured: one thing, or several joined by "and"."""
+    return f"{assumed} {'are' if ' and ' in assumed else 'is'} assumed, not measured"
 
 
 @dataclass(frozen=True)

@@ -48,23 +48,23 @@ def response_verdict(responses: Sequence[Response], display: Display) -> Verdict
 
 
 def _finding(response: Response, display: Display) -> Finding:
+    """Return the finding on the point that decides: one that surely passes what is allowed before one that may."""
     error, allowed = np.abs(error_db(response, display)), display.objectives.flatness_db
-    worst = int(np.argmax(error))
+    doubt = response.confidence_db
+    surely, perhaps = error - doubt > allowed, error + doubt > allowed
+    deciding = surely if np.any(surely) else perhaps if np.any(perhaps) else np.ones(error.shape, dtype=bool)
+    worst = int(np.argmax(np.where(deciding, error, -np.inf)))
     value, at = float(error[worst]), float(response.frequency_hz[worst])
     found = compared("i", response.channel, response.load, "error of |H|", value, allowed, "dB", at)
     if response.load != "none":
         told = "told only: what a load changes is objective iv's"
         return replace(found, outcome=Outcome.NOT_JUDGED, remark=told, counts=False)
-    doubt = float(response.confidence_db[worst])
-    beside = f"confidence {doubt:.2f} dB"
+    beside = f"confidence {doubt[worst]:.2g} dB"
     if bool(np.any(response.saturated)):
         limited = response.frequency_hz[response.saturated]
-        remark = (
-            f"{beside}; the command was limited at {limited.min():.4g} Hz and {limited.size - 1} more: a lower level"
-        )
+        more = f" and {limited.size - 1} more" if limited.size > 1 else ""
+        remark = f"{beside}; the command was limited at {limited.min():.4g} Hz{more}: a lower level"
         return replace(found, outcome=Outcome.NOT_JUDGED, remark=remark)
-    if np.any((error <= allowed) & (error + response.confidence_db > allowed)) and found.outcome is Outcome.MET:
-        return replace(found, outcome=Outcome.NOT_JUDGED, remark=f"{beside} leaves it open: a smaller --confidence-db")
-    if found.outcome is Outcome.NOT_MET and value - doubt <= allowed:
+    if np.any(perhaps) and not np.any(surely):
         return replace(found, outcome=Outcome.NOT_JUDGED, remark=f"{beside} leaves it open: a smaller --confidence-db")
     return replace(found, remark=beside)

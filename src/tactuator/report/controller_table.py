@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from tactuator.display.controller import ChannelController
@@ -41,6 +41,15 @@ def finding_row(one: Finding) -> tuple[str, ...]:
     allowed = "" if one.allowed is None else f"{one.allowed:g}{unit}"
     at = "" if one.frequency_hz is None else f"{one.frequency_hz:.4g} Hz"
     return one.objective, one.channel, one.outcome.value, found, allowed, at, one.load
+
+
+def remark_lines(findings: Iterable[Finding]) -> list[str]:
+    """Return the findings' remarks, one line each; channels of which the same is said share a line."""
+    channels: dict[tuple[str, str], dict[str, None]] = {}
+    for one in findings:
+        if one.remark:
+            channels.setdefault((one.objective, one.remark), {})[one.channel] = None
+    return [f"{objective}, {', '.join(names)}: {remark}" for (objective, remark), names in channels.items()]
 
 
 def _found(report: Any, keys: tuple[str, ...]) -> Any:

@@ -17,7 +17,7 @@ from scipy import special
 
 from tactuator.arrays import FloatArray
 from tactuator.display.description import Channel, Display
-from tactuator.display.verdict import Finding, Outcome
+from tactuator.display.verdict import Finding, Outcome, rests_on
 from tactuator.synthesis.family import UNLOADED
 from tactuator.synthesis.monte_carlo import QUANTILES, DrawnPlants
 from tactuator.synthesis.verdict import unsure
@@ -57,7 +57,7 @@ def _findings(one: DrawnPlants, channel: Channel, display: Display) -> Iterator[
     if np.any(np.isfinite(one.felt_hum_db_sl)):
         hum = _judged(one, "ii", "felt hum", one.felt_hum_db_sl, asked.mains_max_db_sl, "dB SL")
         assumed = [what for what in ("hum", "friction") if what in channel.environment.assumed]
-        yield _open(hum, f"{' and '.join(assumed)} is assumed, not measured") if assumed else hum
+        yield _open(hum, rests_on(" and ".join(assumed))) if assumed else hum
 
 
 def _judged(one: DrawnPlants, objective: str, quantity: str, values: FloatArray, allowed: float, unit: str) -> Finding:

@@ -13,11 +13,12 @@ from rich.table import Table
 from rich.text import Text
 
 from tactuator.api.verdict import whole_verdict
-from tactuator.cli.answer import answer, working
+from tactuator.cli.answer import answer, shown, working
 from tactuator.display.verdict import Outcome, Verdict
+from tactuator.experiment.result.tables import ResultTable
 from tactuator.files.controller import read_controller
 from tactuator.files.display import read_display
-from tactuator.report.controller_table import FINDING_COLUMNS, finding_row
+from tactuator.report.controller_table import FINDING_COLUMNS, finding_row, remark_lines
 from tactuator.synthesis.monte_carlo import DrawnPlants
 from tactuator.synthesis.monte_carlo import monte_carlo as draw_plants
 
@@ -38,17 +39,16 @@ def run(controller: Path, display: Path | None, monte_carlo: int, mode_shift: fl
         raise typer.Exit(1)
 
 
-def _plants_table(drawn: Sequence[DrawnPlants]) -> Table:
+def _plants_table(drawn: Sequence[DrawnPlants]) -> Group:
     """Return the 95 % and greatest values of what was drawn, one row for each channel and load."""
-    table = Table(
-        "channel", "load", "plants", "from", "unstable", "max|S| 95 %, most", "flatness dB", "felt hum dB SL",
-        title="Monte Carlo",
-    )  # fmt: skip
+    columns = ("channel", "load", "plants", "from", "unstable", "max|S|", "flatness dB", "felt hum dB SL")
+    rows = []
     for one in drawn:
         cells = [one.quantiles(values) for values in (one.sensitivity_peak, one.flatness_db, one.felt_hum_db_sl)]
-        shown = ("—" if np.isnan(values[1]) else f"{values[1]:.2f}, {values[-1]:.2f}" for values in cells)
-        table.add_row(one.channel, one.load, str(one.count), one.source, f"{100.0 * one.unstable:.2g} %", *shown)
-    return table
+        told = ("—" if np.isnan(values[1]) else f"{values[1]:.2f}/{values[-1]:.2f}" for values in cells)
+        rows.append((one.channel, one.load, str(one.count), one.source, f"{100.0 * one.unstable:.2g} %", *told))
+    notes = ("max|S|, flatness, felt hum: what 95 % of the plants keep / the greatest of all",)
+    return shown(ResultTable("Monte Carlo", columns, tuple(rows), notes))
 
 
 def verdict_table(verdict: Verdict) -> Group:
@@ -59,11 +59,8 @@ def verdict_table(verdict: Verdict) -> Group:
     table = Table()
     for name in FINDING_COLUMNS:
         table.add_column(name, no_wrap=name in ("objective", "outcome", "allowed", "frequency"))
-    told = []
-    for objective in verdict.objectives:
-        for one in objective.worst():
-            table.add_row(*(Text(cell) for cell in finding_row(one)))
-            if one.remark:
-                told.append(f"{one.objective}, {one.channel}: {one.remark}")
-    told += [f"assumed: {sentence}" for sentence in verdict.assumptions]
-    return Group(table, *dict.fromkeys(told), f"verdict: {verdict.sentence}")
+    worst = [one for objective in verdict.objectives for one in objective.worst()]
+    for one in worst:
+        table.add_row(*(Text(cell) for cell in finding_row(one)))
+    assumed = [f"assumed: {sentence}" for sentence in verdict.assumptions]
+    return Group(table, *remark_lines(worst), *dict.fromkeys(assumed), f"verdict: {verdict.sentence}")

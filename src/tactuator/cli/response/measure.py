@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import typer
 from rich.console import Group
-from rich.table import Table
 
-from tactuator.cli.answer import answer, progress, working, written
+from tactuator.cli.answer import answer, progress, shown, working, written
 from tactuator.cli.chosen import ask_for_load, chosen_controller
 from tactuator.cli.controller.check import verdict_table
 from tactuator.display.controller import Controller
+from tactuator.display.verdict import Outcome
 from tactuator.errors import BadInput
+from tactuator.experiment.result.tables import ResultTable
 from tactuator.files.response import write_responses
 from tactuator.measure.error import error_db, expected_level_db_sl, response_verdict
 from tactuator.measure.frequencies import over_the_band
@@ -84,12 +85,15 @@ def run(
 
 
 def _report(responses: tuple[Response, ...], made: Controller, files: tuple[Path | None, ...], as_json: bool) -> None:
-    """Print the responses with their verdict; exit with status 1 where the confidence was not reached everywhere."""
+    """Print the responses with their verdict; exit with status 1 where the objective is not met, or the confidence was
+    not reached everywhere."""
     verdict = response_verdict(responses, made.display)
-    shown = Group(_table(responses, made), verdict_table(verdict), *written(*files))
-    answer(document(responses, made) | verdict.document(), as_json, shown)
+    told = Group(_table(responses, made), verdict_table(verdict), *written(*files))
+    answer(document(responses, made) | verdict.document(), as_json, told)
     if not all(bool(np.all(one.reached)) for one in responses):
         sys.stderr.write("tactuator: the confidence was not reached everywhere in the time allowed\n")
+        raise typer.Exit(1)
+    if verdict.outcome is Outcome.NOT_MET:
         raise typer.Exit(1)
 
 
@@ -148,18 +152,19 @@ def document(responses: Sequence[Response], made: Controller) -> dict[str, Any]:
     }
 
 
-def _table(responses: Sequence[Response], made: Controller) -> Table:
-    table = Table(
-        "channel", "Hz", "dB SL", "expected", "error dB", "± dB", "phase °", "delay ms", "dist. dB", "cut",
-        caption="error: against the level that the controller's model expects, the worst first; delay: of the phase; "
+def _table(responses: Sequence[Response], made: Controller) -> Group:
+    columns = ("channel", "Hz", "dB SL", "expected", "error dB", "± dB", "phase °", "delay ms", "dist. dB", "cut")
+    notes = (
+        "error: against the level that the controller's model expects, the worst first; delay: of the phase; "
         "dist.: distortion against the fundamental; cut: a converter or the command reached its limit",
-    )  # fmt: skip
+    )
+    rows: list[tuple[str, ...]] = []
     for one in responses:
         level = one.level_db_sl + error_db(one, made.display)
         expected = expected_level_db_sl(one, made)
         for k in np.argsort(-np.abs(level - expected), kind="stable"):
             ratio = one.distortion_v[k] / one.magnitude_v[k] if one.magnitude_v[k] > 0.0 else np.inf
-            table.add_row(
+            cells = (
                 one.channel,
                 f"{one.frequency_hz[k]:.4g}",
                 f"{level[k]:.2f}",
@@ -171,4 +176,5 @@ def _table(responses: Sequence[Response], made: Controller) -> Table:
                 f"{20.0 * np.log10(ratio):.0f}" if ratio > 0.0 else "none",
                 "yes" if one.saturated[k] else "",
             )
-    return table
+            rows.append(cells)
+    return shown(ResultTable("", columns, tuple(rows), notes))

@@ -53,7 +53,7 @@ def measure(
     seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Measure the response: each frequency until its confidence is reached, off mains, saturation marked."""
+    """Measure the response, off mains; exit status 1 if it is not flat, or the confidence was not reached."""
 
 
 @does("response.disturb:run", reads=["display", "controller"])
