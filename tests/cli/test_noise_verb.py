@@ -88,15 +88,16 @@ def test_noise__gain_whose_loop_is_unstable__is_named_and_not_played(
     assert "unstable" in found["not_played"]["gain 5000"]
 
 
-def test_noise__controller_unstable_on_the_named_display__refused(
+def test_verbs_that_close_the_loop__controller_unstable_on_the_named_display__refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made = str(tmp_path / "c.json")
     assert main(["design", written(tmp_path / "d.toml"), "--out", made, "--json"]) == 0
     wild = written(tmp_path / "wild.toml", plant="{ num = [90000.0], den = [1.0, 94.0, 290.0] }")
     capsys.readouterr()
-    assert main(["noise", "--controller", made, "--display", wild, "--gains", "", "--json"]) == 2
-    assert "call the loop of index unstable" in capsys.readouterr().err
+    for verb in (["noise", "--gains", ""], ["measure"], ["disturb"]):
+        assert main([*verb, "--controller", made, "--display", wild, "--json"]) == 2
+        assert "call the loop of index unstable" in capsys.readouterr().err
 
 
 def test_noise__display_without_a_loop__closes_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -53,16 +53,18 @@ def shown(one: ResultTable) -> Group:
 
 
 class _Framed:
-    """A table that cuts no word where the columns can be had by leaving the frame away."""
+    """A table in a frame, or without one where that saves a cell from being broken."""
 
     def __init__(self, one: ResultTable) -> None:
         self.one = one
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Table]:
         framed = self._table(Table(title=self.one.caption or None))
-        narrowest = framed.__rich_measure__(console, options.update(max_width=10_000)).minimum
-        bare = Table(title=self.one.caption or None, box=SIMPLE_HEAD, padding=0, pad_edge=False)
-        yield framed if narrowest <= options.max_width else self._table(bare)
+        bare = self._table(Table(title=self.one.caption or None, box=SIMPLE_HEAD, padding=0, pad_edge=False))
+        wide = options.update(max_width=10_000)
+        narrowest, widest = framed.__rich_measure__(console, wide)
+        fits_bare_alone = widest > options.max_width >= bare.__rich_measure__(console, wide).maximum
+        yield bare if fits_bare_alone or narrowest > options.max_width else framed
 
     def _table(self, table: Table) -> Table:
         for name in self.one.columns:

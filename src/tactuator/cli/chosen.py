@@ -37,6 +37,18 @@ def chosen_controller(display: Path | None, controller: Path | None) -> Controll
         return design_controller(read_display(display))
 
 
+def require_stable(controller: Controller, load: str = "none") -> None:
+    """Refuse a loop that the display's own models call unstable, without a load or under `load`: it is never closed."""
+    from tactuator.measure.proportional import unstable_channels  # SciPy takes a second to load
+
+    unstable = unstable_channels(controller, load)
+    if unstable:
+        raise BadInput(
+            f"the display's models call the loop of {', '.join(unstable)} unstable (load {load!r}); "
+            "allowed: a controller whose loop is stable there"
+        )
+
+
 def ask_for_load(channels: Sequence[str], load: str) -> None:
     """Tell the person at the terminal to put a load on the channels that no program can reach."""
     if channels:

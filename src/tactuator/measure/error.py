@@ -16,6 +16,8 @@ from tactuator.signals.decibels import db
 from tactuator.signals.response import Response
 from tactuator.synthesis.family import sampled_plant
 
+_REMEDY = "where `check` calls i met, a new model (identify) and a design for it; else more poles in [prefilter]"
+
 
 def error_db(response: Response, display: Display) -> FloatArray:
     """Return the sensation level measured less the level asked, dB, (m,)."""
@@ -67,4 +69,4 @@ def _finding(response: Response, display: Display) -> Finding:
         return replace(found, outcome=Outcome.NOT_JUDGED, remark=remark)
     if np.any(perhaps) and not np.any(surely):
         return replace(found, outcome=Outcome.NOT_JUDGED, remark=f"{beside} leaves it open: a smaller --confidence-db")
-    return replace(found, remark=beside)
+    return replace(found, remark=f"{beside}; {_REMEDY}" if found.outcome is Outcome.NOT_MET else beside)

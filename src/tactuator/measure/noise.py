@@ -27,7 +27,7 @@ from tactuator.signals.lockin import lock_in, mains_multiples
 from tactuator.signals.spectra import PowerSpectrum, power_spectrum
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.felt import beside_friction
-from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, NO_LOOP
+from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, NO_LOOP, NOISE_REMEDY, hum_remedy
 
 
 @dataclass(frozen=True)
@@ -209,9 +209,8 @@ def noise_verdict(felt: Sequence[FeltNoise], display: Display, open_loops: Seque
                 findings.append(Finding(number, one.channel, one.load, Outcome.NOT_JUDGED, quantity, remark=NO_LOOP))
             continue
         for line, level in zip(one.line_hz.tolist(), one.line_db_sl.tolist(), strict=True):
-            findings.append(
-                compared("ii", one.channel, one.load, FELT_HUM, level, allowed.mains_max_db_sl, "dB SL", line)
-            )
+            most, told = allowed.mains_max_db_sl, hum_remedy(line)
+            findings.append(compared("ii", one.channel, one.load, FELT_HUM, level, most, "dB SL", line, remedy=told))
         if one.line_hz.size == 0:
             remark = "no mains line was listened for"
             findings.append(Finding("ii", one.channel, one.load, Outcome.NOT_JUDGED, FELT_HUM, remark=remark))
@@ -220,5 +219,6 @@ def noise_verdict(felt: Sequence[FeltNoise], display: Display, open_loops: Seque
         level = float(one.band_db_sl[worst])
         if one.resonance_db_sl is not None and one.resonance_db_sl > level and one.resonance_hz is not None:
             level, at = one.resonance_db_sl, one.resonance_hz
-        findings.append(compared("iii", one.channel, one.load, FELT_NOISE, level, allowed.noise_max_db_sl, "dB SL", at))
+        most, told = allowed.noise_max_db_sl, NOISE_REMEDY
+        findings.append(compared("iii", one.channel, one.load, FELT_NOISE, level, most, "dB SL", at, remedy=told))
     return verdict_of(findings)

@@ -28,6 +28,7 @@ from tactuator.synthesis.touch import adapted_response
 _POINTS = 600
 _DB, _DB_SL = "dB", "dB SL"
 FELT_HUM, FELT_NOISE, RESONANCE = "felt hum", "felt noise", "max|T|"
+NOISE_REMEDY = "less noise at the sensor, or a lower command_noise_gain_max"
 NO_LOOP = "no loop carries what the sensor hears to the finger; the amplifier's own was not measured"
 
 
@@ -62,6 +63,11 @@ def assumptions(display: Display) -> tuple[str, ...]:
 
 def _hum(channel: Channel) -> Iterator[tuple[float, float]]:
     return zip(channel.environment.hum_hz, channel.environment.hum_v_peak, strict=True)
+
+
+def hum_remedy(line_hz: float) -> str:
+    """Return what to change where a mains line is felt."""
+    return f"a lower |T| at {line_hz:g} Hz (mains_max_db), or less hum at the sensor"
 
 
 @dataclass(frozen=True)
@@ -148,7 +154,7 @@ class _Judge:
                 _DB_SL,
                 line,
                 assumed=" and ".join([*unknown, *_guessed(self.channel, line)]),
-                remedy=f"a lower |T| at {line:g} Hz (mains_max_db), or less hum at the sensor",
+                remedy=hum_remedy(line),
             )
 
     def noise(self) -> Iterator[Finding]:
@@ -176,7 +182,7 @@ class _Judge:
                     ["noise"] * (looped and "noise" in self.channel.environment.assumed)
                     + _guessed(self.channel, float(centres[worst]))
                 ),
-                remedy="less noise at the sensor, or a lower command_noise_gain_max",
+                remedy=NOISE_REMEDY,
             )
         else:
             yield self.open("iii", FELT_NOISE, f"no third octave lies within {low:g} to {high:g} Hz")

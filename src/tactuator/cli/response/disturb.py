@@ -9,7 +9,7 @@ import numpy as np
 from rich.table import Table
 
 from tactuator.cli.answer import answer, working
-from tactuator.cli.chosen import chosen_controller
+from tactuator.cli.chosen import chosen_controller, require_stable
 from tactuator.cli.response.measure import frequencies
 from tactuator.errors import BadInput
 from tactuator.measure.disturbance import DisturbanceReport, disturbance
@@ -28,6 +28,7 @@ def run(
 ) -> None:
     """Press, lift and tremble at the finger port; rejection against frequency beside S."""
     made = chosen_controller(display, controller)
+    require_stable(made)
     names = channel or [one.name for one in made.channels]
     reports = []
     with open_rig(rig, made.display, seed) as opened:

@@ -12,7 +12,7 @@ import typer
 from rich.console import Group
 
 from tactuator.cli.answer import answer, progress, shown, working, written
-from tactuator.cli.chosen import ask_for_load, chosen_controller
+from tactuator.cli.chosen import ask_for_load, chosen_controller, require_stable
 from tactuator.cli.controller.check import verdict_table
 from tactuator.display.controller import Controller
 from tactuator.display.verdict import Outcome
@@ -50,10 +50,11 @@ def run(
     seed: int,
     as_json: bool,
 ) -> None:
-    """Measure the response: each frequency until its confidence is reached, off mains, saturation marked."""
+    """Measure the response, off mains; exit status 1 if it is not flat, or the confidence was not reached."""
     if method not in METHODS:
         raise BadInput(f"method {method!r}; allowed: {', '.join(METHODS)}")
     made = chosen_controller(display, controller)
+    require_stable(made, load)
     band_hz = _common_band(made, channel)
     wanted = over_the_band(band_hz, mains_hz) if frequency is None else frequencies(frequency)
     asked: dict[str, Any] = {

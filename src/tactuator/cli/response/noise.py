@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,11 @@ from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer, working
-from tactuator.cli.chosen import ask_for_load, chosen_controller
+from tactuator.cli.chosen import ask_for_load, chosen_controller, require_stable
 from tactuator.cli.controller.check import verdict_table
 from tactuator.cli.response.measure import frequencies
 from tactuator.display.controller import Controller
 from tactuator.display.verdict import Outcome
-from tactuator.errors import BadInput
 from tactuator.files.formats.environment import write_environment
 from tactuator.measure.noise import FeltNoise, felt_noise, noise_verdict
 from tactuator.measure.proportional import proportional_controller, unstable_channels
@@ -40,12 +40,7 @@ def run(
     felt.
     """
     made = chosen_controller(display, controller)
-    unstable = unstable_channels(made, load)
-    if unstable:
-        raise BadInput(
-            f"the display's models call the loop of {', '.join(unstable)} unstable (load {load!r}); "
-            "allowed: a controller whose loop is stable there"
-        )
+    require_stable(made, load)
     open_loops = [one.name for one in made.channels if one.feedback_sos is None]
     probed, left_out = _probes(made, frequencies(gains), load)
     runs = [
@@ -128,5 +123,9 @@ def _table(runs: Sequence[tuple[str, Sequence[FeltNoise]]]) -> Table:
                 "none" if one.resonance_hz is None else f"{one.resonance_db_sl:.1f} at {one.resonance_hz:.0f} Hz"
             )
             worst = float(max(one.band_db_sl))
-            table.add_row(name, one.channel, f"{one.worst_line_db_sl:.1f}", f"{worst:.1f}", resonance)
+            table.add_row(name, one.channel, _level(one.worst_line_db_sl), _level(worst), resonance)
     return table
+
+
+def _level(level_db_sl: float) -> str:
+    return f"{level_db_sl:.1f}" if isfinite(level_db_sl) else "none"
