@@ -73,10 +73,10 @@ def test_main__verdict_no__exits_1(trial):
     [
         (["train"], ["'train'", "there are trial"]),
         (["trail"], ["'trail'", "did you mean 'trial'?"]),
-        (["--loud"], ["--loud"]),
-        (["trial", "--loud"], ["--loud"]),
+        (["--loud"], ["--loud", "`tactuator --help` tells"]),
+        (["trial", "--loud"], ["--loud", "`tactuator trial --help` tells"]),
         (["trial", "--rate-hz", "fast"], ["'fast'", "--rate-hz"]),
-        (["trial", "surplus"], ["surplus"]),
+        (["trial", "surplus"], ["surplus", "`tactuator trial --help` tells what it takes"]),
     ],
 )
 def test_main__misused__exits_2_with_one_line(arguments, words, trial, capsys):

@@ -106,7 +106,7 @@ def _status_of(arguments: Sequence[str]) -> int:
     except TactuatorError as error:
         return _say(str(error), error.exit_status)
     except TyperException as error:
-        return _say(error.format_message() + _got(error, arguments), BAD_INPUT)
+        return _say(error.format_message() + _got(error, arguments) + _help_for(error), BAD_INPUT)
     except BrokenPipeError:
         # The reader has gone; give the interpreter's last flush somewhere to go.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -136,6 +136,14 @@ def _got(error: TyperException, arguments: Sequence[str]) -> str:
         if option in names and value not in error.format_message():
             return f" (got {value!r})"
     return ""
+
+
+def _help_for(error: TyperException) -> str:
+    """Name the help to read, where the message is not about a value and so does not say what is allowed."""
+    context = getattr(error, "ctx", None)
+    if context is None or error.format_message().startswith("Invalid value"):
+        return ""
+    return f" (`{context.command_path} --help` tells what it takes)"
 
 
 def _os_error(error: OSError) -> str:
