@@ -15,10 +15,11 @@ from tactuator.display.description import Display
 from tactuator.display.requirements import FeedbackRequirements
 from tactuator.errors import NoDesign
 from tactuator.files.display import read_display
+from tactuator.loop.feedback import FeedbackLoop
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import plant_family
-from tactuator.synthesis.loop.candidates import shapes
+from tactuator.synthesis.loop.candidates import crossovers_hz, shapes
 from tactuator.synthesis.loop.hopping import hops
 from tactuator.synthesis.loop.problem import LoopProblem
 from tactuator.synthesis.loop.screening import Screen
@@ -192,6 +193,31 @@ def test_screen__looser_limits__keeps_all_that_it_kept() -> None:
     for _ in range(5):
         loose = Screen(family, loosened(rng, FINGER_LIMITS), 4000.0, 1.3)
         assert kept <= {one.tobytes() for one in loose.kept(block, 1.3)}
+
+
+def test_screen__unstable_plant__survivors_are_the_stable_loops() -> None:
+    """Witness: the closed loop's poles, for every candidate of some shapes."""
+    plant = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, -290.0])
+    family = plant_family(channel(plant=plant, loads=()), RATE_HZ, 1)
+    anything = FeedbackRequirements(phase_margin_deg=None, sensitivity_peak=None, command_noise_gain_max=None)
+    block = list(shapes(plant, RATE_HZ))[1][:300:90]
+    screen = Screen(family, anything, RATE_HZ, 20.0)
+    found = {one.tobytes() for one in screen.survivors(block).parameters}
+    structure, grid_hz = LoopStructure(RATE_HZ), np.geomspace(0.01, 3999.0, 400)
+    tried = 0
+    for shape in block:
+        through = structure.system(shape).response(crossovers_hz(RATE_HZ))
+        for gain in 1.0 / np.abs(through * family[0].sampled.response(crossovers_hz(RATE_HZ))):
+            one = shape.copy()
+            one[0] = np.log(gain)
+            loop = FeedbackLoop(structure.system(one), family[0].sampled)
+            peak = np.max(np.abs(loop.complementary(grid_hz)))
+            tried += 1
+            if any(np.allclose(np.frombuffer(other), one, rtol=1e-9) for other in found):
+                assert loop.is_stable
+            else:
+                assert not loop.is_stable or peak > 10.0
+    assert 10 < len(found) < tried
 
 
 def test_structure__many_at_once__as_one_by_one() -> None:

@@ -84,6 +84,7 @@ class Screen:
         self._noise = self._grid(noise)
         self._crossovers = self._grid(crossovers_hz(rate_hz))
         self._turns = np.array([_expected_turn(member) for member in self._family])
+        self._has_poles_outside = bool(np.max(self._turns) > 0.75 * np.pi)
         self.must_bear_less = all(may_be_weakened(member) for member in self._family)
 
     def _grid(self, frequency_hz: FloatArray) -> _Grid:
@@ -110,10 +111,13 @@ class Screen:
             ok &= np.max(self._line_excess_db(shapes, gains), axis=-1, initial=-np.inf) <= 0.0
             which, column = np.nonzero(ok)
             holds, peaks = self._peaks(shapes, which, gains[which, column])
-        which, column = which[holds], column[holds]
+            which, column, peaks = which[holds], column[holds], peaks[holds]
+            if self._has_poles_outside:  # most loops around such a plant keep peaks and are unstable
+                turned = self._turned(shapes, which, gains[which, column])
+                which, column, peaks = which[turned], column[turned], peaks[turned]
         parameters = shapes[which].copy()
         parameters[:, 0] = np.log(gains[which, column])
-        return parameters, peaks[holds]
+        return parameters, peaks
 
     def _gains(self, shapes: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return the gains that put the nominal plant's crossover on the grid, (n, g), and which of them
@@ -161,6 +165,26 @@ class Screen:
                 np.maximum(greatest, above / away, out=greatest)
         least = 0.0 if self._asked.sensitivity_peak is None else self._asked.sensitivity_peak**-2
         return (nearest >= least) & (greatest <= self._resonance_peak**2), np.sqrt(greatest)
+
+    def _turned(self, shapes: FloatArray, which: NDArray[np.intp], gains: FloatArray) -> NDArray[np.bool_]:
+        """Return whether 1 + L turns as often as a stable loop's, for the shapes `which`, (m,), at their gains.
+
+        Where L crosses the real axis does not depend on the gain, so that one look at a shape does for all of them.
+        """
+        controller = self._structure.responses(shapes, self._wide.difference)
+        stable = np.ones(gains.size, dtype=bool)
+        for plant, turns in zip(self._wide.plants, self._turns, strict=True):
+            loop = controller * plant
+            below = np.signbit(loop.imag)
+            ends = 1.0 + gains[:, None] * loop[which][:, [0, -1]]
+            turned = np.angle(ends[:, 1]) - np.angle(ends[:, 0])
+            for k in np.flatnonzero(np.any(below[:, 1:] != below[:, :-1], axis=0)).tolist():
+                before, after = loop[:, k], loop[:, k + 1]
+                crosses = below[:, k + 1].astype(float) - below[:, k]
+                place = before.real - before.imag * (after.real - before.real) / (after.imag - before.imag)
+                turned += 2.0 * np.pi * crosses[which] * (gains * place[which] < -1.0)
+            stable &= np.abs(turned - turns) < 0.6 * np.pi
+        return stable
 
     def _mean_db(self, parameters: FloatArray) -> FloatArray:
         """Return the mean |S| over the rejection band, dB, of the worst member, (n,)."""
