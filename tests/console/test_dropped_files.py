@@ -73,6 +73,7 @@ REQUESTS = {
     "display": {"do": "display.read", "file": None},
     "prefilter": {"do": "prefilter.curve", "file": None},
     "speech": {"do": "speech.render", "display": "example:display.toml", "file": None},
+    "experiment": {"do": "experiment.look", "protocol": None},
 }
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator
 from concurrent.futures import Executor
+from contextlib import asynccontextmanager
 from importlib.resources import files
 
 from fastapi import FastAPI, Request, Response, WebSocket
@@ -10,12 +12,17 @@ from starlette.exceptions import HTTPException as StarletteHTTPException
 
 from tactuator.console.connection import ConsoleConnection
 from tactuator.console.file_routes import add_file_routes
+from tactuator.console.scope.controls import Controls
+from tactuator.console.scope.desk import Desk
 from tactuator.console.scope.host import RigHost
 from tactuator.console.scope.routes import add_rig
+from tactuator.console.study.room import StudyRoom
+from tactuator.console.study.routes import add_study
 from tactuator.console.workshop import Workshop
 from tactuator.web.pages import HEADERS, plain_text
 from tactuator.web.pages import static_file as shared_file
 from tactuator.web.sockets import has_token, same_origin
+from tactuator.web.study_pages import StudyPages, add_study_pages
 
 CLOSE_FORBIDDEN = 4003
 """Close code of a connection that is not allowed."""
@@ -26,7 +33,6 @@ _TYPES = {
     ".html": "text/html",
     ".md": "text/plain",
 }
-_ICON = "icon.svg"
 _HEADERS = HEADERS | {"Content-Security-Policy": f"{HEADERS['Content-Security-Policy']}; media-src blob:"}
 """The page plays a sound file that was dropped on it, out of its own memory."""
 _NOTHING = "There is no such page here."
@@ -36,8 +42,20 @@ def build_console(workshop: Workshop, token: str, apart: Executor | None = None,
     """Return the web application of the console; whoever has the token may use it. apart: where figures are computed
     (None: in a thread). rig: the one whose samples the scope shows, if there is one.
     """
-    app = FastAPI(title="tactuator console", docs_url=None, redoc_url=None, openapi_url=None)
-    add_rig(app, token, workshop, rig, apart)
+    pages, controls = StudyPages(), Controls()
+    desk = None if rig is None else Desk(rig, workshop)
+    room = None if rig is None or desk is None else StudyRoom(pages, rig, controls, desk, workshop)
+
+    @asynccontextmanager
+    async def ended(app: FastAPI) -> AsyncIterator[None]:
+        yield
+        if room is not None:
+            await room.end()
+
+    app = FastAPI(title="tactuator console", docs_url=None, redoc_url=None, openapi_url=None, lifespan=ended)
+    add_rig(app, token, rig, desk, controls, apart)
+    add_study_pages(app, pages, token)
+    add_study(app, token, room, workshop)
 
     @app.get("/")
     async def page() -> Response:
@@ -45,8 +63,7 @@ def build_console(workshop: Workshop, token: str, apart: Executor | None = None,
 
     @app.get("/static/{name}")
     async def static(name: str) -> Response:
-        found = shared_file(name) if name == _ICON else static_file(name)
-        return found or plain_text(_NOTHING, 404)
+        return static_file(name) or shared_file(name) or plain_text(_NOTHING, 404)
 
     add_file_routes(app, workshop.drawer, token)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import secrets
 import shutil
 import tempfile
@@ -71,10 +72,9 @@ class Drawer:
         try:
             yield
         except TactuatorError as error:
-            told = str(error)
-            for path in self._files.values():
-                told = told.replace(f"{path.parent}/", "")
-            raise BadInput(told) from None
+            if self._folder is None:
+                raise
+            raise BadInput(re.sub(re.escape(f"{self._folder}/") + "[0-9a-f]{16}/", "", str(error))) from None
 
 
 async def _written(path: Path, blocks: AsyncIterator[bytes]) -> None:

@@ -8,6 +8,7 @@ from pydantic import Field, TypeAdapter
 
 from tactuator.console.asked import Finite, Name, PageRequest, checked_request
 from tactuator.console.views.display_text import DisplayTextRequest
+from tactuator.console.views.experiment import ExperimentRequest
 from tactuator.console.views.identify import IdentifyRequest
 from tactuator.console.views.prefilter import PrefilterRequest
 from tactuator.console.views.speech import SpeechRequest
@@ -79,6 +80,7 @@ Request = (
     | Design
     | Check
     | DisplayTextRequest
+    | ExperimentRequest
     | IdentifyRequest
     | PrefilterRequest
     | SpeechRequest

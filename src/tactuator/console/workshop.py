@@ -35,10 +35,14 @@ _Value = TypeVar("_Value")
 
 
 class Workshop:
-    """Displays by key: `file`, the one that was named on the command line, or `example:NAME`; and what was dropped."""
+    """Displays by key: `file`, the one that was named on the command line, or `example:NAME`; and what was dropped.
 
-    def __init__(self, path: Path | None = None) -> None:
+    folder: where the stores of experiments are (default: the folder in which the console was begun).
+    """
+
+    def __init__(self, path: Path | None = None, folder: Path | None = None) -> None:
         self._path, self.drawer = path, Drawer()
+        self.folder = folder or Path()
         self._displays: dict[str, Display] = {}
         self._own: dict[tuple[str, str], ChannelController] = {}
         self._texts: OrderedDict[str, tuple[str, Path]] = OrderedDict()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +14,16 @@ from tactuator.rig.finger import Finger
 from tactuator.rig.rig import Rig, Ticking, WrappedRig
 from tactuator.rig.touchable import TouchableRig
 from tactuator.rig.trace import Trace
+
+
+@runtime_checkable
+class Paced(Protocol):
+    """A rig that may be slower than it could be."""
+
+    @property
+    def speed(self) -> float | None:
+        """Return the speed of presentation, 1 being real time; None for a rig with a time of its own."""
+        ...
 
 
 class PacedRig(WrappedRig):

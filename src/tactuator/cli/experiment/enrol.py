@@ -10,11 +10,10 @@ from rich.table import Table
 
 from tactuator.cli.answer import answer
 from tactuator.cli.experiment.observers import pairs
-from tactuator.cli.experiment.terminal import fresh_token
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.study import Group, SubjectPart
 from tactuator.experiment.session.clock import SystemClock
-from tactuator.experiment.session.enrolment import add_visit, books_of, enrol
+from tactuator.experiment.session.enrolment import add_visit, books_of, enrol, fresh_token
 from tactuator.experiment.store import study_records
 from tactuator.experiment.store.lock import sessions_of
 from tactuator.experiment.store.store import Store

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from tactuator.cli.answer import answer, progress, shown
 from tactuator.cli.experiment.apparatus import opened_apparatus
-from tactuator.cli.experiment.terminal import Terminal, fresh_token
+from tactuator.cli.experiment.terminal import Terminal
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import shipped_words
 from tactuator.experiment.protocol.file import read_identification
@@ -21,6 +21,7 @@ from tactuator.experiment.result.confusion import AbxResult, SubjectResult, iden
 from tactuator.experiment.result.information import Information, information
 from tactuator.experiment.result.tables import information_table
 from tactuator.experiment.session.clock import SystemClock
+from tactuator.experiment.session.enrolment import fresh_token
 from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.respondent import run_session
 from tactuator.experiment.session.studies import open_session, open_study, task_of

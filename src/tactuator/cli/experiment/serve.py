@@ -11,11 +11,11 @@ from pathlib import Path
 
 import uvicorn
 
-from tactuator.cli.experiment.terminal import fresh_token
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import read_any_protocol
 from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.clock import SystemClock
+from tactuator.experiment.session.enrolment import fresh_token
 from tactuator.experiment.session.studies import open_study, task_of
 from tactuator.experiment.store.cells import Found
 from tactuator.experiment.store.lock import sessions_of

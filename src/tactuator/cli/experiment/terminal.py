@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
-
 import typer
 from rich.console import Console
 
@@ -12,13 +10,6 @@ from tactuator.experiment.session.respondent import Respondent
 from tactuator.experiment.session.standing import Acknowledged, NextTrial
 from tactuator.experiment.session.task import Question
 from tactuator.experiment.trial.trial import Trial
-
-_TOKEN_BYTES = 16
-
-
-def fresh_token(code: str, visit: int) -> str:
-    """Return a token for the link of a subject's visit: nobody guesses it."""
-    return secrets.token_urlsafe(_TOKEN_BYTES)
 
 
 class Terminal(Respondent):

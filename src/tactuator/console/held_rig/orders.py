@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from tactuator.arrays import FloatArray
 from tactuator.console.held_rig.generator import GeneratorWave
 from tactuator.display.controller import Controller
+from tactuator.rig.trace import Trace
 
-Mode = Literal["idle", "live", "measuring", "fault", "gone"]
+Mode = Literal["idle", "live", "measuring", "presenting", "fault", "gone"]
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,9 @@ class LiveOrder:
 
 @dataclass(frozen=True)
 class RestOrder:
-    """Order to end what goes on, and to bring the rig to rest."""
+    """Order to end what goes on, and to bring the rig to rest. number: where it is not 0, the end is told with it."""
+
+    number: int = 0
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,14 @@ class MeasureOrder:
     band_hz: tuple[float, float]
 
 
+@dataclass(frozen=True, eq=False)
+class PresentOrder:
+    """Order to play blocks of reference (n, channels), threshold units, as one stream, for an experiment."""
+
+    number: int
+    blocks: tuple[FloatArray, ...]
+
+
 @dataclass(frozen=True)
 class ReopenOrder:
     """Order to open the rig anew after it has gone."""
@@ -77,8 +89,9 @@ class QuitOrder:
 
 
 Order = (
-    LoadOrder | LiveOrder | RestOrder | GenerateOrder | TouchOrder | PressOrder | MeasureOrder | ReopenOrder | QuitOrder
-)
+    LoadOrder | LiveOrder | RestOrder | GenerateOrder | TouchOrder | PressOrder | MeasureOrder | PresentOrder
+    | ReopenOrder | QuitOrder
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -122,6 +135,23 @@ class Points:
     over: bool = False
 
 
+@dataclass(frozen=True, eq=False)
+class Presented:
+    """A piece of what an experiment plays by the order of that number, or its end (over).
+
+    began_at, rows_played: of a rig that tells its time (Ticking), else None. halted: somebody stopped it; fault: why
+    the rig did.
+    """
+
+    number: int
+    trace: Trace | None = None
+    began_at: int | None = None
+    rows_played: int | None = None
+    over: bool = False
+    halted: bool = False
+    fault: str = ""
+
+
 @dataclass(frozen=True)
 class Refused:
     """An order that the rig's process refused, and why."""
@@ -129,4 +159,4 @@ class Refused:
     text: str
 
 
-Told = Standing | Piece | Points | Refused
+Told = Standing | Piece | Points | Presented | Refused

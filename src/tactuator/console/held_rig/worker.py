@@ -21,6 +21,7 @@ from tactuator.arrays import FloatArray
 from tactuator.console.held_rig import orders
 from tactuator.console.held_rig.generator import Generator
 from tactuator.console.held_rig.measuring import measured, points_of
+from tactuator.console.held_rig.presenting import presented
 from tactuator.console.held_rig.watched import RigHalted, WatchedRig
 from tactuator.display.controller import Controller
 from tactuator.display.description import Display
@@ -144,6 +145,10 @@ class RigWorker:
                 self._rest()
                 if self._rig is not None:
                     self._end_as("idle")
+                if order.number:
+                    self._tell(orders.Presented(order.number, over=True))
+            case orders.PresentOrder():
+                self._present(order)
             case orders.ReopenOrder():
                 self._let_go()
                 self._open()
@@ -256,6 +261,20 @@ class RigWorker:
         limited = int(trace.saturated.any(axis=1).sum())
         self._tell(orders.Piece(self._standing.told, rows.tobytes(), limited))
         self._standing = replace(self._standing, told=self._standing.told + len(rows))
+
+    # -- an experiment ------------------------------------------------------------------------------------------------
+
+    def _present(self, order: orders.PresentOrder) -> None:
+        """Play what an experiment asks for; a halt that was ordered before it began counts."""
+        if self._rig is None:
+            self._tell(orders.Presented(order.number, over=True, fault="the rig has gone; allowed: open it again"))
+            return
+        if self._standing.mode == "fault" and self._controller is not None:
+            self._load(orders.LoadOrder(self._controller))
+        self._say(mode="presenting", fault="")
+        for trace in presented(self._rig, order, self._halt.is_set, self._tell):
+            self._tell_samples(trace)
+        self._end_as("idle")
 
     # -- measuring ----------------------------------------------------------------------------------------------------
 

@@ -18,7 +18,7 @@ from tactuator.console.scope.controls import Controls
 from tactuator.console.scope.desk import Desk
 from tactuator.console.scope.frames import View
 from tactuator.console.scope.host import RigHost
-from tactuator.errors import TactuatorError
+from tactuator.errors import BadInput, TactuatorError
 from tactuator.web.sockets import first_to_end, receive_text, send
 
 Answer = dict[str, Any]
@@ -29,6 +29,8 @@ LEVELS_HZ = 8.0
 _LOGGER = logging.getLogger("tactuator.web.lab")
 _DEFECT = "a defect of the console; the server's log has it. What is in the page is still there"
 _FOR_ANYBODY = ("take", "give", "stop", "rest")
+_OF_EXPERIMENT = ("stop", "rest", "reopen")
+"""Requests that any page may make while an experiment has the rig."""
 
 
 class RigConnection:
@@ -92,7 +94,13 @@ class RigConnection:
             return await asyncio.to_thread(desk.record, request)
         if isinstance(request, messages.Expected):
             return await asyncio.to_thread(desk.expected, request.level_db_sl)
-        if not isinstance(request, messages.Simple) or request.do not in _FOR_ANYBODY:
+        if isinstance(request, messages.Simple) and controls.reserved is not None and request.do in _OF_EXPERIMENT:
+            if request.do != "reopen":
+                controls.reserved()
+                return {}
+            if self._host.standing.mode != "gone":
+                raise BadInput("the rig is there, and an experiment has it; allowed: opening one that has gone")
+        elif not isinstance(request, messages.Simple) or request.do not in _FOR_ANYBODY:
             controls.require(self)
         if isinstance(request, messages.Simple) and request.do in ("take", "give"):
             (controls.take if request.do == "take" else controls.give)(self)
@@ -118,6 +126,7 @@ class RigConnection:
     def _standing(self) -> Answer:
         controls = self._controls
         holder = "you" if controls.holder is self else "nobody" if controls.holder is None else "another"
+        holder = holder if controls.reserved is None else "experiment"
         return {**self._desk.about(), **asdict(self._host.standing), "controls": holder}
 
     async def _frames(self) -> None:

@@ -115,7 +115,7 @@ class Desk:
         low = min(channel.threshold.band_hz[0] for channel in self._display.channels)
         high = max(channel.threshold.band_hz[1] for channel in self._display.channels)
         frequency_hz = np.geomspace(low, high, _CURVE_POINTS)
-        curves = expected_curves(self._made(), level_db_sl, frequency_hz)
+        curves = expected_curves(self.loaded_controller(), level_db_sl, frequency_hz)
         return {"frequency_hz": frequency_hz.tolist(), "curves": curves}
 
     def record(self, request: messages.Save) -> dict[str, Any]:
@@ -132,14 +132,15 @@ class Desk:
         np.savetxt(written, np.column_stack((time_s, held)), "%.9g", ",", header=_HEADER, comments="")
         return {"text": written.getvalue(), "samples": len(rows), "name": f"{request.channel}.csv"}
 
-    @property
-    def _display(self) -> Display:
-        return self._host.display
-
-    def _made(self) -> Controller:
+    def loaded_controller(self) -> Controller:
+        """Return the controller that is loaded. Raises BadInput while there is none."""
         if self._controller is None or not self._host.standing.loaded:
             raise BadInput("no controller is loaded; allowed: load one first")
         return self._controller
+
+    @property
+    def _display(self) -> Display:
+        return self._host.display
 
     def _wave(self, request: messages.Play) -> GeneratorWave:
         path = str(self._workshop.drawer.path(request.file)) if request.kind == "file" else ""
@@ -153,8 +154,8 @@ class Desk:
         band_hz = (max(low for low, _ in bands), min(high for _, high in bands))
         wanted = tuple(request.frequency_hz) or tuple(over_the_band(band_hz, request.mains_hz))
         order = orders.MeasureOrder(
-            self._made(), tuple(request.channels), wanted, request.level_db_sl, request.load, request.confidence_db,
-            request.longest_s, request.mains_hz, band_hz,
+            self.loaded_controller(), tuple(request.channels), wanted, request.level_db_sl, request.load,
+            request.confidence_db, request.longest_s, request.mains_hz, band_hz,
         )  # fmt: skip
         self._host.points = None
         self._host.order(order)

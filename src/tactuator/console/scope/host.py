@@ -27,6 +27,7 @@ class RigHost:
     """A rig held by a process of its own, which brings it to rest when this one ends, however that comes about.
 
     spec: as of --rig. changed: called, from another thread, whenever something but samples has come; set it to be told.
+    presented: called with what an experiment has played, and with None where the process has ended.
     """
 
     def __init__(self, spec: str, display: Display, seed: int = 0) -> None:
@@ -37,6 +38,7 @@ class RigHost:
         self.levels = Levels(display)
         self.changed: Callable[[orders.Told], None] = lambda told: None
         self.taken: Callable[[orders.Piece], None] = lambda piece: None
+        self.presented: Callable[[orders.Presented | None], None] = lambda piece: None
         self._before = 0
         self._felt: tuple[int, list[Felt] | None] = (-1, None)
         self._pipe: Connection
@@ -108,6 +110,7 @@ class RigHost:
                 self._take(pipe.recv())
         except (EOFError, OSError):
             self._take(orders.Standing(mode="gone", fault=_ENDED))
+            self.presented(None)
 
     def _take(self, told: orders.Told) -> None:
         match told:
@@ -115,6 +118,9 @@ class RigHost:
                 rows = np.frombuffer(told.content, dtype=np.float32).reshape(-1, self.samples.series)
                 self.samples.add(self._before + told.first, rows, told.saturated)
                 self.taken(told)
+                return
+            case orders.Presented():
+                self.presented(told)
                 return
             case orders.Standing():
                 self.standing = told

@@ -13,17 +13,16 @@ from tactuator.console.scope.connection import RigConnection
 from tactuator.console.scope.controls import Controls
 from tactuator.console.scope.desk import Desk
 from tactuator.console.scope.host import RigHost
-from tactuator.console.workshop import Workshop
 from tactuator.web.sockets import has_token, same_origin
 
 CLOSE_FORBIDDEN, CLOSE_NO_RIG = 4003, 4004
 """Close codes of a connection that is not allowed, and of one to a console that was begun without a rig."""
 
 
-def add_rig(app: FastAPI, token: str, workshop: Workshop, host: RigHost | None, apart: Executor | None) -> None:
-    """Add the rig's address to the application. host: None where the console has no rig."""
-    controls = Controls()
-    desk = None if host is None else Desk(host, workshop)
+def add_rig(
+    app: FastAPI, token: str, host: RigHost | None, desk: Desk | None, controls: Controls, apart: Executor | None
+) -> None:
+    """Add the rig's address to the application. host, desk: None where the console has no rig."""
 
     @app.websocket("/ws/rig")
     async def rig(socket: WebSocket) -> None:

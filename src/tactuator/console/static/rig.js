@@ -3,8 +3,9 @@ import { banner, make, refusal, say } from "./dom.js";
 import { Link } from "./link.js";
 
 const LOST = "The server does not answer. Its rig goes to rest by itself; what is in this page is still here, and can be saved.";
-const MODES = { idle: "at rest", live: "live", measuring: "measuring", fault: "stopped by a fault", gone: "the rig has gone" };
-const HOLDERS = { you: "this page has the controls", another: "another page has the controls; this one watches", nobody: "nobody has the controls" };
+const MODES = { idle: "at rest", live: "live", measuring: "measuring", presenting: "an experiment plays", fault: "stopped by a fault", gone: "the rig has gone" };
+const HOLDERS = { you: "this page has the controls", another: "another page has the controls; this one watches", nobody: "nobody has the controls",
+  experiment: "an experiment has the rig; pages of the scope watch" };
 
 export class Rig {
   // told: called whenever the standing has changed. pushed: called with frames (ArrayBuffer), levels and points.
@@ -27,6 +28,7 @@ export class Rig {
   close() { removeEventListener("keydown", this.key); this.link.close(); }
   get watches() { return this.standing?.controls !== "you"; }
   get mayPlay() { return this.open && !this.watches && !["gone", "fault"].includes(this.standing.mode); }
+  get experiment() { return this.standing?.controls === "experiment"; }
 
   connection(what) {
     this.open = what === "open";
@@ -43,7 +45,7 @@ export class Rig {
     if (message.standing) {
       const before = this.standing?.mode;
       this.standing = message.standing;
-      if (before !== this.standing.mode) say(MODES[this.standing.mode]);
+      if (before !== this.standing.mode && this.standing.controls !== "experiment") say(MODES[this.standing.mode]);
       this.show();
       this.told();
     } else this.pushed(message);
@@ -58,7 +60,7 @@ export class Rig {
     const guard = one.guard.mode ? `guard: ${one.guard.mode}${one.guard.fault ? `, ${one.guard.fault} at ${one.guard.channel}` : ""}${one.guard.late ? `, ${one.guard.late} late ticks` : ""}` : one.touchable ? "simulated, no guard" : "";
     this.more.textContent = [one.rig, guard, one.fault, one.gaps ? `${one.gaps} gaps` : ""].filter(Boolean).join(" · ");
     this.held.textContent = HOLDERS[one.controls];
-    this.buttons.take.hidden = one.controls === "you";
+    this.buttons.take.hidden = ["you", "experiment"].includes(one.controls);
     this.buttons.give.hidden = one.controls !== "you";
     this.buttons.reopen.hidden = one.mode !== "gone";
   }

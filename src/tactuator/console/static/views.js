@@ -6,6 +6,7 @@ export const VIEWS = {
   loop: { title: "Loop", ofDisplay: true, load: async () => (await import("./loop.js")).Loop },
   prefilter: { title: "Prefilter", ofDisplay: true, load: async () => (await import("./prefilter.js")).Prefilter },
   speech: { title: "Speech", ofDisplay: true, load: async () => (await import("./speech.js")).Speech },
+  experiment: { title: "Experiment", load: async () => (await import("./experiment.js")).Experiment },
   response: { title: "Response", load: async () => (await import("./response.js")).Response },
   scope: { title: "Scope", load: async () => (await import("./scope.js")).Scope },
 };

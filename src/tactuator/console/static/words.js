@@ -18,6 +18,9 @@ export const TERMS = {
   "threshold curve": "The level at which a sinusoid is just felt, against frequency: what the display is to follow.",
   "provenance": "Where the curve comes from: measured, digitised, inferred, synthetic or simulated.",
   "prefilter": "The filter ahead of the loop; with it, equal amplitude of the reference is felt equally far above threshold.",
+  "experiment protocol": "The file (TOML) that says what an experiment plays, to whom, in what order, and how levels are chosen.",
+  "experiment store": "The database (SQLite) with every trial and answer of a study; an answer is acknowledged once it is in there.",
+  "staircase": "A rule that lowers the level after right answers and raises it after wrong ones, so that it hovers at the threshold.",
   "verdict": "The outcome of each objective: met, not met, or not judged, with what it rests on.",
 };
 

@@ -11,7 +11,7 @@ from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.plan import ALL_FINGERS
 from tactuator.experiment.store.run_records import ApparatusRecord
 from tactuator.experiment.trial.timing import Timing
-from tactuator.rig.paced import PacedRig
+from tactuator.rig.paced import Paced
 from tactuator.rig.rig import Rig
 from tactuator.rig.touchable import TouchableRig
 
@@ -46,7 +46,7 @@ class Apparatus:
             *self.band_hz,
             self.simulated,
             self.rig.rate_hz,
-            self.rig.speed if isinstance(self.rig, PacedRig) else None,
+            self.rig.speed if isinstance(self.rig, Paced) else None,
         )
 
     def playable(self, timing: Timing) -> Playable:

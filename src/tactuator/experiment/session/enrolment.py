@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -12,6 +13,13 @@ from tactuator.experiment.protocol.file import parse_any_protocol
 from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
 from tactuator.experiment.store import study_records
 from tactuator.experiment.store.study_records import NewSubject, Tokens
+
+_TOKEN_BYTES = 16
+
+
+def fresh_token(code: str, visit: int) -> str:
+    """Return a token for the link of a subject's visit: nobody guesses it."""
+    return secrets.token_urlsafe(_TOKEN_BYTES)
 
 
 @dataclass(frozen=True)

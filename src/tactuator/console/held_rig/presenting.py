@@ -1,0 +1,42 @@
+"""Stimuli of an experiment at the rig that this process holds: played, and told trace by trace."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from tactuator.console.held_rig.orders import Presented, PresentOrder
+from tactuator.console.held_rig.watched import RigHalted, WatchedRig
+from tactuator.errors import TactuatorError
+from tactuator.rig.rig import Rig, Ticking
+from tactuator.rig.trace import Trace
+
+
+def presented(
+    rig: Rig, order: PresentOrder, halted: Callable[[], bool], tell: Callable[[Presented], None]
+) -> Iterator[Trace]:
+    """Play the blocks of an order as one stream, tell each trace with the rig's own count of rows, and yield it.
+
+    The end is told in every case, with the reason where it was not the last row: that the rig was halted, or its fault,
+    which is then raised.
+    """
+    told = rig if isinstance(rig, Ticking) else None
+
+    def say(trace: Trace | None, over: bool = False, halted: bool = False, fault: str = "") -> None:
+        began, played = (None, None) if told is None else (told.began_at, told.rows_played)
+        tell(Presented(order.number, trace, began, played, over, halted, fault))
+
+    try:
+        for trace in WatchedRig(rig, halted).stream(order.blocks):
+            say(trace)
+            yield trace
+    except RigHalted:
+        rig.rest()
+        say(None, over=True, halted=True)
+    except TactuatorError as error:
+        say(None, over=True, fault=str(error))
+        raise
+    except Exception as error:
+        say(None, over=True, fault=f"{type(error).__name__}: {error}")
+        raise
+    else:
+        say(None, over=True)

@@ -1,0 +1,81 @@
+"""The address of the study on the console's server: requests of the view Experiment, and where the study stands."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+
+from fastapi import FastAPI, WebSocket, WebSocketDisconnect
+
+from tactuator.console.asked import Answer
+from tactuator.console.study import messages
+from tactuator.console.study.room import StudyRoom
+from tactuator.console.workshop import Workshop
+from tactuator.errors import TactuatorError
+from tactuator.web.sockets import has_token, receive_text, same_origin, send
+
+CLOSE_FORBIDDEN, CLOSE_NO_RIG = 4003, 4004
+"""Close codes of a connection that is not allowed, and of one to a console that was begun without a rig."""
+_DEFECT = "a defect of the console; the server's log has it. The store keeps what was answered"
+_LOGGER = logging.getLogger("tactuator.web.lab")
+
+
+def add_study(app: FastAPI, token: str, room: StudyRoom | None, workshop: Workshop) -> None:
+    """Add the study's address to the application. room: None where the console has no rig."""
+    listening: set[WebSocket] = set()
+
+    async def tell_all(told: StudyRoom) -> None:
+        for socket in tuple(listening):
+            try:
+                await send(socket, {"study": told.standing()})
+            except (WebSocketDisconnect, RuntimeError):
+                listening.discard(socket)
+
+    @app.websocket("/ws/study")
+    async def study(socket: WebSocket) -> None:
+        await socket.accept()
+        if not same_origin(socket) or not await has_token(socket, token):
+            await socket.close(CLOSE_FORBIDDEN)
+        elif room is None:
+            await socket.close(CLOSE_NO_RIG)
+        else:
+            listening.add(socket)
+            try:
+                await send(socket, {"study": room.standing()})
+                while True:
+                    answer = await _answered(room, workshop, await receive_text(socket))
+                    await tell_all(room)
+                    await send(socket, answer)
+            except WebSocketDisconnect:
+                return
+            finally:
+                listening.discard(socket)
+
+
+async def _answered(room: StudyRoom, workshop: Workshop, text: str) -> Answer:
+    try:
+        number = json.loads(text).get("id")
+    except (ValueError, AttributeError, RecursionError):
+        number = None
+    try:
+        with workshop.drawer.named_plainly():
+            return {"id": number, **await _answer(room, messages.request_of(text))}
+    except TactuatorError as error:
+        return {"id": number, "error": str(error)}
+    except (WebSocketDisconnect, asyncio.CancelledError):
+        raise
+    except Exception:
+        _LOGGER.exception("a request of the view Experiment failed")
+        return {"id": number, "error": _DEFECT}
+
+
+async def _answer(room: StudyRoom, request: messages.StudyRequest) -> Answer:
+    match request:
+        case messages.BeginStudy():
+            await room.begin(request)
+        case messages.EndStudy():
+            await room.end()
+        case messages.ExportStudy():
+            return await room.exported(request)
+    return {}

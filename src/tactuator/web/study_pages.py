@@ -1,0 +1,124 @@
+"""The pages of a study on any server: subjects' and the operator's, for as long as a lab is open there."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Coroutine
+from contextlib import suppress
+from typing import Annotated, Any
+
+from fastapi import FastAPI, Query, Response, WebSocket
+
+from tactuator.errors import BadInput
+from tactuator.web.lab import Lab
+from tactuator.web.operator import OperatorPage, Operators
+from tactuator.web.pages import page, plain_text
+from tactuator.web.sockets import has_token, same_origin
+from tactuator.web.subject import SubjectTab
+from tactuator.web.tabs import Tabs
+
+CLOSE_FORBIDDEN, CLOSE_UNKNOWN = 4003, 4004
+"""Close codes of connections that are not allowed, or to no session or study that is open."""
+_NOTHING = "There is no such page here."
+
+
+class StudyPages:
+    """The lab whose pages a server shows (None: no study is open), and the connections to it."""
+
+    def __init__(self, lab: Lab | None = None) -> None:
+        self.lab = lab
+        self.tabs, self.operators = Tabs(), Operators()
+        self._open: set[asyncio.Task[None]] = set()
+
+    async def serve(self, socket: WebSocket, part: Coroutine[Any, Any, None]) -> None:
+        """Serve a connection until its page goes, or the study is closed."""
+        task = asyncio.create_task(part)
+        self._open.add(task)
+        try:
+            await asyncio.wait([task])
+        finally:
+            self._open.discard(task)
+            task.cancel()
+        if task.cancelled():
+            with suppress(RuntimeError):  # the page has gone meanwhile
+                await socket.close(CLOSE_UNKNOWN)
+        else:
+            task.result()
+
+    async def close(self) -> Lab | None:
+        """End every connection, and return the lab that was open; it is for the caller to close."""
+        lab, self.lab = self.lab, None
+        while self._open:
+            tasks = list(self._open)
+            for task in tasks:
+                task.cancel()
+            await asyncio.wait(tasks)
+            self._open.difference_update(tasks)
+        return lab
+
+
+def add_study_pages(app: FastAPI, pages: StudyPages, operator_token: str) -> None:
+    """Add the pages of a study and their connections to an application, which serves their static files itself."""
+    _add_connections(app, pages, operator_token)
+
+    @app.get("/s/{token}")
+    async def subject_page(token: str, participant: Annotated[str | None, Query(max_length=64)] = None) -> Response:
+        lab = pages.lab
+        if lab is None:
+            return plain_text(_NOTHING, 404)
+        row = lab.by_token(token)
+        if row is None:
+            return plain_text(lab.words("page.no_session"), 404)
+        presented = await lab.presented(row)
+        words = presented.session.task.words
+        if participant is not None:
+            try:
+                await lab.work(lambda: lab.study.claim(row, participant))
+            except BadInput:
+                return plain_text(words("page.other_participant"), 403)
+            await lab.refresh()
+        return page("subject", words, ("texts", "noise", "choices", "demonstration", "subject"))
+
+    @app.get("/operator")
+    async def operator_page() -> Response:
+        if pages.lab is None:
+            return plain_text(_NOTHING, 404)
+        parts = ("texts", "track", "curve", "tables", "enrol", "operator_panel", "operator")
+        return page("operator", pages.lab.words, parts)
+
+
+def _add_connections(app: FastAPI, pages: StudyPages, operator_token: str) -> None:
+    @app.websocket("/ws/subject/{token}")
+    async def subject(socket: WebSocket, token: str) -> None:
+        await socket.accept()
+        lab = pages.lab
+        row = None if lab is None else lab.by_token(token)
+        if lab is None or row is None or not same_origin(socket):
+            await socket.close(CLOSE_UNKNOWN)
+            return
+        tab = SubjectTab(socket, lab, row)
+        await pages.tabs.enter(tab)
+        lab.notify()
+        try:
+            await pages.serve(socket, tab.serve())
+        finally:
+            pages.tabs.exit(tab)
+            lab.notify()
+
+    @app.websocket("/ws/operator")
+    async def operator(socket: WebSocket) -> None:
+        await socket.accept()
+        if not same_origin(socket) or not await has_token(socket, operator_token):
+            await socket.close(CLOSE_FORBIDDEN)
+            return
+        lab = pages.lab
+        if lab is None:
+            await socket.close(CLOSE_UNKNOWN)
+            return
+        one = OperatorPage(socket, lab, pages.tabs, pages.operators)
+        pages.operators.enter(one)
+        try:
+            await pages.serve(socket, one.serve())
+        finally:
+            pages.operators.exit(one)
+            lab.notify()
