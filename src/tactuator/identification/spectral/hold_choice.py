@@ -11,9 +11,10 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification.spectral.form import is_stable
 from tactuator.identification.spectral.hold import Hold
-from tactuator.identification.spectral.joined import join, join_local
+from tactuator.identification.spectral.joined import JoinedEquations, join, join_local
 from tactuator.identification.spectral.likelihood import SpectralFit
 from tactuator.identification.spectral.lines import (
+    Equations,
     LocalResponse,
     Spectrum,
     equations,
@@ -81,35 +82,50 @@ def estimate(
     arrival = _arrival(whole[0])
     early = tuple(spectrum(*one, rate_hz, arrival) for one in signals) if arrival > _LATE else whole
     local = _local(early, rate_hz)
-    proposals = _proposals(local, rate_hz, holds, known, note, arrival / rate_hz)
+    # half a sample apart, the holds agree on a long dead time: the one that is quickest to fit shows it
+    first = holds[-1:] if arrival > _LATE else holds
+    proposals = _proposals(local, rate_hz, first, known, note, arrival / rate_hz)
     # what was commanded before the record began is unknown for as long as the dead time: the position starts later
-    shift = max(min(int(proposals[hold][0].delay_s * rate_hz + 1e-3) for hold in holds) - 1, 0)
+    shift = max(min(int(proposals[hold][0].delay_s * rate_hz + 1e-3) for hold in first) - 1, 0)
     shift = min(shift, *(command.size // 4 for command, _ in signals))
     taken = tuple(spectrum(*one, rate_hz, shift) for one in signals) if shift else whole
     if abs(shift - early[0].shift) > _LATE:
         note("the dead time is long: starting once more without it")
         local = _local(taken, rate_hz)
         proposals = _proposals(local, rate_hz, holds, known, note, shift / rate_hz)
+    elif len(first) < len(holds):
+        proposals |= _proposals(local, rate_hz, holds[:-1], known, note, shift / rate_hz)
     given = join([equations(one, 0.0, 0.5 * rate_hz) for one in taken])
     found: list[_Judged] = []
     for hold in sorted(holds, key=lambda one: proposals[one][0].cost):
         note(f"fitting the record as {hold}")
-        glance = None
-        if found:
-            glance = choose(given, proposals[hold], hold, known, quick=True)
-            seen = _judged(glance, taken)
-            if seen.evidence > found[0].evidence + _FAR:
-                found.append(seen)
-                continue
-        best = _judged(choose(given, proposals[hold], hold, known, begun=glance), taken)
-        hopeless = bool(found) and best.evidence > found[0].evidence + _CERTAIN_IN_LOOP
-        if not is_stable(best.choice.fit.theta, best.choice.fit.form) and not hopeless:
-            # in a loop a model that is not causal takes the noise in the command for an answer
-            mirrored = [replace(one, theta=np.abs(one.theta)) for one in (best.choice.fit, *proposals[hold])]
-            stable = _judged(choose(given, mirrored, hold, known, stable=True), taken)
-            best = stable if stable.evidence < best.evidence + CERTAIN else best
-        found.append(best)
+        found.append(_searched(given, taken, proposals[hold], hold, known, found))
     return _decided(found, holds, local, taken)
+
+
+def _searched(
+    given: Equations | JoinedEquations,
+    taken: tuple[Spectrum, ...],
+    proposals: list[SpectralFit],
+    hold: Hold,
+    known: Known,
+    found: list[_Judged],
+) -> _Judged:
+    """Return the best choice under one hold, after a glance alone if that is far behind what was `found` before."""
+    glance = None
+    if found:
+        glance = choose(given, proposals, hold, known, quick=True)
+        seen = _judged(glance, taken)
+        if seen.evidence > found[0].evidence + _FAR:
+            return seen
+    best = _judged(choose(given, proposals, hold, known, begun=glance), taken)
+    behind = bool(found) and best.evidence > found[0].evidence + _CERTAIN_IN_LOOP
+    if is_stable(best.choice.fit.theta, best.choice.fit.form) or behind:
+        return best
+    # in a loop a model that is not causal takes the noise in the command for an answer
+    mirrored = [replace(one, theta=np.abs(one.theta)) for one in (best.choice.fit, *proposals)]
+    stable = _judged(choose(given, mirrored, hold, known, stable=True), taken)
+    return stable if stable.evidence < best.evidence + CERTAIN else best
 
 
 def _arrival(taken: Spectrum) -> int:

@@ -253,7 +253,14 @@ def choose(
     fits[best.form] = best
     if quick:
         return Choice(hold, best, {best.form: best}, problem)
-    return Choice(hold, best, _near(problem, fits, best) | {best.form: best}, problem)
+    near = _near(problem, fits, best) | {best.form: best}
+    preferred = _best(problem, near)
+    if preferred.form != best.form and _score(problem, preferred) < _score(problem, best):
+        # by the weights that belong to the best form another one is better: those were an earlier fit's
+        problem = weighed(problem, preferred)
+        best = _again(problem, preferred, 10) or preferred
+        near = _near(problem, near, best) | {best.form: best}
+    return Choice(hold, best, near, problem)
 
 
 def _near(problem: SpectralProblem, fits: dict[Form, SpectralFit], best: SpectralFit) -> dict[Form, SpectralFit]:
