@@ -1,5 +1,6 @@
 """Every method says between which frequencies its model holds, and a display that is given the model knows it."""
 
+import importlib
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -48,6 +49,17 @@ def test_check__band_beyond_the_method_s_valid_range__is_told(record: Record, me
     asked = ["identify", str(tmp_path / "record.h5"), "--method", method, "--order", "2"]
     assert main([*asked, "--out", str(tmp_path / "model.json")]) in (0, 1)
     assert json.loads((tmp_path / "model.json").read_text())["valid_hz"][1] < 2.0 * TOP_HZ
+
+
+def test_identify__record_too_long_for_prediction__says_which_part_was_used(
+    record: Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(importlib.import_module("tactuator.identification.identify"), "LONGEST_PREDICTED", 8000)
+    found = identify(record, method="prediction", order=2, friction=False)
+    assert any("by prediction error: of 6 s the 2 s from" in said for said in found.remarks)
+    assert found.measured.size <= 8000
+    hertz = np.array([2.0, 20.0])
+    assert np.allclose(np.abs(found.model.response(hertz)), np.abs(PAPER.response(hertz)), rtol=0.02)
 
 
 def test_distrusted__band_wide_everywhere__is_a_reason(record: Record) -> None:

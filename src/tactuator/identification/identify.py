@@ -27,6 +27,8 @@ from tactuator.signals.record import Record
 
 LONGEST = 1_000_000
 """Samples identified at once; of a longer record the part with most command power is taken."""
+LONGEST_PREDICTED = 250_000
+"""The same by prediction error, which costs each step a simulation."""
 METHODS = ("refined", "prediction", "rls")
 
 
@@ -74,8 +76,8 @@ def _prepared(records: Sequence[Record], asked: Asked) -> Prepared:
             found = [*record.remarks, *check_record(record)]
         except BadInput as error:
             raise BadInput(str(error) if len(records) == 1 else f"record {k + 1}: {error}") from None
-        part, said = _liveliest(record)
-        parts.append(part)
+        piece, said = _liveliest(record, LONGEST)
+        parts.append(record.part(piece) if said else record)
         remarks += [one if len(records) == 1 else f"record {k + 1}: {one}" for one in [*found, *said]]
     _require_alike(parts)
     scale = tuple(
@@ -118,24 +120,34 @@ def _require_alike(records: Sequence[Record]) -> None:
             raise BadInput(f"record {k} says hold {said[1]}, the first {said[0]}; allowed: the same")
 
 
-def _liveliest(record: Record) -> tuple[Record, tuple[str, ...]]:
+def _liveliest(record: Record, most: int) -> tuple[slice, tuple[str, ...]]:
+    """Return the part, of `most` samples, in which the command has most power, and what is to be said of that."""
     count = record.command.size
-    if count <= LONGEST:
-        return record, ()
+    if count <= most:
+        return slice(0, count), ()
     power = np.cumsum((record.command - record.command.mean()) ** 2)
-    starts = np.arange(0, count - LONGEST + 1, LONGEST // 4)
-    best = int(starts[np.argmax(power[starts + LONGEST - 1] - power[starts])])
-    piece = slice(best, best + LONGEST)
-    said = (
-        f"of {record.duration_s:.4g} s the {LONGEST / record.rate_hz:.4g} s from {best / record.rate_hz:.4g} s are used"
-    )
-    return record.part(piece), (said,)
+    starts = np.arange(0, count - most + 1, most // 4)
+    best = int(starts[np.argmax(power[starts + most - 1] - power[starts])])
+    said = f"of {record.duration_s:.4g} s the {most / record.rate_hz:.4g} s from {best / record.rate_hz:.4g} s are used"
+    return slice(best, best + most), (said,)
+
+
+def _shortened(common: Prepared) -> Prepared:
+    """Return the same with as many samples as a prediction error is worked out over within a minute."""
+    piece, said = _liveliest(common.record, LONGEST_PREDICTED)
+    if not said:
+        return common
+    command, position = (getattr(common.samples, name)[piece] for name in ("command", "position"))
+    samples = replace(common.samples, command=command - command.mean(), position=position - position.mean())
+    remarks = (*common.remarks, f"by prediction error: {said[0]}")
+    return replace(common, record=common.record.part(piece), samples=samples, remarks=remarks)
 
 
 def _by_prediction(common: Prepared, asked: Asked, note: Callable[[str], None]) -> Identification:
     if not asked.is_free or (asked.order or 1) > 6 or asked.hold == "band-limited":
         raise BadInput("zeros, integrators, a dead time, more than six poles or a band-limited command; allowed: none "
                        "of these with the method 'prediction'")  # fmt: skip
+    common = _shortened(common)
     found = choose_structure(
         common.samples,
         common.response,

@@ -146,10 +146,11 @@ def _moving(velocity: FloatArray, rate_hz: float, corner: float) -> NDArray[np.i
     """Return the samples of a motor that moves, four to a period of the corner, away from the record's ends."""
     slow = np.abs(velocity) < _SLOW * float(np.std(velocity))
     width = int(_APART * rate_hz / corner)
-    near = np.convolve(slow.astype(np.float64), np.ones(2 * width + 1), mode="same") > 0.5
+    slow_before = np.concatenate([[0], np.cumsum(slow)])
     ends, step = int(2.0 * rate_hz / corner), max(int(rate_hz / (4.0 * corner)), 1)
     places = np.arange(ends, velocity.size - ends, step)
-    return np.asarray(places[~near[places]])
+    first, beyond = np.maximum(places - width, 0), np.minimum(places + width + 1, velocity.size)
+    return np.asarray(places[slow_before[beyond] == slow_before[first]])
 
 
 def _low_passed(values: FloatArray, rate_hz: float, corner: float, order: int, *, even: bool = False) -> FloatArray:

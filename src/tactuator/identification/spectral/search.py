@@ -241,11 +241,8 @@ def choose(
         problem = weighed(problem, first)
         first = _again(problem, first, 8) or first
     problem, first = (problem, first) if begun is None else (begun.problem, begun.fit)
-    fits = {first.form: first}
-    for one in kept:
-        fitted = _glance(problem, one, 8) if one.form != first.form else None
-        if fitted is not None:
-            fits[fitted.form] = fitted
+    others = [_glance(problem, one, 8) for one in kept if one.form != first.form]
+    fits = {first.form: first} | {one.form: one for one in others if one is not None}
     best = _best(problem, fits) if quick else _settled(problem, fits, known)
     for _ in range(1 if quick else 2):
         problem = weighed(problem, best)
@@ -253,10 +250,10 @@ def choose(
     fits[best.form] = best
     if quick:
         return Choice(hold, best, {best.form: best}, problem)
+    # by the weights that belong to the best form another may be better: those before were an earlier fit's
     near = _near(problem, fits, best) | {best.form: best}
     preferred = _best(problem, near)
-    if preferred.form != best.form and _score(problem, preferred) < _score(problem, best):
-        # by the weights that belong to the best form another one is better: those were an earlier fit's
+    if _score(problem, preferred) < _score(problem, best):
         problem = weighed(problem, preferred)
         best = _again(problem, preferred, 10) or preferred
         near = _near(problem, near, best) | {best.form: best}
