@@ -36,8 +36,8 @@ def controller() -> Controller:
 
 #: What is made once for several tests: those tests go to one worker.
 _SHARED = {
-    "tests/paper/test_": "the study",
-    "tests/repository/installed/": "the installed wheel",
+    "tests/paper/test_": "the installed wheel and its study",
+    "tests/repository/installed/": "the installed wheel and its study",
     "tests/rig/sound/test_simulated_card.py::test_loopback": "the simulated card",
     "tests/rig/sound/test_simulated_card.py::test_multisine": "the simulated card",
 }

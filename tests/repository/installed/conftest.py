@@ -23,6 +23,20 @@ atexit.register(lambda: told.write_text(pathlib.Path("/proc/self/maps").read_tex
 from tactuator.cli.main import main
 sys.exit(main(sys.argv[2:]))
 """
+#: The same of `reproduce`, which also leaves its study in a file.
+RUN_STUDY = (
+    """
+import pathlib, pickle, sys
+from tactuator.cli.paper import reproduce
+run_study = reproduce.run_study
+def kept(*asked):
+    study = run_study(*asked)
+    pathlib.Path("study.pickle").write_bytes(pickle.dumps(study))
+    return study
+reproduce.run_study = kept
+"""
+    + RUN
+)
 
 
 class Installation:
@@ -41,18 +55,18 @@ class Installation:
         """Run `tactuator` in the folder, and return what it said when it has ended well."""
         return self._ended_well([str(self.prefix / "bin" / "tactuator"), *words], path)
 
-    def maps(self, *words: str) -> str:
+    def maps(self, *words: str, script: str = RUN) -> str:
         """Run `tactuator` in the folder, and return what its process had mapped at its end."""
-        self._ended_well(self.command(*words), None)
+        self._ended_well(self.command(*words, script=script), None)
         return self.maps_file.read_text()
 
     @property
     def maps_file(self) -> Path:
         return self.folder / "maps"
 
-    def command(self, *words: str) -> list[str]:
+    def command(self, *words: str, script: str = RUN) -> list[str]:
         """The command that also writes the maps."""
-        return [str(self.prefix / "bin" / "python"), "-c", RUN, str(self.maps_file), *words]
+        return [str(self.prefix / "bin" / "python"), "-c", script, str(self.maps_file), *words]
 
     def _ended_well(self, command: list[str], path: Path | None) -> subprocess.CompletedProcess[str]:
         done = subprocess.run(

@@ -17,7 +17,8 @@ from pathlib import Path
 import pytest
 from websockets.sync.client import connect
 
-from tests.repository.installed.conftest import Installation
+from tests.paper.conftest import STUDY
+from tests.repository.installed.conftest import RUN_STUDY, Installation
 
 MAPS = Path("/proc/self/maps")
 #: glibc and the runtime of gcc; everything else that the interpreter needs is asked of the interpreter
@@ -118,17 +119,14 @@ def test_design__at_its_end__has_loaded_nothing_of_the_system(lab):
     assert hidden(lab.design_maps, lab.prefix) == set()
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("render", "speech.wav", "--controller", "controller.json", "--out", "reference.wav",
-         "--felt", "felt.h5", "--figures", "felt-figures"),
-        ("reproduce", "--speech", "speech.wav", "--out", "paper"),
-    ],
-    ids=lambda arguments: arguments[0],
-)  # fmt: skip
-def test_command__at_its_end__has_loaded_nothing_of_the_system(lab, arguments):
-    assert hidden(lab.maps(*arguments), lab.prefix) == set()
+def test_render__at_its_end__has_loaded_nothing_of_the_system(lab):
+    files = ("--out", "reference.wav", "--felt", "felt.h5", "--figures", "felt-figures")
+    assert hidden(lab.maps("render", "speech.wav", "--controller", "controller.json", *files), lab.prefix) == set()
+
+
+def test_reproduce__at_its_end__has_loaded_nothing_of_the_system(lab, pytestconfig):
+    assert hidden(lab.maps("reproduce", "--out", "paper", script=RUN_STUDY), lab.prefix) == set()
+    pytestconfig.stash[STUDY] = lab.folder / "study.pickle"  # tests/paper need not run it again
 
 
 def test_server__a_trial_presented__has_loaded_nothing_of_the_system(lab):
