@@ -68,6 +68,7 @@ class Bench:
         original = source.read_text()
         assert original.count(mutant.old) == 1, f"{mutant.name}: stands {original.count(mutant.old)} times"
         again = self._changed_by(mutant.path)
+        kept = {path: self._object(path).read_bytes() for path in again}
         out = self.folder / f"{mutant.name.replace(' ', '-')}.elf"
         source.write_text(original.replace(mutant.old, mutant.new))
         try:
@@ -76,8 +77,8 @@ class Bench:
             self._link(out)
         finally:
             source.write_text(original)
-            for path in again:
-                self._object(path).unlink(missing_ok=True)
+            for path, unaltered in kept.items():
+                self._object(path).write_bytes(unaltered)
         return out
 
     def _changed_by(self, path: str) -> list[str]:
@@ -105,9 +106,6 @@ class Bench:
 
     def _link(self, out: Path) -> None:
         every = sorted({path for readers in self.read_by.values() for path in readers})
-        for path in every:
-            if not self._object(path).exists():
-                self._compile(path)
         self._run([*self.flags, *(str(self._object(path)) for path in every), *self.tail, "-o", str(out)])
 
     def _run(self, command: list[str]) -> str:

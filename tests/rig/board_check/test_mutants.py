@@ -21,7 +21,8 @@ from tactuator.runtime.image import FORMATS
 from tests.rig.board_check.mutants import FEW, MANY, Bench, Mutant
 from tests.rig.guard.guarded import designed
 
-ENOUGH_TICKS, TICKS = 30_000, 200_000
+ENOUGH_TICKS, TICKS, MORE_TICKS = 30_000, 200_000, 1_000_000
+"""More, for what depends on a table that is seldom drawn: commands of more than 23 bits."""
 HANGS_S = 1.0
 """Of a processor, without an answer: a stretch takes the emulator a tenth of a second."""
 EMULATED = [name for name, board in BOARDS.items() if board.has_fifos]
@@ -129,7 +130,7 @@ def test_check_period__any_altered_line_on_any_board__is_noticed(
 ) -> None:
     program = benches[board].program(mutant)
     for number_format in [mutant.only] if mutant.only else FORMATS:
-        assert differs(board, program, number_format, TICKS)
+        assert differs(board, program, number_format, TICKS) or differs(board, program, number_format, MORE_TICKS)
 
 
 @pytest.mark.soak
