@@ -55,11 +55,11 @@ static float towards(float from, float to, float slew)
     return from + within(to - from, -slew, slew);
 }
 
-/* Least squares on two pushes; a weight that is no number is seen by its caller. */
+/* Least squares on two pushes, whose squares hold the ridge; a weight that is no number is seen by its caller. */
 static void solve(const tact_touch *table, tact_touch_state *state)
 {
     const float lean = table->shape * (state->square[0] + state->square[2]);
-    const float a = state->square[0] + (lean + table->ridge), c = state->square[2] + (lean + table->ridge);
+    const float a = state->square[0] + lean, c = state->square[2] + lean;
     const float b = state->square[1] - lean;
     const float one = 1.0f / (a * c - b * b), most = table->weight_max;
     const float first = (c * state->product[0] - b * state->product[1]) * one;
@@ -68,24 +68,27 @@ static void solve(const tact_touch *table, tact_touch_state *state)
     state->weight[1] = towards(state->weight[1], within(second, 0.0f, most), table->slew);
 }
 
+/* Each turn counts by its level now, so that what was loud a moment ago does not outweigh what is heard after it. */
 static void accumulate(const tact_touch *table, tact_touch_state *state, float force, float first, float second)
 {
-    state->power += table->forgetting * ((first * first + second * second) - state->power);
-    const float share = state->power / (state->power + table->gate);
+    const float now = first * first + second * second;
+    state->power += table->forgetting * (now - state->power);
+    state->level += (float)TACT_TOUCH_LEVEL_RATE * table->forgetting * (now - state->level);
+    const float share = state->power / (state->power + table->gate), one = 1.0f / (state->level + table->gate);
     const float rate = table->forgetting * share, kept = 1.0f - table->fading * (1.0f - share);
-    state->square[0] += rate * (first * first - state->square[0]);
-    state->square[1] += rate * (first * second - state->square[1]);
-    state->square[2] += rate * (second * second - state->square[2]);
-    state->product[0] = kept * (state->product[0] + rate * (first * force - state->product[0]));
-    state->product[1] = kept * (state->product[1] + rate * (second * force - state->product[1]));
+    const float ridge = one * table->ridge, x = one * first, y = one * second;
+    state->square[0] += rate * ((first * x + ridge) - state->square[0]);
+    state->square[1] += rate * (first * y - state->square[1]);
+    state->square[2] += rate * ((second * y + ridge) - state->square[2]);
+    state->product[0] = kept * (state->product[0] + rate * (x * force - state->product[0]));
+    state->product[1] = kept * (state->product[1] + rate * (y * force - state->product[1]));
 }
 
 /* Numbers that silence would let decay until they are subnormal. */
 static void see_to_silence(tact_touch_state *state, float first, float second)
 {
-    float *part[] = {&state->power, &state->product[0], &state->product[1], &state->square[0], &state->square[2],
-                     &state->square[1]};
-    for (int i = 0; i < 6; i++)
+    float *part[] = {&state->power, &state->level, &state->product[0], &state->product[1], &state->square[1]};
+    for (int i = 0; i < 5; i++)
         *part[i] = __builtin_fabsf(*part[i]) < TACT_TINY ? 0.0f : *part[i];
     for (int i = 0; i < 3; i++) {
         state->command.past[i] = __builtin_fabsf(state->command.past[i]) < TACT_TINY ? 0.0f : state->command.past[i];

@@ -21,9 +21,12 @@ void tact_touch_rest_model(tact_touch_state *state)
 /* What was learnt. */
 static void forget(const tact_touch *table, tact_touch_state *state)
 {
-    state->power = state->weight[0] = state->weight[1] = state->product[0] = state->product[1] = 0.0f;
+    state->power = state->level = 0.0f;
+    state->weight[0] = state->weight[1] = state->product[0] = state->product[1] = 0.0f;
+    state->square[0] = state->square[2] = table->ridge / table->gate;
+    state->square[1] = 0.0f;
     for (int i = 0; i < 3; i++)
-        state->square[i] = state->slow[i] = 0.0f;
+        state->slow[i] = 0.0f;
     for (int i = 0; i < TACT_TOUCH_HUM_MAX; i++) {
         state->hum[i][0] = 1.0f;
         state->hum[i][1] = state->hum[i][2] = state->hum[i][3] = 0.0f;
@@ -47,5 +50,6 @@ int tact_touch_is_valid(const tact_touch *table)
     return table->feedback_count >= 1 && table->feedback_count <= TACT_TOUCH_FEEDBACK_MAX && table->delay >= 1 &&
            table->delay <= TACT_TOUCH_DELAY_MAX && table->turns >= 1 && table->turn >= 0 &&
            table->turn < table->turns && table->hum_count >= 0 && table->hum_count <= TACT_TOUCH_HUM_MAX &&
-           table->push_max_v >= 0.0f && table->weight_max >= 0.0f && table->ridge > 0.0f && table->gate > 0.0f;
+           table->push_max_v >= 0.0f && table->weight_max >= 0.0f && table->ridge > 0.0f && table->gate > 0.0f &&
+           table->forgetting >= 0.0f && (float)TACT_TOUCH_LEVEL_RATE * table->forgetting <= 1.0f;
 }

@@ -10,6 +10,7 @@
 #include "arithmetic/section.h"
 
 enum { TACT_TOUCH_FEEDBACK_MAX = 4, TACT_TOUCH_DELAY_MAX = 16, TACT_TOUCH_HUM_MAX = 4 };
+enum { TACT_TOUCH_LEVEL_RATE = 3 }; /* the pushes' level is taken over a third of the shortest memory */
 
 #define TACT_TOUCH_SILENT 1e-12f /* volts: less is nothing */
 
@@ -42,7 +43,8 @@ typedef struct {
     tact_touch_poles command, position, push[2];
     float weight[2];
     float slow[3];             /* of force and pushes */
-    float power, square[3], product[2];
+    float power, level;           /* of the pushes: over the memory, and of late */
+    float square[3], product[2];
     float hum[TACT_TOUCH_HUM_MAX][4]; /* cosine, sine, and how much of either */
     int32_t at, count;
     float model_v[TACT_TOUCH_DELAY_MAX], command_v[TACT_TOUCH_DELAY_MAX];

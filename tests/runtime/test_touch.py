@@ -125,6 +125,18 @@ def test_adaptation__chain_that_the_estimator_does_not_contain__within_a_decibel
     assert np.max(np.abs(db(felt / free))) < 1.0
 
 
+def test_adaptation__lifted_as_a_loud_sound_becomes_quiet__learnt_from_the_quiet_one() -> None:
+    simulation = Simulation(display(channel()), 3)
+    simulation.load(Controller(display(channel()), (adaptive(),)))
+    simulation.touch(0, "finger")
+    asked = tones(SECOND + SECOND // 10)
+    simulation.play(2.0 * asked[:SECOND])
+    assert np.all(simulation.weights()[0] > 0.8)
+    simulation.touch(0, None)
+    simulation.play(0.5 * asked[SECOND:])
+    assert np.all(simulation.weights()[0] < 0.4)
+
+
 def test_adaptation__silence__weights_stay_and_fade_slowly() -> None:
     simulation = Simulation(display(channel()), 3)
     simulation.load(Controller(display(channel()), (adaptive(),)))

@@ -16,6 +16,9 @@ from tactuator.signals.exponential import matrix_exponential
 
 Table = dict[str, Any]
 
+FORGETTING_MAX = 0.999 / lib.TACT_TOUCH_LEVEL_RATE
+"""Share of the memory that is forgotten in a turn, at most: the level beside it follows that many times sooner."""
+
 
 def touch_figures(channel: ChannelController, rate_hz: float, place: int) -> Table | None:
     """Return the figures of `tact_touch` by name, rounded to float32; None where nothing is fed forward.
@@ -88,7 +91,7 @@ def _figures(model: FeedForward, period_s: float) -> dict[str, Any]:
         "corner": corner,
         "force": corner * b1 / total,
         "slow": 2.0 * np.pi * model.slow_hz * turn_s,
-        "forgetting": min(turn_s / model.forgetting_s, 1.0),
+        "forgetting": min(turn_s / model.forgetting_s, FORGETTING_MAX),
         "gate": model.gate_v**2,
         "ridge": model.ridge_v**2,
         "shape": model.shape,

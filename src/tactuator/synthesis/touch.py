@@ -21,8 +21,8 @@ LEARN_HZ = 1000.0
 """Rate at which a channel learns; a channel of a display learns in each sample's turn."""
 WEIGHT_MAX = 1.6
 """Fingers have 0.5 to 1.5 times the designed one's figures."""
-FORGETTING_S, FADING_S, SLEW_S = 0.035, 30.0, 0.02
-GATE_DB_SL, RIDGE_DB_SL = 16.0, 0.0
+FORGETTING_S, FADING_S, SLEW_S = 0.02, 30.0, 0.02
+GATE_DB_SL, RIDGE_DB_SL = 18.0, 0.0
 """Levels of a sinusoid: the memory is twice the shortest at the gate; at the ridge zero weighs as much as what is
 heard."""
 SHAPE = 0.02
