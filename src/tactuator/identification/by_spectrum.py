@@ -14,6 +14,7 @@ from tactuator.identification.by_prediction import Prepared, usual_band
 from tactuator.identification.estimate.loops import dahl_state
 from tactuator.identification.estimate.refined import Samples
 from tactuator.identification.evidence.checks import check_length, check_polarity
+from tactuator.identification.evidence.curvature import cubic_share
 from tactuator.identification.evidence.distortion import Distortion
 from tactuator.identification.evidence.feedback import feedback_seen
 from tactuator.identification.evidence.residuals import ResidualTests, check_residual, jump_of
@@ -115,10 +116,10 @@ def identification(
     if distortion is not None and distortion.repeats is not None:
         tests = replace(tests, feedback=not distortion.repeats)
     remarks += _said_of(tests, common, chosen.hold == "band-limited" and found.before is None)
+    remarks += _said_of_cube(cubic_share(found.spectra, residuals))
     remarks += check_length(chosen.fit.poles_rad_s, _slow_pole_error(chosen), common.longest_s)
     remarks += check_polarity(model.num, model.den)
-    simulated, measured, percent = _shown(residuals)
-    offset = float(common.record.position.mean())
+    offset, (simulated, measured, percent) = float(common.record.position.mean()), _shown(residuals)
     return Identification(
         model=model,
         order=chosen.fit.form.poles,
@@ -159,6 +160,13 @@ def _said_of(tests: ResidualTests, common: Prepared, filtered: bool) -> list[str
             "a knock, or two runs pasted together (--from-s and --to-s leave it out)"
         )
     return said
+
+
+def _said_of_cube(share: float) -> list[str]:
+    said = (
+        f"{100.0 * share:.2g} % of the residual follows the cube of the command: something saturates or is not linear,"
+    )
+    return [f"{said} and the model is the best linear one at this amplitude"] if share > 0.0 else []
 
 
 def _shown(residuals: Sequence[Residual]) -> tuple[FloatArray, FloatArray, float]:
