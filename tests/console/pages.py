@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tactuator.console.app import build_console
+from tactuator.console.scope.host import RigHost
 from tactuator.console.workshop import Workshop
 from tests.web.server import served
 
@@ -45,10 +46,10 @@ def opened_page(browser: Any, address: str, ready: str, timeout_s: float = 30.0)
 
 
 @contextmanager
-def console_page(browser: Any, display: Path | None = None) -> Iterator[Any]:
+def console_page(browser: Any, display: Path | None = None, rig: RigHost | None = None) -> Iterator[Any]:
     """Yield the start page of a console; what the browser complains of fails the test at its end."""
     with (
-        served(build_console(Workshop(display), TOKEN)) as client,
+        served(build_console(Workshop(display), TOKEN, rig=rig)) as client,
         opened_page(browser, address_of(client), "start", 120.0) as page,
     ):
         yield page

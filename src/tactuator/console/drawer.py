@@ -66,6 +66,11 @@ class Drawer:
             weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         return self._folder
 
+    def forget(self) -> None:
+        """Delete the folder with all that it holds, as the end of the program does."""
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
     @contextmanager
     def named_plainly(self) -> Iterator[None]:
         """Tell refusals by the file's own name: the folder on the server says nothing to the reader."""

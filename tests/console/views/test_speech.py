@@ -4,13 +4,16 @@ import json
 import shlex
 import shutil
 
+import numpy as np
 import pytest
 
 from tactuator.cli.main import main
 from tactuator.console.app import build_console
+from tactuator.console.scope.host import RigHost
 from tactuator.console.views.speech import SpeechRendered
 from tactuator.console.workshop import FILE, Workshop
 from tactuator.errors import BadInput
+from tactuator.files.reference import open_reference
 from tactuator.files.start.shipped import EXAMPLES
 from tests.console.pages import TOKEN, console_page, go, tab_to
 from tests.console.views.dropped import dropped
@@ -70,15 +73,28 @@ def test_made__without_the_token_or_under_another_name__is_not_given(rendered):
 
 
 @pytest.mark.slow
-def test_speech__by_keyboard_alone__is_rendered_and_saved(browser, rendered, tmp_path):
+def test_speech__by_keyboard_alone__is_rendered_saved_and_played_on_the_rig(browser, rendered, tmp_path):
     folder, workshop, found = rendered
-    with console_page(browser, folder / "display.toml") as page:
-        go(page, "speech", display=FILE, level="30")
-        tab_to(page, "input[type=file]")
-        page.locator("input[type=file]").set_input_files(EXAMPLES / "speech.wav")
-        page.wait_for_selector("button.saving")
-        tab_to(page, "[data-name='reference.wav']")
-        with page.expect_download() as download:
+    host = RigHost("simulated", workshop.display(FILE))
+    try:
+        with console_page(browser, folder / "display.toml", host) as page:
+            go(page, "speech", display=FILE, level="30")
+            tab_to(page, "input[type=file]")
+            page.locator("input[type=file]").set_input_files(EXAMPLES / "speech.wav")
+            page.wait_for_selector("button.saving")
+            tab_to(page, "[data-name='reference.wav']")
+            with page.expect_download() as download:
+                page.keyboard.press("Enter")
+            download.value.save_as(tmp_path / "reference.wav")
+            page.locator("#play-reference").focus()
             page.keyboard.press("Enter")
-        download.value.save_as(tmp_path / "reference.wav")
-    assert (tmp_path / "reference.wav").read_bytes() == workshop.drawer.path(found["key"]).read_bytes()
+            page.wait_for_selector("#playing:has-text('It plays')")
+            page.wait_for_selector("#rig-mode:has-text('at rest')")
+            played = host.samples.rows(0, host.samples.end)[:, 0]
+    finally:
+        host.close()
+    kept = workshop.drawer.path(found["key"])
+    assert (tmp_path / "reference.wav").read_bytes() == kept.read_bytes()
+    asked = np.concatenate([block[:, 0] for block in open_reference(kept).blocks()]).astype(np.float32)
+    begin = int(np.flatnonzero(played)[0]) - int(np.flatnonzero(asked)[0])
+    assert np.array_equal(played[begin : begin + asked.size], asked)

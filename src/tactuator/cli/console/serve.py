@@ -11,8 +11,7 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 
-import uvicorn
-
+from tactuator.cli.console.ending import ConsoleServer
 from tactuator.console.app import build_console
 from tactuator.console.scope.host import RigHost
 from tactuator.console.workshop import FILE, Workshop
@@ -41,10 +40,14 @@ def run(
     if rig is not None and display is None:
         raise BadInput("a rig without a display; allowed: `tactuator console DISPLAY.toml --rig simulated`")
     address = Address(host, port, tuple(allowed_host or ()), tls_certificate, tls_key)
+    # a program that is cut off leaves its semaphores to the tracker of them, which deletes them without a word then
+    sys.warnoptions.append("ignore:resource_tracker:UserWarning")
     workshop, token = Workshop(display), secrets.token_urlsafe(_TOKEN_BYTES)
     sock = address.listen()
     with sock, _held(rig, workshop, seed) as held, _figures_apart() as apart:
-        server = uvicorn.Server(address.config(build_console(workshop, token, apart, held), time.monotonic))
+        config = address.config(build_console(workshop, token, apart, held), time.monotonic)
+        close = (lambda: None) if held is None else held.close
+        server = ConsoleServer(config, close, workshop.drawer.forget)
         lines = [f"console: {address.base_url(sock)}/#token={token}", *filter(None, [address.warning])]
         sys.stderr.write("\n".join(lines) + "\n")
         sys.stderr.flush()

@@ -64,6 +64,9 @@ class RigHost:
         except (EOFError, OSError):
             self._end()
             raise BadInput(_ENDED) from None
+        except BaseException:  # interrupted or told to end while the rig was being opened
+            self._end()
+            raise
         self.standing = first
         self._thread = threading.Thread(target=self._read, args=(self._pipe,), daemon=True)
         self._thread.start()
@@ -102,6 +105,7 @@ class RigHost:
         self._process.join(_END_S)
         if self._process.is_alive():
             self._process.kill()
+            self._process.join()
         self._pipe.close()
 
     def _read(self, pipe: Connection) -> None:

@@ -4,6 +4,7 @@ import { Chart } from "./chart.js";
 import { colour, command, make, refusal, say } from "./dom.js";
 import { Drop } from "./drop.js";
 import { table } from "./figures.js";
+import { Rig } from "./rig.js";
 import { term } from "./words.js";
 
 const LOW = -10, HIGH = 55, APART = 3, HEARD = 10;
@@ -20,11 +21,41 @@ export class Speech {
     const coding = make("select", { id: "coding", onchange: () => { this.own.coding = coding.value; this.again(); } }, ...codings.map((name) => make("option", { value: name, selected: name === this.own.coding ? "" : null }, name)));
     const input = make("input", { id: "level", type: "number", min: "-20", max: "60", step: "1", value: this.own.level ?? level, onchange: () => { this.own.level = input.value; this.again(); } });
     this.found = make("div");
+    this.player = make("div");
+    this.rig = new Rig(() => this.standing(), () => {});
     view.replaceChildren(make("h1", {}, "Speech on ", display.name),
       make("p", {}, "The file is coded onto the fingers at a level in dB SL (", term("sensation level"), "), and felt on the simulated display with the controller that “tactuator design” makes."),
       make("div", { class: "panel" }, this.drop.box, this.heard, make("div", { class: "factor" },
-        make("div", {}, make("label", { for: "coding" }, "coding"), coding), make("div", {}, make("label", { for: "level" }, "level, dB SL"), input))), this.found);
+        make("div", {}, make("label", { for: "coding" }, "coding"), coding), make("div", {}, make("label", { for: "level" }, "level, dB SL"), input))), this.player, this.found);
     if (this.own.file) { this.drop.name.textContent = this.own.name ?? ""; await this.again(); }
+  }
+
+  close() { this.rig.close(); }
+
+  // The rig of the console, where there is one: the reference is played on it as it is, and the stop is always there.
+  standing() {
+    const { rig } = this, there = rig.standing;
+    if (rig.absent || !there || !this.made) { this.player.replaceChildren(); return; }
+    if (!this.play) {
+      this.play = make("button", { type: "button", id: "play-reference", class: "first", onclick: () => this.onRig() }, "Play on the rig");
+      this.playing = make("p", { id: "playing", role: "status" });
+    }
+    const wave = there.wave, foreign = this.state.display !== "file";
+    this.play.disabled = this.busy || !rig.mayPlay || foreign || wave !== null || !["idle", "live"].includes(there.mode);
+    this.playing.textContent = foreign ? "The rig is that of the display of the command line; open that one to play here." : wave?.kind === "file" ? "It plays." : this.busy ? "A controller is designed and loaded." : "";
+    if (this.wave && !wave && there.mode === "live" && !rig.watches) rig.do("rest"); // the file is over, or was stopped
+    this.wave = wave;
+    if (!this.player.contains(this.play)) this.player.replaceChildren(rig.bar, make("div", { class: "bar" }, this.play, command(this.made.play)), this.playing);
+  }
+
+  async onRig() {
+    const { rig, made } = this;
+    this.busy = true;
+    this.standing();
+    const loaded = rig.standing.loaded || await rig.do("controller", { source: "design" });
+    if (loaded && await rig.do("live")) await rig.do("wave", { kind: "file", file: made.key, level_db_sl: made.peak_db_sl, channels: rig.standing.channels.map((one) => one.name) });
+    this.busy = false;
+    this.standing();
   }
 
   again() { return this.own.file ? this.render().catch((error) => (error.lost ? undefined : this.drop.refuse(error.message))) : undefined; }
@@ -42,7 +73,7 @@ export class Speech {
 
   show(found) {
     const head = ["finger", "peak, dB SL", "limiter, dB", "felt − asked, rms dB", "median frame, dB", "95 % of frames, dB"];
-    this.charts = []; this.maps = [];
+    this.charts = []; this.maps = []; this.made = found;
     const files = found.files.map((name) => make("button", { type: "button", class: "saving", "data-name": name, onclick: () => this.save(found.key, name) }, `Save ${name}`));
     const panels = found.fingers.map((finger) => {
       const chart = new Chart(`${finger.name}: level (dB SL) over frequency (Hz)`, { log: true, height: 190 });
@@ -50,12 +81,13 @@ export class Speech {
       const maps = ["asked", "felt", "difference"].map((what) => this.map(finger, what));
       return make("div", { class: "panel" }, make("h2", {}, finger.name), make("div", { class: "maps" }, ...maps), chart.box);
     });
-    this.found.replaceChildren(make("div", { class: "bar" }, ...files, make("span", { class: "gap" }), command(found.command)), command(found.play),
+    this.found.replaceChildren(make("div", { class: "bar" }, ...files, make("span", { class: "gap" }), command(found.command)), ...(this.rig.absent ? [command(found.play)] : []),
       ...found.notes.map((text) => make("p", {}, `Note: ${text}.`)),
       make("div", { class: "scroll panel narrow", tabindex: "0", role: "region", "aria-label": "Figures" }, table("Asked and felt", head, found.rows)),
       make("p", {}, `Time runs to the right over ${Math.min(found.duration_s, found.shown_s).toFixed(1)} s, frequency upwards. Levels from −${-LOW} dB SL (as the ground) to ${HIGH} dB SL (full colour); the difference from −${APART} dB (orange) to +${APART} dB (blue), where ${HEARD} dB SL or more was asked.`),
       ...panels);
     this.draw();
+    this.standing();
     say("rendered");
   }
 

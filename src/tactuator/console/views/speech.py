@@ -47,6 +47,7 @@ class SpeechRendered(ViewRequest):
             "files": [_REFERENCE, Path(_REFERENCE).with_suffix(".json").name, _FELT],
             "duration_s": made.frames / made.rate_hz,
             "shown_s": _SHOWN_S,
+            "peak_db_sl": max(made.peak_db_sl.values()),
             "notes": list(made.speech.notes),
             "fingers": [_finger(one) for one in made.felt.fingers],
             "rows": [
