@@ -7,7 +7,7 @@ import sys
 import pytest
 
 PROGRAM = """
-import asyncio, sys, time, uvicorn
+import asyncio, signal, sys, time, uvicorn
 from fastapi import FastAPI
 from tactuator.cli.console.ending import ConsoleServer
 from tactuator.web.listener import listener
@@ -20,6 +20,7 @@ async def long():
     say("computing")
     await asyncio.to_thread(time.sleep, 300)
 
+signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(143))  # as the command line does
 server = ConsoleServer(uvicorn.Config(app, log_level="warning"), lambda: say("at rest"), lambda: say("forgotten"))
 say(sock.getsockname()[1])
 server.run(sockets=[sock])
