@@ -67,7 +67,7 @@ class Drawer:
         return self._folder
 
     def forget(self) -> None:
-        """Delete the folder with all that it holds, as the end of the program does."""
+        """Remove the folder with all that it holds, as the end of the program does."""
         if self._folder is not None:
             shutil.rmtree(self._folder, ignore_errors=True)
 
