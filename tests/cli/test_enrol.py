@@ -1,5 +1,6 @@
-"""The verb `experiment enrol`: subjects and visits without a server, held against the store's rows."""
+"""The verbs `experiment enrol` and `correct`: subjects and visits without a server, held against the store's rows."""
 
+import csv
 import json
 
 import pytest
@@ -9,7 +10,7 @@ from tactuator.cli.main import main
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.lock import sessions_of
 from tactuator.experiment.store.store import Store
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, begin, opened_study
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, opened_study
 
 AGE = '[[demographic]]\nname = "age"\nlabel = "Age"\nkind = "number"\nhigh = 120\n\n'
 ASKED = PROTOCOL.replace("[[subject]]", AGE + "[[subject]]", 1)
@@ -103,3 +104,63 @@ def test_enrol__no_store__is_refused_and_none_is_made(tmp_path, capsys) -> None:
     assert enrol(tmp_path / "missing.db", "S9") == 2
     assert not (tmp_path / "missing.db").exists()
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def correct(path, *arguments: str) -> int:
+    return main(["experiment", "correct", *arguments, "--store", str(path)])
+
+
+def test_correct__data_of_a_subject__are_changed_and_the_export_knows_both(lab, capsys, tmp_path) -> None:
+    store, clock = Store(lab), ObedientClock()
+    answer_one(begin(store, clock, ASKED), clock)
+    store.close()
+    assert enrol(lab, "S9", "--fact", "age=43") == 0
+    values = ["--group", "hearing", "--fact", "age=34", "--skin-temperature-c", "30.5", "--preload-n", "0.4"]
+    capsys.readouterr()
+    assert correct(lab, "S9", "--reason", "typing error", *values, "--json") == 0
+    told = json.loads(capsys.readouterr().out)["changes"]
+    assert [(one["item"], one["before"], one["after"]) for one in told] == [
+        ("subject_group", "unknown", "hearing"), ("age", "43", "34"), ("skin_temperature_c", "31", "30.5"),
+        ("preload_n", None, "0.4"),
+    ]  # fmt: skip
+    assert correct(lab, "S9", "--reason", "does not say", "--fact", "age=") == 0
+    assert main(["experiment", "export", "--store", str(lab), "--out", str(tmp_path / "out")]) == 0
+    with (tmp_path / "out" / "subjects.csv").open() as stream:
+        subject = next(row for row in csv.DictReader(stream) if row["subject"] == "S9")
+    with (tmp_path / "out" / "events.csv").open() as stream:
+        events = [row for row in csv.DictReader(stream) if row["kind"] == "correction"]
+    assert (subject["subject_group"], subject["age"]) == ("hearing", "")
+    assert [(row["subject"], row["item"], row["before"], row["after"], row["detail"]) for row in events] == [
+        ("S9", "subject_group", "unknown", "hearing", "typing error"), ("S9", "age", "43", "34", "typing error"),
+        ("S9", "skin_temperature_c", "31", "30.5", "typing error"), ("S9", "preload_n", "", "0.4", "typing error"),
+        ("S9", "age", "34", "", "does not say"),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["S9"], "subject 'S9' is not in the study"),
+        (["S1"], "nothing of subject 'S1' differs"),
+        (["S1", "--group", "deaf"], "subject: group is 'deaf'; allowed: hearing"),
+        (["S1", "--fact", "age"], "--fact 'age'; allowed: NAME=VALUE"),
+        (["S1", "--fact", "age=130"], "age is '130'"),
+        (["S1", "--skin-temperature-c", "90"], "subject: skin_temperature_c is 90.0"),
+        (["S1", "--preload-n", "-1"], "subject: preload_n is -1; allowed: a number of 0 or more"),
+        (["S1", "--visit", "2"], "visit 2 of subject 'S1' is not planned"),
+        (["S1", "--study", "another", "--group", "unknown"], "study 'another' is not in the store"),
+    ],
+)
+def test_correct__bad_input__is_one_line_and_changes_nothing(lab, capsys, arguments, words) -> None:
+    before = rows(lab)
+    assert correct(lab, *arguments, "--reason", "why") == 2
+    told = capsys.readouterr().err
+    assert words in told
+    assert told.count("\n") == 1
+    assert rows(lab) == before
+
+
+def test_correct__sessions_are_being_run__is_refused(lab, capsys) -> None:
+    with sessions_of(lab):
+        assert correct(lab, "S1", "--reason", "why", "--group", "unknown") == 2
+    assert "its sessions are run by process" in capsys.readouterr().err

@@ -163,6 +163,22 @@ def test_page__second_tab__takes_over_and_gives_back(shared, browser) -> None:
     second.close()
 
 
+def test_operator__correction__sends_what_was_changed_with_its_reason(shared, browser) -> None:
+    operator = browser.new_page()
+    operator.goto(shared.addresses["operator"])
+    operator.locator("[data-day=S1]").click()
+    form = operator.locator("form.day").nth(1)
+    form.locator("button").click()
+    assert form.locator("[data-reason]").evaluate("field => field.validity.valueMissing")
+    form.locator("select").first.select_option("hearing")
+    form.locator("[data-reason]").fill("asked again")
+    operator.evaluate("() => { window.said = []; link.send = (message) => { said.push(message); }; }")
+    form.locator("button").click()
+    changed = {"type": "correct", "subject": "S1", "reason": "asked again", "group": "hearing", "demographics": {}}
+    assert operator.evaluate("said") == [changed]
+    operator.close()
+
+
 def test_operator__refusal__stays_to_be_read_though_the_page_is_renewed(shared, browser) -> None:
     operator = browser.new_page()
     operator.goto(shared.addresses["operator"])
@@ -170,8 +186,8 @@ def test_operator__refusal__stays_to_be_read_though_the_page_is_renewed(shared, 
     operator.locator("#enrol summary").click()
     operator.locator("#enrol-form [name=code]").fill("S1")
     operator.locator("#enrol-form button").click()
-    operator.locator("#banner", has_text="'S1' is enrolled already").wait_for()
+    operator.locator("#banner", has_text="S1 is enrolled already").wait_for()
     operator.wait_for_timeout(1500)  # the page is sent anew every second
     assert operator.locator("#banner").is_visible()
-    assert "'S1' is enrolled already" in operator.locator("#banner").inner_text()
+    assert "Refused: S1 is enrolled already" in operator.locator("#banner").inner_text()
     operator.close()

@@ -275,7 +275,7 @@ def test_operator__results__come_also_to_one_who_looks_on(make) -> None:
         second.send_text(TOKEN)
         session = until(second, "snapshot")["sessions"][0]["id"]
         second.send_json({"type": "results", "session": session})
-        assert "no answers yet" in until(second, "refused")["message"]
+        assert "no results yet" in until(second, "refused")["message"]
         asked = begun(socket)
         for trial in planned(text, 0):
             respond(socket, asked, trial.correct)

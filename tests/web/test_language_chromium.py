@@ -71,9 +71,12 @@ def test_pages__in_a_language_of_ones_own__have_no_other_word(server, browser) -
     errors, others = watch_errors(page), watch_errors(operator)
     operator.goto(server.addresses["operator"])
     operator.locator("[data-day]").first.wait_for()
+    operator.locator("[data-day]").first.click()
+    operator.locator("[data-reason]").wait_for()
     page.goto(server.addresses["subject S1"])
     page.locator("#others button").first.wait_for()
     seen = {"consent": unmarked(page), "operator": unmarked(operator)}
+    operator.locator("[data-day]").first.click()
     at_first_trial(page, server)
     seen["trial"] = unmarked(page)
     page.keyboard.press("1")

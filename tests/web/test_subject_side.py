@@ -295,6 +295,30 @@ def test_link__with_what_others_call_the_subject__keeps_it_and_refuses_another(m
     assert [row.participant_id for row in lab.study.sessions()] == ["abc-1", None]
 
 
+def test_operator__corrects_what_was_noted__and_the_page_shows_it(make) -> None:
+    age = '[[demographic]]\nname = "age"\nlabel = "Age"\nkind = "number"\nhigh = 120\n\n'
+    lab = make(PROTOCOL.replace("[[subject]]", age + "[[subject]]", 1))
+    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/operator") as socket:
+        socket.send_text(TOKEN)
+        assert until(socket, "snapshot")["sessions"][0]["demographics"] == {}
+        message = {"type": "correct", "subject": "S1", "reason": "asked again", "demographics": {"age": "34"}}
+        socket.send_json({**message, "group": "unknown", "participant_id": "q7"})
+        while (found := until(socket, "snapshot")["sessions"][0])["demographics"] == {}:
+            pass
+        assert (found["group"], found["participant_id"], found["demographics"]) == ("unknown", "q7", {"age": "34"})
+        for amiss, words in (
+            ({"demographics": {"age": "340"}}, "age is '340'"),
+            ({"demographics": {}}, "nothing differs"),
+            ({"demographics": {"age": "34"}}, "nothing of subject 'S1' differs"),
+            ({"subject": "S2", "participant_id": "q7"}, "q7 is another subject's"),
+            ({"subject": "S8"}, "'S8' is not in the study"),
+            ({"reason": ""}, "reason"),
+        ):
+            socket.send_json({**message, **amiss})
+            assert words in until(socket, "refused")["message"]
+    assert events(lab) == ["correction"] * 3
+
+
 def test_operator__enrols_plans_a_visit_and_writes_the_day(make) -> None:
     lab = make()
     with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/operator") as socket:

@@ -39,7 +39,7 @@ class Lab:
 
     active: session at the rig. auto_start: True where a subject who comes to a free rig may begin without the operator.
     shown: what subjects see and hear of the stimuli in a demonstration, as stored ("" where they only feel them).
-    calls: what the operator should look after, by session.
+    calls: what the operator should look after, by session. facts: demographic items, by the subject's row.
     """
 
     def __init__(self, study: Study, auto_start: bool = False, shown: str = "") -> None:
@@ -56,7 +56,7 @@ class Lab:
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="rig")
         self._presented: dict[int, PresentedSession] = {}
         self._opening = asyncio.Lock()
-        self._rows = study.sessions()
+        self._rows, self.facts = study.sessions(), study.facts()
 
     @property
     def sessions(self) -> list[Found]:
@@ -77,8 +77,9 @@ class Lab:
         return found
 
     async def refresh(self) -> None:
-        """Read the study's sessions anew, after somebody was enrolled or got another visit."""
+        """Read the study's sessions and subjects anew, after an operator changed them."""
         self._rows = await self.work(self.study.sessions)
+        self.facts = await self.work(self.study.facts)
         self.notify()
 
     async def work(self, job: Callable[[], _T]) -> _T:
@@ -164,7 +165,8 @@ class Lab:
         """Put a session at the rig. Raises BadInput while another is there."""
         self._check(session)
         if self.active not in (None, session):
-            raise BadInput(f"session {self.active} is at the rig; allowed: stop it first")
+            there = next(row.subject_code for row in self._rows if row.id == self.active)
+            raise BadInput(self.words("operator.refused_at_rig", subject=there))
         self.active, self.paused = session, False
         self.notify()
 

@@ -90,6 +90,17 @@ class NewVisit(_Message):
     subject: Code
 
 
+class Correct(_Message):
+    """Correction of a subject's data by an operator; a value of None leaves what is there, "" takes a fact away."""
+
+    type: Literal["correct"]
+    subject: Code
+    reason: Annotated[str, StringConstraints(min_length=1, max_length=200)]
+    group: Group | None = None
+    participant_id: ParticipantId | None = None
+    demographics: dict[Short, Short] = Field(default={}, max_length=50)
+
+
 class Day(_Message):
     """Data of the day of a session, from an operator."""
 
@@ -99,7 +110,7 @@ class Day(_Message):
     preload_n: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] | None = None
 
 
-OperatorMessage = Command | Enrol | NewVisit | Day
+OperatorMessage = Command | Enrol | NewVisit | Correct | Day
 
 _SUBJECT: TypeAdapter[SubjectMessage] = TypeAdapter(Annotated[SubjectMessage, Field(discriminator="type")])
 _OPERATOR: TypeAdapter[OperatorMessage] = TypeAdapter(Annotated[OperatorMessage, Field(discriminator="type")])

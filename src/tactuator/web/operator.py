@@ -10,11 +10,12 @@ from fastapi import WebSocket
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.study import SubjectPart
+from tactuator.experiment.session.enrolment import Correction
 from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.standing import RunTally
 from tactuator.experiment.store.cells import Found
 from tactuator.web.lab import Lab, LabFault
-from tactuator.web.messages import Command, Day, Enrol, NewVisit, OperatorMessage, operator_message
+from tactuator.web.messages import Command, Correct, Day, Enrol, NewVisit, OperatorMessage, operator_message
 from tactuator.web.sockets import first_to_end, receive_text, send
 from tactuator.web.tabs import Tabs
 
@@ -73,7 +74,9 @@ class OperatorPage:
             try:
                 await self._handle(operator_message(await receive_text(self.socket)))
             except (BadInput, LabFault) as error:
-                await send(self.socket, {"type": "refused", "message": str(error)})
+                await send(
+                    self.socket, {"type": "refused", "message": self.lab.words("operator.refused", reason=error)}
+                )
 
     async def _handle(self, message: OperatorMessage) -> None:
         if isinstance(message, Command):
@@ -81,6 +84,8 @@ class OperatorPage:
             return
         self._require_control()
         study = self.lab.study
+        if isinstance(message, Enrol | Correct):
+            self._free(message)
         if isinstance(message, Enrol):
             facts: dict[str, str | float] = dict(message.demographics)
             part = SubjectPart(
@@ -92,9 +97,24 @@ class OperatorPage:
             await self.lab.work(lambda: study.enrol(part))
         elif isinstance(message, NewVisit):
             await self.lab.work(lambda: study.add_visit(message.subject))
+        elif isinstance(message, Correct):
+            given = Correction(message.group, message.participant_id, message.demographics)
+            if given == Correction():
+                raise BadInput(self.lab.words("operator.refused_same"))
+            await self.lab.work(lambda: study.correct(message.subject, given, message.reason))
         else:
             await self._day(message)
         await self.lab.refresh()
+
+    def _free(self, message: Enrol | Correct) -> None:
+        """Refuse, in the page's language, a code or an id that is somebody's already."""
+        new, words = isinstance(message, Enrol), self.lab.words
+        code = message.code if isinstance(message, Enrol) else message.subject
+        others = [row for row in self.lab.sessions if new or row.subject_code != code]
+        if new and any(row.subject_code == code for row in others):
+            raise BadInput(words("operator.refused_taken", code=code))
+        if message.participant_id is not None and message.participant_id in {row.participant_id for row in others}:
+            raise BadInput(words("operator.refused_id_taken", code=message.participant_id))
 
     async def _day(self, day: Day) -> None:
         if all(row.id != day.session for row in self.lab.sessions):
@@ -104,7 +124,7 @@ class OperatorPage:
 
     def _require_control(self) -> None:
         if not self.operators.has_control(self):
-            raise BadInput("another operator has control; allowed: looking on, or taking control first")
+            raise BadInput(self.lab.words("operator.refused_control"))
 
     async def _command(self, command: Command) -> None:
         if command.type == "take-control":
@@ -129,16 +149,19 @@ class OperatorPage:
     async def _give_up_run(self) -> None:
         presented = None if self.lab.active is None else self.lab.opened(self.lab.active)
         if presented is None:
-            raise BadInput("no session is at the rig; allowed: giving up a run of one that is")
+            raise BadInput(self.lab.words("operator.refused_no_session"))
         if not self.lab.paused:
-            raise BadInput("the session is not paused; allowed: giving up a run after pausing")
+            raise BadInput(self.lab.words("operator.refused_not_paused"))
         await self.lab.work(presented.give_up_run)
         self.lab.calls.pop(presented.session.id, None)
         self.lab.notify()
 
     async def _results(self, session: int) -> None:
-        tables = await self.lab.results(session)
-        subject = next(row.subject_code for row in self.lab.sessions if row.id == session)
+        subject = next((row.subject_code for row in self.lab.sessions if row.id == session), None)
+        try:
+            tables = await self.lab.results(session)
+        except BadInput as error:
+            raise BadInput(self.lab.words("operator.refused_no_result") if subject else str(error)) from None
         await send(self.socket, {"type": "results", "subject": subject, "tables": [asdict(one) for one in tables]})
 
     def snapshot(self) -> dict[str, Any]:
@@ -176,6 +199,7 @@ class OperatorPage:
             "group": row.subject_group,
             "visit": row.visit,
             "participant_id": row.participant_id,
+            "demographics": self.lab.facts.get(row.subject_id, {}),
             "skin_temperature_c": row.skin_temperature_c,
             "preload_n": row.preload_n,
             "link": f"/s/{row.link_token}",

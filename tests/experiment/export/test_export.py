@@ -17,6 +17,7 @@ from tactuator.experiment.export.writing import cell
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.result.thresholds import thresholds
+from tactuator.experiment.session.enrolment import Correction
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers
 from tactuator.experiment.store.answer_records import Answer
 from tactuator.experiment.store.store import Store
@@ -44,6 +45,9 @@ def store(tmp_path_factory):
     for _ in range(5):
         answer_one(person, clock)
     person.withdraw(keep=False)
+    study = opened_study(made, clock, text)
+    for code in ("S3", "S1"):
+        study.correct(code, Correction("unknown" if code == "S1" else "hearing"), "a slip")
     yield made
     made.close()
 
@@ -76,13 +80,15 @@ def test_tidy__simulated_subjects__are_called_so_in_every_table(tidy) -> None:
         ("simulated", "simulated", "1")
     }
     groups = {row["subject"]: row["subject_group"] for row in rows(tidy / "subjects.csv")}
-    assert groups == {"S1": "simulated", "S2": "simulated", "S3": "unknown"}
+    assert groups == {"S1": "simulated", "S2": "simulated"}
 
 
 def test_tidy__subject_who_took_the_answers_along__is_in_no_table_of_data(tidy) -> None:
-    for name in ("trials", "intervals", "thresholds"):
+    for name in ("trials", "intervals", "thresholds", "subjects"):
         assert "S3" not in {row["subject"] for row in rows(tidy / f"{name}.csv")}
-    assert "withdrawn-discard" in {row["kind"] for row in rows(tidy / "events.csv")}
+    events = rows(tidy / "events.csv")
+    assert "withdrawn-discard" in {row["kind"] for row in events}
+    assert [row["subject"] for row in events if row["item"]] == ["S1"]  # S3's correction tells data of S3
 
 
 def test_tidy__intervals__have_the_protocols_times_and_belong_to_the_trials(tidy) -> None:

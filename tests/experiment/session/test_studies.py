@@ -5,6 +5,7 @@ from sqlalchemy import select
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.study import SubjectPart
+from tactuator.experiment.session.enrolment import Correction
 from tactuator.experiment.session.studies import open_session
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.run_records import Sitting
@@ -227,9 +228,71 @@ def test_day__written_twice__keeps_what_was_there_as_an_event(store) -> None:
     study.set_day(session, 31.5, None)
     row = study.sessions()[0]
     assert (row.skin_temperature_c, row.preload_n) == (31.5, None)
+    assert changes(store, "day") == [
+        ("S1", "skin_temperature_c", "31", "30.5"),
+        ("S1", "preload_n", None, "0.4"),
+        ("S1", "skin_temperature_c", "30.5", "31.5"),
+        ("S1", "preload_n", "0.4", None),
+    ]
+
+
+def changes(store, kind):
+    """Subject, item, before and after of every change of that kind."""
+    event = schema.event.c
+    query = select(schema.subject.c.code, event.item, event.before, event.after).select_from(
+        schema.event.join(schema.subject, schema.subject.c.id == event.subject_id)
+    )
     with store.read() as connection:
-        told = connection.execute(select(schema.event.c.detail).where(schema.event.c.kind == "day")).scalars().all()
-    assert ["31" in told[0], "30.5" in told[1]] == [True, True]
+        return [tuple(row) for row in connection.execute(query.where(event.kind == kind).order_by(event.id))]
+
+
+def test_correct__of_subject_and_visit__is_written_and_what_stood_there_is_kept(store) -> None:
+    study = opened_study(store, ObedientClock(), ASKS.replace("seed = 7", "seed = 7\nvisits = 2"))
+    study.enrol(SubjectPart(code="S7", participant_id="P-07", demographics={"age": "31", "hand": "left"}))
+    others = [all_of(store, code) for code in ("S1", "S2")]
+    study.correct("S7", Correction("hearing", "P-70", {"age": "", "hand": "right"}), "a slip")
+    study.correct("S7", Correction(visit=2, skin_temperature_c=30.5), "read again")
+    row = next(one for one in study.sessions() if one.subject_code == "S7" and one.visit == 2)
+    assert (row.subject_group, row.participant_id, row.skin_temperature_c) == ("hearing", "P-70", 30.5)
+    assert study.facts()[row.subject_id] == {"hand": "right"}
+    assert changes(store, "correction") == [
+        ("S7", "subject_group", "unknown", "hearing"),
+        ("S7", "outside_id", "P-07", "P-70"),
+        ("S7", "age", "31", None),
+        ("S7", "hand", "left", "right"),
+        ("S7", "skin_temperature_c", "31", "30.5"),
+    ]
+    with store.read() as connection:
+        reasons = connection.execute(select(schema.event.c.detail)).scalars().all()
+    assert reasons == ["a slip"] * 4 + ["read again"]
+    assert [all_of(store, code) for code in ("S1", "S2")] == others
+
+
+@pytest.mark.parametrize(
+    ("subject", "correction", "reason", "words"),
+    [
+        ("S7", Correction(group="hearing"), " ", "no reason; allowed"),
+        ("S9", Correction(group="hearing"), "why", "'S9' is not in the study"),
+        ("S7", Correction(group="unknown"), "why", "nothing of subject 'S7' differs"),
+        ("S7", Correction(), "why", "nothing of subject 'S7' differs"),
+        ("S7", Correction(participant_id="P-08"), "why", "'P-08' is another subject's"),
+        ("S7", Correction(facts={"age": "7"}), "why", "age is '7'; allowed: a number from 18 to 99"),
+        ("S7", Correction(facts={"hand": ""}), "why", "hand is not given"),
+        ("S7", Correction(facts={"size": "7"}), "why", "'size'; allowed: age, hand"),
+        ("S7", Correction(visit=3, preload_n=1.0), "why", "visit 3 of subject 'S7' is not planned; allowed: 1 to 2"),
+        ("S7", Correction(preload_n=1.0), "why", "who has 2 visits; allowed: with the visit"),
+        ("S7", Correction(group="hearing", facts={"hand": "third"}), "why", "hand is 'third'"),
+    ],
+)
+def test_correct__what_cannot_be__is_refused_and_changes_nothing(store, subject, correction, reason, words) -> None:
+    study = opened_study(store, ObedientClock(), ASKS.replace("seed = 7", "seed = 7\nvisits = 2"))
+    study.enrol(SubjectPart(code="S7", participant_id="P-07", demographics={"age": "31", "hand": "left"}))
+    study.enrol(SubjectPart(code="S8", participant_id="P-08"))
+    before = all_of(store, "S7"), study.facts()
+    with pytest.raises(BadInput, match=words):
+        study.correct(subject, correction, reason)
+    assert (all_of(store, "S7"), study.facts()) == before
+    assert changes(store, "correction") == []
 
 
 def test_run__who_answered__is_stored(store) -> None:

@@ -43,6 +43,7 @@ OPERATOR = [
     {"type": "enrol", "code": "S1", "group": "hearing", "participant_id": "p", "demographics": {"age": "30"}},
     {"type": "new-visit", "subject": "S9"},
     {"type": "day", "session": 1, "skin_temperature_c": 31.0, "preload_n": 0.5},
+    {"type": "correct", "subject": "S1", "reason": "slip", "group": "hearing", "demographics": {}},
 ]
 NASTY = (
     *(2**63, -(2**63), 2**200, -1, 0, 0.5, 1e308, float("nan"), float("inf"), -float("inf"), True, False, None, ""),

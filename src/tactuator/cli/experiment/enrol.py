@@ -1,7 +1,8 @@
-"""The verb `experiment enrol`: a subject, or a further visit, without a server and without a rig."""
+"""The verbs `experiment enrol` and `experiment correct`: subjects, visits and their data, without a server or a rig."""
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import get_args
 
@@ -13,7 +14,8 @@ from tactuator.cli.experiment.observers import pairs
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.study import Group, SubjectPart
 from tactuator.experiment.session.clock import SystemClock
-from tactuator.experiment.session.enrolment import add_visit, books_of, enrol, fresh_token
+from tactuator.experiment.session.enrolment import Correction, add_visit, books_of, enrol, fresh_token
+from tactuator.experiment.session.enrolment import correct as correct_subject
 from tactuator.experiment.store import study_records
 from tactuator.experiment.store.lock import sessions_of
 from tactuator.experiment.store.store import Store
@@ -50,6 +52,40 @@ def run(
     for one in visits:
         table.add_row(str(one["visit"]), str(one["path"]))
     answer({"study": books.protocol.study.name, "subject": code, "visits": visits}, as_json, table)
+
+
+def correct(
+    code: str,
+    store: Path,
+    reason: str,
+    study: str | None,
+    group: str | None,
+    participant_id: str | None,
+    visit: int | None,
+    skin_temperature_c: float | None,
+    preload_n: float | None,
+    fact: list[str] | None,
+    as_json: bool,
+) -> None:
+    """Correct what was noted of a subject or a visit; what stood there stays in the store and in exports."""
+    part = _part(code, group, participant_id, skin_temperature_c, [])
+    if preload_n is not None and not 0.0 <= preload_n < float("inf"):
+        raise BadInput(f"subject: preload_n is {preload_n:g}; allowed: a number of 0 or more")
+    facts = dict(pairs("--fact", "NAME=VALUE", fact or [], empty=True))
+    values = (None if group is None else part.group, part.participant_id, facts)
+    correction = Correction(*values, visit, part.skin_temperature_c, preload_n)
+    database = Store(store, must_exist=True)
+    try:
+        with sessions_of(store), database.begin() as connection:
+            books = books_of(connection, study, fresh_token, SystemClock().utc())
+            changes = correct_subject(connection, books, code, correction, reason)
+    finally:
+        database.close()
+    table = Table("item", "before", "after", title=f"{books.protocol.study.name}: {code}")
+    for one in changes:
+        table.add_row(one.item, one.before or "-", one.after or "-")
+    told = {"study": books.protocol.study.name, "subject": code, "changes": [asdict(one) for one in changes]}
+    answer(told, as_json, table)
 
 
 def _part(

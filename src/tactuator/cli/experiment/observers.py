@@ -26,12 +26,15 @@ def lapses_of(given: Sequence[str]) -> dict[str, float]:
     return found
 
 
-def pairs(option: str, form: str, given: Sequence[str]) -> list[tuple[str, str]]:
-    """Return (name, value) of each text of the form NAME=VALUE. Raises BadInput for another form, or a name twice."""
+def pairs(option: str, form: str, given: Sequence[str], empty: bool = False) -> list[tuple[str, str]]:
+    """Return (name, value) of each text of the form NAME=VALUE, or, where `empty` is allowed, NAME=.
+
+    Raises BadInput for another form, or a name twice.
+    """
     found = []
     for text in given:
         code, equals, value = text.partition("=")
-        if not (code and equals and value):
+        if not (code and equals and (value or empty)):
             raise BadInput(f"{option} {text!r}; allowed: {form}")
         found.append((code, value))
     if len({code for code, _ in found}) != len(found):

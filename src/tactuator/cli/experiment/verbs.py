@@ -89,6 +89,28 @@ def enrol(
     """Add a subject to a study of the store, or a further visit of one, and show the links of all visits."""
 
 
+@does("experiment.enrol:correct", reads=["store"])
+def correct(
+    code: Annotated[str, typer.Argument(help="Code of the subject.", metavar="CODE")],
+    store: StoreFile,
+    reason: Annotated[str, typer.Option("--reason", help="Why: it is kept with what stood there before.")],
+    study: Annotated[
+        str | None, typer.Option("--study", help="Name of the study; default: the store's only one.")
+    ] = None,
+    group: Annotated[str | None, typer.Option(help="hearing, hearing-impaired, simulated or unknown.")] = None,
+    participant_id: Annotated[str | None, typer.Option(help="The subject's name elsewhere.")] = None,
+    visit: Annotated[int | None, typer.Option(help="Visit of the data of the day; default: the only one.")] = None,
+    skin_temperature_c: Annotated[float | None, typer.Option(help="Skin temperature of the day, °C.")] = None,
+    preload_n: Annotated[float | None, typer.Option(help="Contact force of the day, N.")] = None,
+    fact: Annotated[
+        list[str] | None,
+        typer.Option("--fact", metavar="NAME=VALUE", help="An item of [[demographic]]; NAME= takes it away."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Correct what was noted of a subject or a visit; what stood there stays in the store and in exports."""
+
+
 @does("experiment.study:observe", reads=["protocol", "display", "controller"])
 def observe(
     protocol: ProtocolFile,
@@ -190,6 +212,7 @@ def simulate(
 VERBS: Verbs = {
     "experiment serve": serve,
     "experiment enrol": enrol,
+    "experiment correct": correct,
     "experiment observe": observe,
     "experiment thresholds": thresholds,
     "experiment export": export,

@@ -98,9 +98,14 @@ INTERVAL_COLUMNS: tuple[Meaning, ...] = (
 EVENT_COLUMNS: tuple[Meaning, ...] = (
     *_IDENTITY,
     Meaning("at_utc", "When it happened, server's clock, ISO 8601"),
-    Meaning("kind", "break, pause, stop, resume, withdrawn, declined, restart, timing-missed, amended, day, ..."),
+    Meaning(
+        "kind", "break, pause, stop, resume, withdrawn, declined, restart, timing-missed, amended, day, correction, ..."
+    ),
     Meaning("trials", "Answered trials of the session by then, where that counts"),
-    Meaning("detail", "In words"),
+    Meaning("item", "Name of what was corrected, as the column that holds it is called"),
+    Meaning("before", "What stood there before; empty: nothing"),
+    Meaning("after", "What stands there since; empty: nothing"),
+    Meaning("detail", "In words: of a correction, the reason"),
 )
 """One row for each event."""
 

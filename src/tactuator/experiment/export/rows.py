@@ -168,13 +168,15 @@ def _intervals(connection: Connection) -> ExportTable:
 
 def _events(connection: Connection) -> ExportTable:
     event, session, subject, study = schema.event, schema.session, schema.subject, schema.study
+    kept = event.c.item.is_(None) | event.c.subject_id.not_in(_discarded())  # what changed is data of the subject
     query = (
-        select(*_identity(), event.c.at_utc, event.c.kind, event.c.trials, event.c.detail)
+        select(*_identity(), *(event.c[one.name] for one in EVENT_COLUMNS if one.name not in _IDENTITY_NAMES))
         .select_from(
             event.outerjoin(session, session.c.id == event.c.session_id)
-            .outerjoin(subject, subject.c.id == session.c.subject_id)
+            .outerjoin(subject, subject.c.id == func.coalesce(session.c.subject_id, event.c.subject_id))
             .outerjoin(study, study.c.id == subject.c.study_id)
         )
+        .where(kept)
         .order_by(event.c.id)
     )
     return _table(connection.execute(query), EVENT_COLUMNS)
@@ -201,6 +203,7 @@ def _subjects(connection: Connection) -> ExportTable:
             _programs().label("programs"),
         )
         .join(schema.study, schema.study.c.id == subject.c.study_id)
+        .where(subject.c.id.not_in(_discarded()))
         .order_by(schema.study.c.id, subject.c.number)
     )
     columns = (*SUBJECT_COLUMNS, *meanings.values())
@@ -210,6 +213,13 @@ def _subjects(connection: Connection) -> ExportTable:
         values["subject_group"] = "simulated" if row.programs else row.subject_group
         rows.append(_plain(values, columns))
     return ExportTable(columns, tuple(rows))
+
+
+def _discarded() -> Select[Any]:
+    """Return a query of the subjects who left with all of their answers, so that nothing of them may be used."""
+    session = schema.session
+    kept = select(session.c.subject_id).where(_NOT_DISCARDED, session.c.consented_utc.is_not(None))
+    return select(session.c.subject_id).where(session.c.ended == "withdrawn-discard", session.c.subject_id.not_in(kept))
 
 
 def _programs() -> ScalarSelect[Any]:

@@ -121,17 +121,23 @@ class StudyProtocol(Part):
         Raises ValueError for an item that is not asked for, a value that is not allowed, or one that is required and
         not given.
         """
+        values = {name: self.fact(name, value) for name, value in given.items()}
+        for one in self.demographic:
+            if one.required and given and one.name not in values:
+                self.fact(one.name, "")
+        return {name: (value, unit) for name, (value, unit) in values.items() if value is not None}
+
+    def fact(self, name: str, value: str | float) -> tuple[str | None, str]:
+        """Return value and unit of a demographic item as they are stored, None for "".
+
+        Raises ValueError for an item that is not asked for, a value that is not allowed, or "" where one is required.
+        """
         asked = {one.name: one for one in self.demographic}
-        for name in given:
-            if name not in asked:
-                raise ValueError(
-                    f"demographics: {name!r}; allowed: {', '.join(asked) or 'none: the study asks for none'}"
-                )
-        taken = {name: (asked[name].take(value), asked[name].unit) for name, value in given.items() if value != ""}
-        for name, one in asked.items():
-            if one.required and given and name not in taken:
-                raise ValueError(f"demographics: {name} is not given; allowed: with it, since the study requires it")
-        return taken
+        if name not in asked:
+            raise ValueError(f"demographics: {name!r}; allowed: {', '.join(asked) or 'none: the study asks for none'}")
+        if value == "" and asked[name].required:
+            raise ValueError(f"demographics: {name} is not given; allowed: with it, since the study requires it")
+        return None if value == "" else asked[name].take(value), asked[name].unit
 
     def apart_from_subjects(self) -> StudyProtocol:
         """Return the protocol without subjects, which an amendment that only enrols leaves as it was."""

@@ -1,9 +1,13 @@
-"""Enrolment: a subject with a session for each visit, and further visits, without any apparatus."""
+"""Enrolment: a subject with a session for each visit, further visits, and corrections, without any apparatus.
+
+What stood where something was corrected stays in the store as an event.
+"""
 
 from __future__ import annotations
 
 import secrets
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from datetime import datetime
 
 from sqlalchemy import Connection
@@ -12,6 +16,8 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_any_protocol
 from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
 from tactuator.experiment.store import study_records
+from tactuator.experiment.store.cells import Found
+from tactuator.experiment.store.run_records import Change, note
 from tactuator.experiment.store.study_records import NewSubject, Tokens
 
 _TOKEN_BYTES = 16
@@ -75,3 +81,92 @@ def add_visit(connection: Connection, books: Books, subject: str) -> None:
     who = next(one for one in study_records.subjects(connection, books.study) if one.code == subject)
     token = books.tokens(subject, rows[-1].visit + 1)
     study_records.add_session(connection, books.protocol, who, token, books.now)
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Values that replace others.
+
+    facts: demographic items by name, "" to take one away. visit: whose data of the day are corrected, None: the first's
+    unless there are several. A value of None leaves what is there.
+    """
+
+    group: str | None = None
+    participant_id: str | None = None
+    facts: Mapping[str, str] = field(default_factory=dict)
+    visit: int | None = None
+    skin_temperature_c: float | None = None
+    preload_n: float | None = None
+
+
+def correct(connection: Connection, books: Books, code: str, correction: Correction, reason: str) -> list[Change]:
+    """Correct the data of the subject of that code and return the changes, each of them now an event with the reason.
+
+    Raises BadInput for a subject or visit that is not there, values that are not allowed, no reason, or where nothing
+    differs from what is there.
+    """
+    if not reason.strip():
+        raise BadInput("no reason; allowed: one in words, which is kept with the correction")
+    rows = [row for row in study_records.sessions(connection, books.study) if row.subject_code == code]
+    if not rows:
+        raise BadInput(f"subject {code!r} is not in the study; allowed: one that is enrolled")
+    found = _of_subject(connection, books, rows[0], correction)
+    day = {"skin_temperature_c": correction.skin_temperature_c, "preload_n": correction.preload_n}
+    asked = {name: value for name, value in day.items() if value is not None}
+    if asked or correction.visit is not None:
+        found += change_day(connection, _visit(rows, code, correction.visit), asked)
+    if not found:
+        raise BadInput(f"nothing of subject {code!r} differs from what is there; allowed: another value")
+    for session, change in found:
+        note(connection, session, "correction", reason.strip(), books.now, subject=rows[0].subject_id, change=change)
+    return [change for _, change in found]
+
+
+def change_day(
+    connection: Connection, row: Found, values: Mapping[str, float | None]
+) -> list[tuple[int | None, Change]]:
+    """Write columns of a visit's row and return (session, change) for each that differs."""
+    before = row._mapping
+    found = [(row.id, Change(name, _text(before[name]), _text(value))) for name, value in values.items()]
+    if values:
+        study_records.change_session(connection, row.id, **values)
+    return [(session, change) for session, change in found if change.before != change.after]
+
+
+def _of_subject(
+    connection: Connection, books: Books, row: Found, correction: Correction
+) -> list[tuple[int | None, Change]]:
+    group, others = correction.group, study_records.subjects(connection, books.study)
+    outside = correction.participant_id
+    if outside is not None and any(one.participant_id == outside and one.id != row.subject_id for one in others):
+        raise BadInput(f"participant id {outside!r} is another subject's; allowed: one that is not taken")
+    found = []
+    if group is not None and group != row.subject_group:
+        found.append(Change("subject_group", row.subject_group, group))
+        study_records.change_subject(connection, row.subject_id, subject_group=group)
+    if outside is not None and outside != row.participant_id:
+        found.append(Change("outside_id", row.participant_id, outside))
+        study_records.change_subject(connection, row.subject_id, participant_id=outside)
+    stands = study_records.facts(connection, books.study).get(row.subject_id, {})
+    for name, text in correction.facts.items():
+        try:
+            value, unit = books.protocol.fact(name, text)
+        except ValueError as error:
+            raise BadInput(str(error)) from None
+        if value != stands.get(name):
+            found.append(Change(name, stands.get(name), value))
+            study_records.set_fact(connection, row.subject_id, name, value, unit)
+    return [(None, change) for change in found]
+
+
+def _visit(rows: list[Found], code: str, visit: int | None) -> Found:
+    if visit is None and len(rows) > 1:
+        raise BadInput(f"data of a day of subject {code!r}, who has {len(rows)} visits; allowed: with the visit")
+    row = next((one for one in rows if one.visit == (visit or 1)), None)
+    if row is None:
+        raise BadInput(f"visit {visit} of subject {code!r} is not planned; allowed: 1 to {len(rows)}")
+    return row
+
+
+def _text(value: float | None) -> str | None:
+    return None if value is None else f"{value:.10g}"

@@ -17,7 +17,7 @@ from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
 from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.clock import Clock
 from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.enrolment import Books, add_visit, enrol
+from tactuator.experiment.session.enrolment import Books, Correction, add_visit, change_day, correct, enrol
 from tactuator.experiment.session.identification_task import IdentificationTask
 from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.task import SessionTask
@@ -102,13 +102,23 @@ class Study:
 
     def set_day(self, session: int, skin_temperature_c: float | None, preload_n: float | None) -> None:
         """Store the data of the day of a session; what was there before is kept as an event."""
+        values = {"skin_temperature_c": skin_temperature_c, "preload_n": preload_n}
         with self.store.begin() as connection:
             row, now = study_records.session(connection, session), self.clock.utc()
-            before = f"skin temperature {row.skin_temperature_c} degree Celsius, contact force {row.preload_n} N before"
-            study_records.change_session(
-                connection, session, skin_temperature_c=skin_temperature_c, preload_n=preload_n
-            )
-            note(connection, session, "day", before, now)
+            for _, change in change_day(connection, row, values):
+                note(connection, session, "day", "", now, subject=row.subject_id, change=change)
+
+    def correct(self, subject: str, correction: Correction, reason: str) -> None:
+        """Correct the data of the subject of that code; what stood there is kept as an event. Raises BadInput as the
+        function does.
+        """
+        with self.store.begin() as connection:
+            correct(connection, self._books(), subject, correction, reason)
+
+    def facts(self) -> dict[int, dict[str, str]]:
+        """Return the demographic items of subjects by their row and the item's name."""
+        with self.store.read() as connection:
+            return study_records.facts(connection, self.id)
 
     def claim(self, row: Found, participant_id: str) -> None:
         """Store the name that others have for the subject of that session.
@@ -126,7 +136,7 @@ class Study:
             known = study_records.subjects(connection, self.id)
             if mine is not None or any(one.participant_id == taken for one in known):
                 raise BadInput("this link is another participant's; allowed: one's own")
-            study_records.set_participant(connection, row.subject_id, participant_id)
+            study_records.change_subject(connection, row.subject_id, participant_id=participant_id)
 
 
 def open_study(

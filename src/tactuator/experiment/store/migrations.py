@@ -9,7 +9,12 @@ from sqlalchemy import Engine, inspect, select
 from tactuator.errors import BadInput
 from tactuator.experiment.store import schema, steps
 
-STEPS: tuple[tuple[str, ...], ...] = (steps.THRESHOLDS, steps.IDENTIFICATION, steps.PROTOCOL_VERSIONS)
+STEPS: tuple[tuple[str, ...], ...] = (
+    steps.THRESHOLDS,
+    steps.IDENTIFICATION,
+    steps.PROTOCOL_VERSIONS,
+    steps.CORRECTIONS,
+)
 """Statements of each version, the first making an empty database into version 1."""
 
 

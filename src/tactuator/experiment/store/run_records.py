@@ -94,11 +94,28 @@ def end_run(connection: Connection, run: int, state: str, now: datetime) -> None
     connection.execute(update(schema.run).where(schema.run.c.id == run).values(state=state, ended_utc=stamp(now)))
 
 
+@dataclass(frozen=True)
+class Change:
+    """A value that was replaced; item: its name, as the exports' columns have it. None: nothing stood, or stands."""
+
+    item: str
+    before: str | None
+    after: str | None
+
+
 def note(
-    connection: Connection, session: int | None, kind: str, detail: str, now: datetime, trials: int | None = None
+    connection: Connection,
+    session: int | None,
+    kind: str,
+    detail: str,
+    now: datetime,
+    trials: int | None = None,
+    subject: int | None = None,
+    change: Change | None = None,
 ) -> None:
-    """Store an event of that kind."""
+    """Store an event of that kind; subject: whose it is, where it is of no session; change: what it replaced."""
     row = {"session_id": session, "at_utc": stamp(now), "kind": kind, "detail": detail, "trials": trials}
+    row |= {"subject_id": subject, **(vars(change) if change is not None else {})}
     connection.execute(insert(schema.event).values(row))
 
 

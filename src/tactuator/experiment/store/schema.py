@@ -183,6 +183,10 @@ event = Table(
     Column("kind", String, nullable=False),
     Column("trials", Integer),
     Column("detail", String, nullable=False),
+    Column("subject_id", Integer, ForeignKey("subject.id")),
+    Column("item", String),
+    Column("before", String),
+    Column("after", String),
 )
 
 stimulus = Table(

@@ -112,3 +112,11 @@ PROTOCOL_VERSIONS = (
     "ALTER TABLE interval ADD COLUMN client_lit_ms FLOAT",
     "ALTER TABLE response ADD COLUMN server_after_end_s FLOAT",
 )
+
+CORRECTIONS = (
+    # What an event changed, from what to what, and whose it was.
+    "ALTER TABLE event ADD COLUMN subject_id INTEGER REFERENCES subject (id)",
+    "ALTER TABLE event ADD COLUMN item VARCHAR",
+    'ALTER TABLE event ADD COLUMN "before" VARCHAR',
+    'ALTER TABLE event ADD COLUMN "after" VARCHAR',
+)

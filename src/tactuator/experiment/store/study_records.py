@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, Select, func, insert, select, update
+from sqlalchemy import Connection, Select, delete, func, insert, select, update
 
 from tactuator import __version__
 from tactuator.experiment.protocol.file import protocol_hash
@@ -95,8 +95,7 @@ def add_subject(connection: Connection, study: int, new: NewSubject, now: dateti
     }
     made = connection.execute(insert(table).values(row).returning(table)).one()
     for name, (value, unit) in (new.facts or {}).items():
-        fact = {"subject_id": made.id, "name": name, "value": value, "unit": unit}
-        connection.execute(insert(schema.demographic).values(fact))
+        set_fact(connection, made.id, name, value, unit)
     return made
 
 
@@ -154,7 +153,23 @@ def change_session(connection: Connection, session: int, **values: Any) -> None:
     connection.execute(update(schema.session).where(schema.session.c.id == session).values(**values))
 
 
-def set_participant(connection: Connection, subject: int, participant_id: str) -> None:
-    """Write the name that the subject has elsewhere."""
-    table = schema.subject
-    connection.execute(update(table).where(table.c.id == subject).values(participant_id=participant_id))
+def change_subject(connection: Connection, subject: int, **values: Any) -> None:
+    """Write columns of a subject's row."""
+    connection.execute(update(schema.subject).where(schema.subject.c.id == subject).values(**values))
+
+
+def facts(connection: Connection, study: int) -> dict[int, dict[str, str]]:
+    """Return the demographic items of the study's subjects by their row and the item's name."""
+    fact, found = schema.demographic, dict[int, dict[str, str]]()
+    query = select(fact).join(schema.subject).where(schema.subject.c.study_id == study).order_by(fact.c.id)
+    for row in connection.execute(query):
+        found.setdefault(row.subject_id, {})[row.name] = row.value
+    return found
+
+
+def set_fact(connection: Connection, subject: int, name: str, value: str | None, unit: str) -> None:
+    """Write a demographic item of a subject; with None, take it away."""
+    fact = schema.demographic
+    connection.execute(delete(fact).where(fact.c.subject_id == subject, fact.c.name == name))
+    if value is not None:
+        connection.execute(insert(fact).values(subject_id=subject, name=name, value=value, unit=unit))

@@ -1,10 +1,12 @@
 "use strict";
-// Forms of the operator's page: a new subject with what the laboratory notes of everybody, and the data of a session's day.
-function demographicFields(items) {
+// Forms of the operator's page: a new subject with what the laboratory notes of everybody, the data of a session's day, and
+// corrections of what was noted. values: what stands there, by the item's name.
+function demographicFields(items, values = {}) {
   return items.map(({ name, label, kind, unit, low, high, choices, required }) => {
     const data = { "data-demographic": name, ...(required ? { required: "" } : {}) };
     const field = kind === "choice" ? make("select", data, ...["", ...choices].map((one) => make("option", { value: one }, one)))
       : make("input", kind === "number" ? { ...data, type: "number", step: "any", ...(low === null ? {} : { min: low }), ...(high === null ? {} : { max: high }) } : { ...data, maxlength: 200 });
+    field.value = values[name] || "";
     return make("label", {}, unit === "" ? label : `${label}, ${unit}`, " ", field);
   });
 }
@@ -21,12 +23,35 @@ function enrolment(form) {
 function dayForm(session, saved) {
   const number = (name, value) => make("input", { name, type: "number", step: "any", min: 0, ...(value === null ? {} : { value }) });
   const temperature = number("skin_temperature_c", session.skin_temperature_c), force = number("preload_n", session.preload_n);
-  const form = make("form", { class: "day" }, make("label", {}, word("skin_temperature"), " ", temperature),
+  const form = make("form", { class: "day" }, make("b", {}, word("day")), make("label", {}, word("skin_temperature"), " ", temperature),
     make("label", {}, word("contact_force"), " ", force), make("button", { type: "submit" }, word("save")));
   const value = (field) => (field.value === "" ? null : Number(field.value));
   form.onsubmit = (event) => {
     event.preventDefault();
     saved({ type: "day", session: session.id, skin_temperature_c: value(temperature), preload_n: value(force) });
   };
-  return make("tr", { class: "under" }, make("td", { colspan: 11 }, form));
+  return form;
 }
+
+// Shows what is noted of a session's subject; only what is changed is sent, with the reason.
+function correctionForm(session, items, saved) {
+  const groups = ["hearing", "hearing-impaired", "simulated", "unknown"].map((one) => make("option", { value: one }, named("group", one)));
+  const group = make("select", {}, ...groups), participant = make("input", { pattern: "[A-Za-z0-9._\\-]{1,64}" });
+  group.value = session.group;
+  participant.value = session.participant_id || "";
+  participant.required = session.participant_id !== null; // an id that is there may be another, not none
+  const reason = make("input", { required: "", maxlength: 200, "data-reason": "" }), fields = demographicFields(items, session.demographics);
+  const form = make("form", { class: "day" }, make("b", {}, word("correct_data", { subject: session.subject })),
+    make("label", {}, word("group"), " ", group), make("label", {}, word("participant_id"), " ", participant), ...fields,
+    make("label", {}, word("reason"), " ", reason), make("button", { type: "submit" }, word("save")));
+  form.onsubmit = (event) => {
+    event.preventDefault();
+    const facts = [...form.querySelectorAll("[data-demographic]")].map((field) => [field.dataset.demographic, field.value]);
+    saved({ type: "correct", subject: session.subject, reason: reason.value, ...(group.value === session.group ? {} : { group: group.value }),
+      ...(participant.value === (session.participant_id || "") ? {} : { participant_id: participant.value }),
+      demographics: Object.fromEntries(facts.filter(([name, value]) => value !== (session.demographics[name] || ""))) });
+  };
+  return form;
+}
+
+const under = (...forms) => make("tr", { class: "under" }, make("td", { colspan: 11 }, ...forms));

@@ -41,7 +41,7 @@ function command(type, session) {
   told.until = 0;
   link.send(session === undefined ? { type } : { type, session });
 }
-const percent = (share) => (share === null ? "–" : `${Math.round(100 * share)} %`);
+const percent = (share) => (share === null ? "–" : `${Math.round(100 * share)}\u00a0%`);
 const minutes = (seconds) => (seconds === null ? "–" : word("minutes", { minutes: Math.ceil(seconds / 60) }));
 const row = (...cells) => make("tr", {}, ...cells.map((cell) => make("td", {}, cell)));
 const named = (table, name) => TEXTS[`${table}_${name.replace("-", "_")}`] || name;
@@ -61,7 +61,7 @@ function sessionRows(session, snapshot) {
   const buttons = make("div", { class: "buttons" },
     button(word("start"), "start", key, cannot, () => command("start", session.id)),
     button(word("results"), "results", key, session.trials === 0, () => command("results", session.id)),
-    button(word("day"), "day", key, !snapshot.control, () => { dayOf = dayOf === session.id ? null : session.id; shown = ""; sessions(snapshot); }),
+    button(word("data"), "day", key, !snapshot.control, () => { dayOf = dayOf === session.id ? null : session.id; shown = ""; sessions(snapshot); }),
     button(word("new_visit"), "visit", key, !snapshot.control, () => link.send({ type: "new-visit", subject: session.subject })));
   const who = session.participant_id === null ? session.subject : `${session.subject} (${session.participant_id})`;
   const made = row(who, String(session.visit), named("group", session.group), session.stage === null ? "–" : named("stage", session.stage),
@@ -69,7 +69,7 @@ function sessionRows(session, snapshot) {
     word(session.here ? "open" : "closed"), open, buttons);
   made.className = session.id === snapshot.active ? "active" : "";
   const saved = (message) => { link.send(message); dayOf = null; };
-  return dayOf === session.id ? [made, dayForm(session, saved)] : [made];
+  return dayOf === session.id ? [made, under(dayForm(session, saved), correctionForm(session, snapshot.demographics, saved))] : [made];
 }
 
 const runRow = (run) => row(run.title, named("state", run.state),
