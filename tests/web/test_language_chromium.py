@@ -49,7 +49,7 @@ def unmarked(page) -> list[str]:
     rest = []
     for text in page.evaluate(WALK):
         left = text
-        for _ in range(3):  # a text may hold another
+        for _ in range(5):  # a text may hold others
             left = re.sub(r"⟦[^⟦⟧]*⟧", "", left)
         for own in OWN:
             left = left.replace(own, "")

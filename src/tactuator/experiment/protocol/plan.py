@@ -64,7 +64,7 @@ def _planned(
     what = words("run.whole_curve") if frequency_hz is None else words("run.hertz", hertz=f"{frequency_hz:g}")
     title = words("run.title", finger=finger, what=what)
     if practice:
-        title = f"{words('run.practice')}: {title}"
+        title = words("run.practice", title=title)
     rules = protocol.session
     introduction = ""
     if practice and rules.practice_correct is not None:

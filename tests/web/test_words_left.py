@@ -1,0 +1,87 @@
+"""What a subject reads comes from the language file: no word of the subject's side is left in the code."""
+
+import ast
+import re
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+import tactuator.web
+
+STATIC = files("tactuator.web").joinpath("static")
+SCRIPTS = ("subject.js", "choices.js", "demonstration.js", "noise.js", "common.js", "texts.js")
+MODULES = ("web/subject.py", "web/pages.py", "experiment/protocol/plan.py", "experiment/session/identification_plan.py")
+SOURCES = Path(tactuator.web.__file__).parents[1]
+
+LITERAL = re.compile(r'"((?:[^"\\\n]|\\.)*)"|`((?:[^`\\]|\\.)*)`')
+NOT_SHOWN = {"use strict", "Enter", "Escape", "Tab", "Space"}
+"""The mode of a script, and names of keys."""
+
+
+def left_in_script(source: str) -> list[str]:
+    """Texts of a script that read as words: two in a row, or one that begins like a sentence."""
+    code = re.sub(r"^\s*//.*$", "", source, flags=re.M)
+    texts = [re.sub(r"\$\{[^}]*\}", "", one or other) for one, other in LITERAL.findall(code)]
+    return [text for text in texts if text not in NOT_SHOWN and _reads_as_words(text)]
+
+
+def left_in_page(source: str) -> list[str]:
+    """Texts between the tags of a page, or in its labels, that come from no language file."""
+    bare = re.sub(r"\{\{[a-z_.]+\}\}", "", source)
+    texts = re.findall(r">([^<]+)<|(?:aria-label|title|alt|placeholder)=\"([^\"]*)\"", bare)
+    return [text for pair in texts for text in pair if re.search("[A-Za-z]{2}", text)]
+
+
+def left_in_module(source: str) -> list[str]:
+    """Texts of a module that read as words, apart from its documentation and what it raises."""
+    tree = ast.parse(source)
+    quiet = {id(node) for raised in ast.walk(tree) if isinstance(raised, ast.Raise) for node in ast.walk(raised)}
+    quiet |= {id(one.value) for one in ast.walk(tree) if isinstance(one, ast.Expr)}
+    texts = [one for one in ast.walk(tree) if isinstance(one, ast.Constant) and isinstance(one.value, str)]
+    return [one.value for one in texts if id(one) not in quiet and _reads_as_words(one.value)]
+
+
+def _reads_as_words(text: str) -> bool:
+    if re.search(r"[<>={]|^by the subject|^.prefers-|^default-src", text):  # markup, a query, a header, an event
+        return False
+    return bool(re.search(r"[A-Za-z]{2,}[,:;]? [A-Za-z]{2,}", text) or re.fullmatch(r"[A-Z][a-z]+\W{0,2}", text))
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_script_of_the_subject__has_no_word_of_its_own(name) -> None:
+    assert left_in_script(STATIC.joinpath(name).read_text("utf-8")) == []
+
+
+def test_page_of_the_subject__has_no_word_of_its_own() -> None:
+    assert left_in_page(STATIC.joinpath("subject.html").read_text("utf-8")) == []
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_module_behind_the_subjects_page__has_no_word_of_its_own(name) -> None:
+    assert left_in_module((SOURCES / name).read_text("utf-8")) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "keyed", "worded"),
+    [
+        ("subject.js", 'say(word("wait"))', 'say("Please wait for the experimenter.")'),
+        ("subject.js", 'word("agree")', '"Agree"'),
+        ("demonstration.js", 'word("sound_on")', "`Sound on`"),
+    ],
+)
+def test_word_put_into_a_script__is_found(name, keyed, worded) -> None:
+    source = STATIC.joinpath(name).read_text("utf-8")
+    if keyed not in source:
+        source = f"{keyed};\n{source}"
+    assert left_in_script(source) == []
+    assert left_in_script(source.replace(keyed, worded, 1)) == [worded.removeprefix("say(").removesuffix(")")[1:-1]]
+
+
+def test_word_put_into_page_or_module__is_found() -> None:
+    page = STATIC.joinpath("subject.html").read_text("utf-8")
+    assert left_in_page(page.replace("{{page.pause}}", "Pause", 1)) == ["Pause"]
+    assert left_in_page(page.replace("{{page.progress}}", "Progress", 1)) == ["Progress"]
+    module = (SOURCES / "web/subject.py").read_text("utf-8")
+    put = module.replace('type="playing"', 'type="playing", message="Feel your finger"', 1)
+    assert left_in_module(put) == ["Feel your finger"]
