@@ -249,7 +249,7 @@ def changes(store, kind):
 def test_correct__of_subject_and_visit__is_written_and_what_stood_there_is_kept(store) -> None:
     study = opened_study(store, ObedientClock(), ASKS.replace("seed = 7", "seed = 7\nvisits = 2"))
     study.enrol(SubjectPart(code="S7", participant_id="P-07", demographics={"age": "31", "hand": "left"}))
-    study.enrol(SubjectPart(code="S8", demographics={"age": "40", "hand": "left"}))
+    study.enrol(SubjectPart(code="S8", demographics={"age": 40.0, "hand": "left"}))
     others = [all_of(store, code) for code in ("S1", "S2", "S8")]
     facts = dict(study.facts())
     study.correct("S7", Correction("hearing", "P-70", {"age": "", "hand": "right"}), "a slip")
@@ -257,6 +257,7 @@ def test_correct__of_subject_and_visit__is_written_and_what_stood_there_is_kept(
     row = next(one for one in study.sessions() if one.subject_code == "S7" and one.visit == 2)
     assert (row.subject_group, row.participant_id, row.skin_temperature_c) == ("hearing", "P-70", 30.5)
     assert study.facts() == {**facts, row.subject_id: {"hand": "right"}}
+    assert {"age": "40", "hand": "left"} in facts.values()  # a number of a protocol file is written as it stood there
     assert changes(store, "correction") == [
         ("S7", "subject_group", "unknown", "hearing"),
         ("S7", "outside_id", "P-07", "P-70"),

@@ -67,7 +67,7 @@ def correct(
     fact: list[str] | None,
     as_json: bool,
 ) -> None:
-    """Correct what was noted of a subject or a visit; what stood there stays in the store and in exports."""
+    """Write correct data of a subject or a visit; what stood there stays in the store and in exports."""
     part = _part(code, group, participant_id, skin_temperature_c, [])
     if preload_n is not None and not 0.0 <= preload_n < float("inf"):
         raise BadInput(f"subject: preload_n is {preload_n:g}; allowed: a number of 0 or more")

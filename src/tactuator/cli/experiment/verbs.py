@@ -108,7 +108,7 @@ def correct(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Correct what was noted of a subject or a visit; what stood there stays in the store and in exports."""
+    """Write correct data of a subject or a visit; what stood there stays in the store and in exports."""
 
 
 @does("experiment.study:observe", reads=["protocol", "display", "controller"])

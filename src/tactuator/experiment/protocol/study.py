@@ -72,7 +72,7 @@ class Demographic(Part):
 
     def take(self, value: str | float) -> str:
         """Return the value as it is stored. Raises ValueError, naming what is allowed, for a value that is not."""
-        text = str(value).strip()
+        text = f"{value:.15g}" if isinstance(value, float) else str(value).strip()
         if self.kind == "choice" and text not in self.choices:
             raise ValueError(f"{self.name} is {text!r}; allowed: {', '.join(self.choices)}")
         if self.kind == "text" and len(text) > 200:

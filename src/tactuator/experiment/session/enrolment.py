@@ -85,7 +85,7 @@ def add_visit(connection: Connection, books: Books, subject: str) -> None:
 
 @dataclass(frozen=True)
 class Correction:
-    """Values that replace others.
+    """Values that replace what was noted of a subject or a visit.
 
     facts: demographic items by name, "" to take one away. visit: whose data of the day are corrected, None: the first's
     unless there are several. A value of None leaves what is there.
@@ -100,7 +100,7 @@ class Correction:
 
 
 def correct(connection: Connection, books: Books, code: str, correction: Correction, reason: str) -> list[Change]:
-    """Correct the data of the subject of that code and return the changes, each of them now an event with the reason.
+    """Write correct data of the subject of that code and return the changes, each now an event with the reason.
 
     Raises BadInput for a subject or visit that is not there, values that are not allowed, no reason, or where nothing
     differs from what is there.

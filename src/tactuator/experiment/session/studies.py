@@ -109,7 +109,7 @@ class Study:
                 note(connection, session, "day", "", now, subject=row.subject_id, change=change)
 
     def correct(self, subject: str, correction: Correction, reason: str) -> None:
-        """Correct the data of the subject of that code; what stood there is kept as an event. Raises BadInput as the
+        """Write correct data of the subject of that code; what stood there is kept as an event. Raises BadInput as the
         function does.
         """
         with self.store.begin() as connection:
