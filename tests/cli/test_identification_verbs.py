@@ -141,6 +141,20 @@ def test_noise__gains__verdict_and_levels(folder: Path, capsys) -> None:
     assert found["runs"][1]["channels"][0]["worst_line_db_sl"] > found["runs"][0]["channels"][0]["worst_line_db_sl"]
 
 
+def test_finger__free_and_touched__tells_what_it_is_and_where_it_cannot(folder: Path, capsys) -> None:
+    asked = ["finger", "--controller", str(folder / "controller.json"), "--duration-s", "24", "--json"]
+    capsys.readouterr()
+    assert main(asked) == 0
+    found = printed(capsys)["channels"][0]
+    assert found["described_by"] == "one"
+    np.testing.assert_allclose(
+        [found[name] for name in ("mass", "damping", "stiffness")], [0.12, 31.0, 360.0], rtol=0.01
+    )
+    assert main([*asked, "--load", "none"]) == 1
+    assert printed(capsys)["channels"][0]["described_by"] == "cannot tell"
+    assert main([*asked, "--load", "toe"]) == 2
+
+
 def test_disturb__paper_loop__prints_rejection(folder: Path, capsys) -> None:
     capsys.readouterr()
     assert main(["disturb", "--controller", str(folder / "controller.json"), "--frequency-hz", "1,10", "--json"]) == 0

@@ -8,7 +8,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "console": ("console",),
     "model": ("calibrate", "record", "identify"),
     "controller": ("design", "check", "wordlength", "build", "image", "firmware"),
-    "response": ("noise", "measure", "disturb"),
+    "response": ("noise", "measure", "disturb", "finger"),
     "sound": ("sound", "calibrate-display"),
     "experiment": ("experiment",),
     "speech": ("waveforms", "render", "play", "corpus"),

@@ -74,4 +74,23 @@ def disturb(
     """Press, lift and tremble at the finger port; rejection against frequency beside S."""
 
 
-VERBS: Verbs = {"noise": noise, "measure": measure, "disturb": disturb}
+@does("response.finger:run", reads=["display", "controller"])
+def finger(
+    display: DisplayOption = None,
+    controller: ControllerOption = None,
+    load: Annotated[
+        str, typer.Option("--load", help="Load of the display file that touches in the second half.")
+    ] = "finger",
+    level_db_sl: Annotated[float, typer.Option("--level-db-sl", "--level", help="Level of each line, dB SL.")] = 24.0,
+    duration_s: Annotated[float, typer.Option("--duration-s", help="Seconds played, half of them free.")] = 60.0,
+    channel: Annotated[list[str] | None, typer.Option("--channel", help="Channel (default: all).")] = None,
+    rig: RigOption = "simulated",
+    seed: Seed = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Play free and touched; mass, damping and stiffness of what touches, with confidence, and whether they describe
+    it. Exit status 1 where they do not.
+    """
+
+
+VERBS: Verbs = {"noise": noise, "measure": measure, "disturb": disturb, "finger": finger}

@@ -1,0 +1,97 @@
+"""Impedance of what touches a display, from the same multisines played free and touched.
+
+The plant under a load Z is P0/(1 + P0 Z), so that Z = 1/P_touched - 1/P_free whatever P0 is: errors of the plant's
+model and the linear part of its friction cancel. A response is the ratio of two spectra over whole periods, which holds
+in a closed loop too (Pintelon and Schoukens, System Identification: A Frequency Domain Approach, 2012, chapter 4). A
+command at its limit does no harm, since what was put out is known; a reading at its limit does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.display.description import Channel
+from tactuator.errors import BadInput
+from tactuator.rig.rig import Rig
+from tactuator.signals.decibels import from_db
+from tactuator.signals.multisine import Periods, multisine, odd_lines
+
+REPEATS = 3
+"""Periods of a realisation; the first settles."""
+_PERIOD_S = 1.0
+_LINES = 32
+_FEWEST = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Realisations of a multisine: when they are periodic, and the references (realisations, period)."""
+
+    periods: Periods
+    waves: FloatArray
+    rate_hz: float
+
+    @property
+    def frequency_hz(self) -> FloatArray:
+        """Return the excited frequencies, hertz, (m,)."""
+        return np.asarray(self.periods.lines * self.rate_hz / self.periods.period)
+
+
+def plan_play(
+    rate_hz: float, band_hz: tuple[float, float], level_db_sl: float, seconds: float, rng: np.random.Generator
+) -> Plan:
+    """Return multisines of lines at `level_db_sl` each, that take at most `seconds` for one state.
+
+    Raises BadInput for less time than four realisations take, or a band with too few lines.
+    """
+    period = round(_PERIOD_S * rate_hz)
+    count = int(seconds * rate_hz / (REPEATS * period))
+    if count < _FEWEST:
+        least = 2 * _FEWEST * REPEATS * _PERIOD_S
+        raise BadInput(f"{2.0 * seconds:g} s for both states; allowed: {least:g} s or more")
+    lines = odd_lines(band_hz, rate_hz, period, _LINES, rng)
+    peak = float(from_db(level_db_sl))
+    waves = [multisine(rate_hz, period, lines, peak, rng).one_period() for _ in range(count)]
+    return Plan(Periods(period, REPEATS, count, lines), np.array(waves), rate_hz)
+
+
+def play_plan(rig: Rig, plan: Plan, channels: Sequence[Channel]) -> tuple[ComplexArray, list[bool]]:
+    """Play the plan on channels of the rig at once; return what position there is for a command at every line,
+    (channels, realisations, m), and which channels' readings came to the converter's end.
+
+    Raises BadInput where nothing is put out.
+    """
+    columns = [rig.channels.index(channel.name) for channel in channels]
+    reference = np.zeros((plan.periods.samples, len(rig.channels)))
+    reference[:, columns] = np.repeat(plan.waves, REPEATS, axis=0).reshape(-1, 1)
+    trace = rig.play(reference)
+    rig.rest()
+    found, ended = [], []
+    for channel, column in zip(channels, columns, strict=True):
+        command, position = (
+            np.fft.rfft(plan.periods.blocks(values[:, column]).mean(axis=1))[:, plan.periods.lines]
+            for values in (trace.command_v, trace.position_v)
+        )
+        if not np.all(np.abs(command) > 0.0):
+            raise BadInput(f"channel {channel.name!r}: no command was put out; allowed: a rig that plays")
+        found.append(position / command)
+        end_v = channel.converter.range_v - 1.5 * channel.converter.step_v
+        ended.append(bool(np.max(np.abs(trace.position_v[:, column])) >= end_v))
+    return np.array(found), ended
+
+
+def finger_impedance(channel: Channel, plan: Plan, free: ComplexArray, touched: ComplexArray) -> ComplexArray:
+    """Return the impedance in the units of a load of the display file, (realisations, m); free, touched: position over
+    command, the same shape. A held command acts half a sample late, and a little less the higher its frequency.
+
+    Raises BadInput for a channel whose sensor does not give the displacement.
+    """
+    if channel.quantity != "displacement":
+        raise BadInput(f"channel {channel.name!r} measures the {channel.quantity}; allowed: the displacement")
+    f = plan.frequency_hz
+    hold = np.sinc(f / plan.rate_hz) * np.exp(-2j * np.pi * f * (0.5 / plan.rate_hz + channel.plant.delay_s))
+    return np.asarray(channel.plant.gain * hold * (1.0 / touched - 1.0 / free))

@@ -1,0 +1,123 @@
+"""What touches a display: recovered from equations of their own, its confidence held against many draws, refusals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactuator.display.controller import Controller
+from tactuator.errors import BadInput
+from tactuator.measure.finger.estimate import (
+    CANNOT_TELL,
+    CHAIN,
+    NEITHER,
+    ONE,
+    FingerEstimate,
+    chain_impedance,
+    estimate_finger,
+    one_impedance,
+)
+from tactuator.measure.finger.impedance import finger_impedance, plan_play
+from tactuator.measure.finger.play import measure_finger
+from tests.measure.finger.rig_of_equations import EquationsRig, Figures
+from tests.measure.loops import controller, display
+
+FREQUENCY_HZ = np.array([3.0, 5, 7, 11, 17, 25, 33, 45, 57, 71, 89, 103, 127, 151, 173, 199, 223, 249])
+FELT = 1e-5 * np.exp(-1j * FREQUENCY_HZ / 100.0)
+FINGER = np.array([0.12, 31.0, 360.0])
+FINGER_CHAIN = np.array([0.05, 40.0, 8000.0, 0.11, 25.0, 360.0])
+
+
+def drawn(rng: np.random.Generator, truth: np.ndarray, size: float, count: int = 8) -> FingerEstimate:
+    """Noise whose size differs from line to line, and not Gaussian."""
+    shape = (count, FREQUENCY_HZ.size)
+    noise = rng.standard_t(5.0, shape) + 1j * rng.standard_t(5.0, shape)
+    spread = size * np.abs(truth) * np.geomspace(3.0, 0.3, FREQUENCY_HZ.size)
+    return estimate_finger("index", FREQUENCY_HZ, truth + spread * noise, FELT, False)
+
+
+def test_estimate__a_hundred_draws__confidence_covers_and_one_is_said() -> None:
+    rng = np.random.default_rng(4)
+    covered, said = np.zeros(3), 0
+    for _ in range(100):
+        truth = FINGER * rng.uniform(0.5, 1.5, 3)
+        found = drawn(rng, one_impedance(truth, FREQUENCY_HZ), 0.03)
+        covered += np.abs([found.mass, found.damping, found.stiffness] - truth) <= found.half_width
+        said += found.described_by == ONE
+    assert np.all((covered >= 88) & (covered <= 99))  # 95 of 100 meant
+    assert said >= 98
+
+
+def test_estimate__chain_of_two__said_and_recovered() -> None:
+    found = drawn(np.random.default_rng(5), chain_impedance(FINGER_CHAIN, FREQUENCY_HZ), 1e-3)
+    assert found.described_by == CHAIN
+    np.testing.assert_allclose(found.chain, FINGER_CHAIN, rtol=0.1)
+    assert found.misfit_db > 0.25
+
+
+def test_estimate__what_is_neither__is_said() -> None:
+    truth = one_impedance(FINGER, FREQUENCY_HZ) * np.exp(2j * np.sin(FREQUENCY_HZ / 15.0))
+    assert drawn(np.random.default_rng(6), truth, 1e-3).described_by == NEITHER
+
+
+def test_estimate__misfit_that_is_not_felt__one_describes_it() -> None:
+    truth = one_impedance(FINGER, FREQUENCY_HZ) * (1.0 + 0.003 * np.sin(FREQUENCY_HZ))
+    found = drawn(np.random.default_rng(7), truth, 1e-5)
+    assert found.excess > 1.0
+    assert found.described_by == ONE
+
+
+def test_estimate__nothing_touches__cannot_tell() -> None:
+    rng = np.random.default_rng(8)
+    noise = rng.standard_normal((6, FREQUENCY_HZ.size)) + 1j * rng.standard_normal((6, FREQUENCY_HZ.size))
+    found = estimate_finger("index", FREQUENCY_HZ, noise, FELT, False)
+    assert found.described_by == CANNOT_TELL
+    assert min(found.load.mass, found.load.damping, found.load.stiffness) >= 0.0
+
+
+def played(figures: Figures) -> FingerEstimate:
+    rig = EquationsRig(3)
+
+    def touch() -> None:
+        rig.touching = figures
+
+    return measure_finger(rig, controller(display()), touch, np.random.default_rng(2), seconds=24.0)[0]
+
+
+@pytest.mark.slow
+def test_measure__one_finger_by_runge_and_kutta__recovered_within_a_percent() -> None:
+    found = played((0.09, 40.0, 250.0))
+    assert found.described_by == ONE
+    np.testing.assert_allclose([found.mass, found.damping, found.stiffness], [0.09, 40.0, 250.0], rtol=0.01)
+
+
+@pytest.mark.slow
+def test_measure__chain_by_runge_and_kutta__said() -> None:
+    found = played(tuple(FINGER_CHAIN.tolist()))
+    assert found.described_by == CHAIN
+    np.testing.assert_allclose(found.chain, FINGER_CHAIN, rtol=0.2)
+
+
+def without_loop() -> Controller:
+    made = controller(display())
+    return replace(made, channels=(replace(made.channels[0], feedback_sos=None),))
+
+
+@pytest.mark.parametrize(
+    ("made", "asked", "said"),
+    [
+        (controller(display()), {"seconds": 23.0}, "allowed: 24 s or more"),
+        (controller(display()), {"channels": ("toe",)}, "'toe' is not there"),
+        (without_loop(), {}, "no loop"),
+    ],
+)
+def test_measure__what_cannot_be_measured__refused(made: Controller, asked: dict, said: str) -> None:
+    with pytest.raises(BadInput, match=said):
+        measure_finger(EquationsRig(1), made, lambda: None, np.random.default_rng(0), **asked)
+
+
+def test_impedance__sensor_of_the_velocity__refused() -> None:
+    plan = plan_play(4000.0, (2.0, 250.0), 20.0, 12.0, np.random.default_rng(0))
+    one = np.ones((4, plan.frequency_hz.size), dtype=complex)
+    with pytest.raises(BadInput, match="displacement"):
+        finger_impedance(replace(display().channels[0], quantity="velocity"), plan, one, one)
