@@ -15,6 +15,7 @@ from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.signals.decibels import db
 from tactuator.signals.response import Response
 from tactuator.synthesis.family import sampled_plant
+from tactuator.synthesis.touch import adapted_response
 
 _REMEDY = "where `check` calls i met, a new model (identify) and a design for it; else more poles in [prefilter]"
 
@@ -27,14 +28,19 @@ def error_db(response: Response, display: Display) -> FloatArray:
 
 def expected_v(response: Response, controller: Controller) -> FloatArray:
     """Return the peak volts at the sensor that the controller's own model expects of each point, (m,): the shipped
-    sections on the nominal plant under the response's load.
+    sections on the nominal plant under the response's load, with the weights nearest to it where they are learnt.
     """
     display = controller.display
     channel, own = display.channel(response.channel), controller.channel(response.channel)
     load = None if response.load == "none" else channel.load(response.load)
     plant = sampled_plant(channel.loaded_plant(load), display.rate_hz, display.delay_samples)
     loop = TwoDegreeLoop(own.prefilter(display.rate_hz), own.feedback(display.rate_hz), plant)
-    return np.asarray(response.reference * np.abs(loop.position_response(response.frequency_hz)))
+    answer = loop.position_response(response.frequency_hz)
+    if own.feed_forward is not None and load is not None:
+        bare = sampled_plant(channel.plant, display.rate_hz, display.delay_samples)
+        free = TwoDegreeLoop(own.prefilter(display.rate_hz), own.feedback(display.rate_hz), bare)
+        answer = adapted_response(own.feed_forward, free, loop, load, response.frequency_hz, display.rate_hz)
+    return np.asarray(response.reference * np.abs(answer))
 
 
 def expected_level_db_sl(response: Response, controller: Controller) -> FloatArray:

@@ -88,6 +88,10 @@ class SimulatedRig(DisplayRig):
         if settle_s > 0.0:
             self.drive(np.zeros((round(settle_s * self.rate_hz), len(self._ports))))
 
+    def weights(self) -> FloatArray:
+        """Return the weights that each channel has learnt of its finger, (channels, 2); zeros where none are learnt."""
+        return self._simulation.weights()
+
     @property
     def has_finger_ports(self) -> bool:
         """Return True, since the display is simulated."""

@@ -20,6 +20,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.result.tables import ResultTable
 from tactuator.files.response import write_responses
 from tactuator.measure.error import error_db, expected_level_db_sl, response_verdict
+from tactuator.measure.finger.weights import Learnt, settle_weights
 from tactuator.measure.frequencies import over_the_band
 from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.stepped_sine import stepped_sine
@@ -69,33 +70,48 @@ def run(
     with open_rig(rig, made.display, seed) as opened:
         ask_for_load(touch_all(opened, made.display.channels, load), load)
         opened.load(made)
+        rng = np.random.default_rng(seed)
+        learnt = settle_weights(opened, made, level_db_sl, np.random.default_rng(seed))
         if method == "stepped":
             responses = _stepped(opened, wanted, level_db_sl, asked)
         else:
-            rng = np.random.default_rng(seed)
-            exactly = frequency is not None
             with working("multisine"):
-                responses = multisine_response(opened, wanted, level_db_sl, rng, exactly=exactly, **asked)
+                responses = multisine_response(opened, wanted, level_db_sl, rng, exactly=frequency is not None, **asked)
     if out is not None:
         write_responses(out, responses)
     if figures is not None:
         from tactuator.report.plates.device.response import save_measured  # matplotlib takes a second
 
         save_measured(responses, made, figures)
-    _report(responses, made, (figures, out), as_json)
+    _report(responses, made, learnt, (figures, out), as_json)
 
 
-def _report(responses: tuple[Response, ...], made: Controller, files: tuple[Path | None, ...], as_json: bool) -> None:
+def _report(
+    responses: tuple[Response, ...],
+    made: Controller,
+    learnt: Sequence[Learnt],
+    files: tuple[Path | None, ...],
+    as_json: bool,
+) -> None:
     """Print the responses with their verdict; exit with status 1 where the objective is not met, or the confidence was
     not reached everywhere."""
     verdict = response_verdict(responses, made.display)
-    told = Group(_table(responses, made), verdict_table(verdict), *written(*files))
-    answer(document(responses, made) | verdict.document(), as_json, told)
+    told = Group(_table(responses, made), *map(_said, learnt), verdict_table(verdict), *written(*files))
+    answer(document(responses, made) | {"learnt": [vars(one) for one in learnt]} | verdict.document(), as_json, told)
     if not all(bool(np.all(one.reached)) for one in responses):
         sys.stderr.write("tactuator: the confidence was not reached everywhere in the time allowed\n")
         raise typer.Exit(1)
     if verdict.outcome is Outcome.NOT_MET:
         raise typer.Exit(1)
+
+
+def _said(learnt: Learnt) -> str:
+    """Return a line on what an adaptive channel has learnt before the measurement."""
+    if learnt.weight is None:
+        return f"{learnt.channel}: adaptive; the rig does not tell its weights"
+    mass, rest = learnt.weight
+    after = "not settled" if learnt.settled_s is None else f"settled after {learnt.settled_s:.2f} s"
+    return f"{learnt.channel}: weight {mass:.2f} of the mass, {rest:.2f} of damping and stiffness, {after}"
 
 
 def _common_band(made: Controller, channels: Sequence[str] | None) -> tuple[float, float]:

@@ -1,1 +1,1 @@
-"""What touches a display: its impedance from play, free and touched, and whether one mass, damper and spring it is."""
+"""Estimation of what touches a display: its impedance from play, free and touched, and the weights that were learnt."""

@@ -24,7 +24,7 @@ _STARTS_HZ = (60.0, 120.0, 240.0)
 
 @dataclass(frozen=True)
 class FingerEstimate:
-    """What touches a channel: figures in a load's units, their 95 % half-widths, and what describes it.
+    """Estimate of what touches a channel: figures in a load's units, their 95 % half-widths, and what describes it.
 
     described_by: "one" mass, damper and spring; a "chain" of two; "neither"; or "cannot tell", where a half-width of
     mass or damping is more than half of it, or a reading came to its end (saturated). misfit_db: by how much the misfit

@@ -28,7 +28,7 @@ _FEWEST = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class FingerPlan:
     """Realisations of a multisine: when they are periodic, and the references (realisations, period)."""
 
     periods: Periods
@@ -43,7 +43,7 @@ class Plan:
 
 def plan_play(
     rate_hz: float, band_hz: tuple[float, float], level_db_sl: float, seconds: float, rng: np.random.Generator
-) -> Plan:
+) -> FingerPlan:
     """Return multisines of lines at `level_db_sl` each, that take at most `seconds` for one state.
 
     Raises BadInput for less time than four realisations take, or a band with too few lines.
@@ -56,10 +56,10 @@ def plan_play(
     lines = odd_lines(band_hz, rate_hz, period, _LINES, rng)
     peak = float(from_db(level_db_sl))
     waves = [multisine(rate_hz, period, lines, peak, rng).one_period() for _ in range(count)]
-    return Plan(Periods(period, REPEATS, count, lines), np.array(waves), rate_hz)
+    return FingerPlan(Periods(period, REPEATS, count, lines), np.array(waves), rate_hz)
 
 
-def play_plan(rig: Rig, plan: Plan, channels: Sequence[Channel]) -> tuple[ComplexArray, list[bool]]:
+def play_plan(rig: Rig, plan: FingerPlan, channels: Sequence[Channel]) -> tuple[ComplexArray, list[bool]]:
     """Play the plan on channels of the rig at once; return what position there is for a command at every line,
     (channels, realisations, m), and which channels' readings came to the converter's end.
 
@@ -84,7 +84,7 @@ def play_plan(rig: Rig, plan: Plan, channels: Sequence[Channel]) -> tuple[Comple
     return np.array(found), ended
 
 
-def finger_impedance(channel: Channel, plan: Plan, free: ComplexArray, touched: ComplexArray) -> ComplexArray:
+def finger_impedance(channel: Channel, plan: FingerPlan, free: ComplexArray, touched: ComplexArray) -> ComplexArray:
     """Return the impedance in the units of a load of the display file, (realisations, m); free, touched: position over
     command, the same shape. A held command acts half a sample late, and a little less the higher its frequency.
 

@@ -1,0 +1,80 @@
+"""Weights that an adaptive display learns, told before a measurement; another finger than the designed one."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactuator.cli.main import main
+from tactuator.display.load import Load
+from tactuator.files.controller import write_controller
+from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.measure.finger.weights import settle_weights
+from tactuator.rig.rig import WrappedRig
+from tactuator.rig.simulated import SimulatedRig
+from tactuator.synthesis.family import plant_family
+from tactuator.synthesis.touch import design_feed_forward
+from tests.measure.loops import RATE_HZ, controller, display
+
+
+def adaptive():
+    made = controller(display())
+    own, described = made.channels[0], made.display
+    plant = plant_family(described.channels[0], RATE_HZ, 1)[0].sampled
+    loop = TwoDegreeLoop(own.prefilter(RATE_HZ), own.feedback(RATE_HZ), plant)
+    model = design_feed_forward(described, described.channels[0], loop)
+    return replace(made, channels=(replace(own, feed_forward=model),))
+
+
+@pytest.mark.parametrize("times", [(1.0, 1.0), (0.6, 1.4)])
+def test_settle__another_finger_than_the_designed_one__its_weights_are_told(times: tuple[float, float]) -> None:
+    made = adaptive()
+    other = Load("other", 0.12 * times[0], 31.0 * times[1], 360.0 * times[1])
+    shown = replace(made.display, channels=(replace(made.display.channels[0], loads=(other,)),))
+    with SimulatedRig(shown, 3) as rig:
+        rig.finger("index").touch("other")
+        rig.load(replace(made, display=shown))
+        (found,) = settle_weights(rig, made, 30.0, np.random.default_rng(1))
+    assert found.weight is not None
+    assert found.settled_s is not None
+    np.testing.assert_allclose(found.weight, times, atol=0.15)
+    assert 0.0 < found.settled_s <= 0.3
+
+
+def test_settle__fixed_controller__nothing_is_played() -> None:
+    with SimulatedRig(display(), 3) as rig:
+        rig.load(controller(display()))
+        assert settle_weights(rig, controller(display()), 30.0, np.random.default_rng(1)) == ()
+        assert rig.rows_played == 0
+
+
+def test_measure__adaptive_display_touched__weights_are_told_and_the_model_expects_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_controller(tmp_path / "c.json", adaptive())
+    asked = ["measure", "--controller", str(tmp_path / "c.json"), "--load", "finger", "--frequency-hz", "30", "--json"]
+    assert main(asked) == 0
+    found = json.loads(capsys.readouterr().out)
+    (learnt,) = found["learnt"]
+    np.testing.assert_allclose(learnt["weight"], [1.0, 1.0], atol=0.15)
+    (response,) = found["responses"]
+    np.testing.assert_allclose(response["sensation_level_db"], response["expected_level_db_sl"], atol=0.2)
+
+
+class MuteRig(WrappedRig):
+    """A rig that does not tell its weights."""
+
+    def play(self, reference):
+        return self._rig.play(reference)
+
+
+def test_settle__rig_that_does_not_tell__says_none() -> None:
+    made = adaptive()
+    inner = SimulatedRig(made.display, 3)
+    with MuteRig(inner) as rig:
+        rig.load(made)
+        (found,) = settle_weights(rig, made, 30.0, np.random.default_rng(1))
+    assert (found.weight, found.settled_s) == (None, None)
+    assert inner.rows_played == 3 * RATE_HZ
