@@ -43,6 +43,16 @@ def test_identify__command_without_power_above_a_frequency__claims_nothing_above
     assert 0.7 * TOP_HZ < high < 2.0 * TOP_HZ
 
 
+@pytest.mark.parametrize("method", ["refined", "prediction", "rls"])
+def test_identify__record_s_own_response__is_in_the_model_s_units(record: Record, method: str) -> None:
+    """The figure draws both: in samples of unit size the dots stood decibels away from the curve."""
+    found = identify(record, method=method, order=2)
+    shown = found.empirical.trusted(0.9)
+    beside = shown.frequency_hz < 0.7 * TOP_HZ
+    ratio = np.abs(shown.value / found.model.response(shown.frequency_hz))[beside]
+    assert np.median(np.abs(np.log(ratio))) < 0.02
+
+
 @pytest.mark.parametrize("method", ["prediction", "rls"])
 def test_check__band_beyond_the_method_s_valid_range__is_told(record: Record, method: str, tmp_path: Path) -> None:
     write_record(tmp_path / "record.h5", record)

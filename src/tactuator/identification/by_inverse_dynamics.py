@@ -59,7 +59,7 @@ def motor_identification(common: Prepared, between: BetweenSamples) -> Identific
         fit_percent=100.0 * (1.0 - float(np.linalg.norm(left)) / spread),
         friction=friction,
         tried=(),
-        empirical=common.response,
+        empirical=common.own_response,
         simulated=motor.predicted,
         measured=motor.commanded,
         remarks=(

@@ -27,7 +27,7 @@ from tactuator.signals.record import Record
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A record, its samples of unit size (scale: of command and position), its own response, and what is asked.
+    """A record, its samples of unit size (scale: of command and position), their own response, and what is asked.
 
     others: further records of the same mechanism, with their samples in the same scale.
     """
@@ -51,6 +51,11 @@ class Prepared:
     def all_records(self) -> tuple[Record, ...]:
         """Return every record, `record` first."""
         return (self.record, *(record for record, _ in self.others))
+
+    @property
+    def own_response(self) -> EmpiricalResponse:
+        """Return the record's own response in the record's units."""
+        return replace(self.response, value=self.response.value * (self.scale[1] / self.scale[0]))
 
     @property
     def longest_s(self) -> float:
@@ -102,7 +107,7 @@ def refined(common: Prepared, estimate: RefinedEstimate, tried: tuple[Candidate,
         fit_percent=estimate.fit_percent,
         friction=friction,
         tried=tried,
-        empirical=_unscaled(common.response, to_position / to_unit),
+        empirical=common.own_response,
         simulated=estimate.simulated * to_position + float(common.record.position.mean()),
         measured=common.record.position[-estimate.simulated.size :],
         remarks=tuple(remarks),
@@ -153,10 +158,6 @@ def _slow_pole_error(model: RationalModel, structure: Structure, covariance: Flo
     return float(np.sqrt(max(np.real(gradient.real @ block @ gradient.real), 0.0)) * model.scale_rad_s)
 
 
-def _unscaled(response: EmpiricalResponse, gain: float) -> EmpiricalResponse:
-    return replace(response, value=response.value * gain)
-
-
 def recursive(common: Prepared, forgetting: float) -> Identification:
     """Return the paper's estimate, judged by the same tests."""
     samples = common.samples
@@ -202,7 +203,7 @@ def recursive(common: Prepared, forgetting: float) -> Identification:
         fit_percent=100.0 * (1.0 - float(np.linalg.norm(residual)) / spread),
         friction=None,
         tried=(),
-        empirical=_unscaled(common.response, gain),
+        empirical=common.own_response,
         simulated=(simulated - simulated.mean()) * common.scale[1] + float(common.record.position.mean()),
         measured=common.record.position,
         remarks=tuple(remarks),

@@ -128,7 +128,7 @@ def identification(
         fit_percent=percent,
         friction=None,
         tried=_tried(found),
-        empirical=common.response,
+        empirical=common.own_response,
         simulated=simulated * to_position + offset,
         measured=measured * to_position + offset,
         remarks=tuple(remarks),

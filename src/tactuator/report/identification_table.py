@@ -22,6 +22,9 @@ def with_error(value: float, error: float) -> tuple[str, str]:
     return f"{value:.{decimals}f}", f"{error:.{decimals}f}"
 
 
+_SAID_BY = {"data": "by the data", "file": "by the record's own file", "asked": "as asked for"}
+
+
 def identification_rows(found: Identification, about: Mapping[str, str]) -> Iterator[tuple[str, str, str]]:
     """Yield the rows of the table: what it is, its value, its 95 % interval (or nothing)."""
     model, confidence = found.model, found.model.confidence()
@@ -48,7 +51,7 @@ def _circumstances(found: Identification, about: Mapping[str, str]) -> Iterator[
     """Yield what is to be known of the record, and how well the model follows it."""
     model = found.model
     sure = "" if found.between.certain else " (cannot be told; the band holds both)"
-    yield "command between samples", f"{found.between.hold}, by the {found.between.source}{sure}"
+    yield "command between samples", f"{found.between.hold}, {_SAID_BY[found.between.source]}{sure}"
     yield "recorded in", {True: "closed loop", False: "open loop", None: "cannot tell"}[found.tests.feedback]
     if {"input", "output"} <= set(about):
         yield "columns", f"{about['input']} -> {about['output']}"
