@@ -66,7 +66,7 @@ def write_seeds(folder: Path) -> None:
             "raw": [RAW, 0, 0, 0, *range(96), RUN, 20, *feed],
             "far": [STREAM, 5, 4, RUN, 8, STREAM, 5, 8, *([STREAM, 5, 2] * 8)],
         }.items():
-            (folder / f"{name}-{image}").write_bytes(bytes([1, image, *begun, *happens, *ended, IMAGE, 128 + image]))
+            (folder / f"{name}-{image}").write_bytes(bytes([1, image, *begun, *happens, *ended, IMAGE, 0, 128 + image]))
         driven = [ARM, 0, START, 12 + 1, *([STREAM, 11, 1, RUN, 4] * 20), RAW, 0, 0, 0, *([255] * 96), RUN, 20]
         (folder / f"driven-{image}").write_bytes(bytes([2, image, *driven, *ended]))
         not_a_number = [ARM, 0, START, 12 + 1, *([STREAM, 0, 0, RUN, 4] * 3), RAW, 0, 0, 0, *([255] * 96), RUN, 20]
@@ -75,9 +75,12 @@ def write_seeds(folder: Path) -> None:
         (folder / f"tones-{image}").write_bytes(bytes([3, image, *tones]))
         held = [ARM, 0, START, 16, *feed, RUN, 100, START, 32, *feed, STOP, 0, RUN, 255, *ended]
         (folder / f"held-{image}").write_bytes(bytes([5, image, *held]))
-        drawn = ([SAFETY, 1, IMAGE, 128 + image, *begun, *feed, EVENT, 0, *feed, *ended]) * 4
+        drawn = ([SAFETY, 0, 1, IMAGE, 0, 128 + image, *begun, *feed, EVENT, 0, *feed, *ended]) * 4
         for seed in range(12):  # tables and images of every form are drawn
             (folder / f"drawn-{image}-{seed}").write_bytes(bytes([seed, image, *drawn]))
+        stopped = ([SAFETY, 0, 1, IMAGE, 0, image, *begun, *feed, STOP, 0, RUN, 255, RUN, 255, CLEAR, 0, OFF, 0]) * 4
+        for seed in range(4):  # delays of several samples, which a fade leaves behind
+            (folder / f"stopped-{image}-{seed}").write_bytes(bytes([seed, image, *stopped]))
 
 
 def build(folder: Path, flags: list[str], program: Path) -> None:
