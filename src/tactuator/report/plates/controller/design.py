@@ -8,9 +8,11 @@ import numpy as np
 
 from tactuator.display.controller import Controller
 from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.measure.finger.landing import landing
 from tactuator.report.plate import Plate, save_plates
 from tactuator.report.plates.controller.bode import bode_plate
 from tactuator.report.plates.controller.headroom import headroom_plate, lowest
+from tactuator.report.plates.controller.landing import landing_plate
 from tactuator.report.plates.controller.nichols import NicholsInput, nichols_plate
 from tactuator.report.plates.controller.sensitivity import sensitivity_plate
 from tactuator.report.plates.felt.equality import equality_plate
@@ -20,7 +22,7 @@ from tactuator.synthesis.headroom import headroom
 
 
 def design_plates(controller: Controller, channel_name: str) -> tuple[Plate, ...]:
-    """Return the figures of one channel, each named KIND-CHANNEL."""
+    """Return the figures of one channel, each named KIND-CHANNEL; of an adaptive one, how a finger lands as well."""
     display = controller.display
     channel, own = display.channel(channel_name), controller.channel(channel_name)
     family = plant_family(channel, display.rate_hz, display.delay_samples)
@@ -51,6 +53,9 @@ def design_plates(controller: Controller, channel_name: str) -> tuple[Plate, ...
     response = loops[UNLOADED].position_response(fine)
     title = f"Response + sensitivity = constant, {channel_name}"
     plates.append(equality_plate(channel, fine, response, name=f"equality-{channel_name}", title=title))
+    if own.feed_forward is not None:
+        shown_landing = landing(controller, channel_name)
+        plates.append(landing_plate(shown_landing, f"landing-{channel_name}", f"A finger lands, {channel_name}"))
     return tuple(plates)
 
 
