@@ -43,8 +43,8 @@ def auditor():
     program, stamp = AUDITOR / "bin" / "auditwheel", AUDITOR / "lock.txt"
     if not (program.exists() and stamp.exists() and stamp.read_text() == LOCK.read_text()):
         shutil.rmtree(AUDITOR, ignore_errors=True)
-        run([sys.executable, "-m", "venv", AUDITOR])
-        pip = [AUDITOR / "bin" / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+        run([sys.executable, "-m", "venv", "--without-pip", AUDITOR])
+        pip = [sys.executable, "-m", "pip", "--python", AUDITOR, "install", "--quiet", "--disable-pip-version-check"]
         run([*pip, "--require-hashes", "--only-binary=:all:", "-r", LOCK])
         stamp.write_text(LOCK.read_text())
     return program
@@ -61,10 +61,11 @@ def policy(wheel):
 
 def require_tag(wheel, allowed):
     """Refuse a wheel whose binaries need a newer system than `allowed`, a manylinux tag, promises."""
-    needs = [int(number) for number in re.findall(r"\d+", policy(wheel))[:2]]
+    found = policy(wheel)
+    needs = [int(number) for number in re.findall(r"\d+", found)[:2]]
     promised = [int(number) for number in re.findall(r"\d+", allowed)[:2]]
-    if "manylinux" not in policy(wheel) or needs > promised:
-        sys.exit("wheel: its binaries keep to %s, and its name says %s" % (policy(wheel), allowed))
+    if "manylinux" not in found or needs > promised:
+        sys.exit("wheel: its binaries keep to %s, and its name says %s" % (found, allowed))
 
 
 def main():

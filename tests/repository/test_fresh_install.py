@@ -95,6 +95,7 @@ def test_install__two_at_once_and_then_a_new_lock__does_what_is_due_and_no_more(
     said = [process.communicate()[1] for process in both]
     assert [process.returncode for process in both] == [0, 0]
     assert sorted(text.count("making .venv") for text in said) == [0, 1]
+    assert list(tree.venv.glob("lib/python3*/site-packages/__pycache__/alpha.*.pyc"))
     assert tree.runs("import alpha, tactuator.room._core")
     assert not tree.runs("import beta")
     mark = tree.venv / "mark"
