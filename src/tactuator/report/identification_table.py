@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from tactuator.identification.by_response import ResponseFit
 from tactuator.identification.result import Identification, resonances
 
 
@@ -66,3 +67,13 @@ def _circumstances(found: Identification, about: Mapping[str, str]) -> Iterator[
         verdict = "fails" if unseen.failures else "holds"
         inside = "not judged" if np.isnan(unseen.inside) else f"{100.0 * unseen.inside:.0f} % inside the band"
         yield f"on {unseen.name}", f"{verdict}: fit {unseen.fit_percent:.2f} %, {inside}"
+
+
+def response_rows(found: ResponseFit) -> list[tuple[str, str]]:
+    """Return what `identify` prints of a model of a frequency response: name and value."""
+    rows = []
+    for name, values in (("numerator", found.model.num), ("denominator", found.model.den)):
+        top = values.size - 1
+        rows += [(f"{name}, s^{top - k}", f"{value:.5g}") for k, value in enumerate(values)]
+    rows.append(("dead time (ms)", f"{1e3 * found.model.delay_s:.3g}"))
+    return [*rows, ("largest departure from the response (dB)", f"{found.largest_db:.2f}")]

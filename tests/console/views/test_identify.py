@@ -70,6 +70,32 @@ def test_command__that_is_shown__writes_the_same_bytes(found, record, tmp_path, 
     assert "on unseen.csv" in printed
 
 
+def test_response__dropped__gives_the_model_that_the_command_writes_and_its_departure(tmp_path, monkeypatch, capsys):
+    hz = np.geomspace(2.0, 400.0, 60)
+    _, truth = signal.freqs([4.0e4], [1.0, 60.0, 2.0e4], 2.0 * np.pi * hz)
+    rows = zip(hz, 20.0 * np.log10(np.abs(truth)), np.degrees(np.unwrap(np.angle(truth))), strict=True)
+    path = tmp_path / "response.csv"
+    path.write_text("frequency_hz,magnitude_db,phase_deg\n" + "".join(f"{a},{b},{c}\n" for a, b, c in rows))
+    workshop = Workshop()
+    key = dropped(workshop, path)
+    assert IdentifyLook(id=1, do="identify.look", record=key).answer(workshop)["points"] == 60
+    found = IdentifyModel(id=2, do="identify.model", record=key, order=2, zeros=0).answer(workshop)
+    assert max(map(abs, found["departure"]["db"])) < 0.05
+    near = np.interp(hz, found["response"]["frequency_hz"], found["response"]["magnitude_db"])
+    assert near == pytest.approx(20.0 * np.log10(np.abs(truth)), abs=0.1)
+    assert np.interp(hz, found["response"]["frequency_hz"], found["response"]["phase_deg"]) == pytest.approx(
+        found["response"]["own"]["phase_deg"], abs=2.0
+    )
+    monkeypatch.chdir(tmp_path)
+    assert found["command"] == "tactuator identify response.csv --order 2 --zeros 0 --out model.json"
+    main(shlex.split(found["command"])[1:])
+    assert (tmp_path / "model.json").read_text() == found["text"]
+    printed = capsys.readouterr().out
+    assert all(value in printed for _, value, _ in found["rows"])
+    with pytest.raises(BadInput, match="one response by itself"):
+        IdentifyModel(id=3, do="identify.model", record=key, validate_on=(key,)).answer(workshop)
+
+
 def test_model__of_a_file_that_went__says_to_drop_it_again():
     with pytest.raises(BadInput, match="drop it again"):
         IdentifyModel(id=1, do="identify.model", record="no such key").answer(Workshop())

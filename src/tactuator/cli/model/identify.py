@@ -23,7 +23,7 @@ from tactuator.identification.by_response import ResponseFit, identify_response
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
 from tactuator.identification.validation import validated
-from tactuator.report.identification_table import identification_rows
+from tactuator.report.identification_table import identification_rows, response_rows
 from tactuator.signals.record import Record
 
 
@@ -93,12 +93,8 @@ def deliver_response(path: Path, asked: Asked, out: Path | None, as_json: bool) 
         found = identify_response(read_foreign_response(path), asked, note)
     _say_and_write(found, out)
     table = Table("what", "value", title=f"response: {found.order} poles, {found.model.num.size - 1} zeros")
-    for name, values in (("numerator", found.model.num), ("denominator", found.model.den)):
-        top = values.size - 1
-        for k, value in enumerate(values):
-            table.add_row(f"{name}, s^{top - k}", f"{value:.5g}")
-    table.add_row("dead time (ms)", f"{1e3 * found.model.delay_s:.3g}")
-    table.add_row("largest departure from the response (dB)", f"{found.largest_db:.2f}")
+    for row in response_rows(found):
+        table.add_row(*row)
     answer(response_document(found) | {"out": out}, as_json, Group(table, *written(out)))
     if found.distrust:
         raise typer.Exit(1)

@@ -39,6 +39,12 @@ export class Identify {
     this.bits.columns.replaceChildren();
     write(this.state);
     const found = await this.link.ask("identify.look", this.asked());
+    if (found.points) {
+      this.bits.columns.replaceChildren(make("p", {}, `A frequency response of ${found.points} points; columns ${found.columns.join(", ")}. The model is found from it as it is: `, term("candidate", "candidates"), " and validation are for records."), this.orders());
+      this.drop.refuse("");
+      await this.model();
+      return;
+    }
     const choose = (which, chosen) => make("select", { id: `column-${which}`, onchange: (event) => { this.own[which] = event.target.value; this.own.order = this.own.zeros = this.own.hold = ""; if (this.own.input && this.own.output) this.again(); } },
       ...(chosen ? [] : [make("option", { value: "" }, "choose")]), ...found.columns.map((name) => make("option", { value: name, selected: name === chosen ? "" : null }, name)));
     const rate = make("input", { id: "rate", type: "number", min: "0", step: "any", value: this.own.rate ?? "", placeholder: found.rate_hz ? `${Number(found.rate_hz.toPrecision(6))}` : "", onchange: () => { this.own.rate = rate.value; this.again(); } });
@@ -54,6 +60,13 @@ export class Identify {
     if (found.said) { this.drop.refuse(found.said); return; }
     this.drop.refuse("");
     await this.model();
+  }
+
+  // The order of a response's model: the data's own choice, or one that is given.
+  orders() {
+    const select = make("select", { id: "order", onchange: () => { this.own.order = select.value; this.again(); } },
+      ...["", 1, 2, 3, 4, 5, 6, 7, 8].map((one) => make("option", { value: one, selected: `${one}` === (this.own.order ?? "") ? "" : null }, one === "" ? "let the data choose" : `${one}`)));
+    return make("label", {}, "poles ", select);
   }
 
   again() { return this.look().catch((error) => this.drop.refuse(error.message)); }
@@ -72,28 +85,29 @@ export class Identify {
   }
 
   show(found) {
-    const { response, residual } = found, own = response.own;
+    const { response, residual, departure } = found, own = response.own;
     const magnitude = new Chart("Magnitude (dB) over frequency (Hz)", { log: true }), phase = new Chart("Phase (degrees) over frequency (Hz)", { log: true, height: 170 });
-    const left = new Chart("Spectrum of position and residual (dB re 1 unit²/Hz) over frequency (Hz)", { log: true, height: 190 });
+    const left = new Chart(residual ? "Spectrum of position and residual (dB re 1 unit²/Hz) over frequency (Hz)" : "Departure of the response from the model (dB) over frequency (Hz)", { log: true, height: 190 });
     this.charts = [magnitude, phase, left];
     const edges = (middle, half) => [middle.map((one, i) => one - half[i]), middle.map((one, i) => one + half[i])];
     const of = (chart, name, band) => [
       { name: "95 % band", hue: "shade", x: response.frequency_hz, band: edges(response[name], response[band]) },
-      { name: "the record’s own, hold included", hue: "faint", x: own.frequency_hz, y: own[name], points: true },
+      { name: residual ? "the record’s own, hold included" : "the response that was dropped", hue: "faint", x: own[name].length ? own.frequency_hz : [], y: own[name], points: true },
       { name: "model", hue: "nominal", x: response.frequency_hz, y: response[name] }];
     const again = make("button", { type: "button", onclick: () => { this.own.order = this.own.zeros = this.own.hold = ""; this.again(); } }, "Let the data choose");
     this.bits.model.replaceChildren(
       ...(found.trusted ? [] : [make("div", { class: "crossed", role: "alert" }, "The model is not to be trusted: ", make("ul", {}, ...found.distrust.map((text) => make("li", {}, text))))]),
       make("div", { class: "bar" }, saved("Save model.json", "model.json", found.text), make("span", { class: "gap" }), command(found.command)),
       make("div", { class: "loop" },
-        make("div", {}, make("div", { class: "panel" }, make("h2", {}, "Response"), ...this.charts.map((one) => one.box), make("p", {}, term("residual"), `: ${residual.white ? "white" : "not white"}, ${residual.free ? "free" : "not free"} of the command.`))),
-        make("div", {}, make("div", { class: "panel" }, make("h2", {}, "What was tried"), this.candidates(found), this.own.order || this.own.hold ? again : ""),
+        make("div", {}, make("div", { class: "panel" }, make("h2", {}, "Response"), ...this.charts.map((one) => one.box), ...(residual ? [make("p", {}, term("residual"), `: ${residual.white ? "white" : "not white"}, ${residual.free ? "free" : "not free"} of the command.`)] : []))),
+        make("div", {}, ...(residual ? [make("div", { class: "panel" }, make("h2", {}, "What was tried"), this.candidates(found), this.own.order || this.own.hold ? again : "")] : []),
           make("div", { class: "panel" }, make("h2", {}, "Model"), make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Model" }, table("What was found", ["what", "value", "±95 %"], found.rows)), ...found.remarks.map((text) => make("p", {}, `Note: ${text}.`))),
-          make("div", { class: "panel" }, make("h2", {}, "Validation"), this.unseen.box, ...this.validate.map(({ name }, i) => make("div", { class: "factor" }, make("b", {}, name),
-            make("button", { type: "button", "aria-label": `Forget ${name}`, onclick: () => { this.validate.splice(i, 1); this.keep(); this.model().catch((error) => this.unseen.refuse(error.message)); } }, "Forget")))))));
+          ...(residual ? [make("div", { class: "panel" }, make("h2", {}, "Validation"), this.unseen.box, ...this.validate.map(({ name }, i) => make("div", { class: "factor" }, make("b", {}, name),
+            make("button", { type: "button", "aria-label": `Forget ${name}`, onclick: () => { this.validate.splice(i, 1); this.keep(); this.model().catch((error) => this.unseen.refuse(error.message)); } }, "Forget"))))] : []))));
     magnitude.show(of(magnitude, "magnitude_db", "band_db"));
     phase.show(of(phase, "phase_deg", "band_deg"));
-    left.show([{ name: "position", hue: "nominal", x: residual.frequency_hz, y: residual.position_db }, { name: "residual", hue: "sense", x: residual.frequency_hz, y: residual.residual_db }]);
+    if (departure) left.show([{ name: "measured over model", hue: "sense", x: departure.frequency_hz, y: departure.db, points: true }]);
+    else left.show([{ name: "position", hue: "nominal", x: residual.frequency_hz, y: residual.position_db }, { name: "residual", hue: "sense", x: residual.frequency_hz, y: residual.residual_db }]);
   }
 
   // A row of what was tried: its button takes its order and hold.

@@ -7,21 +7,24 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from tactuator.arrays import FloatArray
 from tactuator.console.asked import Answer, Finite, Name, ViewRequest
 from tactuator.console.workshop import Workshop
+from tactuator.display.plant_model import PlantModel
 from tactuator.errors import BadInput
 from tactuator.files.columns import read_columns
-from tactuator.files.foreign_response import is_response
+from tactuator.files.foreign_response import is_response, read_foreign_response
 from tactuator.files.model import identified_text
 from tactuator.files.record import read_record
 from tactuator.identification.asked import Asked
+from tactuator.identification.by_response import identify_response
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
 from tactuator.identification.validation import validated
-from tactuator.report.identification_table import identification_rows
+from tactuator.report.identification_table import identification_rows, response_rows
 from tactuator.signals.record import Record
 from tactuator.signals.spectra import power_spectrum
 
@@ -49,10 +52,9 @@ class IdentifyLook(_OfRecord):
         """Return the columns; where they cannot be guessed, the reason instead of a guess."""
         path = workshop.drawer.path(self.record)
         if is_response(path):
-            raise BadInput(
-                f"{path.name} is a frequency response; allowed here: a record "
-                f"(`tactuator identify {shlex.quote(path.name)}` takes responses)"
-            )
+            names = list(read_columns(path).values)
+            points = read_foreign_response(path).magnitude.size
+            return {"name": path.name, "columns": names, "said": None, "points": points}
         columns = list(read_columns(path).values)
         told: Answer = {"name": path.name, "columns": columns, "said": None}
         try:
@@ -81,6 +83,8 @@ class IdentifyModel(_OfRecord):
     def answer(self, workshop: Workshop) -> Answer:
         """Return the model, its curves and tables, the text of model.json, and the command that does the same."""
         path = workshop.drawer.path(self.record)
+        if is_response(path):
+            return self._of_response(path)
         unseen = [workshop.drawer.path(key) for key in self.validate_on]
         record = self.read(path)
         found = identify(record, **vars(Asked(order=self.order, zeros=self.zeros, hold=self.hold)))
@@ -98,6 +102,36 @@ class IdentifyModel(_OfRecord):
             "tried": [_candidate(found, one) for one in found.tried],
             "text": identified_text(found.model),
             "command": self.command(path, unseen),
+        }
+
+    def _of_response(self, path: Path) -> Answer:
+        """Return the model of a frequency response, and how far it departs from each point."""
+        if self.validate_on:
+            raise BadInput("a frequency response beside other files; allowed: one response by itself")
+        given = read_foreign_response(path)
+        found = identify_response(given, Asked(order=self.order, zeros=self.zeros, hold=self.hold))
+        model, value = found.model, given.value()
+        curve_hz = np.geomspace(*model.band_hz, _MOST_LINES)
+        phase = np.degrees(_near(model, curve_hz, given.frequency_hz, value))
+        own = {
+            "frequency_hz": _digits(given.frequency_hz),
+            "magnitude_db": _digits(20.0 * np.log10(given.magnitude)),
+            "phase_deg": [] if given.phase_rad is None else _digits(phase),
+        }
+        departure = 20.0 * np.log10(given.magnitude / np.abs(model.response(given.frequency_hz)))
+        return {
+            "rows": [[*row, ""] for row in response_rows(found)],
+            "trusted": not found.distrust,
+            "distrust": list(found.distrust),
+            "remarks": list(found.remarks),
+            "order": found.order,
+            "zeros": model.num.size - 1,
+            "hold": "",
+            "response": _curves(model, curve_hz) | {"own": own},
+            "departure": {"frequency_hz": own["frequency_hz"], "db": _digits(departure)},
+            "tried": [],
+            "text": identified_text(model),
+            "command": self.command(path, []),
         }
 
     def command(self, path: Path, unseen: list[Path]) -> str:
@@ -121,7 +155,7 @@ IdentifyRequest = IdentifyLook | IdentifyModel
 
 def _response(found: Identification) -> Answer:
     frequency = found.frequency_hz(_MOST_LINES)
-    value, model = found.model.response(frequency), found.model
+    model = found.model
     own = found.empirical.trusted()
     own_hz, points = own.frequency_hz, own.value
     if found.distortion is not None:
@@ -129,21 +163,32 @@ def _response(found: Identification) -> Answer:
     inside = (own_hz >= frequency[0]) & (own_hz <= frequency[-1])
     own_hz, points = own_hz[inside], points[inside]
     every = max(1, -(-own_hz.size // _SPECTRUM_LINES))
-    phase = np.unwrap(np.angle(value))
-    at = np.interp(np.log(own_hz[::every]), np.log(frequency), phase)
-    turned = at + np.angle(points[::every] * np.exp(-1j * at))  # the turn that lies nearest to the model's
-    return {
-        "frequency_hz": _digits(frequency),
-        "magnitude_db": _digits(20.0 * np.log10(np.abs(value))),
-        "phase_deg": _digits(np.degrees(phase)),
-        "band_db": _digits(model.band_db(frequency)),
-        "band_deg": _digits(np.degrees(model.band_rad(frequency))),
-        "valid_hz": model.valid_hz,
+    turned = _near(model, frequency, own_hz[::every], points[::every])
+    return _curves(model, frequency) | {
         "own": {
             "frequency_hz": _digits(own_hz[::every]),
             "magnitude_db": _digits(20.0 * np.log10(np.abs(points[::every]) + _LEAST)),
             "phase_deg": _digits(np.degrees(turned)),
         },
+    }
+
+
+def _near(model: PlantModel, curve_hz: FloatArray, at_hz: FloatArray, value: NDArray[np.complex128]) -> FloatArray:
+    """Return the phase of points, radians, by the turn that lies nearest to the model's curve at curve_hz."""
+    at = np.interp(np.log(at_hz), np.log(curve_hz), np.unwrap(np.angle(model.response(curve_hz))))
+    return np.asarray(at + np.angle(value * np.exp(-1j * at)))
+
+
+def _curves(model: PlantModel, frequency_hz: FloatArray) -> Answer:
+    """Return magnitude and phase of a model over frequency, with their bands, and where it is valid."""
+    value = model.response(frequency_hz)
+    return {
+        "frequency_hz": _digits(frequency_hz),
+        "magnitude_db": _digits(20.0 * np.log10(np.abs(value))),
+        "phase_deg": _digits(np.degrees(np.unwrap(np.angle(value)))),
+        "band_db": _digits(model.band_db(frequency_hz)),
+        "band_deg": _digits(np.degrees(model.band_rad(frequency_hz))),
+        "valid_hz": model.valid_hz,
     }
 
 
