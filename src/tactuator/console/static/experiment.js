@@ -44,7 +44,7 @@ export class Experiment {
     this.about = make("p", { id: "about-protocol", role: "status" });
     this.store = make("input", { id: "store", type: "text", value: this.own.store ?? store, list: "stores", autocomplete: "off", onchange: () => { this.own.store = this.store.value; write(this.state); } });
     this.auto = make("input", { type: "checkbox", id: "auto-start", checked: this.own.auto ? "" : null, onchange: () => { this.own.auto = this.auto.checked ? "1" : ""; write(this.state); } });
-    this.amend = make("input", { type: "text", id: "amend", autocomplete: "off", placeholder: "only where it says something else than before" });
+    this.amend = make("input", { type: "text", id: "amend", autocomplete: "off", placeholder: "of a study that has begun" });
     this.begin = make("button", { type: "button", id: "begin", class: "first", onclick: () => this.start() }, "Begin or resume");
     this.bits.setup.replaceChildren(make("h2", {}, "Begin or resume a study"),
       make("p", {}, "The study plays on the rig above, with the controller that is loaded. Its ", term("experiment store", "store"), " keeps every answer; a store that is there is resumed. The ", term("experiment protocol", "protocol"), " says what is played, and by which rule, a ", term("staircase"), " for example. While the study is open, the scope and the response watch and cannot play."),

@@ -42,7 +42,7 @@ export class GeneratorPanel {
   standing() {
     const { rig } = this, { wave, mode } = rig.standing;
     this.start.disabled = !rig.mayPlay || mode !== "live";
-    this.now.textContent = wave ? `${wave.kind} at ${wave.level_db_sl} dB SL on ${wave.channels.join(", ")}${wave.kind === "tone" ? `, ${wave.frequency_hz} Hz` : ""}` : mode === "live" ? "silent" : "not live: “Live” begins";
+    this.now.textContent = wave ? `${wave.kind} at ${wave.level_db_sl} dB SL on ${wave.channels.join(", ")}${wave.kind === "tone" ? `, ${wave.frequency_hz} Hz` : ""}` : rig.experiment ? "an experiment has the rig" : mode === "live" ? "silent" : "not live: “Live” begins";
     this.fields();
   }
 }

@@ -11,7 +11,7 @@ export class Identify {
 
   async open() {
     const { view, link } = this;
-    this.drop = new Drop(link, { label: "Record", accept: ".csv,.txt,.tsv,.dat,.mat,.wav,.flac,.h5,.hdf5", hint: "Drop a file here, or choose one: columns of time, command and position as CSV, MATLAB, HDF5 or sound.",
+    this.drop = new Drop(link, { label: "Record or response", accept: ".csv,.txt,.tsv,.dat,.mat,.wav,.flac,.h5,.hdf5", hint: "Drop a file here, or choose one: columns of time, command and position (or of frequency and magnitude) as CSV, MATLAB, HDF5 or sound.",
       taken: (key, name) => { this.own = this.state.own = { record: key, name }; this.validate = []; return this.look(); } });
     this.unseen = new Drop(link, { label: "Validation record", multiple: true, hint: "A record of the same mechanism that the fit does not see. The model is held against it.",
       taken: (key, name) => { this.validate = [...this.validate, { key, name }]; this.keep(); return this.model(); } });
