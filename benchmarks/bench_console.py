@@ -88,7 +88,7 @@ def served(path: Path, *more: str) -> Iterator[tuple[str, int]]:
         yield process.stderr.readline().split()[1], process.pid
     finally:
         process.terminate()
-        process.wait(timeout=10)
+        process.wait(timeout=60)
 
 
 def dragged(page: Page, selector: str, across: float, up: float) -> dict[str, float]:

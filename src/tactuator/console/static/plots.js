@@ -14,6 +14,7 @@ export class Plot {
 
   // series: [{ name, hue, dash, width, values, band }]; band: [least, greatest].
   show(series, range) {
+    this.last = series;
     const data = [this.x, ...series.flatMap((one) => (one.band ? [one.band[0], one.band[1]] : [one.values]))];
     const key = series.map((one) => one.name).join();
     if (this.plot && this.key === key) { this.range = range; this.plot.setData(data); return; }
@@ -55,7 +56,7 @@ export class Plot {
   }
 
   resize() { if (this.plot && this.box.clientWidth) this.plot.setSize({ width: this.box.clientWidth, height: this.height }); }
-  restyle() { this.key = null; }
+  restyle() { this.key = null; if (this.last) this.show(this.last, this.range); }
 }
 
 const each = (frame, loads, pick, dashes = true) => frame.curves.map((one, i) => ({ name: `${pick} ${loads[i]}`, hue: HUES[i] ?? "load", values: one[pick], dash: dashes && i ? [7, 4] : [] }));

@@ -22,7 +22,7 @@ export class Response {
     this.loader = new Loader(this.rig, this.link, this.state);
     const number = (id, value, text, more = {}) => make("label", {}, `${text} `, make("input", { type: "number", step: "any", id, value, ...more }));
     const loads = ["none", ...new Set(channels.flatMap((one) => one.loads))];
-    this.inputs = { level: number("level", "30", "level, dB SL", { onchange: () => this.expect() }), confidence: number("confidence", "0.25", "until ±, dB"), longest: number("longest", "30", "s a point at most"), mains: number("mains", "60", "mains, Hz") };
+    this.inputs = { level: number("level", "30", "level", { onchange: () => this.expect() }), confidence: number("confidence", "0.25", "until ±, dB"), longest: number("longest", "30", "s a point at most"), mains: number("mains", "60", "mains, Hz") };
     this.load = make("select", { id: "measured-load" }, ...loads.map((one) => make("option", { value: one }, one === "none" ? "free" : one)));
     this.hz = make("input", { id: "frequencies", placeholder: "30 over the band", size: "18" });
     this.on = channels.map((one) => make("input", { type: "checkbox", id: `measure-${one.name}`, checked: "" }));
@@ -32,7 +32,7 @@ export class Response {
     this.bits = { progress: make("p", { id: "measured", role: "status" }), command: make("div"), table: make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Points" }) };
     this.chart = new Chart("Level (dB SL) over frequency (Hz): expected as lines, measured as points", { height: 300, log: true, unit: "dB SL" });
     this.view.replaceChildren(make("h1", {}, `Response of ${display}`), this.rig.bar, this.loader.box,
-      make("div", { class: "panel" }, make("h2", {}, "Measure"), make("div", { class: "bar" }, ...channels.map((one, k) => make("label", {}, this.on[k], ` ${one.name}`)), make("label", {}, "finger ", this.load), ...Object.values(this.inputs), term("sensation level", "dB SL")),
+      make("div", { class: "panel" }, make("h2", {}, "Measure"), make("div", { class: "bar" }, ...channels.map((one, k) => make("label", {}, this.on[k], ` ${one.name}`)), make("label", {}, "finger ", this.load), this.inputs.level, term("sensation level", "dB SL"), this.inputs.confidence, this.inputs.longest, this.inputs.mains),
         make("div", { class: "bar" }, make("label", {}, "frequencies, Hz, commas between ", this.hz), this.begin, this.save), this.bits.command, this.bits.progress),
       make("div", { class: "panel" }, make("h2", {}, "Level over frequency"), make("label", {}, "channel ", this.shown), this.chart.box, this.bits.table));
   }
