@@ -19,6 +19,9 @@ ONE, CHAIN, NEITHER, CANNOT_TELL = "one", "chain", "neither", "cannot tell"
 FELT_ALIKE_DB = 0.25
 """A misfit that changes what is felt by no more than this does not speak against one mass, damper and spring."""
 _SURE = 0.99
+_MODEL_SHARE = 1e-3
+"""Share of a figure that the model leaves open however long is played: images of the held command, and what friction
+does differently under a finger."""
 _STARTS_HZ = (60.0, 120.0, 240.0)
 
 
@@ -81,6 +84,7 @@ def estimate_finger(
     each = np.array([_fit_one(frequency_hz, one, weight) for one in impedance])
     figures = each.mean(axis=0)
     half = stats.t.ppf(0.975, count - 1) * each.std(axis=0, ddof=1) / np.sqrt(count)
+    half = np.hypot(half, _MODEL_SHARE * figures)
     missed = mean - one_impedance(figures, frequency_hz)
     excess = _excess(missed * weight, count, 1.5)
     chain, chain_excess = np.zeros(0), None
