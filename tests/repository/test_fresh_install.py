@@ -54,7 +54,7 @@ class Tree:
         """No index but the folder, and nothing of what this machine tells pip."""
         here = {name: value for name, value in os.environ.items() if not name.startswith(("PIP_", "PYTHON"))}
         here |= {"PIP_CONFIG_FILE": os.devnull, "PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(self.index)}
-        return here | {"PIP_RETRIES": "1"} | more
+        return here | {"PIP_RETRIES": "1", "PYTHONDONTWRITEBYTECODE": "1"} | more
 
     def command(self, which: str = "run") -> list[str]:
         return [os.path.realpath(sys._base_executable), str(self.root / "tools/install.py"), which]
