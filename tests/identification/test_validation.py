@@ -65,6 +65,15 @@ def test_validate__motor_with_friction__holds_on_its_other_half_and_fails_with_a
     assert validate(found, Record(1000.0, 1.3 * command[half:], position[half:])).failures
 
 
+def test_identify__several_long_records__are_cut_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    count = made(1).command.size
+    monkeypatch.setattr("tactuator.identification.identify.LONGEST", count)
+    found = identify([made(1), made(5)], order=2, zeros=0, hold="band-limited")
+    used = [one for one in found.remarks if one.endswith("are used")]
+    assert [one.partition(":")[0] for one in used] == ["record 1", "record 2"]
+    assert all(f"the {count // 2 / made(1).rate_hz:.4g} s from" in one for one in used)
+
+
 def test_identify__several_records__tell_more_than_one() -> None:
     together = identify([made(1), made(5), made(6)], order=2, zeros=0, hold="band-limited")
     alone = identify(made(1), order=2, zeros=0, hold="band-limited")

@@ -26,7 +26,7 @@ from tactuator.identification.trust import distrusted
 from tactuator.signals.record import Record
 
 LONGEST = 1_000_000
-"""Samples identified at once; of a longer record the part with most command power is taken."""
+"""Samples identified at once, of all records together; of longer ones the parts with most command power are taken."""
 LONGEST_PREDICTED = 250_000
 """The same by prediction error, which costs each step a simulation."""
 METHODS = ("refined", "prediction", "rls")
@@ -76,7 +76,7 @@ def _prepared(records: Sequence[Record], asked: Asked) -> Prepared:
             found = [*record.remarks, *check_record(record)]
         except BadInput as error:
             raise BadInput(str(error) if len(records) == 1 else f"record {k + 1}: {error}") from None
-        piece, said = _liveliest(record, LONGEST)
+        piece, said = _liveliest(record, LONGEST // len(records))
         parts.append(record.part(piece) if said else record)
         remarks += [one if len(records) == 1 else f"record {k + 1}: {one}" for one in [*found, *said]]
     _require_alike(parts)
