@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from tactuator.console.app import CLOSE_FORBIDDEN, build_console, static_file
+from tactuator.console.app import build_console, static_file
 from tactuator.console.workshop import Workshop
 from tactuator.files.start.shipped import EXAMPLES
+from tactuator.web.sockets import CLOSE_FORBIDDEN
 from tests.web.server import served
 
 TOKEN = "a-token-of-this-test"

@@ -6,7 +6,8 @@ from websockets.exceptions import ConnectionClosed
 
 from tactuator.errors import StoreFault
 from tactuator.experiment.store import answer_records, schema
-from tactuator.web.app import CLOSE_FORBIDDEN, CLOSE_UNKNOWN
+from tactuator.web.sockets import CLOSE_FORBIDDEN
+from tactuator.web.study_pages import CLOSE_UNKNOWN
 from tests.experiment.session.apparatuses import ObedientClock, opened_study
 from tests.web.labs import TOKEN, begun, client, make_lab, response_count, until  # noqa: F401
 

@@ -21,11 +21,9 @@ from tactuator.console.study.routes import add_study
 from tactuator.console.workshop import Workshop
 from tactuator.web.pages import HEADERS, plain_text
 from tactuator.web.pages import static_file as shared_file
-from tactuator.web.sockets import has_token, same_origin
+from tactuator.web.sockets import CLOSE_FORBIDDEN, has_token, same_origin
 from tactuator.web.study_pages import StudyPages, add_study_pages
 
-CLOSE_FORBIDDEN = 4003
-"""Close code of a connection that is not allowed."""
 _TYPES = {
     ".css": "text/css",
     ".js": "text/javascript",

@@ -8,9 +8,7 @@ from starlette.exceptions import HTTPException as StarletteHTTPException
 
 from tactuator.web.lab import Lab
 from tactuator.web.pages import plain_text, static_file
-from tactuator.web.study_pages import CLOSE_FORBIDDEN, CLOSE_UNKNOWN, StudyPages, add_study_pages
-
-__all__ = ["CLOSE_FORBIDDEN", "CLOSE_UNKNOWN", "build_app"]
+from tactuator.web.study_pages import StudyPages, add_study_pages
 
 
 def build_app(lab: Lab, operator_token: str) -> FastAPI:

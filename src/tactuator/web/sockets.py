@@ -13,6 +13,8 @@ from starlette.websockets import WebSocketState
 
 from tactuator.errors import BadInput
 
+CLOSE_FORBIDDEN = 4003
+"""Close code of a connection that is not allowed."""
 _TOKEN_TIMEOUT_S = 10.0
 
 

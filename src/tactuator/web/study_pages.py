@@ -13,12 +13,12 @@ from tactuator.errors import BadInput
 from tactuator.web.lab import Lab
 from tactuator.web.operator import OperatorPage, Operators
 from tactuator.web.pages import page, plain_text
-from tactuator.web.sockets import has_token, same_origin
+from tactuator.web.sockets import CLOSE_FORBIDDEN, has_token, same_origin
 from tactuator.web.subject import SubjectTab
 from tactuator.web.tabs import Tabs
 
-CLOSE_FORBIDDEN, CLOSE_UNKNOWN = 4003, 4004
-"""Close codes of connections that are not allowed, or to no session or study that is open."""
+CLOSE_UNKNOWN = 4004
+"""Close code of a connection to no session or study that is open."""
 _NOTHING = "There is no such page here."
 
 

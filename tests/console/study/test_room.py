@@ -9,11 +9,12 @@ from websockets.exceptions import ConnectionClosed
 
 from tactuator.cli.main import main
 from tactuator.console.app import build_console
-from tactuator.console.study.routes import CLOSE_FORBIDDEN, CLOSE_NO_RIG
+from tactuator.console.scope.routes import CLOSE_NO_RIG
 from tactuator.console.workshop import Workshop
 from tactuator.experiment.store.answer_records import Answer
 from tactuator.experiment.store.lock import sessions_of
 from tactuator.experiment.store.store import Store
+from tactuator.web.sockets import CLOSE_FORBIDDEN
 from tests.console.pages import TOKEN
 from tests.console.scope.rig_page import Page
 from tests.console.views.dropped import dropped

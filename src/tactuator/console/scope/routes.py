@@ -13,10 +13,10 @@ from tactuator.console.scope.connection import RigConnection
 from tactuator.console.scope.controls import Controls
 from tactuator.console.scope.desk import Desk
 from tactuator.console.scope.host import RigHost
-from tactuator.web.sockets import has_token, same_origin
+from tactuator.web.sockets import CLOSE_FORBIDDEN, has_token, same_origin
 
-CLOSE_FORBIDDEN, CLOSE_NO_RIG = 4003, 4004
-"""Close codes of a connection that is not allowed, and of one to a console that was begun without a rig."""
+CLOSE_NO_RIG = 4004
+"""Close code of a connection to a console that was begun without a rig."""
 
 
 def add_rig(

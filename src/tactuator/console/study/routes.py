@@ -9,14 +9,13 @@ import logging
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 
 from tactuator.console.asked import Answer
+from tactuator.console.scope.routes import CLOSE_NO_RIG
 from tactuator.console.study import messages
 from tactuator.console.study.room import StudyRoom
 from tactuator.console.workshop import Workshop
 from tactuator.errors import TactuatorError
-from tactuator.web.sockets import has_token, receive_text, same_origin, send
+from tactuator.web.sockets import CLOSE_FORBIDDEN, has_token, receive_text, same_origin, send
 
-CLOSE_FORBIDDEN, CLOSE_NO_RIG = 4003, 4004
-"""Close codes of a connection that is not allowed, and of one to a console that was begun without a rig."""
 _DEFECT = "a defect of the console; the server's log has it. The store keeps what was answered"
 _LOGGER = logging.getLogger("tactuator.web.lab")
 
