@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,7 +19,7 @@ from tactuator.files.curve import read_curve, write_curve
 from tactuator.files.start.shipped import EXAMPLES
 from tactuator.report.open_loop_files import toml_text
 from tactuator.rig import open as rigs
-from tactuator.rig.sound import library
+from tactuator.rig.sound import audio_thread, library
 from tests.cli.refusals import refused
 from tests.measure.open_loop.exciters import persons_curve
 from tests.rig.sound.turned_card import OVERFLOW, TurnedCard, sound_display, turned_rig
@@ -43,6 +44,7 @@ def fake_sounddevice(error: str = "", outputs: int = 2, inputs: int = 2) -> Simp
     }
     return SimpleNamespace(
         PortAudioError=PortAudioError,
+        _exit_handler=lambda: None,
         _StreamBase=stream,
         _ffi=SimpleNamespace(cast=lambda kind, value: value),
         query_hostapis=lambda: [{"name": "ALSA"}],
@@ -85,6 +87,23 @@ def test_calibrate_display__card_that_will_not_do__one_line_and_nothing_written(
     assert err.count("\n") == 1
     assert words in err
     assert not (tmp_path / "out").exists()
+
+
+def test_calibrate_display__card_that_never_opens__one_line_and_nothing_written(
+    display_file: str, tmp_path: Path, monkeypatch, capfd
+):
+    go = threading.Event()
+    module = fake_sounddevice()
+    module._StreamBase = lambda *given, **more: go.wait(10.0)
+    monkeypatch.setattr(library, "import_module", lambda name: module)
+    monkeypatch.setattr(audio_thread, "ANSWER_S", 0.1)
+    monkeypatch.setattr(library.PORTAUDIO, "_hung", "")  # as it was, at the end of the test
+    out = tmp_path / "out"
+    assert main(["calibrate-display", display_file, "--rig", "sound:Card", "--out", str(out)]) == 3
+    go.set()
+    (line,) = capfd.readouterr().err.splitlines()
+    assert "opening sound card 'ALSA/Card': the sound system has not answered for 0.1 s; allowed: " in line
+    assert not out.exists()
 
 
 def put_in(monkeypatch: pytest.MonkeyPatch, **card: Any) -> list[TurnedCard]:

@@ -1,4 +1,4 @@
-"""A detection experiment and a speech file on a simulated sound card, from start to end: JSON. Argument: SPEED.
+"""A detection experiment and a speech file on a simulated sound card, from start to end: JSON.
 
 The subject is a script that detects by Weibull's function of the level at which the trial was really felt: the
 exciter's displacement, in its own port of the card, which the display has as its sensor here.
@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
-import time
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -34,7 +33,7 @@ from tactuator.files.display import parse_display
 from tactuator.files.start.shipped import EXAMPLES
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.demo.exciter import Exciter
-from tactuator.rig.sound.demo.server import CALM_S, simulated_card
+from tactuator.rig.sound.demo.server import simulated_card
 from tactuator.rig.sound.loopback import measure_delay, wire_display
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.synthesis.design import design_controller
@@ -155,16 +154,15 @@ def speech(card: str, made: Controller, folder: Path) -> dict[str, object]:
     return {"rendered": rendered, "played": played}
 
 
-def run(speed: float) -> dict[str, object]:
+def run() -> dict[str, object]:
     began = datetime.now(UTC)
-    with tempfile.TemporaryDirectory() as name, simulated_card([EXCITER, None], speed=speed) as card:
+    with tempfile.TemporaryDirectory() as name, simulated_card([EXCITER, None]) as card:
         folder = Path(name)
         # the wire beside the exciter, as `sound latency` hears it
         with open_rig(f"sound:{card.device}", wire_display(RATE_HZ, 2, 2)) as wire:
             assert isinstance(wire, SoundRig)
             wire.feed_far_ahead()
             late = measure_delay(wire, 0.1, np.random.default_rng(0))
-        time.sleep(CALM_S)
         made = controller(late.samples)
         found = {"latency_samples": late.samples, "spread": late.spread}
         found |= detection(card.device, made, folder) | speech(card.device, made, folder)
@@ -172,5 +170,5 @@ def run(speed: float) -> dict[str, object]:
 
 
 if __name__ == "__main__":
-    found = run(float(sys.argv[1]))
+    found = run()
     sys.stdout.write(json.dumps(found) + "\n")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from typing import Any
@@ -108,6 +110,19 @@ def server_killed() -> dict[str, object]:
         except DeviceFault as fault:
             return {"fault": type(fault).__name__, "words": str(fault)}
     return {"fault": "none"}
+
+
+def server_hung() -> dict[str, object]:
+    """The server is stopped, not ended: whoever asks it for something waits for ever."""
+    code = "import sys; from tactuator.cli import main; from tactuator.rig.sound import audio_thread\n"
+    code += "audio_thread.ANSWER_S = 1.0; sys.exit(main(['sound', 'devices']))"
+    with simulated_card([None]) as card:
+        os.kill(card.server.pid, signal.SIGSTOP)
+        try:
+            done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=False)
+        finally:
+            card.server.kill()
+    return {"status": done.returncode, "words": done.stderr}
 
 
 def client_stopped() -> dict[str, object]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tactuator.errors import BadInput
-from tactuator.rig.sound.library import quiet, sounddevice
+from tactuator.rig.sound.library import PORTAUDIO, quiet, sounddevice
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,15 @@ class Card:
 
 
 def list_cards() -> tuple[Card, ...]:
-    """Return every device, in PortAudio's order. Raises BadInput without PortAudio."""
+    """Return every device, in PortAudio's order. Raises BadInput without PortAudio, and DeviceFault where it does
+    not answer.
+    """
     library = sounddevice()
     with quiet():
-        hosts = [str(host["name"]) for host in library.query_hostapis()]
-        devices = list(library.query_devices())
+        found, devices = PORTAUDIO.answer(
+            lambda: (library.query_hostapis(), list(library.query_devices())), "listing sound cards"
+        )
+    hosts = [str(host["name"]) for host in found]
     return tuple(
         Card(
             index,

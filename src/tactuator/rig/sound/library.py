@@ -7,23 +7,26 @@ import ctypes
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from ctypes.util import find_library
 from functools import cache
 from importlib import import_module
 from typing import Any
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, DeviceFault
+from tactuator.rig.sound.audio_thread import AudioThread
+
+PORTAUDIO = AudioThread()
+"""The thread in which PortAudio is called, from the moment it is initialised."""
 
 
 def sounddevice() -> Any:
     """Return the module sounddevice with PortAudio initialised. Raises BadInput, with the remedy, where one of them is
-    missing.
+    missing; DeviceFault where the system does not answer.
     """
     try:
         with quiet():
-            name_jack_client()
-            return import_module("sounddevice")
+            return PORTAUDIO.answer(_initialised, "looking for sound cards")
     except ImportError:
         raise BadInput(
             "sound cards need sounddevice, which is not there; allowed: pip install 'tactuator[sound]'"
@@ -32,6 +35,21 @@ def sounddevice() -> Any:
         raise BadInput(
             "PortAudio's library is not there; allowed: where it is installed (Debian: apt-get install libportaudio2)"
         ) from None
+
+
+def _initialised() -> Any:
+    name_jack_client()
+    known = "sounddevice" in sys.modules
+    module = import_module("sounddevice")
+    if not known:  # at the end of the program it is left in the thread in which it began
+        atexit.unregister(module._exit_handler)
+        atexit.register(_leave_in_order, module)
+    return module
+
+
+def _leave_in_order(module: Any) -> None:
+    with suppress(DeviceFault), quiet():
+        PORTAUDIO.answer(module._exit_handler, "leaving the sound cards")
 
 
 @cache
@@ -67,9 +85,7 @@ def quiet() -> Iterator[None]:
 
 def leave_library() -> None:
     """Let PortAudio be as it is at the end of the program: after its server has died, ending it would abort us."""
-    module = sys.modules.get("sounddevice")
-    if module is not None:
-        atexit.unregister(module._exit_handler)
+    atexit.unregister(_leave_in_order)
 
 
-__all__ = ["leave_library", "name_jack_client", "quiet", "sounddevice"]
+__all__ = ["PORTAUDIO", "leave_library", "name_jack_client", "quiet", "sounddevice"]

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 from tactuator.errors import BadInput, DeviceFault
 from tactuator.rig.sound.cards import Card
-from tactuator.rig.sound.library import leave_library, quiet, sounddevice
+from tactuator.rig.sound.library import PORTAUDIO, leave_library, quiet, sounddevice
 from tactuator.rig.sound.rows import CardRows, callback_address
 
 
@@ -21,7 +21,8 @@ class Port(Protocol):
 class CardPort:
     """A duplex stream between `out` and `taken_from` (None: outputs only) that exchanges `rows`.
 
-    Raises BadInput where the card lacks channels or the rate, and DeviceFault where it cannot be opened.
+    Raises BadInput where the card lacks channels or the rate, and DeviceFault where it cannot be opened or does not
+    answer.
     """
 
     def __init__(
@@ -50,28 +51,36 @@ class CardPort:
         kind = "output" if taken_from is None else "duplex"
         device: Any = out.index if taken_from is None else (taken_from.index, out.index)
         channels: Any = outputs if taken_from is None else (inputs, outputs)
+
+        def started() -> tuple[Any, CardRows]:
+            stream = library._StreamBase(kind, device=device, channels=channels, **common)
+            try:
+                stream.start()
+            except library.PortAudioError:
+                _end(stream)
+                raise
+            return stream, rows  # the rows have to live for as long as the card may call back
+
         try:
             with quiet():
-                self._stream = library._StreamBase(kind, device=device, channels=channels, **common)
-                self._stream.start()
+                self._stream, self._rows = PORTAUDIO.answer(
+                    started, f"opening sound card {out.full_name!r}", lambda made: _end(made[0])
+                )
         except library.PortAudioError as error:
             raise refusal(error, out, rate_hz) from None
-        self._rows = rows  # kept for as long as the card may call back
-
-    @property
-    def latency_s(self) -> tuple[float, float]:
-        """Return what PortAudio says of the latency of input and output, seconds."""
-        told = self._stream.latency
-        return (0.0, float(told)) if isinstance(told, float) else (float(told[0]), float(told[1]))
 
     def close(self, alive: bool) -> None:
-        """Let go of the card."""
+        """Let go of the card. Raises DeviceFault where it does not answer."""
         if not alive:
             leave_library()
             return
         with quiet():
-            self._stream.abort(ignore_errors=True)
-            self._stream.close(ignore_errors=True)
+            PORTAUDIO.answer(lambda: _end(self._stream), "letting go of the sound card")
+
+
+def _end(stream: Any) -> None:
+    stream.abort(ignore_errors=True)
+    stream.close(ignore_errors=True)
 
 
 def check_channels(there: int, wanted: int, card: Card, what: str) -> None:

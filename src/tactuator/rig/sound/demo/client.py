@@ -1,8 +1,7 @@
 """The program of simulated exciters on a JACK server: `python -m tactuator.rig.sound.demo.client SETTINGS.json`.
 
 Each exciter has a port that drives it, one of its accelerometer and one that tells its displacement: the ports
-of a client are a device for PortAudio. An exciter that is null is a wire. A speed other than 1 is JACK's freewheel
-mode, in which the server waits for its clients and for no clock: the exciters then keep the pace.
+of a client are a device for PortAudio. An exciter that is null is a wire.
 """
 
 from __future__ import annotations
@@ -40,12 +39,9 @@ def main(arguments: Sequence[str]) -> None:
     ports = [client.outports.register(f"sensor_{k + 1}") for k in range(count)]
     ports += [client.outports.register(f"felt_{k + 1}") for k in range(count)]
     over = threading.Event()
-    pace = FramePace(float(client.samplerate) * settings["speed"]) if settings["speed"] != 1.0 else None
 
     @client.set_process_callback  # type: ignore[untyped-decorator]
     def process(frames: int) -> None:
-        if pace is not None:
-            pace.wait(frames)
         for k, answer in enumerate(answers):
             heard, moved = answer(drives[k].get_array().astype(np.float64))
             ports[k].get_array()[:] = heard
@@ -56,24 +52,10 @@ def main(arguments: Sequence[str]) -> None:
         over.set()
 
     with client:
-        if pace is not None:
-            threading.Thread(target=_hurry, args=(client, over), daemon=True).start()
         sys.stdout.write("ready\n")
         sys.stdout.flush()
         threading.Thread(target=_wait_for_end, args=(over,), daemon=True).start()
         over.wait()
-
-
-class FramePace:
-    """A clock of `rate_hz` frames: who is late is not hurried afterwards."""
-
-    def __init__(self, rate_hz: float) -> None:
-        self._rate_hz, self._due = rate_hz, time.monotonic()
-
-    def wait(self, frames: int) -> None:
-        """Wait until `frames` have gone by since the last call."""
-        self._due = max(self._due + frames / self._rate_hz, time.monotonic() - frames / self._rate_hz)
-        time.sleep(max(0.0, self._due - time.monotonic()))
 
 
 def opened(jack: Any, name: str, server: str) -> Any:
@@ -86,21 +68,6 @@ def opened(jack: Any, name: str, server: str) -> Any:
             if time.monotonic() > until:
                 raise
             time.sleep(0.1)
-
-
-def _hurry(client: Any, over: threading.Event) -> None:
-    """Keep the server in freewheel mode for as long as somebody is connected, from half a second after the last
-    connection was made: nobody can connect within it.
-    """
-    hurried, seen, since = False, 0, 0
-    while not over.wait(0.05):
-        count = sum(len(port.connections) for port in (*client.inports, *client.outports))
-        since = since + 1 if count == seen else 0
-        seen = count
-        wanted = bool(count) and (hurried or since >= 10)
-        if wanted != hurried:
-            client.set_freewheel(wanted)
-            hurried = wanted
 
 
 def _wait_for_end(over: threading.Event) -> None:

@@ -35,21 +35,15 @@ class SimulatedCard:
     client: subprocess.Popen[bytes]
 
 
-CALM_S = 1.0
-"""A card whose speed is not 1 must be left alone for so long before it is opened once more: JACK lets nobody connect
-in freewheel mode, and the exciters leave that mode when they see that nobody is connected."""
-
-
 @contextmanager
 def simulated_card(
     exciters: Sequence[Exciter | None],
     rate_hz: float = 48000.0,
     period: int = PERIOD,
     seed: int = 0,
-    speed: float = 1.0,
 ) -> Iterator[SimulatedCard]:
     """Yield a sound card with an exciter (None: a wire) between each output and input; both programs are ended at the
-    end of the context. speed: of its clock; 1 is real time.
+    end of the context.
 
     The server is this process's default one meanwhile: PortAudio must not have been asked for before. Raises BadInput
     where JACK is missing, DeviceFault where it does not start.
@@ -62,7 +56,7 @@ def simulated_card(
     with _server_name() as (name, lock), tempfile.TemporaryDirectory() as folder:
         os.environ |= {"JACK_DEFAULT_SERVER": name, "JACK_NO_AUDIO_RESERVATION": "1", "JACK_NO_START_SERVER": "1"}
         file, device = Path(folder) / "exciters.json", f"{name}-exciters"
-        settings = {"server": name, "client": device, "seed": seed, "speed": speed, "exciters": documents}
+        settings = {"server": name, "client": device, "seed": seed, "exciters": documents}
         file.write_text(json.dumps(settings), encoding="utf-8")
         dummy = ["-d", "dummy", "-r", f"{rate_hz:g}", "-p", str(period), "-w", str(round(1e6 * period / rate_hz))]
         server = subprocess.Popen(
