@@ -1,10 +1,9 @@
-"""Score test of a threshold that moved during a run, with the power that the run's trials gave it.
+"""Score test of a threshold that moved during a run at one frequency, with the power that the run's trials gave it.
 
-Trials are linearised about the fitted curve g (thresholds at one or more points, Gaussian prior of covariance K). For a
-threshold that moves by `drift` from the first trial to the last, the score is sum w (psi - y) t, with t from -1/2 to
-1/2. With g free its information is t'It - t'IZ (1/K + Z'IZ)^-1 Z'It, where I holds the information of each trial and Z
-says at which point it was. The score divided by the root of that is standard normal where nothing moves. A run at one
-frequency is a curve of one point.
+Trials are linearised about the fitted threshold g, whose prior is normal with precision p. For a threshold that moves
+by `drift` from the first trial to the last, the score is sum w (psi - y) t, with t from -1/2 to 1/2. With g free its
+information is sum I t^2 - (sum I t)^2 / (p + sum I), where I is the information of each trial. The score divided by the
+root of that is standard normal where nothing moves.
 """
 
 from __future__ import annotations
@@ -25,17 +24,7 @@ CRITICAL_Z = 2.0
 
 _NEWTON_STEPS = 8
 _SLOPE_STEP_DB = 0.05
-
-
-@dataclass(frozen=True)
-class Trials:
-    """Trials of several runs: point (index), level_db_sl and correct, each (runs, trials); level NaN where a run was
-    over.
-    """
-
-    point: NDArray[np.intp]
-    level_db_sl: FloatArray
-    correct: NDArray[np.bool_]
+_PRECISION = 1.0 / 30.0**2
 
 
 @dataclass(frozen=True)
@@ -49,60 +38,43 @@ class Drift:
     power: FloatArray
 
 
-def drift_test(
-    trials: Trials,
-    covariance: FloatArray,
-    start_db: FloatArray,
-    slope: FloatArray,
-    lapse: FloatArray,
-    answering: Answering,
-) -> Drift:
-    """Test every run for drift.
+@dataclass(frozen=True)
+class Answers:
+    """Answers of several runs: level_db_sl, NaN where a run was over, and correct, (runs, trials) each.
 
-    covariance: K, (points, points). start_db: prior mean of g and first guess at it, (runs, points). slope, lapse: of
-    each run's psychometric function, (runs,), taken as known.
+    slope, lapse: of each run's psychometric function, (runs,), taken as known.
     """
-    points = start_db.shape[1]
-    precision = np.linalg.inv(covariance + 1e-6 * np.eye(points))
-    lengths = np.isfinite(trials.level_db_sl).sum(axis=1)
-    time = np.arange(trials.level_db_sl.shape[1]) / np.maximum(lengths - 1, 1)[:, None] - 0.5
-    curve = start_db.copy()
+
+    level_db_sl: FloatArray
+    correct: NDArray[np.bool_]
+    slope: FloatArray
+    lapse: FloatArray
+
+
+def drift_test(answers: Answers, start_db: FloatArray, answering: Answering) -> Drift:
+    """Test every run for drift. start_db: prior mean of the threshold and first guess at it, (runs,)."""
+    lengths = np.isfinite(answers.level_db_sl).sum(axis=1)
+    time = np.arange(answers.level_db_sl.shape[1]) / np.maximum(lengths - 1, 1)[:, None] - 0.5
+    threshold = start_db.copy()
     for _ in range(_NEWTON_STEPS):
-        weight, information = _linearised(trials, curve, slope, lapse, answering)
-        slack = -_by_point(trials, weight, points) - (curve - start_db) @ precision
-        bend = _diagonal(_by_point(trials, information, points)) + precision
-        curve = curve + np.clip(np.linalg.solve(bend, slack[..., None])[..., 0], -4.0, 4.0)
-    weight, information = _linearised(trials, curve, slope, lapse, answering)
-    bend = _diagonal(_by_point(trials, information, points)) + precision
-    across = _by_point(trials, information * time, points)
-    held = np.linalg.solve(bend, across[..., None])[..., 0]
-    left = np.maximum((information * time**2).sum(axis=1) - (across * held).sum(axis=1), 1e-12)
+        weight, information = _linearised(answers, threshold, answering)
+        slack = -weight.sum(axis=1) - (threshold - start_db) * _PRECISION
+        threshold = threshold + np.clip(slack / (information.sum(axis=1) + _PRECISION), -4.0, 4.0)
+    weight, information = _linearised(answers, threshold, answering)
+    held = (information * time).sum(axis=1) ** 2 / (information.sum(axis=1) + _PRECISION)
+    left = np.maximum((information * time**2).sum(axis=1) - held, 1e-12)
     z = -(weight * time).sum(axis=1) / np.sqrt(left)
     reach = POWER_DRIFT_DB * np.sqrt(left)
     return Drift(z, np.asarray(ndtr(reach - CRITICAL_Z) + ndtr(-reach - CRITICAL_Z)))
 
 
-def _linearised(
-    trials: Trials, curve: FloatArray, slope: FloatArray, lapse: FloatArray, answering: Answering
-) -> tuple[FloatArray, FloatArray]:
+def _linearised(answers: Answers, threshold: FloatArray, answering: Answering) -> tuple[FloatArray, FloatArray]:
     """Return the score with respect to level, and the information, of every trial; both zero where a run was over."""
-    there = np.isfinite(trials.level_db_sl)
-    at = np.take_along_axis(curve, trials.point, axis=1)
-    level = np.where(there, trials.level_db_sl - at, 0.0)
-    bend, miss = slope[:, None], lapse[:, None]
+    there = np.isfinite(answers.level_db_sl)
+    level = np.where(there, answers.level_db_sl - threshold[:, None], 0.0)
+    bend, miss = answers.slope[:, None], answers.lapse[:, None]
     psi = answering.psi(level, bend, miss)
     steep = answering.psi(level + _SLOPE_STEP_DB, bend, miss) - answering.psi(level - _SLOPE_STEP_DB, bend, miss)
     steep = np.where(there, steep / (2.0 * _SLOPE_STEP_DB), 0.0)
     spread = psi * (1.0 - psi)
-    return steep * (trials.correct - psi) / spread, steep**2 / spread
-
-
-def _by_point(trials: Trials, values: FloatArray, points: int) -> FloatArray:
-    """Sum values over the trials at each point; returns (runs, points)."""
-    found = np.zeros((values.shape[0], points))
-    np.add.at(found, (np.arange(values.shape[0])[:, None], trials.point), values)
-    return found
-
-
-def _diagonal(values: FloatArray) -> FloatArray:
-    return np.asarray(values[..., None] * np.eye(values.shape[-1]))
+    return steep * (answers.correct - psi) / spread, steep**2 / spread

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.answering import Answering
-from tactuator.experiment.procedure.drift import CRITICAL_Z, Drift, Trials, drift_test
+from tactuator.experiment.procedure.drift import CRITICAL_Z, Answers, Drift, drift_test
 from tactuator.experiment.procedure.refit import Refit, RefitPrior
 
 LEAST_LOG_EVIDENCE = 3.0
@@ -18,7 +18,6 @@ LAPSE_LOG_ODDS = 1.5
 """Log likelihood ratio of frequent over rare lapses above which a run is flagged `lapses`."""
 POWER_LAPSE_RATE = 0.15
 """Lapse rate for which the power is stated."""
-_PRIOR_SD_DB = 30.0
 _EASY_ABOVE_DB = 8.0
 
 
@@ -51,9 +50,8 @@ def run_flags(levels_db: FloatArray, correct: NDArray[np.bool_], fitted: Refit, 
     levels_db, correct: (runs, trials), NaN where a run was over. fitted: the refit of the same runs, with that prior.
     """
     answering = Answering(slopes=(1.0,), lapses=(0.0,), lapse_shares=(1.0,), guess=prior.guess, target=prior.target)
-    trials = Trials(np.zeros(levels_db.shape, dtype=np.intp), levels_db, correct)
-    start = fitted.threshold_db[:, None]
-    drift = drift_test(trials, np.array([[_PRIOR_SD_DB**2]]), start, fitted.slope, fitted.lapse, answering)
+    answers = Answers(levels_db, correct, fitted.slope, fitted.lapse)
+    drift = drift_test(answers, fitted.threshold_db, answering)
     return RunFlags(fitted.log_bayes_factor, fitted.lapse_log_odds, _lapse_power(levels_db, fitted), drift)
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.experiment.procedure.drift import Trials
 from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
+from tactuator.experiment.procedure.whole_curve.curve_drift import Trials
 from tactuator.experiment.procedure.whole_curve.curve_flags import CurveFlags, curve_flags
 from tactuator.experiment.procedure.whole_curve.curve_prior import clear_of_mains
 from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.experiment.procedure.drift import Trials
 from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
+from tactuator.experiment.procedure.whole_curve.curve_drift import Trials
 from tactuator.experiment.procedure.whole_curve.curve_flags import curve_flags
 from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
 from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule

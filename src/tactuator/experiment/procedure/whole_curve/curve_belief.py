@@ -11,15 +11,17 @@ once; a single run is a batch of one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import logsumexp
 
 from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.answering import Answering
 from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
-from tactuator.experiment.procedure.whole_curve.curve_refinement import PointLikelihoods, Sites, refine
+from tactuator.experiment.procedure.whole_curve.curve_refinement import PointLikelihoods, Refined, Sites, refine
 
 OFFSETS_DB = (-12.0, -6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0, 8.0, 11.0, 14.0, 20.0)
 """Levels that are tried, relative to the present estimate at each frequency.
@@ -47,6 +49,8 @@ _COMPONENTS_KEPT = {12: 160, 25: 72, 50: 40, 75: 32}
 """Number of components kept after that many trials; those dropped had next to no weight."""
 _FIRST_REFINEMENT = 12
 _REFINED_EVERY = 25
+_JUDGING_COMPONENTS = 32
+"""Number of components from which the evidence of other likelihoods is computed: those that a long run keeps."""
 _REFINED_AT_ONCE = 128
 """Components that are refined together: their arrays fit a processor's cache."""
 
@@ -210,20 +214,46 @@ class CurveBelief:
 
     def _refine(self) -> None:
         """Refine every component from all trials; one that does not settle stays as it was learnt."""
-        answerings = len(self.answering.slopes) * len(self.answering.lapses)
         runs, components = np.indices(self.log_weight.shape).reshape(2, -1)
         for first in range(0, runs.size, _REFINED_AT_ONCE):
             at = runs[first : first + _REFINED_AT_ONCE], components[first : first + _REFINED_AT_ONCE]
-            kind, part = self.kind[at], self._part[at]
-            start_mean = np.broadcast_to(self._start_mean[kind, None], (kind.size, self.mean.shape[2]))
-            likelihood = self._likelihoods.log_likelihood[at[0], part % answerings]
-            begin = Sites(self._precision[at], self._shift[at])
-            found = refine(start_mean, self._start[kind], likelihood, self._likelihoods.seen[at[0]], begin)
+            found = self._refined(at, self._likelihoods, Sites(self._precision[at], self._shift[at]))
             self._precision[at], self._shift[at] = found.sites.precision, found.sites.shift
             settled = found.settled
             use = at[0][settled], at[1][settled]
             self.mean[use], self.covariance[use] = found.mean[settled], found.covariance[settled]
-            self.log_weight[use] = self._log_share[part[settled]] + found.log_evidence[settled]
+            self.log_weight[use] = self._log_share[self._part[use]] + found.log_evidence[settled]
+
+    def _refined(
+        self, at: tuple[NDArray[np.intp], NDArray[np.intp]], likelihoods: PointLikelihoods, begin: Sites
+    ) -> Refined:
+        """Return the components at (runs, components), (n,) each, refined from these likelihoods."""
+        kind, answerings = self.kind[at], len(self.answering.slopes) * len(self.answering.lapses)
+        start_mean = np.broadcast_to(self._start_mean[kind, None], (kind.size, self.mean.shape[2]))
+        likelihood = likelihoods.log_likelihood[at[0], self._part[at] % answerings]
+        return refine(start_mean, self._start[kind], likelihood, likelihoods.seen[at[0]], begin)
+
+    def log_evidence(self, likelihoods: Sequence[PointLikelihoods]) -> FloatArray:
+        """Return the log evidence for a curve if the trials had these likelihoods, (runs, likelihoods).
+
+        It is that of the _JUDGING_COMPONENTS heaviest components, without those that do not settle with every one of
+        the likelihoods. The first are likely ones: the others begin where it settled.
+        """
+        count = min(_JUDGING_COMPONENTS, self.log_weight.shape[1])
+        top = np.argsort(-self.log_weight, axis=1, kind="stable")[:, :count]
+        runs, components = np.repeat(np.arange(self.runs), count), top.reshape(-1)
+        found = np.full((runs.size, len(likelihoods)), -np.inf)
+        for first in range(0, runs.size, _REFINED_AT_ONCE):
+            part = slice(first, first + _REFINED_AT_ONCE)
+            at = runs[part], components[part]
+            begin = Sites(np.zeros_like(self._precision[at]), np.zeros_like(self._shift[at]))
+            begin = self._refined(at, likelihoods[0], begin).sites
+            refined = [self._refined(at, one, begin) for one in likelihoods]
+            share = self._log_share[self._part[at]][:, None]
+            evidence = share + np.stack([one.log_evidence for one in refined], axis=1)
+            settled = np.all([one.settled for one in refined], axis=0)
+            found[part] = np.where(settled[:, None], evidence, -np.inf)
+        return np.asarray(logsumexp(found.reshape(self.runs, count, -1), axis=1))
 
     def _keep(self, count: int) -> None:
         """Keep the `count` heaviest components of every run and drop the others."""

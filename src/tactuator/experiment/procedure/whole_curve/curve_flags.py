@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tactuator.arrays import FloatArray
-from tactuator.experiment.procedure.drift import CRITICAL_Z, Drift, Trials, drift_test
 from tactuator.experiment.procedure.run_flags import LEAST_LOG_EVIDENCE
 from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
-from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
+from tactuator.experiment.procedure.whole_curve.curve_drift import LEAST_LOG_ODDS, CurveDrift, Trials, curve_drift
 
 _FLAGGED_LAPSE_RATE = 0.05
 _LAPSE_PROBABILITY_MIN = 0.6
@@ -23,25 +22,18 @@ class CurveFlags:
 
     log_bayes_factor: FloatArray
     lapsing: FloatArray
-    drift: Drift
+    drift: CurveDrift
 
     def names(self, run: int = 0) -> tuple[str, ...]:
         """Return the names of the flags of one run, sorted."""
         found = {
             "chance": self.log_bayes_factor[run] < LEAST_LOG_EVIDENCE,
             "lapses": self.lapsing[run] > _LAPSE_PROBABILITY_MIN,
-            "drift": abs(self.drift.z[run]) > CRITICAL_Z,
+            "drift": self.drift.log_odds[run] > LEAST_LOG_ODDS,
         }
         return tuple(sorted(name for name, true in found.items() if true))
 
 
 def curve_flags(belief: CurveBelief, trials: Trials) -> CurveFlags:
     """Test every run of a belief that has learnt these trials."""
-    prior = belief.prior
-    mean, _ = belief.curve(prior.frequency_hz)
-    free = CurveKind("free", 1.0, 0.0, 10.0, 4.0, 0.0, rough_db=7.0)
-    weight = belief.weight
-    slope, lapse = (weight * belief.slope).sum(axis=1), (weight * belief.lapse).sum(axis=1)
-    covariance = free.covariance(prior.frequency_hz, prior.frequency_hz, prior.middle_hz)
-    found = drift_test(trials, covariance, mean, slope, lapse, belief.answering)
-    return CurveFlags(belief.log_bayes_factor, belief.share_of_lapses(_FLAGGED_LAPSE_RATE), found)
+    return CurveFlags(belief.log_bayes_factor, belief.share_of_lapses(_FLAGGED_LAPSE_RATE), curve_drift(belief, trials))
