@@ -141,6 +141,13 @@ def test_console_rig__whose_process_ends_in_a_stream__is_a_fault_and_rest_return
     rig.rest()
 
 
+def test_console_rig__whose_process_ended_between_streams__plays_on_the_next_one(host, controller):
+    rig = ConsoleRig(host)
+    rig.load(controller)
+    host.presented(None)  # as it is told of a process that has ended; the rig was opened anew since
+    assert len(rig.play(wave(50))) == 50
+
+
 class Watcher:
     def tell_standing(self):
         self.told = True
