@@ -70,12 +70,18 @@ def test_command__that_is_shown__writes_the_same_bytes(found, record, tmp_path, 
     assert "on unseen.csv" in printed
 
 
-def test_response__dropped__gives_the_model_that_the_command_writes_and_its_departure(tmp_path, monkeypatch, capsys):
+def response_file(path):
+    """Write a response of two poles, by SciPy; return its frequencies and values."""
     hz = np.geomspace(2.0, 400.0, 60)
     _, truth = signal.freqs([4.0e4], [1.0, 60.0, 2.0e4], 2.0 * np.pi * hz)
     rows = zip(hz, 20.0 * np.log10(np.abs(truth)), np.degrees(np.unwrap(np.angle(truth))), strict=True)
-    path = tmp_path / "response.csv"
     path.write_text("frequency_hz,magnitude_db,phase_deg\n" + "".join(f"{a},{b},{c}\n" for a, b, c in rows))
+    return hz, truth
+
+
+def test_response__dropped__gives_the_model_that_the_command_writes_and_its_departure(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "response.csv"
+    hz, truth = response_file(path)
     workshop = Workshop()
     key = dropped(workshop, path)
     assert IdentifyLook(id=1, do="identify.look", record=key).answer(workshop)["points"] == 60
@@ -118,5 +124,25 @@ def test_identify__by_keyboard_alone__chooses_a_candidate_and_saves_what_the_com
     shutil.copy(record, tmp_path / "bench.csv")
     monkeypatch.chdir(tmp_path)
     assert "--zeros" in command
+    main(shlex.split(command)[1:])
+    assert path.read_bytes() == (tmp_path / "model.json").read_bytes()
+
+
+@pytest.mark.slow
+def test_response__by_keyboard_alone__has_its_poles_chosen_and_saves_what_the_command_writes(
+    browser, tmp_path, monkeypatch
+):
+    response_file(tmp_path / "response.csv")
+    with console_page(browser) as page:
+        go(page, "identify")
+        tab_to(page, "input[type=file]")
+        page.locator("input[type=file]").set_input_files(tmp_path / "response.csv")
+        page.wait_for_selector("a.save")
+        tab_to(page, "#order")
+        page.keyboard.press("3")
+        page.wait_for_selector(".command code:has-text('--order 3')")
+        path = saved_by(page, "a.save", tmp_path / "saved.json")
+        command = page.locator(".command code").inner_text()
+    monkeypatch.chdir(tmp_path)
     main(shlex.split(command)[1:])
     assert path.read_bytes() == (tmp_path / "model.json").read_bytes()

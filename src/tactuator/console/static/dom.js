@@ -35,3 +35,13 @@ export function command(text) {
   const copy = make("button", { type: "button", onclick: () => navigator.clipboard?.writeText(text).then(() => say("copied")) }, "Copy");
   return make("div", { class: "command" }, make("code", { tabindex: "0" }, text), copy);
 }
+
+// True where a fingertip points: it takes more room than a mouse.
+export const COARSE = matchMedia("(pointer: coarse)").matches;
+
+// A part of a drawing that is dragged: a fingertip on it does not scroll the page (touch-action does not count inside an SVG).
+export function draggable(node, begin) {
+  node.addEventListener("touchstart", (event) => event.preventDefault(), { passive: false });
+  node.onpointerdown = begin;
+  return node;
+}

@@ -1,7 +1,8 @@
 // Handles on |L|: one for each factor at its frequency, and one for the gain. Sideways: frequency; up and down: what else it has.
-import { digits, draw } from "./dom.js";
+import { COARSE, digits, draggable, draw } from "./dom.js";
 import { PARAMETERS, limited, second, stepped, titleOf } from "./shape.js";
 
+const SIZE = COARSE ? " scale(1.7)" : "";
 const KEYS = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
 export class Handles {
@@ -36,7 +37,7 @@ export class Handles {
   made() {
     const one = draw("path", { class: "handle", tabindex: 0, role: "slider" });
     one.append(draw("title"));
-    one.onpointerdown = (event) => { event.preventDefault(); one.focus(); this.layer.setPointerCapture(event.pointerId); this.dragged = { index: one.index, x: event.clientX, y: event.clientY, begun: true }; };
+    draggable(one, (event) => { event.preventDefault(); one.focus(); this.layer.setPointerCapture(event.pointerId); this.dragged = { index: one.index, x: event.clientX, y: event.clientY, begun: true }; });
     one.onkeydown = (event) => this.key(event, one.index);
     return one;
   }
@@ -47,7 +48,7 @@ export class Handles {
     node.index = index;
     node.classList.toggle("gain", index < 0);
     node.setAttribute("d", FORMS[index < 0 ? "gain" : label] ?? FORMS.other);
-    node.setAttribute("transform", `translate(${x.toFixed(1)} ${y.toFixed(1)})`);
+    node.setAttribute("transform", `translate(${x.toFixed(1)} ${y.toFixed(1)})${SIZE}`);
     node.setAttribute("aria-label", index < 0 ? "gain, up and down" : `${label}: left and right its frequency`);
     node.setAttribute("aria-valuemin", index < 0 ? -200 : 0.01);
     node.setAttribute("aria-valuemax", index < 0 ? 200 : 0.49 * this.rateHz);

@@ -1,9 +1,10 @@
 // The Nichols chart: open-loop gain against phase. Marks on the curve are its handles; the curve itself can be taken anywhere.
-import { digits, draw } from "./dom.js";
+import { COARSE, digits, draggable, draw } from "./dom.js";
 
 const NARROW = innerWidth < 600; // a phone: fewer units, so that the texts keep their size
 const WIDTH = NARROW ? 370 : 640, HEIGHT = NARROW ? 400 : 560, LEFT = 46, RIGHT = 10, TOP = 10, BOTTOM = 40;
 const NEAR_PX = 30;
+const MARK = COARSE ? 8 : 5, FREE = MARK + 4; // radius of a mark, and how far from its middle a label begins
 const STEP_DB = 0.5, STEP_DEG = 1;
 
 export class Nichols {
@@ -22,7 +23,7 @@ export class Nichols {
     }
     this.grab = draw("path", { class: "grab" });
     this.layers.grab.append(this.grab);
-    this.grab.onpointerdown = (event) => this.begin(event, this.nearest(event));
+    draggable(this.grab, (event) => this.begin(event, this.nearest(event)));
     this.svg.onpointermove = (event) => this.drag(event);
     this.svg.onpointerup = this.svg.onpointercancel = () => this.end();
     this.marks = bench.marks_hz.map((hz) => this.mark(hz));
@@ -118,9 +119,9 @@ export class Nichols {
   }
 
   mark(hz) {
-    const dot = draw("circle", { class: "mark", r: 5, tabindex: 0, role: "slider", "aria-label": `Point of the curve at ${hz} Hz: up and down its gain, left and right its phase`, "aria-orientation": "vertical" });
+    const dot = draw("circle", { class: "mark", r: MARK, tabindex: 0, role: "slider", "aria-label": `Point of the curve at ${hz} Hz: up and down its gain, left and right its phase`, "aria-orientation": "vertical" });
     const label = draw("text", {}, `${hz} Hz`);
-    dot.onpointerdown = (event) => this.begin(event, hz);
+    draggable(dot, (event) => this.begin(event, hz));
     dot.onkeydown = (event) => {
       const [turn, rise] = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowRight: [1, 0], ArrowLeft: [-1, 0] }[event.key] ?? [0, 0];
       if (turn === 0 && rise === 0) return;
@@ -141,12 +142,12 @@ export class Nichols {
     dot.setAttribute("aria-valuemin", -200); dot.setAttribute("aria-valuemax", 200);
     dot.setAttribute("aria-valuenow", gain.toFixed(1));
     dot.setAttribute("aria-valuetext", `${gain.toFixed(1)} dB at ${phase.toFixed(0)} degrees`);
-    const wide = 9 + 6.4 * label.textContent.length;
-    const spots = [[9, 4], [-wide, 4], [9, -8], [9, 16], [-wide, -8], [-wide, 16], [-wide / 2 + 4, -11], [-wide / 2 + 4, 20], [24, 4], [-wide - 16, 4]];
+    const wide = FREE + 6.4 * label.textContent.length;
+    const spots = [[FREE, 4], [-wide, 4], [FREE, -8], [FREE, 16], [-wide, -8], [-wide, 16], [-wide / 2 + 4, -FREE - 2], [-wide / 2 + 4, FREE + 11], [FREE + 15, 4], [-wide - 16, 4]];
     const free = spots.find(([dx, dy]) => x + dx > LEFT && x + dx + wide < WIDTH - RIGHT && placed.every(([a, b, w]) => Math.abs(b - y - dy) > 12 || x + dx + wide - 6 < a || x + dx > a + w - 6) && this.clear(x + dx, y + dy, wide));
     label.setAttribute("visibility", inside && free ? "visible" : "hidden");
     if (!inside) return;
-    placed.push([x - 6, y + 4, 12]);
+    placed.push([x - MARK - 1, y + 4, 2 * MARK + 2]);
     if (free) { label.setAttribute("x", x + free[0]); label.setAttribute("y", y + free[1]); placed.push([x + free[0], y + free[1], wide]); }
   }
 

@@ -1,7 +1,7 @@
 // The view Prefilter and curve: points of the curve are dragged, the prefilter is fitted anew, its error is drawn.
 import { write } from "./address.js";
 import { Chart } from "./chart.js";
-import { banner, command, digits, draw, make, refusal, saved, say } from "./dom.js";
+import { COARSE, banner, command, digits, draggable, draw, make, refusal, saved, say } from "./dom.js";
 import { Drop } from "./drop.js";
 import { verdict } from "./figures.js";
 import { term } from "./words.js";
@@ -130,8 +130,8 @@ export class Prefilter {
   }
 
   handle() {
-    const node = draw("circle", { class: "handle", r: 7, tabindex: 0, role: "slider", "aria-valuemin": -200, "aria-valuemax": 200, "aria-orientation": "vertical" });
-    node.onpointerdown = (event) => { event.preventDefault(); node.focus(); this.layer.setPointerCapture(event.pointerId); this.dragged = { index: node.index, begun: true }; };
+    const node = draw("circle", { class: "handle", r: COARSE ? 9 : 7, tabindex: 0, role: "slider", "aria-valuemin": -200, "aria-valuemax": 200, "aria-orientation": "vertical" });
+    draggable(node, (event) => { event.preventDefault(); node.focus(); this.layer.setPointerCapture(event.pointerId); this.dragged = { index: node.index, begun: true }; });
     node.onkeydown = (event) => {
       const up = { ArrowUp: 1, ArrowDown: -1 }[event.key];
       if (!up) return;

@@ -1,5 +1,5 @@
 // Traces over time on a canvas: for each column of the picture the least and the greatest of its samples.
-import { colour, digits, draw, make } from "./dom.js";
+import { COARSE, colour, digits, draggable, draw, make } from "./dom.js";
 
 const HEADER = 64, LEFT = 56, BOTTOM = 20;
 export const HUES = ["nominal", "load", "load2", "sense"];
@@ -119,14 +119,14 @@ export class Traces {
     this.marks.replaceChildren();
     if (!on) return;
     this.lines = this.cursors.map((_, k) => {
-      const line = draw("g", { role: "slider", tabindex: "0", "aria-label": `cursor ${k + 1}`, class: "cursor" }, draw("rect", { width: 14, x: -7, y: 0, height: "100%", class: "grip" }), draw("line", { y1: 0, y2: "100%" }));
+      const line = draw("g", { role: "slider", tabindex: "0", "aria-label": `cursor ${k + 1}`, class: "cursor" }, draw("rect", { width: COARSE ? 28 : 14, x: COARSE ? -14 : -7, y: 0, height: "100%", class: "grip" }), draw("line", { y1: 0, y2: "100%" }));
       line.onkeydown = (event) => {
         const by = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
         if (by === undefined) return;
         event.preventDefault();
         this.move(k, this.cursors[k] + by * (event.shiftKey ? 0.05 : 1 / this.columns));
       };
-      line.onpointerdown = (event) => { line.setPointerCapture(event.pointerId); line.onpointermove = (to) => this.move(k, (to.clientX - this.box.getBoundingClientRect().left - LEFT) / (this.width - LEFT)); };
+      draggable(line, (event) => { line.setPointerCapture(event.pointerId); line.onpointermove = (to) => this.move(k, (to.clientX - this.box.getBoundingClientRect().left - LEFT) / (this.width - LEFT)); });
       line.onpointerup = () => { line.onpointermove = null; };
       this.marks.append(line);
       return line;
