@@ -46,6 +46,18 @@ def frames_past(page, count=5):
 
 
 @pytest.mark.slow
+def test_scope__on_a_wall_display__is_drawn_larger_and_goes_on(page, console):
+    begun(page, console)
+    frames_past(page)
+    traces = "document.querySelector('.traces canvas').clientHeight"
+    usual = page.evaluate(traces)
+    page.set_viewport_size({"width": 2560, "height": 1440})
+    frames_past(page, 10)
+    assert page.evaluate(traces) > 1.2 * usual
+    assert page.evaluate("document.querySelector('#banner').hidden")
+
+
+@pytest.mark.slow
 def test_scope__by_keyboard_alone__plays_is_touched_paused_saved_and_stopped(page, console, tmp_path):
     begun(page, console)
     tab_to(page, "#wave-level")

@@ -1,5 +1,5 @@
 // A chart by uPlot of lines, points and bands that may stand at places of their own; its legend says what is what.
-import { colour, make } from "./dom.js";
+import { colour, large, make } from "./dom.js";
 
 const { uPlot } = window;
 const FEW = 1e-9;
@@ -38,18 +38,18 @@ export class Chart {
       lines.push(points ? { label: name, stroke, paths: () => null, points: { show: true, size: 4, stroke, fill: stroke } }
         : { label: name, stroke, width: width ?? 1.8, dash: dash ?? [], points: { show: false }, spanGaps: true });
     }
-    const axis = { stroke: colour("faint"), grid: { stroke: colour("grid"), width: 1 }, ticks: { stroke: colour("line"), width: 1, size: 4 }, font: "11px system-ui" };
+    const size = large(), axis = { stroke: colour("faint"), grid: { stroke: colour("grid"), width: 1 }, ticks: { stroke: colour("line"), width: 1, size: 4 }, font: `${11 * size}px system-ui` };
     const tens = (_, splits) => splits.map((one) => (one !== null && Math.abs(Math.log10(one) - Math.round(Math.log10(one))) < FEW ? String(Number(one.toPrecision(1))) : ""));
     this.plot = new uPlot({
-      width: Math.max(200, this.host.clientWidth || 500), height: this.height, legend: { show: false }, cursor: { show: false }, bands,
+      width: Math.max(200, this.host.clientWidth || 500), height: this.height * size, legend: { show: false }, cursor: { show: false }, bands,
       scales: { x: { time: false, distr: this.log ? 3 : 1, range: [places[0], places.at(-1)] }, y: { range: (_, low, high) => this.range ?? widened(low, high) } },
-      axes: [{ ...axis, size: 28, ...(this.log ? { values: tens } : {}) }, { ...axis, size: 52 }], series: lines,
+      axes: [{ ...axis, size: 28 * size, ...(this.log ? { values: tens } : {}) }, { ...axis, size: 52 * size }], series: lines,
       hooks: { draw: [() => this.drawn?.()] },
     }, data, this.host);
     this.legend.replaceChildren(...this.series.filter((one) => one.name).map(({ name, hue, dash, points, band }) => entry(name, hue, dash, points, band)));
   }
 
-  resize() { if (this.plot && this.host.clientWidth) this.plot.setSize({ width: this.host.clientWidth, height: this.height }); }
+  resize() { if (this.plot && this.host.clientWidth) this.plot.setSize({ width: this.host.clientWidth, height: this.height * large() }); }
   restyle() { this.draw(); }
 }
 

@@ -36,6 +36,9 @@ export function command(text) {
   return make("div", { class: "command" }, make("code", { tabindex: "0" }, text), copy);
 }
 
+// How much larger than usual the page's text is: a wall display is read from afar. Charts follow it.
+export const large = () => Number.parseFloat(getComputedStyle(document.documentElement).fontSize) / 16;
+
 // True where a fingertip points: it takes more room than a mouse.
 export const COARSE = matchMedia("(pointer: coarse)").matches;
 

@@ -1,5 +1,5 @@
 // Curves over frequency and over time, drawn by uPlot; bands are the least and greatest of the family.
-import { colour, make } from "./dom.js";
+import { colour, large, make } from "./dom.js";
 
 const { uPlot } = window;
 const HUES = ["nominal", "load", "load2"];
@@ -28,13 +28,13 @@ export class Plot {
         lines.push({ stroke: "transparent", points: { show: false } }, { stroke: "transparent", points: { show: false } });
       } else lines.push({ label: one.name, stroke, width: one.width ?? 1.8, dash: one.dash ?? [], points: { show: false } });
     }
-    const axis = { stroke: colour("faint"), grid: { stroke: colour("grid"), width: 1 }, ticks: { stroke: colour("line"), width: 1, size: 4 }, font: "11px system-ui" };
+    const size = large(), axis = { stroke: colour("faint"), grid: { stroke: colour("grid"), width: 1 }, ticks: { stroke: colour("line"), width: 1, size: 4 }, font: `${11 * size}px system-ui` };
     const log = this.scaleX === "hz";
     const powers = (_, splits) => splits.map((one) => (one === null ? "" : Number.isInteger(Math.log10(one) * 1e6 | 0) && Math.abs(Math.log10(one) % 1) < 1e-9 ? String(one) : ""));
     this.plot = new uPlot({
-      width: Math.max(200, this.box.clientWidth || 500), height: this.height, legend: { show: false }, cursor: { show: false }, bands,
+      width: Math.max(200, this.box.clientWidth || 500), height: this.height * size, legend: { show: false }, cursor: { show: false }, bands,
       scales: { x: { time: false, distr: log ? 3 : 1, range: [this.x[0] || 0, this.x.at(-1)] }, y: { range: (_, low, high) => this.range ?? [low, high] } },
-      axes: [{ ...axis, size: 28, values: log ? powers : (_, splits) => splits.map((one) => `${Math.round(one * 1000)}`) }, { ...axis, size: 44 }],
+      axes: [{ ...axis, size: 28 * size, values: log ? powers : (_, splits) => splits.map((one) => `${Math.round(one * 1000)}`) }, { ...axis, size: 44 * size }],
       series: lines,
       hooks: { draw: [(plot) => { this.limits(plot); this.drawn?.(); }] },
     }, data, this.box);
@@ -55,7 +55,7 @@ export class Plot {
     ctx.restore();
   }
 
-  resize() { if (this.plot && this.box.clientWidth) this.plot.setSize({ width: this.box.clientWidth, height: this.height }); }
+  resize() { if (this.plot && this.box.clientWidth) this.plot.setSize({ width: this.box.clientWidth, height: this.height * large() }); }
   restyle() { this.key = null; if (this.last) this.show(this.last, this.range); }
 }
 

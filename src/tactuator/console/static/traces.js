@@ -1,7 +1,7 @@
 // Traces over time on a canvas: for each column of the picture the least and the greatest of its samples.
-import { COARSE, colour, digits, draggable, draw, make } from "./dom.js";
+import { COARSE, colour, digits, draggable, draw, large, make } from "./dom.js";
 
-const HEADER = 64, LEFT = 56, BOTTOM = 20;
+const HEADER = 64;
 export const HUES = ["nominal", "load", "load2", "sense"];
 
 // A frame of the server, see frames.py.
@@ -20,17 +20,25 @@ function nice(value) {
 export class Traces {
   // rows: [{ title, unit }], one for each signal.
   constructor(rows, height, label) {
-    Object.assign(this, { rows, height, ranges: rows.map(() => null), cursors: null });
+    Object.assign(this, { rows, usual: height, ranges: rows.map(() => null), cursors: null });
+    this.measure();
     this.canvas = make("canvas", { role: "img", "aria-label": label });
     this.marks = draw("svg", { class: "cursors" });
     this.box = make("div", { class: "traces" }, this.canvas, this.marks);
   }
 
-  get columns() { return Math.max(10, Math.min(2000, this.width - LEFT)); }
+  // Sizes that follow the page's text.
+  measure() {
+    const size = large();
+    Object.assign(this, { size, height: this.usual * size, left: Math.round(56 * size), below: 20 * size });
+  }
+
+  get columns() { return Math.max(10, Math.min(2000, this.width - this.left)); }
   get width() { return Math.max(240, Math.floor(this.box.clientWidth || 600)); }
 
   fit() {
-    const { width } = this, height = this.rows.length * this.height + BOTTOM, ratio = devicePixelRatio || 1;
+    this.measure();
+    const { width } = this, height = this.rows.length * this.height + this.below, ratio = devicePixelRatio || 1;
     if (this.canvas.width !== Math.round(width * ratio) || this.canvas.height !== Math.round(height * ratio)) {
       this.canvas.width = Math.round(width * ratio); this.canvas.height = Math.round(height * ratio);
       this.canvas.style.height = `${height}px`;
@@ -46,30 +54,30 @@ export class Traces {
   show(frame, channels, rate, start, stop, zero) {
     Object.assign(this, { frame, channels, rate, start, stop, zero });
     const context = this.fit();
-    context.font = "11px system-ui";
+    context.font = `${11 * this.size}px system-ui`;
     this.rows.forEach((row, i) => this.row(context, row, i));
     this.axis(context);
     this.place();
   }
 
-  x(row) { return LEFT + (row - this.start) / (this.stop - this.start) * (this.width - LEFT); }
+  x(row) { return this.left + (row - this.start) / (this.stop - this.start) * (this.width - this.left); }
 
   row(context, { title, unit }, i) {
-    const { frame, channels, height } = this, count = channels.length, top = i * height + 14, bottom = (i + 1) * height - 4;
+    const { frame, channels, height, size } = this, count = channels.length, top = i * height + 14 * size, bottom = (i + 1) * height - 4;
     const [low, high] = this.ranges[i] = this.range(i, count), y = (value) => bottom - (value - low) / (high - low) * (bottom - top);
     context.fillStyle = colour("faint");
-    context.fillText(`${title} (${unit})`, LEFT + 2, i * height + 10);
+    context.fillText(`${title} (${unit})`, this.left + 2, i * height + 10 * size);
     context.textAlign = "right";
     for (const value of [low, (low + high) / 2, high]) {
-      context.fillText(digits(value), LEFT - 6, Math.min(bottom, Math.max(top + 8, y(value) + 4)));
-      context.fillStyle = colour("grid"); context.fillRect(LEFT, y(value), this.width - LEFT, 1); context.fillStyle = colour("faint");
+      context.fillText(digits(value), this.left - 6, Math.min(bottom, Math.max(top + 8 * size, y(value) + 4 * size)));
+      context.fillStyle = colour("grid"); context.fillRect(this.left, y(value), this.width - this.left, 1); context.fillStyle = colour("faint");
     }
     context.textAlign = "left";
     context.save();
-    context.beginPath(); context.rect(LEFT, top - 2, this.width - LEFT, bottom - top + 4); context.clip();
+    context.beginPath(); context.rect(this.left, top - 2, this.width - this.left, bottom - top + 4); context.clip();
     channels.forEach((channel, k) => {
       if (!channel.shown) return;
-      context.strokeStyle = colour(HUES[k % HUES.length]); context.lineWidth = 1.4;
+      context.strokeStyle = colour(HUES[k % HUES.length]); context.lineWidth = 1.4 * size;
       context.beginPath();
       const base = (i * count + k) * frame.columns * frame.values;
       for (let c = 0; c < frame.columns; c += 1) {
@@ -106,7 +114,7 @@ export class Traces {
     for (let t = Math.ceil(from / step) * step; t <= from + span + 1e-9; t += step) {
       const x = this.x(this.zero + t * this.rate);
       context.fillStyle = colour("grid"); context.fillRect(x, 0, 1, bottom); context.fillStyle = colour("faint");
-      if (x > LEFT + 12 && x < this.width - 24) context.fillText(`${Number((t * unit[0]).toPrecision(6))} ${unit[1]}`, x, bottom + 14);
+      if (x > this.left + 12 * this.size && x < this.width - 24 * this.size) context.fillText(`${Number((t * unit[0]).toPrecision(6))} ${unit[1]}`, x, bottom + 14 * this.size);
     }
     context.textAlign = "left";
     if (this.zero > this.start && this.zero < this.stop) { context.fillStyle = colour("limit"); context.fillRect(this.x(this.zero), 0, 1.5, bottom); }
@@ -126,7 +134,7 @@ export class Traces {
         event.preventDefault();
         this.move(k, this.cursors[k] + by * (event.shiftKey ? 0.05 : 1 / this.columns));
       };
-      draggable(line, (event) => { line.setPointerCapture(event.pointerId); line.onpointermove = (to) => this.move(k, (to.clientX - this.box.getBoundingClientRect().left - LEFT) / (this.width - LEFT)); });
+      draggable(line, (event) => { line.setPointerCapture(event.pointerId); line.onpointermove = (to) => this.move(k, (to.clientX - this.box.getBoundingClientRect().left - this.left) / (this.width - this.left)); });
       line.onpointerup = () => { line.onpointermove = null; };
       this.marks.append(line);
       return line;
@@ -139,7 +147,7 @@ export class Traces {
   place() {
     if (!this.cursors || !this.frame) return;
     this.cursors.forEach((share, k) => {
-      this.lines[k].setAttribute("transform", `translate(${LEFT + share * (this.width - LEFT)} 0)`);
+      this.lines[k].setAttribute("transform", `translate(${this.left + share * (this.width - this.left)} 0)`);
       this.lines[k].setAttribute("aria-valuenow", share.toFixed(4));
       this.lines[k].setAttribute("aria-valuetext", `${digits(this.time(k) * 1000)} ms`);
     });
