@@ -284,13 +284,14 @@ def residual_tests(
     innovation = apply_filter(whitener, residual)[skip:]
     tested = slice(skip, skip + _TESTED)
     moved = apply_filter(whitener, command)[tested]
-    hertz = taken.frequency_hz[1:]
     slopes = np.zeros((moved.size, 0))
     if fitted:
-        along = log_slopes(fit, hertz) * (left.response * taken.command[1:])[:, None]
-        columns = np.fft.irfft(np.vstack([np.zeros(along.shape[1]), along]), taken.samples, axis=0)
-        slopes = apply_filter(whitener, columns[: tested.stop])[skip:]
-    tests = check_residual(innovation[:_TESTED], moved, slopes, samples.rate_hz)
+        # around the record's ends the filter turns in a circle, no farther than what is left out before the tests
+        white = np.fft.rfft(whitener, taken.samples)[1:] * left.response * taken.command[1:]
+        lines = np.zeros((fit.form.count, taken.command.size), dtype=np.complex128)
+        lines[:, 1:] = (log_slopes(fit, taken.frequency_hz[1:]) * white[:, None]).T
+        slopes = np.fft.irfft(lines, taken.samples)[:, tested].T
+    tests = check_residual(innovation[:_TESTED], moved, slopes, samples.rate_hz, loop=False)
     jump = jump_of(innovation)
     return replace(tests, feedback=feedback_seen(taken, left), jump=None if jump is None else jump + skip + taken.shift)
 

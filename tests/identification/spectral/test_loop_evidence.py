@@ -17,7 +17,7 @@ RATE_HZ, COUNT = 1000.0, 8000
 def lines_of(command: np.ndarray, residual: np.ndarray) -> tuple[Spectrum, Residual]:
     taken = spectrum(command, residual, RATE_HZ)
     ones = np.ones(taken.position.size)
-    return taken, Residual(taken.position, ones, ones[1:] + 0j, residual, residual)
+    return taken, Residual(taken.position, ones, ones[1:] + 0j, taken)
 
 
 def noises(seed: int) -> tuple[np.ndarray, np.ndarray]:

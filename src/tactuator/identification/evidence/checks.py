@@ -14,6 +14,8 @@ from tactuator.signals.record import Record
 
 FEWEST = 100
 """Samples below which nothing is identified."""
+_LEVELS, _FEW_LEVELS = 10_000, 50
+"""Parts of its span in which a signal's levels are counted, and the count below which it is meant to have few."""
 _OFTEN = 0.005
 """Share of samples exactly at an extreme from which on it is a limit, though none lasts."""
 
@@ -41,8 +43,8 @@ def clipped_share(values: FloatArray) -> float:
     of few levels (steps, a binary sequence), which is meant to sit there.
     """
     span = float(np.ptp(values))
-    levels = np.unique(np.round((values - values.min()) / span, 4)).size
-    if levels < 50:
+    levels = np.bincount(np.rint((values - values.min()) * (_LEVELS / span)).astype(np.int64))
+    if np.count_nonzero(levels) < _FEW_LEVELS:
         return 0.0
     total = 0
     for extreme, sign in ((values.max(), 1.0), (values.min(), -1.0)):

@@ -26,13 +26,13 @@ def cubic_share(spectra: Sequence[Spectrum], residuals: Sequence[Residual]) -> f
     size = along = total = 0.0
     for taken, left in zip(spectra, residuals, strict=True):
         command = np.fft.irfft(taken.command, taken.samples) * np.sqrt(taken.samples)
-        power = float(np.mean(command**2))
-        cube = command**3 - float(np.mean(command**4)) / max(power, 1e-300) * command
+        square = command * command
+        power = float(np.mean(square))
+        cube = (square - float(np.mean(square * square)) / max(power, 1e-300)) * command
         if float(np.mean(cube**2)) < _FLAT * power**3:
             continue
-        ahead = np.exp(2j * np.pi * taken.frequency_hz[1:] * taken.shift / taken.rate_hz)
         lines = np.fft.rfft(cube - cube.mean())[1:] / np.sqrt(taken.samples)
-        pull = left.response * ahead * lines * left.weight[1:]
+        pull = left.response * taken.ahead * lines * left.weight[1:]
         rest = left.lines[1:] * left.weight[1:]
         size += float(np.sum(np.abs(pull) ** 2))
         along += float(np.sum((np.conj(pull) * rest).real))

@@ -55,13 +55,15 @@ def jump_of(innovation: FloatArray) -> int | None:
     return int(np.argmax(size)) if often < 1e-3 else None
 
 
-def check_residual(innovation: FloatArray, command: FloatArray, jacobian: FloatArray, rate_hz: float) -> ResidualTests:
+def check_residual(
+    innovation: FloatArray, command: FloatArray, jacobian: FloatArray, rate_hz: float, *, loop: bool = True
+) -> ResidualTests:
     """Test a residual. innovation (n,): whitened residual; command (n,), whitened alike; jacobian (n, p) of the
-    estimated parameters.
+    estimated parameters; loop: is a loop looked for as well?
     """
     p_white = _ljung_box(innovation)
     p_input, share = _input_test(innovation, command, jacobian, rate_hz)
-    return ResidualTests(p_white, p_input, share, feedback_present(innovation, command) or None)
+    return ResidualTests(p_white, p_input, share, (loop and feedback_present(innovation, command)) or None)
 
 
 def _ljung_box(values: FloatArray) -> float:
@@ -85,12 +87,11 @@ def _input_test(
     Lags even in time would need hundreds of thousands to see a slow error; time constants even in log time see all.
     """
     n = innovation.size
-    columns = _time_scales(command, rate_hz)
-    system = np.hstack([jacobian, columns])
-    gram = system.T @ system
+    system = np.vstack([jacobian.T, _time_scales(command, rate_hz)])
+    gram = system @ system.T
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     gram = gram / np.outer(size, size)
-    goal = system.T @ innovation / size
+    goal = system @ innovation / size
     p = jacobian.shape[1]
     total, rank = _explained(gram, goal)
     own, own_rank = _explained(gram[:p, :p], goal[:p])
@@ -102,8 +103,8 @@ def _input_test(
 
 
 def _time_scales(command: FloatArray, rate_hz: float) -> FloatArray:
-    """Return the first-order low-passes of the delayed command, corners from 2 periods of the record to 0.2 rate, (n,
-    k).
+    """Return the first-order low-passes of the delayed command, corners from 2 periods of the record to 0.2 rate, (k,
+    n).
     """
     corners = np.geomspace(2.0 * rate_hz / command.size, 0.2 * rate_hz, 14)
     late = np.concatenate([[0.0], command[:-1] - command.mean()])
@@ -111,7 +112,7 @@ def _time_scales(command: FloatArray, rate_hz: float) -> FloatArray:
     for corner in corners:
         decay = np.exp(-2.0 * np.pi * corner / rate_hz)
         made.append(signal.lfilter([1.0 - decay], [1.0, -decay], late))
-    return np.stack(made, axis=1)
+    return np.stack(made)
 
 
 def _explained(gram: FloatArray, goal: FloatArray) -> tuple[float, int]:

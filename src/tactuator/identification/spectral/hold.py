@@ -7,7 +7,7 @@ Band-limited commands: the response itself (Pintelon and Schoukens, System Ident
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -64,6 +64,14 @@ class Grid:
         """Return 1 - 1/z to full precision, (m,)."""
         return np.asarray(-np.expm1(-2j * np.pi * self.frequency_hz / self.rate_hz))
 
+    def like(self, scale_rad_s: float, hold: Hold) -> Grid:
+        """Return the same lines in another scale of time, under a hold; what depends on neither is not worked out
+        again.
+        """
+        made = replace(self, scale_rad_s=scale_rad_s, hold=hold)
+        made.__dict__.update(back=self.back, step=self.step)
+        return made
+
     @cached_property
     def _powers(self) -> dict[float, ComplexArray]:
         return {}
@@ -78,10 +86,21 @@ class Grid:
         """Return the dead time's factor for a band-limited command, (m,)."""
         return np.asarray(np.exp(-self.s * (delay - self.shift * self.period)))
 
-    def lag(self, pole: NDArray[Any]) -> ComplexArray:
-        """Return 1 - exp(p T)/z for each pole (n,), shape (m, n), to full precision."""
-        fall = -np.expm1(_bounded(pole * self.period))
-        return np.asarray(self.step[:, None] * (1.0 - fall) + fall)
+    @cached_property
+    def _lags(self) -> dict[bytes, ComplexArray]:
+        return {}
+
+    def decays(self, poles: ComplexArray) -> ComplexArray:
+        """Return the lines of a decay, 1/(1 - exp(p T)/z), of each pole (n,), shape (m, n), to full precision.
+
+        Those of the last poles are kept: response, transient and slopes at one point ask for the same.
+        """
+        key = poles.tobytes()
+        if key not in self._lags:
+            fall = -np.expm1(_bounded(poles * self.period))
+            self._lags.clear()
+            self._lags[key] = 1.0 / (self.step[:, None] * (1.0 - fall) + fall)
+        return self._lags[key]
 
 
 def response_columns(grid: Grid, theta: FloatArray, delay: float, form: Form, rungs: Ladder) -> ComplexArray:
@@ -113,7 +132,7 @@ def _held(grid: Grid, poles: ComplexArray, delay: float) -> ComplexArray:
         return _ramped(grid, poles, whole, part)
     now = _integral(poles, (1.0 - part) * period)
     before = np.exp(_bounded(poles * (1.0 - part) * period)) * _integral(poles, part * period)
-    return np.asarray(grid.back_by(whole + 1.0)[:, None] * (now + before * back) / grid.lag(poles))
+    return np.asarray(grid.back_by(whole + 1.0)[:, None] * (now + before * back) * grid.decays(poles))
 
 
 def held_slopes(
@@ -146,13 +165,13 @@ def held_slopes(
     now, before = _integral(poles, rest), fade * _integral(poles, first)
     now_slope = _integral_slope(poles, rest)
     before_slope = rest * before + fade * _integral_slope(poles, first)
-    lag = grid.lag(poles)
-    answer = (now + before * back) / lag
-    slope = (now_slope + before_slope * back + answer * (period * np.exp(_bounded(poles * period)) * back)) / lag
+    decays = grid.decays(poles)
+    answer = (now + before * back) * decays
+    slope = (now_slope + before_slope * back + answer * (period * np.exp(_bounded(poles * period)) * back)) * decays
     made = answer @ turned + slope @ shifted
     if form.dead_time:
         later = np.exp(_bounded(poles * period)) - poles * before
-        made = np.hstack([made, ((later * back - np.exp(_bounded(poles * rest))) / lag) @ here[:, None]])
+        made = np.hstack([made, ((later * back - np.exp(_bounded(poles * rest))) * decays) @ here[:, None]])
     made = made * grid.back_by(whole + 1.0)[:, None]
     if form.dead_time and form.zeros == form.poles:
         made[:, -1] -= numerator[-1] * grid.back_by(whole) * grid.step / period
@@ -167,7 +186,7 @@ def _ramped(grid: Grid, poles: ComplexArray, whole: float, part: float) -> Compl
     first = _integral(poles, period)
     second = np.where(np.abs(poles * period) < 1e-4, 0.5 * period**2, (first - period) / np.where(poles == 0, 1, poles))
     early, late = second / period, first - second / period
-    exact = (early + late * back) / grid.lag(poles)
+    exact = (early + late * back) * grid.decays(poles)
     return np.asarray(grid.back_by(whole)[:, None] * (1.0 - part + part * back) * exact)
 
 
@@ -208,12 +227,12 @@ def edge_lines(weights: FloatArray, samples: int) -> ComplexArray:
 def transient_columns(grid: Grid, theta: FloatArray, form: Form) -> ComplexArray:
     """Return what the state before the record may add to the position's lines: a decay of each pole, (m, poles)."""
     poles = separated(all_poles(theta, form))
+    lines = grid.decays(poles)
     made: list[ComplexArray] = []
-    for pole in poles[poles.imag >= -1e-14]:
-        decay = 1.0 / grid.lag(np.array([pole]))[:, 0]
-        if pole.imag > 1e-14:
-            other = 1.0 / grid.lag(np.array([np.conj(pole)]))[:, 0]
-            made += [decay + other, 1j * (decay - other)]
+    for k in np.flatnonzero(poles.imag >= -1e-14):
+        if poles[k].imag > 1e-14:
+            other = lines[:, np.argmin(np.abs(poles - np.conj(poles[k])))]
+            made += [lines[:, k] + other, 1j * (lines[:, k] - other)]
         else:
-            made.append(decay)
+            made.append(lines[:, k])
     return np.stack(made, axis=1)

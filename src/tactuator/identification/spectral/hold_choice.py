@@ -117,14 +117,14 @@ def _searched(
         glance = choose(given, proposals, hold, known, quick=True)
         seen = _judged(glance, taken)
         if seen.evidence > found[0].evidence + _FAR:
-            return seen
+            return replace(seen, choice=replace(glance, fits={glance.fit.form: glance.fit}))
     best = _judged(choose(given, proposals, hold, known, begun=glance), taken)
-    behind = bool(found) and best.evidence > found[0].evidence + _CERTAIN_IN_LOOP
+    behind = bool(found) and best.evidence > found[0].evidence + _enough(best, found[0])
     if is_stable(best.choice.fit.theta, best.choice.fit.form) or behind:
         return best
     # in a loop a model that is not causal takes the noise in the command for an answer
     mirrored = [replace(one, theta=np.abs(one.theta)) for one in (best.choice.fit, *proposals)]
-    stable = _judged(choose(given, mirrored, hold, known, stable=True), taken)
+    stable = _judged(choose(given, mirrored, hold, known, stable=True, begun=best.choice), taken)
     return stable if stable.evidence < best.evidence + CERTAIN else best
 
 
@@ -215,6 +215,11 @@ def _judged(choice: Choice, taken: tuple[Spectrum, ...]) -> _Judged:
     return _Judged(choice, left, misfit + choice.price, by_loop)
 
 
+def _enough(one: _Judged, other: _Judged) -> float:
+    """Return the difference of evidence from which on one of two holds is told."""
+    return _CERTAIN_IN_LOOP if max(one.by_loop, other.by_loop) > 0.0 else CERTAIN
+
+
 def _decided(
     found: list[_Judged], holds: tuple[Hold, ...], local: LocalResponse, taken: tuple[Spectrum, ...]
 ) -> SpectralEstimate:
@@ -224,8 +229,7 @@ def _decided(
         return SpectralEstimate(best.choice, None, True, np.inf, local, taken, best.left)
     other = others[0]
     advantage = float(other.evidence - best.evidence)
-    in_loop = max(best.by_loop, other.by_loop) > 0.0
-    certain, flanks = advantage > (_CERTAIN_IN_LOOP if in_loop else CERTAIN), False
+    certain, flanks = advantage > _enough(best, other), False
     if not certain:
         flanks = bool(best.left) and _flanks(taken, best.left)
         # most commands come from a converter: without evidence the command is taken to be held

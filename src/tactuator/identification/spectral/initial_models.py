@@ -34,6 +34,8 @@ _MOST_DELAYS = 40
 _SOON = 20.0
 """Samples before which the beginning of the answer is no start for a dead time."""
 _THIN = 120
+_SAME = 1e-3
+"""Difference of dead times, samples, within which they are one and the same start."""
 
 
 class Starter:
@@ -79,10 +81,12 @@ class Starter:
             if point is not None and np.isfinite(point.cost):
                 candidates.append((point.cost, theta, lag))
         candidates.sort(key=lambda one: one[0])
-        fits = [
-            self.problem.descend(form, theta, lag, most=10, gain=_WORTH, share=_WORTH_SHARE)
-            for _, theta, lag in candidates[: 2 if form.poles < 4 else 1]
-        ]
+        fits, begun_from = [], list[float]()
+        for _, theta, lag in candidates[: 2 if form.poles < 4 else 1]:
+            # the search for dead times comes upon one and the same again
+            if all(abs(lag - other) > _SAME * self.problem.grid.period for other in begun_from):
+                begun_from.append(lag)
+                fits.append(self.problem.descend(form, theta, lag, most=10, gain=_WORTH, share=_WORTH_SHARE))
         found = [one for one in fits if one is not None]
         if not found:
             return None

@@ -6,12 +6,14 @@ and Pereyra, variable projection, 1973, in Kaufman's form).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.identification.algebra.elimination import eliminated, fitted_beside, orthonormal, turning_of
 from tactuator.identification.spectral.form import (
     Form,
     Ladder,
@@ -27,7 +29,8 @@ from tactuator.identification.spectral.hold import Grid, edge_columns, held_slop
 from tactuator.identification.spectral.joined import JoinedEquations, equation_slices
 from tactuator.identification.spectral.lines import Equations
 
-_SOON = 4
+_SOON, _FAR_AWAY = 4, 100.0
+"""Steps after which a fit beyond a hopeless cost is given up, half of them where it is that many times beyond."""
 _LOST = 1e-12
 """Power of a column, over what it had, below which the records' ends have taken all of it."""
 
@@ -80,32 +83,51 @@ class SpectralProblem:
         """Return the linear solution at theta, or None where numbers run away."""
         rungs = ladder(theta, form)
         own = response_columns(self.grid, theta, delay, form, rungs)
-        columns = self.given.response_of(own)
+        parts = [self.given.response_of(own)]
         if self.with_transient:
-            columns = np.hstack([columns, self.given.transient_of(transient_columns(self.grid, theta, form))])
-        rows = np.vstack([self.weighted(columns), self._goal])
-        if not np.all(np.isfinite(rows)):
+            parts.append(self.given.transient_of(transient_columns(self.grid, theta, form)))
+        rows = self._weighted_rows([*parts, self.given.goal[:, None]])
+        along = self._along(rows)
+        products = self._less_ends(rows @ rows.T, along)
+        if not np.all(np.isfinite(products)):
             return None
-        products = self.products(rows)
-        solution, left = eliminated(products, rows.shape[0] - 1)
+        turning = turning_of(products[:-1, :-1])
+        solution, left = eliminated(products, rows.shape[0] - 1, turning)
         weights = solution[: form.numerators, 0]
-        return _Point(form, theta, delay, weights, rungs, own @ weights, rows, products, float(max(left[0, 0], 0.0)))
+        cost = float(max(left[0, 0], 0.0))
+        return _Point(form, theta, delay, weights, rungs, own @ weights, rows, along, products, turning, cost)
 
     def products(self, rows: FloatArray) -> FloatArray:
         """Return the products (k, k) of weighted real rows (k, 2 e), less what the records' ends may add."""
-        made = rows @ rows.T
-        for piece, basis in self._edges:
-            along = rows[:, piece] @ basis.T
-            made -= along @ along.T
-        size = np.einsum("ij,ij->i", rows, rows)
-        lost = np.diag(made) < _LOST * size
-        made[lost, :] = 0.0
-        made[:, lost] = 0.0
+        return self._less_ends(rows @ rows.T, self._along(rows))
+
+    def _along(self, rows: FloatArray) -> FloatArray:
+        """Return the parts of weighted real rows (k, 2 e) along what the records' ends may add, (k, j)."""
+        made = [rows[:, piece] @ basis.T for piece, basis in self._edges]
+        return np.hstack([np.zeros((rows.shape[0], 0)), *made]) if len(made) != 1 else made[0]
+
+    def _less_ends(self, made: FloatArray, along: FloatArray) -> FloatArray:
+        """Take the parts `along` the ends off products (k, k); columns of which nothing is left become zero."""
+        size = made.diagonal().copy()
+        made -= along @ along.T
+        lost = made.diagonal() < _LOST * size
+        if lost.any():
+            made[lost, :] = 0.0
+            made[:, lost] = 0.0
         return np.asarray(made)
 
     def weighted(self, columns: ComplexArray) -> FloatArray:
         """Return complex columns (e, k), weighted, as real rows (k, 2 e)."""
-        return np.ascontiguousarray((columns * self.weight[:, None]).T).view(np.float64)
+        return self._weighted_rows([columns])
+
+    def _weighted_rows(self, parts: Sequence[ComplexArray]) -> FloatArray:
+        """Return several sets of complex columns (e, k) one after the other, weighted, as real rows."""
+        made = np.empty((sum(one.shape[1] for one in parts), self.weight.size), dtype=np.complex128)
+        begin = 0
+        for one in parts:
+            np.multiply(one.T, self.weight, out=made[begin : begin + one.shape[1]])
+            begin += one.shape[1]
+        return made.view(np.float64)
 
     @cached_property
     def _edges(self) -> list[tuple[slice, FloatArray]]:
@@ -119,10 +141,6 @@ class SpectralProblem:
             rows = np.ascontiguousarray(columns.T).view(np.float64)
             made.append((slice(2 * piece.start, 2 * piece.stop), orthonormal(rows)))
         return made
-
-    @cached_property
-    def _goal(self) -> FloatArray:
-        return self.weighted(self.given.goal[:, None])
 
     def slopes(self, at: _Point) -> FloatArray:
         """Return the weighted derivatives of the right sides by theta and dead time, real, (k, 2 e)."""
@@ -143,14 +161,14 @@ class SpectralProblem:
         """Return the fit after Levenberg and Marquardt's descent from theta, or None where there is no start.
 
         most: steps. gain, share: what a step has to win of the cost, in itself and as a share, for another one.
-        hopeless: the cost beyond which nothing more is tried after `_SOON` steps.
+        hopeless: the cost beyond which nothing more is tried after a few steps.
         """
         with np.errstate(all="ignore"):
             now = self.evaluate(form, theta, delay)
             damping = 1e-3
             for step in range(most if now is not None and theta.size + form.dead_time else 0):
                 assert now is not None
-                if step >= _SOON and now.cost > hopeless:
+                if (step >= _SOON and now.cost > hopeless) or (step >= _SOON // 2 and now.cost > _FAR_AWAY * hopeless):
                     break
                 least = max(gain, share * now.cost)
                 ahead, damping = self._step(now, damping, least)
@@ -169,7 +187,7 @@ class SpectralProblem:
         if not np.all(np.isfinite(slopes)):
             return None, damping
         linear = now.rows.shape[0] - 1
-        _, left = eliminated(self._products_with(now, slopes), linear)
+        _, left = eliminated(self._products_with(now, slopes), linear, now.turning)
         size = np.sqrt(np.maximum(np.diag(left)[1:], 0.0))
         size[size == 0.0] = 1.0
         gram, downhill = left[1:, 1:] / np.outer(size, size), left[1:, 0] / size
@@ -179,9 +197,10 @@ class SpectralProblem:
                 break
             step = scaled / size
             delay = max(now.delay + float(step[-1]), 0.0) if now.form.dead_time else now.delay
-            trial = self.evaluate(now.form, now.theta + step[: now.theta.size], delay)
-            refused = trial is None or (self.stable and not is_stable(trial.theta, trial.form))
-            if trial is not None and not refused and trial.cost < now.cost * (1.0 + 1e-12):
+            theta = now.theta + step[: now.theta.size]
+            refused = self.stable and not is_stable(theta, now.form)
+            trial = None if refused else self.evaluate(now.form, theta, delay)
+            if trial is not None and trial.cost < now.cost * (1.0 + 1e-12):
                 return trial, max(damping / 8.0, 1e-9)
             damping = max(damping * 6.0, 1e-4)
         return None, damping
@@ -191,12 +210,10 @@ class SpectralProblem:
         before, more = now.rows.shape[0], slopes.shape[0]
         made = np.empty((before + more, before + more))
         made[:before, :before] = now.products
-        cross = np.vstack([now.rows, slopes]) @ slopes.T
-        for piece, basis in self._edges:
-            along = slopes[:, piece] @ basis.T
-            cross -= np.vstack([now.rows[:, piece] @ basis.T, along]) @ along.T
-        made[:, before:] = cross
-        made[before:, :before] = cross[:before].T
+        along = self._along(slopes)
+        made[:before, before:] = now.rows @ slopes.T - now.along @ along.T
+        made[before:, :before] = made[:before, before:].T
+        made[before:, before:] = slopes @ slopes.T - along @ along.T
         return made
 
     def residual(self, fit: SpectralFit) -> ComplexArray:
@@ -214,42 +231,6 @@ class SpectralProblem:
         return replace(self, weight=weight)
 
 
-def fitted_beside(columns: ComplexArray, goal: ComplexArray, weight: FloatArray) -> FloatArray:
-    """Return the real weights (k,) of complex columns (e, k) that fit the goal (e,) best."""
-    rows = np.ascontiguousarray((np.hstack([columns, goal[:, None]]) * weight[:, None]).T).view(np.float64)
-    return np.asarray(eliminated(rows @ rows.T, columns.shape[1])[0][:, 0])
-
-
-def eliminated(products: FloatArray, linear: int) -> tuple[FloatArray, FloatArray]:
-    """Return the least squares weights (linear, k) of the first `linear` columns for all further ones, and the products
-    (k, k) of what they leave, from the products of all columns.
-
-    Directions that rounding has taken are left out.
-    """
-    size = np.sqrt(np.maximum(np.diag(products), 0.0))
-    size[size == 0.0] = 1.0
-    scaled = products / np.outer(size, size)
-    inner, cross = scaled[:linear, :linear], scaled[:linear, linear:]
-    values, vectors = np.linalg.eigh(inner)
-    kept = values > 1e-13 * max(float(values[-1]), 1e-300)
-    turned = vectors[:, kept].T @ cross
-    solution = vectors[:, kept] @ (turned / values[kept, None])
-    left = scaled[linear:, linear:] - turned.T @ (turned / values[kept, None])
-    return solution * size[linear:] / size[:linear, None], left * np.outer(size[linear:], size[linear:])
-
-
-def orthonormal(rows: FloatArray) -> FloatArray:
-    """Return an orthonormal basis (j, n) of the rows (k, n), but for directions that are lost in rounding."""
-    size = np.linalg.norm(rows, axis=1)
-    made = rows / np.where(size > 0.0, size, 1.0)[:, None]
-    # the second round takes away what the first one's rounding left
-    for _ in range(2):
-        values, vectors = np.linalg.eigh(made @ made.T)
-        kept = values > 1e-11 * max(float(values[-1]), 1e-300)
-        made = (vectors[:, kept] / np.sqrt(values[kept])).T @ made
-    return np.asarray(made)
-
-
 def beside_columns(grid: Grid, theta: FloatArray, form: Form) -> ComplexArray:
     """Return everything that is fitted beside the response: decays, ends, drift, (m, k)."""
     return np.hstack([transient_columns(grid, theta, form), edge_columns(grid)])
@@ -258,7 +239,8 @@ def beside_columns(grid: Grid, theta: FloatArray, form: Form) -> ComplexArray:
 @dataclass(frozen=True, eq=False)
 class _Point:
     """A point of a descent. response: at the grid, hold included, (m,); rows: weighted linear columns and the goal, (k,
-    2 e); products: of these.
+    2 e); along: their parts along the records' ends, (k, j); products: of the rows, ends taken off; turning:
+    of their linear columns.
     """
 
     form: Form
@@ -268,7 +250,9 @@ class _Point:
     rungs: Ladder
     response: ComplexArray
     rows: FloatArray
+    along: FloatArray
     products: FloatArray
+    turning: FloatArray
     cost: float
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.identification.spectral.hold import Grid
 
 NODES = 3
 _PLACES = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)[::-1]
@@ -47,6 +48,16 @@ class Spectrum:
     def frequency_hz(self) -> FloatArray:
         """Return the frequencies of the lines."""
         return np.asarray(np.arange(self.command.size) * self.spacing_hz)
+
+    @cached_property
+    def grid(self) -> Grid:
+        """Return all lines but zero, of the record as if its position were not shifted."""
+        return Grid(self.frequency_hz[1:], self.rate_hz, self.rate_hz, "zero-order")
+
+    @cached_property
+    def ahead(self) -> ComplexArray:
+        """Return what the position's shift does to the lines but zero, (m - 1,)."""
+        return np.asarray(np.exp(2j * np.pi * self.frequency_hz[1:] * self.shift / self.rate_hz))
 
 
 def spectrum(command: FloatArray, position: FloatArray, rate_hz: float, shift: int = 0) -> Spectrum:
@@ -223,18 +234,17 @@ def local_response(taken: Spectrum, high_hz: float, share: float = 0.02, fewest:
         place = (np.arange(begin, end) - middle) / half
         shape = np.stack([np.ones_like(place), place, place * place], axis=1)
         u, y = taken.command[begin:end], taken.position[begin:end]
-        q, r = np.linalg.qr(np.hstack([u[:, None] * shape, shape]))
+        # what lies beyond the triangle of the columns is the position's share of them, and what they leave of it
+        triangle: ComplexArray = np.asarray(np.linalg.qr(np.hstack([u[:, None] * shape, shape, y[:, None]]), mode="r"))
+        r, share_of = triangle[: 2 * NODES, : 2 * NODES], triangle[: 2 * NODES, 2 * NODES]
         size = np.abs(np.diag(r))
         if size[:NODES].min() <= 1e-9 * size.max() or size.min() <= 1e-13 * size.max():
             continue
         inverse = np.linalg.inv(r)
-        solution = inverse @ (q.conj().T @ y)
-        left = y - u * (shape @ solution[:NODES]) - shape @ solution[NODES:]
-        noise = float(np.sum(np.abs(left) ** 2)) / (end - begin - 2 * NODES)
+        solution = inverse[0] @ share_of
+        noise = float(np.abs(triangle[2 * NODES, 2 * NODES]) ** 2) / (end - begin - 2 * NODES)
         variance = noise * float(np.sum(np.abs(inverse[0]) ** 2))
-        rows.append(
-            (middle * taken.spacing_hz, solution[0], variance, noise, float(np.mean(np.abs(u) ** 2)), end - begin)
-        )
+        rows.append((middle * taken.spacing_hz, solution, variance, noise, float(np.mean(np.abs(u) ** 2)), end - begin))
     columns = list(zip(*rows, strict=True)) if rows else [()] * 6
     frequency, value, variance_, noise_, excitation, lines = columns
     late = np.exp(-2j * np.pi * np.array(frequency, dtype=np.float64) * taken.shift / taken.rate_hz)

@@ -4,36 +4,44 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.identification.algebra.elimination import fitted_beside
 from tactuator.identification.spectral.hold import edge_lines, transient_columns
 from tactuator.identification.spectral.joined import equation_slices
-from tactuator.identification.spectral.likelihood import (
-    SpectralFit,
-    SpectralProblem,
-    beside_columns,
-    fitted_beside,
-)
+from tactuator.identification.spectral.likelihood import SpectralFit, SpectralProblem, beside_columns
 from tactuator.identification.spectral.lines import Equations, Spectrum, equations
 from tactuator.identification.spectral.noise import weights
 from tactuator.identification.spectral.search import Choice
-from tactuator.identification.spectral.uncertainty import response_of_rows
+from tactuator.identification.spectral.uncertainty import response_on
 
 
 @dataclass(frozen=True, eq=False)
 class Residual:
     """A fit's residual. lines: of position less model and transient, zero first; weight: one over their noise's
-    deviation; response: the fit's, hold included, on the lines but zero; simulated, measured: samples of the shifted
-    record, without mean, (n,).
+    deviation; response: the fit's, hold included, on the lines but zero; taken: the record's lines.
     """
 
     lines: ComplexArray
     weight: FloatArray
     response: ComplexArray
-    simulated: FloatArray
-    measured: FloatArray
+    taken: Spectrum
+
+    @cached_property
+    def measured(self) -> FloatArray:
+        """Return the position's samples, shifted and without mean, (n,)."""
+        return self._samples(np.concatenate([[0.0], self.taken.position[1:]]))
+
+    @cached_property
+    def simulated(self) -> FloatArray:
+        """Return the samples of model and transient, (n,)."""
+        return self.measured - self._samples(self.lines)
+
+    def _samples(self, lines: ComplexArray) -> FloatArray:
+        return np.asarray(np.fft.irfft(lines, self.taken.samples) * np.sqrt(self.taken.samples))
 
 
 def record_residual(choice: Choice, spectra: Sequence[Spectrum]) -> tuple[Residual, ...]:
@@ -53,24 +61,17 @@ def residual_of_record(fit: SpectralFit, taken: Spectrum) -> Residual:
 
 def line_residual(fit: SpectralFit, given: Equations, weight: FloatArray, taken: Spectrum) -> Residual:
     """Return the residual of a fit on all lines of one record, the transient solved for on its weighted equations."""
-    hertz = taken.frequency_hz[1:]
-    ahead = np.exp(2j * np.pi * hertz * taken.shift / taken.rate_hz)
-    response = response_of_rows(fit, hertz)
-    moved = response * ahead * taken.command[1:]
-    grid = replace(fit.grid, frequency_hz=given.frequency_hz, rate_hz=given.rate_hz, shift=given.shift)
-    columns = given.transient_of(beside_columns(grid, fit.theta, fit.form))
-    own = response_of_rows(fit, given.frequency_hz)
-    own = own * np.exp(2j * np.pi * given.frequency_hz * given.shift / given.rate_hz)
+    grid = taken.grid.like(fit.grid.scale_rad_s, fit.grid.hold)
+    response = response_on(fit, grid)
+    moved = response * taken.ahead * taken.command[1:]
+    there = replace(fit.grid, frequency_hz=given.frequency_hz, rate_hz=given.rate_hz, shift=given.shift)
+    columns = given.transient_of(beside_columns(there, fit.theta, fit.form))
+    own = response_on(fit, there)
     weights = fitted_beside(columns, given.goal - given.response_of(own[:, None])[:, 0], weight)
-    decays = transient_columns(replace(grid, frequency_hz=hertz), fit.theta, fit.form)
+    decays = transient_columns(grid, fit.theta, fit.form)
     first = decays.shape[1]
     moved = moved + decays @ weights[:first] + edge_lines(weights[first:], taken.samples)[1:]
     left = np.concatenate([[0.0], taken.position[1:] - moved])
-    whole = np.concatenate([[0.0], moved])
     order = np.argsort(given.of_hz, kind="stable")
     spread = np.interp(taken.frequency_hz, given.of_hz[order], weight[order])
-    root = np.sqrt(taken.samples)
-    measured = np.concatenate([[0.0], taken.position[1:]])
-    return Residual(
-        left, spread, response, np.fft.irfft(whole, taken.samples) * root, np.fft.irfft(measured, taken.samples) * root
-    )
+    return Residual(left, spread, response, taken)

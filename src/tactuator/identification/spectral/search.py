@@ -223,24 +223,30 @@ def choose(
 ) -> Choice:
     """Return the form of best criterion on the record, simpler ones tried from there (quick: the best two only).
 
-    begun: the quick choice, to go on from. stable: no pole may move into the right half plane. weight: one over the
-    noise's deviation at each equation (e,), where it is known beforehand, of lines free of transients; the spectrum of
-    what the model leaves tells it otherwise.
+    begun: an earlier choice, a quick one or (stable) that of unstable poles, to go on from. stable: no pole may move
+    into the right half plane. weight: one over the noise's deviation at each equation (e,), where it is known
+    beforehand, of lines free of transients; the spectrum of what the model leaves tells it otherwise.
     """
     highest = _HIGHEST[hold] * given.rate_hz
     kept = _kept(proposals)[: 2 if quick else _KEPT]
     first = kept[0]
-    grid = Grid(given.frequency_hz, given.rate_hz, first.grid.scale_rad_s, hold, given.shift)
     flat = np.where(given.of_hz <= highest, 1.0, 0.0)
-    problem = SpectralProblem(given, flat, grid, with_transient=weight is None, stable=stable)
 
     def weighed(now: SpectralProblem, fit: SpectralFit) -> SpectralProblem:
         return now.with_weight(weights(given, now.residual(fit), highest) if weight is None else weight * flat)
 
-    for _ in range(2 if begun is None else 0):
-        problem = weighed(problem, first)
+    if begun is None:
+        grid = Grid(given.frequency_hz, given.rate_hz, first.grid.scale_rad_s, hold, given.shift)
+        problem = SpectralProblem(given, flat, grid, with_transient=weight is None)
+        for _ in range(2):
+            problem = weighed(problem, first)
+            first = _again(problem, first, 8) or first
+    elif stable:
+        problem = replace(begun.problem, stable=True)
         first = _again(problem, first, 8) or first
-    problem, first = (problem, first) if begun is None else (begun.problem, begun.fit)
+    else:
+        problem, first = begun.problem, begun.fit
+        kept = [begun.fits.get(one.form, one) for one in kept]
     others = [_glance(problem, one, 8) for one in kept if one.form != first.form]
     fits = {first.form: first} | {one.form: one for one in others if one is not None}
     best = _best(problem, fits) if quick else _settled(problem, fits, known)
@@ -249,7 +255,7 @@ def choose(
         best = _again(problem, best, 10) or best
     fits[best.form] = best
     if quick:
-        return Choice(hold, best, {best.form: best}, problem)
+        return Choice(hold, best, fits, problem)
     # by the weights that belong to the best form another may be better: those before were an earlier fit's
     near = _near(problem, fits, best) | {best.form: best}
     preferred = _best(problem, near)

@@ -16,7 +16,7 @@ from tactuator.identification.spectral.form import (
     numerator_values,
     section_list,
 )
-from tactuator.identification.spectral.hold import response_columns
+from tactuator.identification.spectral.hold import Grid, response_columns
 from tactuator.identification.spectral.likelihood import SpectralFit, information, nonlinear_slopes
 from tactuator.identification.spectral.lines import LocalResponse, Spectrum
 from tactuator.identification.spectral.search import Choice
@@ -162,5 +162,9 @@ def _polynomials(fit: SpectralFit, gain: float) -> tuple[FloatArray, FloatArray]
 
 def response_of_rows(fit: SpectralFit, rows: FloatArray) -> ComplexArray:
     """Return the sampled response (hold included) at frequencies `rows` (m,) of the unshifted record."""
-    grid = replace(fit.grid, frequency_hz=rows, shift=0)
+    return response_on(fit, replace(fit.grid, frequency_hz=rows, shift=0))
+
+
+def response_on(fit: SpectralFit, grid: Grid) -> ComplexArray:
+    """Return the sampled response (hold included) on the lines of a grid in the fit's scale, (m,)."""
     return np.asarray(response_columns(grid, fit.theta, fit.delay, fit.form, fit.rungs) @ fit.numerator)

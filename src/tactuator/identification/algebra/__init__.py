@@ -1,0 +1,1 @@
+"""Linear algebra of least squares that identification shares."""
