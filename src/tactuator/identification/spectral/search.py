@@ -256,14 +256,21 @@ def choose(
     fits[best.form] = best
     if quick:
         return Choice(hold, best, fits, problem)
-    # by the weights that belong to the best form another may be better: those before were an earlier fit's
-    near = _near(problem, fits, best) | {best.form: best}
+    return _preferred(Choice(hold, best, fits, problem), weighed)
+
+
+def _preferred(choice: Choice, weighed: Callable[[SpectralProblem, SpectralFit], SpectralProblem]) -> Choice:
+    """Return the choice by the weights that belong to its best form, by which another may be better: those before were
+    an earlier fit's.
+    """
+    problem, best = choice.problem, choice.fit
+    near = _near(problem, choice.fits, best) | {best.form: best}
     preferred = _best(problem, near)
     if _score(problem, preferred) < _score(problem, best):
         problem = weighed(problem, preferred)
         best = _again(problem, preferred, 10) or preferred
         near = _near(problem, near, best) | {best.form: best}
-    return Choice(hold, best, near, problem)
+    return Choice(choice.hold, best, near, problem)
 
 
 def _near(problem: SpectralProblem, fits: dict[Form, SpectralFit], best: SpectralFit) -> dict[Form, SpectralFit]:
