@@ -13,7 +13,7 @@ from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.files.display import read_display
 from tactuator.measure.open_loop.flatness import _groups
-from tactuator.measure.open_loop.model import follow
+from tactuator.measure.open_loop.model import follow, near_band
 from tactuator.measure.open_loop.probe import broadband, find_level, hear
 from tactuator.measure.open_loop.take_away import equaliser_document, impulse_response
 from tactuator.measure.open_loop.usable import usable_band
@@ -21,6 +21,8 @@ from tactuator.report.open_loop_files import toml_text
 from tactuator.rig.sensing import require_sensors
 from tactuator.rig.sound.demo.exciter import Exciter
 from tactuator.rig.sound.rig import SoundRig
+from tactuator.signals.decibels import db
+from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.systems import ContinuousSystem
 from tests.measure.open_loop import exciters
 from tests.measure.open_loop.exciters import RATE_HZ, ExciterCard, exciter_display, exciter_rig
@@ -137,6 +139,28 @@ def test_toml__of_a_display__is_read_as_the_same(tmp_path: Path):
     path = tmp_path / "display.toml"
     path.write_text(toml_text(display_document(made.display)), encoding="utf-8")
     assert display_document(read_display(path)) == display_document(display)
+
+
+def test_near_band__pole_beyond_the_sampling_rate__its_held_plant_answers_as_the_plant_did():
+    # as identified for drawn exciter 10: zeros to the right and a pole at 136 kHz stand for a mode above the band
+    hz = 2.0 * np.pi
+    zeros = hz * np.array([421.3 + 363.8j, 421.3 - 363.8j, 0.0, 0.0, 0.0])
+    poles = -hz * np.array([136234.0, 467.0, 65.3 - 269.8j, 65.3 + 269.8j, 12.1])
+    plant = ContinuousSystem(zeros, poles, 8812.9, 8.27e-6)
+    near = near_band(plant, (10.0, 400.0))
+    frequency = np.geomspace(20.0, 400.0, 50)
+
+    def off_db(system) -> float:
+        return float(np.max(np.abs(db(np.abs(system.response(frequency) / plant.response(frequency))))))
+
+    assert off_db(zero_order_hold(plant, RATE_HZ)) > 3.0
+    assert off_db(zero_order_hold(near, RATE_HZ)) < 0.1
+    assert off_db(near) < 0.05
+
+
+def test_near_band__nothing_beyond_it__the_plant_itself():
+    plant = ContinuousSystem(np.zeros(2), -np.array([30.0, 400.0]), 1.0)
+    assert near_band(plant, (10.0, 400.0)) is plant
 
 
 @pytest.mark.slow

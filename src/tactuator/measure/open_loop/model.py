@@ -15,6 +15,7 @@ from tactuator.identification.asked import Asked
 from tactuator.identification.by_response import identify_response
 from tactuator.measure.open_loop.probe import Heard
 from tactuator.signals.decibels import db
+from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.frequency_response import FrequencyResponse
 from tactuator.signals.systems import ContinuousSystem
 
@@ -24,6 +25,7 @@ _FOLLOWS_DB = 0.4
 _POINTS, _SHARP = 90, 0.06
 _MEAN = 9
 _LINES, _SLOW_SHARE = 240, 0.2
+_FAR, _FALLS_OFF = 10.0, 4.0
 _MARGIN_S = 0.01
 
 
@@ -55,7 +57,8 @@ def follow(channel: Channel, heard: Heard, fresh: Heard, band_hz: tuple[float, f
             remarks.append(f"{poles} poles: {error}")
             continue
         model = replace(found.model, delay_s=found.model.delay_s + late_s)
-        plant = at_rest(ContinuousSystem.from_polynomials(model.num, model.den, model.delay_s), band_hz)
+        found_plant = ContinuousSystem.from_polynomials(model.num, model.den, model.delay_s)
+        plant = at_rest(near_band(found_plant, band_hz), band_hz)
         if not (plant.is_stable and plant.is_proper):
             continue
         off = departure_db(plant, fresh, band_hz)
@@ -77,6 +80,27 @@ def at_rest(plant: ContinuousSystem, band_hz: tuple[float, float]) -> Continuous
     """
     slow = np.abs(plant.zeros) < _SLOW_SHARE * 2.0 * np.pi * band_hz[0]
     return ContinuousSystem(np.where(slow, 0.0, plant.zeros), plant.poles, plant.gain, plant.delay_s)
+
+
+def near_band(plant: ContinuousSystem, band_hz: tuple[float, float]) -> ContinuousSystem:
+    """Return the plant without poles and zeros beyond ten times the band, where nothing was heard. Where it would not
+    fall off there, it gets poles of Butterworth's at four times the band, and its dead time is less by theirs.
+
+    A pole beyond the sampling rate does nothing in the band. But a plant that still answers there, held from sample to
+    sample, answers in the band with the held command's images.
+    """
+    top = 2.0 * np.pi * band_hz[1]
+    poles, zeros = (values[np.abs(values) <= _FAR * top] for values in (plant.poles, plant.zeros))
+    if poles.size == plant.poles.size and zeros.size == plant.zeros.size:
+        return plant
+    far_zeros, far_poles = (values[np.abs(values) > _FAR * top] for values in (plant.zeros, plant.poles))
+    gain = plant.gain * float(np.real(np.prod(-far_zeros) / np.prod(-far_poles)))
+    count = max(2, zeros.size - poles.size + 1) if zeros.size >= poles.size else 0
+    corner = _FALLS_OFF * top
+    added = corner * np.exp(1j * np.pi * (0.5 + (np.arange(count) + 0.5) / max(1, count)))
+    late_s = float(np.sum(np.real(-1.0 / added)))
+    all_poles = np.concatenate([poles, added])
+    return ContinuousSystem(zeros, all_poles, gain * corner**count, max(0.0, plant.delay_s - late_s))
 
 
 def _bulk_delay_s(heard: Heard) -> float:
@@ -106,11 +130,16 @@ def _points(heard: Heard, late_s: float) -> FrequencyResponse:
 def departure_db(plant: ContinuousSystem, heard: Heard, band_hz: tuple[float, float]) -> float:
     """Return the greatest departure of the plant's magnitude from what was heard, dB, in means over nine lines (2 Hz),
     beyond twice the error of such a mean.
+
+    The plant is taken as a prefilter is designed on it, held from sample to sample: a pole beyond the sampling rate
+    does nothing in the band and spoils that.
     """
     response, error = heard.response()
     frequency = heard.wave.frequency_hz
     inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
-    modelled = plant.response(frequency[inside])
+    fraction_s = plant.delay_s % (1.0 / heard.wave.rate_hz)
+    held = zero_order_hold(replace(plant, delay_s=fraction_s), heard.wave.rate_hz)
+    modelled = held.response(frequency[inside])
     ratio = np.abs(response[inside]) / np.abs(modelled)
     kernel = np.ones(_MEAN) / _MEAN
     off = np.abs(db(np.convolve(ratio, kernel, mode="valid")))
