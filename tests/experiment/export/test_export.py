@@ -252,6 +252,27 @@ def test_export__every_variable_described__stands_in_a_table(store, tmp_path, fo
     assert described["age"] == {"Description": "Age", "Units": "year"}
 
 
+@pytest.mark.parametrize("form", ["psych-ds", "bids"])
+def test_export__same_code_in_two_studies__is_two_participants(tmp_path, form) -> None:
+    made, place = Store(tmp_path / "lab.db"), apparatus()
+    curve = place.controller.display.channels[0].threshold.curve
+    for name in ("one", "an other"):
+        text = ONE_SUBJECT.replace('"short"', f'"{name}"').replace("[30, 90, 210]", "[210]")
+        people = simulated_observers(curve, 1, 3, place.band_hz)
+        run_study(made, parse_protocol(text), text, place, people, ObedientClock())
+    export(made, tmp_path / form, form)
+    made.close()
+    if form == "bids":
+        table = (tmp_path / form / "participants.tsv").read_text().splitlines()
+        assert [row.split("\t")[0] for row in table] == ["participant_id", "sub-anotherS1", "sub-oneS1"]
+    files = sorted((tmp_path / form).rglob("*_beh.tsv" if form == "bids" else "*description-trials_data.csv"))
+    assert len(files) >= 2
+    for path in files:
+        with path.open() as stream:
+            studies = {row["study"] for row in csv.DictReader(stream, delimiter="\t" if form == "bids" else ",")}
+        assert studies == {"an other" if "another" in path.name else "one"}
+
+
 @pytest.mark.soak
 @pytest.mark.skipif(shutil.which("bids-validator-deno") is None, reason="the validator is not installed")
 def test_bids__its_own_validator__finds_no_error(store, tmp_path) -> None:

@@ -10,13 +10,13 @@ from tactuator.experiment.export.dictionary import Meaning
 from tactuator.experiment.export.rows import Exported, TableRow, Value
 from tactuator.experiment.export.tasks import (
     description,
+    participants,
     runs_of,
     study_names,
-    subject_codes,
     task_name,
     task_names,
 )
-from tactuator.experiment.export.writing import cell, described, label, lines, table_text, write_json
+from tactuator.experiment.export.writing import cell, described, lines, table_text, write_json
 
 _VERSION, _MISSING = "1.10.0", "n/a"
 _QUESTIONS = {
@@ -42,10 +42,10 @@ def write_bids(found: Exported, folder: Path) -> None:
     (folder / "README.md").write_text(f"# {study_names(found)}\n\n{description(found)}\n", encoding="utf-8")
     _participants(found, folder)
     visits = any(int(row["visit"] or 1) > 1 for row in found.trials.rows)
-    for subject in subject_codes(found):
-        mine = [row for row in found.trials.rows if row["subject"] == subject]
+    for one in participants(found):
+        mine = [row for row in found.trials.rows if one.has(row)]
         for visit in sorted({int(row["visit"] or 1) for row in mine}):
-            entities = [f"sub-{label(subject)}", *([f"ses-{visit:02d}"] if visits else [])]
+            entities = [f"sub-{one.label}", *([f"ses-{visit:02d}"] if visits else [])]
             place = folder.joinpath(*entities, "beh")
             place.mkdir(parents=True)
             _session(found, [row for row in mine if row["visit"] == visit], place, "_".join(entities))
@@ -55,15 +55,14 @@ def write_bids(found: Exported, folder: Path) -> None:
 def _participants(found: Exported, folder: Path) -> None:
     """Write the subjects with their demographics; the ids that others know them by stay in the laboratory."""
     extra = [one for one in found.subjects.columns if one.name not in ("study", "subject", "outside_id")]
-    with_data = set(subject_codes(found))
     rows = [
-        (f"sub-{label(str(row['subject']))}", *(cell(row[one.name], _MISSING) for one in extra))
+        (f"sub-{one.label}", *(cell(row[column.name], _MISSING) for column in extra))
+        for one in participants(found)
         for row in found.subjects.rows
-        if row["subject"] in with_data
+        if one.has(row)
     ]
-    once = list({row[0]: row for row in rows}.values())
     names = [("participant_id", *(one.name for one in extra))]
-    (folder / "participants.tsv").write_text(lines([*names, *once], "\t"), encoding="utf-8")
+    (folder / "participants.tsv").write_text(lines([*names, *rows], "\t"), encoding="utf-8")
     write_json(folder / "participants.json", described(extra))
 
 

@@ -10,6 +10,7 @@ from tactuator.experiment.export.bids import write_bids
 from tactuator.experiment.export.dictionary import dictionary
 from tactuator.experiment.export.psych_ds import write_psych_ds
 from tactuator.experiment.export.rows import Exported, exported
+from tactuator.experiment.export.tasks import participants
 from tactuator.experiment.export.writing import label, lines, table_text, write_json
 from tactuator.experiment.store.store import Store
 from tactuator.files.atomic import atomic_folder
@@ -31,7 +32,8 @@ def export(store: Store, folder: Path, form: str) -> int:
     if form not in FORMS:
         raise BadInput(f"format {form!r}; allowed: {', '.join(FORMS)}")
     all_of_it = exported(store)
-    own = _OWN_NAMES | {f"sub-{label(str(row['subject']))}" for row in all_of_it.subjects.rows}
+    names = {label(str(row["subject"])) for row in all_of_it.subjects.rows}
+    own = _OWN_NAMES | {f"sub-{one}" for one in names | {one.label for one in participants(all_of_it)}}
     with atomic_folder(folder, frozenset(own)) as beside:
         FORMS[form](all_of_it, beside)
     return len(all_of_it.trials.rows)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import count
 
 from tactuator.experiment.export.rows import Exported, TableRow, Value
+from tactuator.experiment.export.writing import label
 from tactuator.experiment.protocol.plan import FORCED_CHOICE
 
 
@@ -23,9 +27,36 @@ def study_names(found: Exported) -> str:
     return "; ".join(sorted({str(row["study"]) for row in found.trials.rows}))
 
 
-def subject_codes(found: Exported) -> list[str]:
-    """Return the subjects with trials, each once."""
-    return sorted({str(row["subject"]) for row in found.trials.rows})
+@dataclass(frozen=True)
+class Participant:
+    """A subject of one study. label: the name in files, letters and digits, that no other participant has."""
+
+    study: Value
+    subject: Value
+    label: str
+
+    def has(self, row: TableRow) -> bool:
+        """Tell whether a row of a table is of this participant."""
+        return (row["study"], row["subject"]) == (self.study, self.subject)
+
+
+def participants(found: Exported) -> list[Participant]:
+    """Return the participants with trials, by study and code.
+
+    A code that two studies of the store have, or two codes that a file system may take for one, are told apart: the
+    name of the study stands before the code and, if that is not enough, a number follows.
+    """
+    each = sorted({(str(row["study"]), str(row["subject"])) for row in found.trials.rows})
+    codes = Counter(label(subject).casefold() for _, subject in each)
+    taken: set[str] = set()
+    all_of_them = []
+    for study, subject in each:
+        name = label(subject) if codes[label(subject).casefold()] == 1 else label(study) + label(subject)
+        numbered = (name if number == 1 else f"{name}n{number}" for number in count(1))
+        free = next(one for one in numbered if one.casefold() not in taken)
+        taken.add(free.casefold())
+        all_of_them.append(Participant(study, subject, free))
+    return all_of_them
 
 
 def runs_of(rows: Sequence[TableRow]) -> list[Value]:

@@ -66,8 +66,9 @@ class Refit:
     """Posterior of the threshold of each run, dB; all arrays (runs,).
 
     threshold_db: median. sd_db: standard deviation. low_db, high_db: central interval. slope, lapse: posterior means.
-    log_bayes_factor: log evidence for a threshold within the grid against guessing. lapse_log_odds: log likelihood
-    ratio of a lapse rate of 10 % or more to one of 2.5 % or less, threshold and slope integrated out.
+    log_bayes_factor: log evidence for a threshold within the grid against guessing. lapse_log_odds: log likelihood of
+    lapse rates of 10 % or more, on average, over that of the likeliest rate of 2.5 % or less, threshold and slope
+    integrated out.
     """
 
     threshold_db: FloatArray
@@ -116,7 +117,7 @@ def _refit_batch(
     against_chance = highest[:, 0] + np.log(posterior.sum(axis=(1, 2, 3))) - chance
     by_lapse = posterior.sum(axis=(1, 2)) / grid.lapse_prior
     often, seldom = by_lapse[:, grid.lapses >= _FREQUENT_LAPSE_RATE], by_lapse[:, grid.lapses <= _RARE_LAPSE_RATE]
-    odds = np.log(np.maximum(often.mean(axis=1), 1e-300)) - np.log(np.maximum(seldom.mean(axis=1), 1e-300))
+    odds = np.log(np.maximum(often.mean(axis=1), 1e-300)) - np.log(np.maximum(seldom.max(axis=1), 1e-300))
     posterior /= posterior.sum(axis=(1, 2, 3), keepdims=True)
     marginal = posterior.sum(axis=(2, 3))
     mean = marginal @ grid.thresholds

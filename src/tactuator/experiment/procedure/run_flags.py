@@ -14,8 +14,12 @@ from tactuator.experiment.procedure.refit import Refit, RefitPrior
 
 LEAST_LOG_EVIDENCE = 3.0
 """Log Bayes factor against guessing below which a run is flagged `chance`: odds of twenty to one."""
-LAPSE_LOG_ODDS = 1.5
+LAPSE_LOG_ODDS = 0.9
 """Log likelihood ratio of frequent over rare lapses above which a run is flagged `lapses`."""
+LAPSE_LOG_ODDS_OF_FEW = 1.4
+"""That limit for runs of fewer than _FEW_ANSWERS: two lapses among few loud trials look like many. With 0.9, four in a
+hundred normal runs of 60 answers would be flagged."""
+_FEW_ANSWERS = 75
 POWER_LAPSE_RATE = 0.15
 """Lapse rate for which the power is stated."""
 _EASY_ABOVE_DB = 8.0
@@ -25,12 +29,13 @@ _EASY_ABOVE_DB = 8.0
 class RunFlags:
     """Results of the tests on several runs, each (runs,).
 
-    log_bayes_factor, lapse_log_odds: as in Refit. lapse_power: probability that a lapse rate of POWER_LAPSE_RATE would
-    be flagged.
+    log_bayes_factor, lapse_log_odds: as in Refit. lapse_limit: of those odds. lapse_power: probability that a lapse
+    rate of POWER_LAPSE_RATE would be flagged.
     """
 
     log_bayes_factor: FloatArray
     lapse_log_odds: FloatArray
+    lapse_limit: FloatArray
     lapse_power: FloatArray
     drift: Drift
 
@@ -38,7 +43,7 @@ class RunFlags:
         """Return the names of the flags of one run, sorted."""
         found = {
             "chance": self.log_bayes_factor[run] < LEAST_LOG_EVIDENCE,
-            "lapses": self.lapse_log_odds[run] > LAPSE_LOG_ODDS,
+            "lapses": self.lapse_log_odds[run] > self.lapse_limit[run],
             "drift": abs(self.drift.z[run]) > CRITICAL_Z,
         }
         return tuple(sorted(name for name, true in found.items() if true))
@@ -52,7 +57,9 @@ def run_flags(levels_db: FloatArray, correct: NDArray[np.bool_], fitted: Refit, 
     answering = Answering(slopes=(1.0,), lapses=(0.0,), lapse_shares=(1.0,), guess=prior.guess, target=prior.target)
     answers = Answers(levels_db, correct, fitted.slope, fitted.lapse)
     drift = drift_test(answers, fitted.threshold_db, answering)
-    return RunFlags(fitted.log_bayes_factor, fitted.lapse_log_odds, _lapse_power(levels_db, fitted), drift)
+    few = np.isfinite(levels_db).sum(axis=1) < _FEW_ANSWERS
+    limit = np.where(few, LAPSE_LOG_ODDS_OF_FEW, LAPSE_LOG_ODDS)
+    return RunFlags(fitted.log_bayes_factor, fitted.lapse_log_odds, limit, _lapse_power(levels_db, fitted), drift)
 
 
 def _lapse_power(levels_db: FloatArray, fitted: Refit) -> FloatArray:
