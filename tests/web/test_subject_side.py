@@ -240,6 +240,28 @@ def test_practice__not_passed_and_given_up__goes_on_without(make) -> None:
     assert (presented.held, presented.upcoming.position) == (None, 1)
 
 
+def test_practice__given_up_while_the_page_waits__the_page_shows_what_comes_instead(make) -> None:
+    lab = make(PRACTISES, auto_start=False)
+    lab.start(1)
+    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
+        stage(socket, "consent")
+        socket.send_json({"type": "consent"})
+        stage(socket, "introduction")
+        socket.send_json({"type": "ready", "stage": "introduction"})
+        stage(socket, "trial")
+        socket.send_json({"type": "ready", "stage": "trial"})
+        for _ in range(3):
+            stands = until(socket, "answer-now")
+            right = lab.opened(1).pending[0].trial.correct
+            answer(socket, stands, next(one for one in "123" if one != right))
+        assert "ractice" in stage(socket, "introduction")["introduction"]
+        with client.websocket_connect("/ws/operator") as operator:
+            operator.send_text(TOKEN)
+            operator.send_json({"type": "give-up-run"})
+            now = until(socket, "stage")
+    assert (now["stage"], now["introduction"]) == ("trial", "")
+
+
 def test_time_left__falls_with_every_run_and_is_nothing_at_the_end(make) -> None:
     lab = make()
     presented = lab.study.session(lab.sessions[0])

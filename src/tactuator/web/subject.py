@@ -109,7 +109,7 @@ class SubjectTab:
 
     async def _run_stage(self, presented: PresentedSession) -> None:
         session = presented.session
-        stage = session.stage
+        told = stage, _ = presented.comes
         await self._stage(presented)
         if stage in ("done", "ended"):
             self.lab.release(self.session)
@@ -117,10 +117,11 @@ class SubjectTab:
         elif stage == "consent":
             await self._await_consent(presented)
         else:
-            await self._await_ready(stage)
+            if not await self._is_ready(presented, told):
+                return  # the operator gave up the run that was introduced: the page is told of the next
             if stage == "trial":
                 await self._run_trials(presented)
-            elif session.stage == stage:  # the operator may have given up the run meanwhile
+            else:
                 await self._save_or_report({"break": session.end_break, "introduction": session.introduce}[stage])
 
     async def _run_trials(self, presented: PresentedSession) -> None:
@@ -155,8 +156,16 @@ class SubjectTab:
             if isinstance(message, Pause | Withdraw):
                 raise _Interrupted(message)
 
-    async def _until_changed(self) -> None:
-        """Wait for the lab to change, and handle a message of the page that comes meanwhile."""
+    async def _is_ready(self, presented: PresentedSession, told: tuple[str, str]) -> bool:
+        """Wait until the subject goes on from what the page was told; return False where something else comes now."""
+        while presented.comes == told:
+            message = await self._until_changed()
+            if isinstance(message, Ready) and message.stage == told[0]:
+                return presented.comes == told
+        return False
+
+    async def _until_changed(self) -> SubjectMessage | None:
+        """Wait for the lab to change, and handle and return a message of the page that comes meanwhile."""
         change = asyncio.create_task(self.lab.until_changed(_RECHECK_S))
         incoming = asyncio.create_task(self._messages.get())
         try:
@@ -166,7 +175,8 @@ class SubjectTab:
             if not incoming.done():
                 incoming.cancel()
         if incoming.done() and not incoming.cancelled():
-            await self._take(incoming.result())
+            return await self._take(incoming.result())
+        return None
 
     async def _await_consent(self, presented: PresentedSession) -> None:
         while True:
@@ -307,12 +317,11 @@ class SubjectTab:
 
     async def _stage(self, presented: PresentedSession, stage: str | None = None) -> None:
         session = presented.session
-        upcoming = session.upcoming
         await self._send(
             type="stage",
             stage=stage or session.stage,
             ended=session.ended,
-            introduction="" if upcoming is None else upcoming.introduction,
+            introduction=presented.introduction,
             waiting=stage is None and session.stage == "trial" and not self.lab.may_play(self.session),
             progress=session.progress,
             left_s=round(session.time_left_s),

@@ -14,10 +14,10 @@ from tactuator.experiment.procedure.refit import Refit, RefitPrior
 
 LEAST_LOG_EVIDENCE = 3.0
 """Log Bayes factor against guessing below which a run is flagged `chance`: odds of twenty to one."""
-LAPSE_LOG_ODDS = 0.9
+LAPSE_LOG_ODDS = 0.8
 """Log likelihood ratio of frequent over rare lapses above which a run is flagged `lapses`."""
 LAPSE_LOG_ODDS_OF_FEW = 1.4
-"""That limit for runs of fewer than _FEW_ANSWERS: two lapses among few loud trials look like many. With 0.9, four in a
+"""That limit for runs of fewer than _FEW_ANSWERS: two lapses among few loud trials look like many. With 0.8, five in a
 hundred normal runs of 60 answers would be flagged."""
 _FEW_ANSWERS = 75
 POWER_LAPSE_RATE = 0.15

@@ -28,6 +28,17 @@ class PresentedSession:
     pending: tuple[NextTrial, PlayedTrial] | None = field(init=False, default=None)
     _played: tuple[int, int, int] = field(init=False, default=(0, 0, 0))
 
+    @property
+    def introduction(self) -> str:
+        """Return the text before the run that comes next, or "" where none does."""
+        upcoming = self.session.upcoming
+        return "" if upcoming is None else upcoming.introduction
+
+    @property
+    def comes(self) -> tuple[str, str]:
+        """Return what a page shows before the subject goes on: the stage and the introduction."""
+        return self.session.stage, self.introduction
+
     def present(self, watch: Watch, halted: Callable[[], bool] = _never) -> NextTrial:
         """Play the trial that stands; again, if it was played and never answered, or its timing was missed.
 
