@@ -24,7 +24,7 @@ def write_psych_ds(found: Exported, folder: Path) -> None:
             "name": study_names(found),
             "description": description(found),
             "schemaVersion": "Psych-DS 1.0.0",
-            "variableMeasured": [_property(variable) for variable in variables.values()],
+            "variableMeasured": [_property(one) for one in variables.values()],
         },
     )
     (folder / "README.md").write_text(f"# {study_names(found)}\n\n{description(found)}\n", encoding="utf-8")
@@ -34,14 +34,14 @@ def write_psych_ds(found: Exported, folder: Path) -> None:
         table = found.tables[name]
         if table.rows:
             (data / f"description-{name}_data.csv").write_text(table_text(table), encoding="utf-8")
-    for one in participants(found):
-        mine = [row for row in found.trials.rows if one.has(row)]
+    for person in participants(found):
+        mine = [row for row in found.trials.rows if person.has(row)]
         for task in task_names(mine):
             trials = [row for row in mine if task_name(row) == task]
-            _write(data, f"subject-{one.label}_task-{task}", "trials", found.trials, trials)
+            _write(data, f"subject-{person.label}_task-{task}", "trials", found.trials, trials)
             runs = {row["run"] for row in trials}
             intervals = [row for row in found.intervals.rows if row["run"] in runs]
-            _write(data, f"subject-{one.label}_task-{task}", "intervals", found.intervals, intervals)
+            _write(data, f"subject-{person.label}_task-{task}", "intervals", found.intervals, intervals)
     (folder / "analysis").mkdir()
     for name, settings in found.settings.items():
         write_json(folder / "analysis" / f"{name}.json", settings)
