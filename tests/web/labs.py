@@ -10,6 +10,7 @@ from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
 from tactuator.web.app import build_app
 from tactuator.web.lab import Lab
+from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, opened_study
 from tests.web.server import Client, Socket, served
 
 TOKEN = "the operator's own"
@@ -60,3 +61,26 @@ def response_count(lab: Lab) -> int:
     """How many responses the lab's store has."""
     with lab.store.read() as connection:
         return int(connection.execute(select(func.count()).select_from(schema.response)).scalar_one())
+
+
+@pytest.fixture
+def make(make_lab):
+    """Makes a lab from the text of a protocol."""
+
+    def lab(text=PROTOCOL, auto_start=True, shown=""):
+        return make_lab(lambda store: opened_study(store, ObedientClock(), text), auto_start, shown)
+
+    return lab
+
+
+def stage(socket: Socket, name: str) -> dict:
+    """The next message that the session stands at that stage."""
+    while (found := until(socket, "stage"))["stage"] != name:
+        pass
+    return found
+
+
+def answer(socket: Socket, stands: dict, response: str = "1") -> dict:
+    """The acknowledgement of an answer to the trial that stands."""
+    socket.send_json({"type": "answer", "run": stands["run"], "number": stands["number"], "response": response})
+    return until(socket, "ack")

@@ -7,26 +7,11 @@ from sqlalchemy import select
 
 from tactuator.experiment.store import schema, study_records
 from tactuator.web.app import build_app
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, opened_study, response_of
-from tests.web.labs import TOKEN, make_lab, until  # noqa: F401
+from tests.experiment.session.apparatuses import PROTOCOL, response_of
+from tests.web.labs import TOKEN, answer, make, make_lab, stage, until  # noqa: F401
 from tests.web.server import served
 
 RESTS = PROTOCOL.replace("break_after_trials = 20", "break_after_trials = 2\nbreak_s = 30")
-PRACTISES = PROTOCOL.replace("practice_trials = 2", "practice_trials = 2\npractice_correct = 2\npractice_limit = 3")
-
-
-@pytest.fixture
-def make(make_lab):
-    def lab(text=PROTOCOL, auto_start=True, shown=""):
-        return make_lab(lambda store: opened_study(store, ObedientClock(), text), auto_start, shown)
-
-    return lab
-
-
-def stage(socket, name):
-    while (found := until(socket, "stage"))["stage"] != name:
-        pass
-    return found
 
 
 def begun(socket):
@@ -35,11 +20,6 @@ def begun(socket):
     stage(socket, "trial")
     socket.send_json({"type": "ready", "stage": "trial"})
     return until(socket, "answer-now")
-
-
-def answer(socket, stands, response="1"):
-    socket.send_json({"type": "answer", "run": stands["run"], "number": stands["number"], "response": response})
-    return until(socket, "ack")
 
 
 def session(lab, number=0):
@@ -186,80 +166,6 @@ def test_break__server_begun_anew__lasts_from_the_last_answer(make) -> None:
     lab.clock.wait(12.0)
     again = lab.study.session(lab.sessions[0])
     assert (again.stage, again.break_left_s) == ("break", 18.0)
-
-
-def test_practice__not_passed__calls_the_experimenter_and_begins_again(make) -> None:
-    lab = make(PRACTISES, auto_start=False)
-    lab.start(1)
-    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
-        stage(socket, "consent")
-        socket.send_json({"type": "consent"})
-        assert "2 of 2 right" in stage(socket, "introduction")["introduction"]
-        socket.send_json({"type": "ready", "stage": "introduction"})
-        stage(socket, "trial")
-        socket.send_json({"type": "ready", "stage": "trial"})
-        for _ in range(3):
-            stands = until(socket, "answer-now")
-            right = lab.opened(1).pending[0].trial.correct
-            answer(socket, stands, next(one for one in "123" if one != right))
-        assert lab.paused
-        assert "has not passed" in lab.calls[1]
-        stage(socket, "introduction")
-        lab.pause(False)
-        assert lab.calls == {}
-        socket.send_json({"type": "ready", "stage": "introduction"})
-        stage(socket, "trial")
-        socket.send_json({"type": "ready", "stage": "trial"})
-        for _ in range(2):
-            stands = until(socket, "answer-now")
-            answer(socket, stands, lab.opened(1).pending[0].trial.correct)
-        session = lab.opened(1).session
-    assert [one.state for one in session.tally][:1] == ["done"]
-    with lab.store.read() as connection:
-        rows = connection.execute(
-            select(schema.run.c.attempt, schema.run.c.state).where(schema.run.c.position == 0)
-        ).all()
-    assert [tuple(row) for row in rows] == [(0, "restarted"), (1, "done")]
-
-
-def test_practice__not_passed_and_given_up__goes_on_without(make) -> None:
-    lab = make(PRACTISES, auto_start=False)
-    presented = lab.study.session(lab.sessions[0])
-    presented.give_consent()
-    from tactuator.experiment.session.presented_session import PresentedSession
-    from tactuator.experiment.store.answer_records import Answer
-
-    held = PresentedSession(presented)
-    presented.introduce()
-    for _ in range(3):
-        following = held.present(lambda interval, begins: None)
-        wrong = next(one for one in "123" if one != following.trial.correct)
-        held.answer(Answer(wrong, lab.clock.utc()))
-    assert presented.held is not None
-    held.give_up_run()
-    assert (presented.held, presented.upcoming.position) == (None, 1)
-
-
-def test_practice__given_up_while_the_page_waits__the_page_shows_what_comes_instead(make) -> None:
-    lab = make(PRACTISES, auto_start=False)
-    lab.start(1)
-    with served(build_app(lab, TOKEN)) as client, client.websocket_connect("/ws/subject/token-S1") as socket:
-        stage(socket, "consent")
-        socket.send_json({"type": "consent"})
-        stage(socket, "introduction")
-        socket.send_json({"type": "ready", "stage": "introduction"})
-        stage(socket, "trial")
-        socket.send_json({"type": "ready", "stage": "trial"})
-        for _ in range(3):
-            stands = until(socket, "answer-now")
-            right = lab.opened(1).pending[0].trial.correct
-            answer(socket, stands, next(one for one in "123" if one != right))
-        assert "ractice" in stage(socket, "introduction")["introduction"]
-        with client.websocket_connect("/ws/operator") as operator:
-            operator.send_text(TOKEN)
-            operator.send_json({"type": "give-up-run"})
-            now = until(socket, "stage")
-    assert (now["stage"], now["introduction"]) == ("trial", "")
 
 
 def test_time_left__falls_with_every_run_and_is_nothing_at_the_end(make) -> None:

@@ -55,6 +55,12 @@ def test_tables__thresholds__have_no_digit_that_their_interval_leaves_open() -> 
     assert row[7] == "-7.4"
 
 
+@pytest.mark.parametrize(("bound", "told"), [(">=", "≥ -1.0"), ("<=", "≤ 3.0"), ("", "-1.0 to 3.0")])
+def test_tables__threshold_beyond_what_was_played__has_no_interval_that_ends_there(bound, told) -> None:
+    (row,) = threshold_table([replace(ONE, bound=bound)], shipped_words("en")).rows
+    assert row[6] == told
+
+
 def test_tables__matrix_and_abx__have_no_other_word() -> None:
     rng, counts = np.random.default_rng(0), np.array([[9, 1], [2, 8]])
     one = SubjectResult("9", "identification", "7", ("1", "2"), counts, None, information(counts, rng))

@@ -1,6 +1,7 @@
 """What a clinic may trust: who is left out of a group curve, what is clipped, what is called simulated."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,15 +9,17 @@ import pytest
 from tactuator.cli.experiment.results import person_thresholds
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import shipped_words
+from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
+from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurve, WholeCurveRule
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.result.group_curve import group_curve
 from tactuator.experiment.result.psychometric_trials import psychometric_trials
 from tactuator.experiment.result.tables import threshold_table
-from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold, thresholds
+from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold, replayed, thresholds
 from tactuator.experiment.session.clock import SystemClock
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.store.stored_runs import detection_runs
+from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.experiment.trial.delivered_level import delivered_level
 from tactuator.perception import library
 from tactuator.perception.relative_curve import RelativeCurve
@@ -160,6 +163,21 @@ def test_delivered__display_a_decibel_low_in_noise__is_found_with_its_error(freq
 def test_delivered__nothing_near_or_only_noise__is_unknown() -> None:
     assert np.isnan(delivered_level(np.array([np.nan, 30.0]), np.array([0.0, 30.0]), 10.0, 0.0).offset_db)
     assert np.isnan(delivered_level(np.array([np.nan]), np.array([0.0]), 100.0, 0.0).offset_db)
+
+
+@pytest.mark.parametrize("mains_hz", [60.0, 50.0, 0.0])
+def test_replayed__whole_curve_at_a_display_with_other_mains__has_the_frequencies_that_were_played(mains_hz) -> None:
+    head, tail = TEXT.split("[procedure]")[0], TEXT[TEXT.index("[conditions]") :]
+    protocol = parse_protocol(
+        f'{head}[procedure]\nkind = "curve"\n{tail}'.replace("frequencies_hz = [8, 30, 200]\n", "")
+    )
+    prior = WholeCurveRule(prior=CurvePrior((0.4, 300.0), 28, mains_hz, 4.0)).prior
+    about = SimpleNamespace(band_low_hz=0.4, band_high_hz=300.0)
+    hertz = prior.frequency_hz
+    run = StoredRun(None, about, protocol, hertz, 0.0 * hertz, 0.0 * hertz, hertz > 0.0, ())  # type: ignore[arg-type]
+    procedure = replayed(run)
+    assert isinstance(procedure, WholeCurve)
+    assert procedure.rule.prior.frequency_hz == pytest.approx(hertz)
 
 
 def test_threshold__is_a_named_point(study) -> None:

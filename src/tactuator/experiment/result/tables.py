@@ -37,7 +37,7 @@ def threshold_table(found: Sequence[MeasuredThreshold], words: Words) -> ResultT
             str(one.trials),
             "–" if one.own_db_sl is None else f"{one.own_db_sl:.1f}",
             f"{_BOUNDS[one.bound]}{one.refit_db_sl:.1f}",
-            words("results.range", low=f"{one.refit_low_db_sl:.1f}", high=f"{one.refit_high_db_sl:.1f}"),
+            _interval(one, words),
             f"{_BOUNDS[one.bound]}{one.level_db_re_1um:.1f}",
             ", ".join(words(f"results.flag_{name.replace('-', '_')}") for name in one.flags),
         )
@@ -55,6 +55,13 @@ def threshold_table(found: Sequence[MeasuredThreshold], words: Words) -> ResultT
         if weak:
             notes.append(words(name, count=weak, all=len(found)))
     return ResultTable(words("results.thresholds"), heads, rows, tuple(notes))
+
+
+def _interval(one: MeasuredThreshold, words: Words) -> str:
+    """Return the 95 % interval; of a threshold beyond what was played, the end that is known."""
+    if one.bound:
+        return f"{_BOUNDS[one.bound]}{one.refit_low_db_sl if one.bound == '>=' else one.refit_high_db_sl:.1f}"
+    return words("results.range", low=f"{one.refit_low_db_sl:.1f}", high=f"{one.refit_high_db_sl:.1f}")
 
 
 def information_table(title: str, found: Information, words: Words) -> ResultTable:

@@ -25,6 +25,9 @@ DISQUALIFYING = frozenset({"attention", "chance", "drift", "lapses", "mains", "o
 
 _NEAR_DECADES, _NEAR_DB = 0.2, 12.0
 _NORMAL_95 = 1.959964
+_MAINS_HZ = (60.0, 50.0, 0.0)
+"""Mains frequencies that a whole curve may have kept clear of; the frequencies that were played tell which."""
+_SAME_FREQUENCY = 1e-6
 
 
 @dataclass(frozen=True)
@@ -87,13 +90,25 @@ def replayed(run: StoredRun) -> Procedure:
 
     A whole curve is returned fresh, since the belief is computed from the trials as they were played.
     """
-    timing = run.protocol.timing.build()
-    playable = Playable((run.run.band_low_hz, run.run.band_high_hz), clearance_hz=timing.clearance_hz(60.0))
-    procedure = run.protocol.fresh_run(playable)
-    if not isinstance(procedure, WholeCurve):
-        for outcome in run.correct[catch_kinds(run) == ""]:
-            procedure.record(bool(outcome))
+    procedure = _fresh(run, _MAINS_HZ[0])
+    if isinstance(procedure, WholeCurve):
+        return next((one for one in (_fresh(run, mains_hz) for mains_hz in _MAINS_HZ) if _placed(one, run)), procedure)
+    for outcome in run.correct[catch_kinds(run) == ""]:
+        procedure.record(bool(outcome))
     return procedure
+
+
+def _fresh(run: StoredRun, mains_hz: float) -> Procedure:
+    """Return the run's procedure before its first trial, at a display with that mains frequency (0: none)."""
+    clearance_hz = run.protocol.timing.build().clearance_hz(mains_hz or 100.0)
+    return run.protocol.fresh_run(Playable((run.run.band_low_hz, run.run.band_high_hz), mains_hz, clearance_hz))
+
+
+def _placed(procedure: Procedure, run: StoredRun) -> bool:
+    """Tell whether the procedure has all the frequencies that were played."""
+    assert isinstance(procedure, WholeCurve)
+    own = np.log(procedure.rule.prior.frequency_hz)
+    return bool(np.all(np.abs(np.log(run.frequency_hz)[:, None] - own).min(axis=1) < _SAME_FREQUENCY))
 
 
 def point_of(procedure: Procedure) -> float:
