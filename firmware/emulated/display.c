@@ -55,9 +55,9 @@ int tact_emulated_runs_freely(void)
     return seen->mode == TACT_RUNNING && !seen->holds;
 }
 
-int tact_emulated_is_behind(void)
+int tact_emulated_is_behind(uint32_t part)
 {
-    const uint32_t ahead = seen->stream_end - seen->tick;
+    const uint32_t ahead = seen->stream_end - seen->tick, silence = seen->silence;
     const int is_short = seen->source == TACT_STREAM && ahead != 0 && ahead < BEHIND_ROWS;
-    return tact_emulated_runs_freely() && (seen->silence > BEHIND_TICKS || is_short);
+    return tact_emulated_runs_freely() && (silence > BEHIND_TICKS || (is_short && silence >= ahead / part));
 }

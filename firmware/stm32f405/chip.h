@@ -5,6 +5,7 @@
 #ifndef TACT_STM32F405_CHIP_H
 #define TACT_STM32F405_CHIP_H
 
+#include <stddef.h>
 #include <stdint.h>
 
 #include "board/board.h"
@@ -23,7 +24,7 @@ void tact_chip_finish(void);
 int tact_chip_holds(void);
 int tact_chip_is_sound(void);
 
-/* After a look at what has come: sleep until the next interrupt, if nothing has. */
-void tact_chip_idle(int something_came);
+/* As in port.h: bytes that have come; sleeps until the next interrupt if there are none. */
+size_t tact_chip_receive(uint8_t *bytes, size_t most);
 
 #endif

@@ -55,9 +55,7 @@ int tact_port_holds(void)
 
 size_t tact_port_receive(uint8_t *bytes, size_t most)
 {
-    const size_t size = tact_usart_receive(bytes, most);
-    tact_chip_idle(size != 0);
-    return size;
+    return tact_chip_receive(bytes, most);
 }
 
 void tact_port_send(const uint8_t *bytes, size_t size)

@@ -169,9 +169,11 @@ def judged(board, rows, instruction_ns) -> StreamingCheck:
         pytest.skip(str(error))
 
 
-@pytest.mark.parametrize(("board", "rows"), [("mps2-an386", 1000), ("mps2-an500", 1000), ("stm32f405", 200)])
-def test_emulated_board_in_free_run__reference_streams_in__no_interrupt_is_late(board, rows):
-    found = judged(board, rows, 4)  # the soak streams 40,000 rows
+@pytest.mark.parametrize(
+    ("board", "rows", "instruction_ns"), [("mps2-an386", 1000, 4), ("mps2-an500", 1000, 4), ("stm32f405", 40_000, 8)]
+)
+def test_emulated_board_in_free_run__reference_streams_in__no_interrupt_is_late(board, rows, instruction_ns):
+    found = judged(board, rows, instruction_ns)
     assert (found.late, found.dry, found.dropped, found.fault) == (0, 0, 0, "none")
     assert found.played == found.samples == rows
     assert found.bit_exact

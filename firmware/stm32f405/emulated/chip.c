@@ -1,6 +1,7 @@
 /* STM32F405 of the emulator (QEMU's netduinoplus2): its clock is up already, and the simulated display is in the place of
- * the converters. Time stands still while a board that waits for its host, or whose host is behind, hears nothing: a busy
- * machine does not count against the board, and how fast a host has to be is not what such a run shows. */
+ * the converters. Time stands still while a board that waits for its host, or whose host is behind, has no whole frame: a
+ * busy machine does not count against the board, and how fast a host has to be is not what such a run shows. A host that
+ * has fed few rows may have no more: it has an eighth of them played for each of its words. */
 
 #include "stm32f405/chip.h"
 
@@ -9,7 +10,9 @@
 #include "emulated/display.h"
 #include "stm32f405/usart.h"
 
+enum { FRAMES_END = 0 };
 enum { SUPERVISED = 8 }; /* interrupts after the last byte, so that the supervisor has seen what it brought */
+enum { AN_EIGHTH = 8 };
 
 int tact_chip_clock(void)
 {
@@ -49,18 +52,20 @@ int tact_chip_is_sound(void)
     return 1;
 }
 
-void tact_chip_idle(int something_came)
+size_t tact_chip_receive(uint8_t *bytes, size_t most)
 {
     static uint32_t looks;
-    const int waits = tact_emulated_holds() && looks > SUPERVISED;
-    looks = something_came ? 0 : looks + 1;
-    if (something_came)
-        return;
-    if (waits || tact_emulated_is_behind()) {
-        tact_systick_stand();
-        tact_sleep_unless(tact_usart_has);
+    size_t size = tact_usart_receive(bytes, most);
+    if ((tact_emulated_holds() && looks > SUPERVISED) || tact_emulated_is_behind(AN_EIGHTH)) {
+        while (size < most && (size == 0 || bytes[size - 1] != FRAMES_END)) {
+            tact_systick_stand(); /* a tick that was due may have let it go on */
+            tact_sleep_unless(tact_usart_has);
+            size += tact_usart_receive(bytes + size, most - size);
+        }
         tact_systick_go_on();
-    } else {
+    } else if (size == 0) {
         tact_sleep_unless(tact_usart_has);
     }
+    looks = size ? 0 : looks + 1;
+    return size;
 }

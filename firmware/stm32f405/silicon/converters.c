@@ -52,8 +52,10 @@ int tact_chip_is_sound(void)
     return is_sound;
 }
 
-void tact_chip_idle(int something_came)
+size_t tact_chip_receive(uint8_t *bytes, size_t most)
 {
-    if (!something_came)
+    const size_t size = tact_usart_receive(bytes, most);
+    if (size == 0)
         tact_sleep_unless(tact_usart_has);
+    return size;
 }

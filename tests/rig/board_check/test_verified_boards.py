@@ -8,7 +8,6 @@ import pytest
 
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board_check.period_check import check_period
-from tactuator.rig.board_check.streaming_check import check_streaming
 from tactuator.rig.board_rigs import emulated_rig, simulated_board_rig
 from tactuator.rig.open import open_rig
 from tactuator.rig.program import build_firmware
@@ -44,11 +43,3 @@ def test_check_period__million_ticks_on_an_stm32f405__are_the_same() -> None:
         found = check_period(rig, designed(), 1_000_000)
     assert found.first_difference == ""
     assert len(found.faults) == 12
-
-
-@pytest.mark.soak
-def test_check_streaming__forty_thousand_rows_on_an_stm32f405__none_late_none_dry() -> None:
-    found = check_streaming("stm32f405", designed(), 10.0)
-    assert (found.samples, found.late, found.dry, found.dropped, found.fault) == (40_000, 0, 0, 0, "none")
-    assert found.bit_exact
-    assert found.holds

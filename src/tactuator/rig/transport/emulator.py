@@ -7,7 +7,6 @@ import os
 import select
 import shutil
 import signal
-import socket
 import subprocess
 import tempfile
 import time
@@ -16,12 +15,13 @@ from pathlib import Path
 from tactuator.errors import BadInput
 from tactuator.rig.boards import find_board
 from tactuator.rig.program import build_firmware
-from tactuator.rig.transport.socket import SocketLink
 from tactuator.rig.transport.transport import LinkDown
 
 EMULATOR = "qemu-system-arm"
 _OPEN_TIMEOUT_S = 20.0
 _PIPE_BYTES = 1 << 16
+_UART = "uart"
+_NO_LINK = f"the emulator does not open its link within {_OPEN_TIMEOUT_S:g} s"
 
 
 def emulator_command(board: str, program: Path, counting: str | None, serial: str = "none") -> list[str]:
@@ -44,20 +44,19 @@ def emulator(board: str, counting: str | None = "shift=3,sleep=off") -> Emulator
     return Emulator(board, counting) if find_board(board).has_fifos else EmulatorUart(board, counting)
 
 
-class Emulator:
-    """A board in QEMU that runs `program`, or the one that is built for it. Its time is its own: `counting` makes it
-    follow the instructions that it has executed."""
+class _Emulated:
+    """A process of QEMU's with two FIFOs in its folder, that carry bytes to its board and back."""
 
-    def __init__(self, board: str, counting: str | None = "shift=3,sleep=off", program: Path | None = None) -> None:
-        command = emulator_command(board, program or build_firmware(board), counting)
+    def __init__(self, command: list[str], to_board: str, from_board: str) -> None:
         self._folder = Path(tempfile.mkdtemp(prefix="tactuator-"))
-        for name in ("to-board", "from-board"):
+        for name in (to_board, from_board):
             os.mkfifo(self._folder / name)
         self._process: subprocess.Popen[bytes] | None = _begun(command, self._folder)
         self._to = self._from = -1
+        self.sent = self.received = 0
         try:
-            self._from = os.open(self._folder / "from-board", os.O_RDONLY | os.O_NONBLOCK)
-            self._to = self._open_to()
+            self._from = os.open(self._folder / from_board, os.O_RDONLY | os.O_NONBLOCK)
+            self._to = self._open_to(self._folder / to_board)
         except BaseException:
             self.close()
             raise
@@ -76,6 +75,7 @@ class Emulator:
                 continue
             except OSError:
                 raise LinkDown("the emulator has ended; allowed: one that runs") from None
+        self.sent += len(content)
 
     def receive(self, timeout_s: float) -> bytes:
         """Return the bytes that have come; waits for at most timeout_s."""
@@ -86,6 +86,7 @@ class Emulator:
             if readable:
                 content = os.read(self._from, _PIPE_BYTES)
                 if content:
+                    self.received += len(content)
                     return content
             self._require_alive()
             if left <= 0.0:
@@ -110,67 +111,51 @@ class Emulator:
         if self._process is None or self._process.poll() is not None:
             raise LinkDown("the emulator has ended; allowed: one that runs")
 
-    def _open_to(self) -> int:
-        """Return the FIFO to the board, once the board has opened its end."""
+    def _open_to(self, fifo: Path) -> int:
+        """Return the FIFO to the board, once the emulator has opened its end."""
         end = time.monotonic() + _OPEN_TIMEOUT_S
         while time.monotonic() < end:
             self._require_alive()
             try:
-                return os.open(self._folder / "to-board", os.O_WRONLY | os.O_NONBLOCK)
+                return os.open(fifo, os.O_WRONLY | os.O_NONBLOCK)
             except OSError:
                 time.sleep(0.005)
-        raise LinkDown(
-            f"the emulator does not open its link within {_OPEN_TIMEOUT_S:g} s; allowed: a board that starts"
-        )
+        raise LinkDown(f"{_NO_LINK}; allowed: a board that starts")
 
 
-class EmulatorUart:
-    """A board in QEMU behind its UART, on a socket of this machine: its time goes on while it sends and receives."""
+class Emulator(_Emulated):
+    """A board in QEMU that runs `program`, or the one that is built for it. Its time is its own: `counting` makes it
+    follow the instructions that it has executed. The board itself reads and writes the FIFOs.
+    """
+
+    def __init__(self, board: str, counting: str | None = "shift=3,sleep=off", program: Path | None = None) -> None:
+        super().__init__(emulator_command(board, program or build_firmware(board), counting), "to-board", "from-board")
+
+
+class EmulatorUart(_Emulated):
+    """A board in QEMU behind its UART, whose other end are the FIFOs: its time goes on while it sends and receives."""
 
     def __init__(self, board: str, counting: str | None = "shift=3,sleep=off", more: tuple[str, ...] = ()) -> None:
         """Start the emulator; `more` are further options of it."""
-        program = build_firmware(board)
-        self._folder = tempfile.TemporaryDirectory(prefix="tactuator-")  # no FIFOs in it: the board takes its UART
-        self._process: subprocess.Popen[bytes] | None = None
-        with socket.create_server(("127.0.0.1", 0)) as listener:
-            listener.settimeout(_OPEN_TIMEOUT_S)
-            serial = f"tcp:127.0.0.1:{listener.getsockname()[1]},nodelay=on"
-            try:
-                command = [*emulator_command(board, program, counting, serial), *more]
-                self._process = _begun(command, Path(self._folder.name))
-                self._link = SocketLink(listener.accept()[0])
-                if not self._link.receive(_OPEN_TIMEOUT_S):  # a board says when it is there; before, it hears nothing
-                    raise TimeoutError
-            except BaseException as error:
-                self.close()
-                if isinstance(error, TimeoutError):
-                    raise LinkDown(f"the emulator does not open its link within {_OPEN_TIMEOUT_S:g} s") from None
-                raise
-        self.sent = self.received = 0
-
-    def send(self, content: bytes) -> None:
-        """Send all bytes; raises LinkDown if the emulator has ended."""
-        self._link.send(content)
-        self.sent += len(content)
-
-    def receive(self, timeout_s: float) -> bytes:
-        """Return the bytes that have come; waits for at most timeout_s."""
-        content = self._link.receive(timeout_s)
-        self.received += len(content)
-        return content
-
-    def close(self) -> None:
-        """End the emulator and close its socket."""
-        if hasattr(self, "_link"):
-            self._link.close()
-        if self._process is not None:
-            _end(self._process)
-            self._process = None
-        self._folder.cleanup()
-
-    def __del__(self) -> None:
-        with contextlib.suppress(Exception):
+        command = emulator_command(board, build_firmware(board), counting, f"pipe:{_UART}")
+        super().__init__([*_on_one_processor(), *command, *more], f"{_UART}.in", f"{_UART}.out")
+        try:
+            if not self.receive(_OPEN_TIMEOUT_S):  # a board says when it is there; before, it hears nothing
+                raise LinkDown(_NO_LINK)
+        except BaseException:
             self.close()
+            raise
+        self.received = 0
+
+
+def _on_one_processor() -> list[str]:
+    """Return what keeps a command on one of this process's processors, where this system has it. The emulator's two
+    threads wake one another for every byte of a UART, and that takes half as long again on two processors.
+    """
+    if shutil.which("taskset") is None or not hasattr(os, "sched_getaffinity"):
+        return []
+    allowed = sorted(os.sched_getaffinity(0))
+    return ["taskset", "--cpu-list", str(allowed[os.getpid() % len(allowed)])]
 
 
 _WATCHED = 'exec 3<&0; "$@" </dev/null & emulator=$!; (cat >/dev/null; kill -9 $emulator) <&3 & wait $emulator'
