@@ -25,7 +25,8 @@ LIES: tuple[tuple[str, str, float], ...] = (
     ("the next channel's reading", "swapped", 1.0), ("bit 4 turned over", "bit", 4.0),
     ("bit 10 turned over", "bit", 10.0), ("an end stop at 1 mm", "end stop", 1.0),
 )  # fmt: skip
-BEFORE, AFTER, MOMENTS, RATE_HZ = 900, 4000, 1, 4000.0
+BEFORE, AFTER, MOMENTS, RATE_HZ = 900, 6000, 1, 4000.0
+AFTER_S = AFTER / RATE_HZ
 DOCS = Path(__file__).resolve().parents[3] / "docs" / "safety.md"
 BEGIN, END = "<!-- lies: begin -->\n", "<!-- lies: end -->\n"
 
@@ -73,11 +74,12 @@ def table() -> str:
             found = try_lie(lie, situation)
             far = f"{found.furthest_mm:.2g} mm"
             if found.count == MOMENTS:
-                cells.append(f"{' or '.join(found.names)}, {found.slowest_ms:.3g} ms, {far}")
+                after = f"{found.slowest_ms:.0f}" if found.slowest_ms >= 100.0 else f"{found.slowest_ms:.3g}"
+                cells.append(f"{' or '.join(found.names)}, {after} ms, {far}")
             elif found.count:
-                cells.append(f"not promised: {found.count} of {MOMENTS} in 1 s, {far}")
+                cells.append(f"not promised: {found.count} of {MOMENTS} in {AFTER_S:g} s, {far}")
             else:
-                cells.append(f"not promised: not in 1 s, {far}")
+                cells.append(f"not promised: not in {AFTER_S:g} s, {far}")
         lines.append(f"| {lie[0]} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 

@@ -138,7 +138,8 @@ class EmulatorUart(_Emulated):
     def __init__(self, board: str, counting: str | None = "shift=3,sleep=off", more: tuple[str, ...] = ()) -> None:
         """Start the emulator; `more` are further options of it."""
         command = emulator_command(board, build_firmware(board), counting, f"pipe:{_UART}")
-        super().__init__([*_on_one_processor(), *command, *more], f"{_UART}.in", f"{_UART}.out")
+        alone = [] if find_board(board).has_fifos else _on_one_processor()
+        super().__init__([*alone, *command, *more], f"{_UART}.in", f"{_UART}.out")
         try:
             if not self.receive(_OPEN_TIMEOUT_S):  # a board says when it is there; before, it hears nothing
                 raise LinkDown(_NO_LINK)
@@ -150,7 +151,8 @@ class EmulatorUart(_Emulated):
 
 def _on_one_processor() -> list[str]:
     """Return what keeps a command on one of this process's processors, where this system has it. The emulator's two
-    threads wake one another for every byte of a UART, and that takes half as long again on two processors.
+    threads wake one another for every byte of a UART, and that takes half as long again on two processors. It is not
+    for boards that never sleep in a free run: there the thread of the processor would keep the UART's from running.
     """
     if shutil.which("taskset") is None or not hasattr(os, "sched_getaffinity"):
         return []
