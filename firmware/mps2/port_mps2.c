@@ -9,7 +9,7 @@
  * Over the UART time goes on, as on a real board: the main loop looks for bytes while the interrupt comes and goes. The
  * timer stands still while the display is computed, which no real board does. Where the emulator's time follows the
  * instructions, a sleep until the next interrupt (WFI) would leap there at once, so a free run only dozes: WFE is one
- * instruction of the board and leaves the machine to the host meanwhile, for longer where the host is behind. */
+ * instruction of the board and leaves the machine to the host meanwhile. Where the host is behind, time waits for it. */
 
 #include "cortex_m/systick.h"
 #include "emulated/bench.h"
@@ -19,7 +19,7 @@
 
 enum { CLOCK_HZ = 25000000, BREATH = 32, SETTLE = 256, LONGEST = 65536 };
 enum { PATIENCE = 4096 }; /* looks at a silent UART before sleep */
-enum { NONE_OF_IT = INT32_MAX };
+enum { AN_EIGHTH = 8, DOZES = 2000 }; /* some milliseconds of the host's */
 enum { WATCHDOG_CLOCKS = CLOCK_HZ / 100 };
 
 #define REGISTER(address) (*(volatile uint32_t *)(address))
@@ -107,9 +107,18 @@ static int goes_on(void)
 
 static void doze(void)
 {
-    if (tact_emulated_is_behind(NONE_OF_IT))
-        __asm volatile(".rept 15\n wfe\n .endr" ::: "memory");
     __asm volatile("wfe" ::: "memory");
+}
+
+/* Time stands still for a host that is behind, but not for one that is gone: it goes on by a tick, now and then. */
+static void wait_for_host(void)
+{
+    tact_systick_stand();
+    for (int left = DOZES; left != 0 && !(UART_STATE & UART_HAS); left--)
+        doze();
+    tact_systick_go_on();
+    if (!(UART_STATE & UART_HAS))
+        tact_sleep();
 }
 
 static size_t look_at_uart(uint8_t *bytes, size_t most)
@@ -121,6 +130,8 @@ static size_t look_at_uart(uint8_t *bytes, size_t most)
     looks = size ? 0 : looks + 1;
     if (looks > PATIENCE && tact_systick_goes() && !tact_emulated_runs_freely())
         tact_sleep();
+    else if (size == 0 && tact_emulated_is_behind(AN_EIGHTH))
+        wait_for_host();
     else if (size == 0)
         doze();
     return size;
