@@ -14,7 +14,7 @@
 /* 168 MHz from the crystal: 1; 0 if it does not come up. */
 int tact_chip_clock(void);
 
-/* Converters ready: 1. May register a simulated display. */
+/* Converters ready: 1. May register a simulated display; sets link->bench. */
 int tact_chip_converters(tact_board *board, tact_link *link);
 
 /* As in port.h. */

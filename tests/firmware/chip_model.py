@@ -16,12 +16,18 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 FIRMWARE = ROOT / "firmware"
 SOURCES = ("bus.c", "watchdog.c", "usart.c", "silicon/ad5754.c", "silicon/ad7606.c", "silicon/clock.c",
-           "silicon/converters.c")  # fmt: skip
-STUB = "void tact_sleep_unless(int (*reason)(void)) { (void)reason; }\n"
+           "silicon/converters.c", "silicon/cycles.c")  # fmt: skip
+STUB = (
+    "#include <stdint.h>\n"
+    "void tact_sleep_unless(int (*reason)(void)) { (void)reason; }\n"
+    "uint32_t tact_interrupts_enter(void) { return 7; }\n"
+    "void tact_interrupts_leave(uint32_t before) { if (before != 7) __builtin_trap(); }\n"
+)
 
 PORTS = {0x40020000: "A", 0x40020400: "B", 0x40020800: "C"}
 MODE, IN, SET, FUNCTION_HIGH = 0x00, 0x10, 0x18, 0x24
 SPI2, USART3, RCC, FLASH, IWDG = 0x40003800, 0x40004800, 0x40023800, 0x40023C00, 0x40003000
+DWT, DEMCR = 0xE0001000, 0xE000EDFC
 FULL_V, STEP_V = 10.0, 20.0 / 65536.0
 CRYSTAL_HZ = 12e6
 
@@ -127,6 +133,7 @@ class Chip:
         self.spi_stands, self.crystal_works = False, True
         self.received: list[int] = []
         self.from_host: list[int] = []
+        self.cycles = 0
 
     def get(self, address: int) -> int:
         """What the processor reads."""
@@ -150,6 +157,8 @@ class Chip:
             return 1 << 7 | (1 << 5 if self.from_host else 0)
         if address == USART3 + 4:
             return self.from_host.pop(0)
+        if address == DWT + 4:
+            return self.cycles
         return self.registers.get(address, 0)
 
     def set(self, address: int, value: int) -> None:
@@ -162,6 +171,8 @@ class Chip:
                     self._move(f"{port}{n}", 1)
                 elif value >> (16 + n) & 1:
                     self._move(f"{port}{n}", 0)
+        elif address == DWT + 4:
+            self.cycles = value
         elif port and offset == MODE:
             for n in range(16):
                 self.moved.append(("mode", f"{port}{n}", value >> (2 * n) & 3))
@@ -171,6 +182,11 @@ class Chip:
             selected = [chip for pin, chip in (("B8", self.input), ("C3", self.output)) if self.pins.get(pin) == 0]
             assert len(selected) == 1, "one chip is spoken to"
             self.received.append(selected[0].exchange(value))
+
+    def passes(self, clocks: int) -> None:
+        """Time goes by: the debug unit counts where it is powered and its counter is on (Armv7-M, C1.8)."""
+        if self.registers.get(DEMCR, 0) >> 24 & 1 and self.registers.get(DWT, 0) & 1:
+            self.cycles = self.cycles + clocks & 0xFFFFFFFF
 
     def _move(self, pin: str, level: int) -> None:
         before, self.pins[pin] = self.pins.get(pin), level

@@ -129,8 +129,9 @@ def board():
 
 def converters(library, chip):
     """The board's converters begun, and what it says of them."""
-    made, on = board(), drivers(library, chip)
-    return on, on.call("tact_chip_converters", ctypes.c_void_p(int(ffi.cast("uintptr_t", made))), None)
+    made, link, on = board(), ffi.new("tact_link *"), drivers(library, chip)
+    places = (ctypes.c_void_p(int(ffi.cast("uintptr_t", one))) for one in (made, link))
+    return on, on.call("tact_chip_converters", *places)
 
 
 def test_converters__there__are_sound(library):
@@ -208,3 +209,42 @@ def test_usart__2_megabaud_and_bytes_in_order_as_many_as_the_ring_holds(library)
         size = on.call("tact_usart_receive", taken, ctypes.c_size_t(16384))
         assert size == min(length, 8192)
         assert taken.raw[:size] == bytes(n % 251 for n in range(size))
+
+
+def period(on, clocks):
+    """One period of the interrupt, whose step takes so many cycles."""
+    on.call("tact_chip_read_in", three([0, 0, 0]))
+    on.chip.passes(clocks)
+    on.call("tact_chip_finish")
+    on.chip.passes(40_000)
+
+
+def cycles(on, periods):
+    """Least, most and sum, as the link is told them."""
+    counts = (ctypes.c_uint32 * 3)()
+    on.call("tact_cycles_count", ctypes.c_uint32(periods), counts)
+    return list(counts)
+
+
+@given(st.lists(st.integers(1, 41_000), min_size=1, max_size=20), st.integers(0, 0xFFFFFFFF))
+def test_cycles__of_the_step_alone__are_counted_across_the_counters_end(library, taken, begins):
+    on, _ = converters(library, Chip())
+    on.chip.cycles = begins
+    assert cycles(on, 0) == cycles(on, len(taken)) == [0, 0, 0]
+    for clocks in taken:
+        assert cycles(on, len(taken)) == [0, 0, 0]
+        period(on, clocks)
+    period(on, 42_000)  # one more than asked for
+    wanted = [min(taken), max(taken), sum(taken)]
+    assert cycles(on, len(taken)) == cycles(on, len(taken)) == wanted
+
+
+def test_cycles__another_number_of_periods__begins_anew(library):
+    on, _ = converters(library, Chip())
+    cycles(on, 2)
+    for clocks in (500, 700):
+        period(on, clocks)
+    assert cycles(on, 3) == [0, 0, 0]
+    for clocks in (10, 20, 30):
+        period(on, clocks)
+    assert cycles(on, 3) == [10, 30, 60]

@@ -69,6 +69,7 @@ def test_bench__one_finger__every_board_in_both_formats(made: str, capsys: pytes
     ("arguments", "words"),
     [
         (["verify", "--rig", "simulated"], "rig 'simulated' is no connected board; allowed: board:PORT"),
+        (["bench", "--rig", "emulated:stm32f405"], "is no connected board; allowed: board:PORT or board:URL"),
         (["verify", "--board", "nucleo"], "board 'nucleo' is not known; allowed: mps2-an386, mps2-an500, stm32f405"),
         (["verify", "--ticks", "0"], "ticks is 0; allowed: 1 or more"),
         (["verify", "--ticks", "many"], "'many'"),

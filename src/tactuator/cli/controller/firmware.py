@@ -21,6 +21,7 @@ from tactuator.paper.plan import paper_display
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board_check.period_check import check_period
 from tactuator.rig.board_check.period_cost import count_instructions
+from tactuator.rig.board_check.period_cycles import count_cycles
 from tactuator.rig.board_check.streaming_check import StreamingCheck, check_streaming
 from tactuator.rig.board_rigs import acknowledge_faults
 from tactuator.rig.boards import BOARDS, find_board
@@ -72,9 +73,16 @@ def stream(board: str, seconds: float, instruction_ns: int, controller: Path | N
         raise typer.Exit(1)
 
 
-def bench(controller: Path | None, as_json: bool) -> None:
-    """Count the instructions of one period on every board, in every format, in the usual run and in others."""
+def bench(controller: Path | None, rig: str | None, as_json: bool) -> None:
+    """Count the instructions of one period on every board, in every format, in the usual run and in others, or the
+    cycles of a connected board.
+    """
+    if rig is not None:
+        _require_board(rig)
     made = _controller(controller)
+    if rig is not None:
+        _count_cycles(rig, made, as_json)
+        return
     pairs = list(product(BOARDS, FORMATS))
     with progress() as bars:
         counted = bars.track(pairs, description="boards and formats")
@@ -86,6 +94,18 @@ def bench(controller: Path | None, as_json: bool) -> None:
         table.add_row(cost.board, cost.format, *(str(cost.cases[case]) for case in cases), share)
     rows = [asdict(cost) for cost in costs]
     answer(cast(Mapping[str, object], rows), as_json, table)  # a list, one object for each
+
+
+def _count_cycles(rig: str, controller: Controller, as_json: bool) -> None:
+    with working("counting cycles"), cast(BoardRig, open_rig(rig, controller.display)) as board:
+        found = count_cycles(board, controller)
+    table = Table("", "periods", "least", "mean", "most", "of the period", "instructions")
+    table.title = f"{found.board}: cycles of a step, {found.channels} channels, {found.format}"
+    for name, case in found.cases.items():
+        known = "" if case.instructions is None else str(case.instructions)
+        counts = (str(case.periods), str(case.least), f"{case.mean:.0f}", str(case.most))
+        table.add_row(name, *counts, f"{100.0 * case.share_of_period:.1f} %", known)
+    answer(asdict(found), as_json, table)
 
 
 def acknowledge(rig: str, as_json: bool) -> None:

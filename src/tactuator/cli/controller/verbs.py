@@ -119,8 +119,17 @@ def stream(
 
 
 @does("controller.firmware:bench", reads=["controller"])
-def bench(controller: ControllerOption = None, as_json: AsJson = False) -> None:
-    """Count the instructions of one period on every board, in every format, in the usual run and in others."""
+def bench(
+    controller: ControllerOption = None,
+    rig: Annotated[
+        str | None, typer.Option("--rig", help="A connected board with a counter of cycles, instead; it plays.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Count the instructions of one period on every board, in every format, in the usual run and in others.
+
+    With --rig, the processor's cycles on a connected board, at rest, in silence and with tones of 26 dB SL.
+    """
 
 
 @does("controller.firmware:acknowledge")
