@@ -59,5 +59,7 @@ int tact_emulated_is_behind(uint32_t part)
 {
     const uint32_t ahead = seen->stream_end - seen->tick, silence = seen->silence;
     const int is_short = seen->source == TACT_STREAM && ahead != 0 && ahead < BEHIND_ROWS;
-    return tact_emulated_runs_freely() && (silence > BEHIND_TICKS || (is_short && silence >= ahead / part));
+    if (!tact_emulated_runs_freely())
+        return TACT_KEEPS_UP;
+    return is_short && silence >= ahead / part ? TACT_FEEDS_LITTLE : silence > BEHIND_TICKS ? TACT_IS_SILENT : TACT_KEEPS_UP;
 }

@@ -27,6 +27,8 @@ int tact_emulated_holds(void);
 /* A run whose time goes on, whatever the host does. */
 int tact_emulated_runs_freely(void);
 
+enum { TACT_KEEPS_UP = 0, TACT_IS_SILENT, TACT_FEEDS_LITTLE };
+
 /* And its host has been silent for a while, or has fed little ahead and has been silent for 1/part of that: the board
  * should leave it the machine. Where the emulator's time follows the instructions, a sleep until the next interrupt (WFI)
  * leaps there at once. */

@@ -19,7 +19,7 @@
 
 enum { CLOCK_HZ = 25000000, BREATH = 32, SETTLE = 256, LONGEST = 65536 };
 enum { PATIENCE = 4096 }; /* looks at a silent UART before sleep */
-enum { AN_EIGHTH = 8, DOZES = 2000 }; /* some milliseconds of the host's */
+enum { AN_EIGHTH = 8, DOZES = 2000, DOZES_WITH_ROWS = 20000 }; /* some milliseconds of the host's */
 enum { WATCHDOG_CLOCKS = CLOCK_HZ / 100 };
 
 #define REGISTER(address) (*(volatile uint32_t *)(address))
@@ -111,10 +111,10 @@ static void doze(void)
 }
 
 /* Time stands still for a host that is behind, but not for one that is gone: it goes on by a tick, now and then. */
-static void wait_for_host(void)
+static void wait_for_host(int dozes)
 {
     tact_systick_stand();
-    for (int left = DOZES; left != 0 && !(UART_STATE & UART_HAS); left--)
+    for (int left = dozes; left != 0 && !(UART_STATE & UART_HAS); left--)
         doze();
     tact_systick_go_on();
     if (!(UART_STATE & UART_HAS))
@@ -128,12 +128,15 @@ static size_t look_at_uart(uint8_t *bytes, size_t most)
     while (size < most && UART_STATE & UART_HAS)
         bytes[size++] = (uint8_t)UART_DATA;
     looks = size ? 0 : looks + 1;
-    if (looks > PATIENCE && tact_systick_goes() && !tact_emulated_runs_freely())
+    if (looks > PATIENCE && tact_systick_goes() && !tact_emulated_runs_freely()) {
         tact_sleep();
-    else if (size == 0 && tact_emulated_is_behind(AN_EIGHTH))
-        wait_for_host();
-    else if (size == 0)
-        doze();
+    } else if (size == 0) {
+        const int behind = tact_emulated_is_behind(AN_EIGHTH);
+        if (behind == TACT_KEEPS_UP)
+            doze();
+        else
+            wait_for_host(behind == TACT_IS_SILENT ? DOZES : DOZES_WITH_ROWS);
+    }
     return size;
 }
 

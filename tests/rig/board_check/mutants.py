@@ -18,13 +18,15 @@ from tactuator.rig.program import _command, sources
 
 @dataclass(frozen=True)
 class Mutant:
-    """`old` becomes `new` in `path`, where it stands once. only: the one format whose commands it can change."""
+    """`old` becomes `new` in `path`, where it stands once. only: the one format whose commands it can change. adaptive:
+    the board is checked with a controller that feeds a finger forward."""
 
     name: str
     path: str
     old: str
     new: str
     only: str = ""
+    adaptive: bool = False
 
 
 _DEFINED = re.compile(r"^inline [^;{(]*?(\w+)\(|^#define (\w+)", re.MULTILINE)
@@ -118,6 +120,7 @@ _PERIOD, _BOARD, _GUARD = "core/board/period.c", "core/board/board.c", "core/boa
 _FADE = "core/board/fade.c"
 _Q31 = "core/control/controller_q31.h"
 _SECTION = "core/arithmetic/section.h"
+_LEARNING, _FED, _ADAPTIVE = "core/touch/learning.c", "core/touch/feed_forward.h", "core/touch/adaptive_controller.h"
 
 FEW = (
     Mutant("command doubled", _PERIOD, "put(channel, slot, command_fade * command_v);",
@@ -141,7 +144,40 @@ FEW = (
     Mutant("nothing put out", "firmware/main.c", "    tact_port_put_out(codes);\n", ""),
 )  # fmt: skip
 
+_TOUCH = (
+    ("finger fed forward by a difference", _FED, "push_v[0] + state->weight[1]", "push_v[0] - state->weight[1]"),
+    ("fed forward without a bound", _FED, "if (__builtin_fabsf(added_v) <= table->push_max_v)", "if (1)"),
+    ("place of a sample before", _FED, "0.5f * (plant->s1 + from);", "0.5f * (from + from);"),
+    ("unloaded plant without drag", _FED, "table->drag * speed + table->spring", "table->spring"),
+    ("learns at every tick", _FED, "++state->count >= table->turns", "++state->count >= 1"),
+    ("weights leap", _LEARNING, "from + within(to - from, -slew, slew);", "slew > 0.0f ? to : from;"),
+    ("weights below zero", _LEARNING, "within(first, 0.0f, most)", "within(first, -most, most)"),
+    ("hum not taken off", _LEARNING, "force - hum_next(table, state);", "force + 0.0f * hum_next(table, state);"),
+    ("half of the hum learnt", _LEARNING, "hum[3] += table->hum_gain * left * hum[1];", "hum[3] += 0.0f;"),
+    ("level of a turn forgotten", _LEARNING, "1.0f / (state->level + table->gate)", "1.0f / table->gate"),
+    ("nothing fades in silence", _LEARNING, "1.0f - table->fading * (1.0f - share)", "1.0f"),
+    ("shape of the ridge turned", _LEARNING, "state->square[1] - lean;", "state->square[1] + lean;"),
+    ("force of another sign", _LEARNING, "command) - inverted", "command) + inverted"),
+    (
+        "learnt things kept",
+        "core/touch/table.c",
+        "    forget(table, state);\n}",
+        "    (void)forget;\n    (void)table;\n}",
+    ),
+)
+_TOUCH_ONCE = (
+    ("nothing fed forward", _ADAPTIVE, "return value + added_v;", "return value + 0.0f * added_v;", "float32"),
+    (
+        "nothing fed forward in q31",
+        _ADAPTIVE,
+        "+ tact_q31_of(added_v, TACT_Q31_PER_VOLT)",
+        "+ 0 * (int32_t)added_v",
+        "q31",
+    ),
+)
+
 MANY = (
+    *(Mutant(*each, adaptive=True) for each in (*_TOUCH, *_TOUCH_ONCE)),
     # the period
     Mutant("offset forgotten", _PERIOD, "(command_v - to.first) * to.second", "command_v * to.second"),
     Mutant("silence is golden", _PERIOD, "board->silence > (uint32_t)board->safety.silence_ticks", "0"),

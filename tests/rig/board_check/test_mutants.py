@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
+from tactuator.display.controller import Controller
 from tactuator.errors import TactuatorError
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board_check.period_check import STRETCH_TICKS, check_period
@@ -19,7 +20,7 @@ from tactuator.rig.transport.emulator import Emulator
 from tactuator.rig.transport.transport import LinkDown
 from tactuator.runtime.image import FORMATS
 from tests.rig.board_check.mutants import FEW, MANY, Bench, Mutant
-from tests.rig.guard.guarded import designed
+from tests.rig.guard.guarded import adaptive, designed
 
 ENOUGH_TICKS, TICKS, MORE_TICKS = 30_000, 200_000, 1_000_000
 """More, for what depends on a table that is seldom drawn: commands of more than 23 bits."""
@@ -30,9 +31,9 @@ EMULATED = [name for name, board in BOARDS.items() if board.has_fifos]
 
 
 @contextmanager
-def running(board: str, program: Path, answer_s: float) -> Iterator[tuple[BoardRig, Emulator]]:
+def running(board: str, program: Path, answer_s: float, controller: Controller) -> Iterator[tuple[BoardRig, Emulator]]:
     emulator = Emulator(board, program=program)
-    rig = simulated_board_rig(emulator, designed().display, 0, "float32", answer_s)
+    rig = simulated_board_rig(emulator, controller.display, 0, "float32", answer_s)
     try:
         yield rig, emulator
     finally:
@@ -51,15 +52,24 @@ def processor_s(emulator: Emulator) -> float:
 
 
 def differs(
-    board: str, program: Path, number_format: str, ticks: int, answer_s: float = 10.0, locates: bool = False
+    board: str,
+    program: Path,
+    number_format: str,
+    ticks: int,
+    answer_s: float = 10.0,
+    locates: bool = False,
+    controller: Controller | None = None,
 ) -> str:
     """Where a program differs; "" nowhere. A board whose guard ends the run, that breaks down, or that will not load,
     does. So does one that does not answer although it had its processor; if it had not, the emulator is starved, and
     that is told as an error."""
-    with running(board, program, answer_s) as (rig, emulator):
+    of = controller or designed()
+    with running(board, program, answer_s, of) as (rig, emulator):
         before_s = processor_s(emulator)
         try:
-            return check_period(rig, designed(), ticks, formats=(number_format,), locates=locates).first_difference
+            return check_period(
+                rig, controller or designed(), ticks, formats=(number_format,), locates=locates
+            ).first_difference
         except LinkDown:
             spent_s = processor_s(emulator) - before_s
             if spent_s < HANGS_S + ticks / STRETCH_TICKS:
@@ -102,10 +112,13 @@ def test_check_period__altered_line__is_told_by_its_tick(benches: dict[str, Benc
     assert differs("mps2-an500", program, "float32", at + 1) == "float32: seed 1"
 
 
-def test_check_period__unaltered__is_the_same_in_both_formats(benches: dict[str, Bench]) -> None:
+@pytest.mark.parametrize("of", [designed, adaptive])
+def test_check_period__unaltered__is_the_same_in_both_formats(
+    of: Callable[[], Controller], benches: dict[str, Bench]
+) -> None:
     program = benches["mps2-an500"].unaltered()
     for number_format in FORMATS:
-        assert differs("mps2-an500", program, number_format, ENOUGH_TICKS) == ""
+        assert differs("mps2-an500", program, number_format, ENOUGH_TICKS, controller=of()) == ""
 
 
 BROKEN = {
@@ -128,9 +141,9 @@ def test_check_period__program_that_breaks_down__is_told(how: str, benches: dict
 def test_check_period__any_altered_line_on_any_board__is_noticed(
     mutant: Mutant, board: str, benches: dict[str, Bench]
 ) -> None:
-    program = benches[board].program(mutant)
+    program, of = benches[board].program(mutant), adaptive() if mutant.adaptive else designed()
     for number_format in [mutant.only] if mutant.only else FORMATS:
-        assert differs(board, program, number_format, TICKS) or differs(board, program, number_format, MORE_TICKS)
+        assert any(differs(board, program, number_format, ticks, controller=of) for ticks in (TICKS, MORE_TICKS))
 
 
 @pytest.mark.soak
