@@ -30,6 +30,7 @@ from tactuator.files.pairs import read_pairs
 from tactuator.files.start.shipped import copy_examples
 from tactuator.identification import identify as identification
 from tactuator.identification.calibration import fit_line
+from tactuator.identification.fixed.value import Fixed
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.record import Record
 from tactuator.synthesis.design import design_controller
@@ -98,15 +99,16 @@ def read_controller(path: Place) -> ControllerResult:
 def identify(record: Record | Place, **asked: Any) -> IdentificationResult:
     """Identify a model of a record, or of the file that holds one.
 
-    asked: order, zeros, integrators, delay_s, hold, quantity, friction, method, as in docs/identification.md. Raises
-    BadInput for a record that says nothing.
+    asked: order, zeros, integrators, delay_s, hold, quantity, friction, method, fix (["mass=0.012", ..]), as in
+    docs/identification.md. Raises BadInput for a record that says nothing.
 
     >>> record = tt.read_record("bench.csv", input_name="drive", output_name="encoder", time_name="t")
     >>> tt.identify(record, order=2, zeros=0, hold="zero-order", friction=False).order
     2
     """
     read = record if isinstance(record, Record) else record_file.read_record(Path(record))
-    return promoted(IdentificationResult, identification.identify(read, **asked))
+    fixed = tuple(Fixed.parse(one) for one in asked.pop("fix", ()))
+    return promoted(IdentificationResult, identification.identify(read, fixed=fixed, **asked))
 
 
 def calibrate(pairs: Place, gauge_error_mm: float = 0.0) -> CalibrationResult:

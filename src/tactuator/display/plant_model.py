@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -102,6 +102,14 @@ class PlantModel:
             variance = np.einsum("ij,jk,ik->i", scaled, relative, scaled)
             made.append(np.sqrt(np.maximum(variance, 0.0) + beyond**2))
         return made[0], made[1]
+
+    def holding(self, other: PlantModel) -> PlantModel:
+        """Return the model with a band that holds another one, its band included, at the frequencies of the excess."""
+        table = self.excess.frequency_hz
+        apart = np.log(other.response(table) / self.response(table))
+        off = np.abs(apart.real) + 1j * np.abs(apart.imag)
+        beside = other.band_db(table) * np.log(10.0) / 20.0 + 1j * other.band_rad(table)
+        return replace(self, excess=self.excess.joined((off + beside) / _Z95))
 
     def confidence(self) -> dict[str, float]:
         """Return the 95 % half-widths: of the gain num[-1]/den[-1], of each coefficient, of the dead time."""

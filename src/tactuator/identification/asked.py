@@ -8,13 +8,15 @@ import numpy as np
 
 from tactuator.display.load import DERIVATIVES
 from tactuator.errors import BadInput
+from tactuator.identification.fixed.value import Fixed, contradiction
+from tactuator.identification.forms.known import Known
 from tactuator.identification.spectral.hold import HOLDS
 
 
 @dataclass(frozen=True)
 class Asked:
     """Things known or wished beforehand: order, zeros (None: chosen), integrators, delay_s (None: estimated), hold,
-    quantity, whether friction is looked for.
+    quantity, whether friction is looked for, values that are known.
     """
 
     order: int | None = None
@@ -24,6 +26,7 @@ class Asked:
     hold: str = "auto"
     quantity: str = "displacement"
     friction: bool = True
+    fixed: tuple[Fixed, ...] = ()
 
     def __post_init__(self) -> None:
         if self.order is not None and not 1 <= self.order <= 8:
@@ -39,6 +42,16 @@ class Asked:
             raise BadInput(f"{self.integrators} integrators; allowed: 0 to {most}")
         if self.delay_s is not None and not 0.0 <= self.delay_s < np.inf:
             raise BadInput(f"a dead time of {self.delay_s:g} s; allowed: zero or more")
+        against = contradiction(self.fixed, self.order, self.zeros, self.integrators, DERIVATIVES[self.quantity])
+        if against is not None:
+            raise BadInput(f"{against}; allowed: values that do not contradict each other or the form")
+
+    def known(self, ratio: float) -> Known:
+        """Return what this says of the form of responses in units of `ratio`; a velocity has a zero at s = 0."""
+        pins = tuple(pin for pin in (one.pin(ratio) for one in self.fixed) if pin is not None)
+        sections = tuple(one.section for one in self.fixed if one.section)
+        origin_zeros = DERIVATIVES[self.quantity]
+        return Known(self.order, self.zeros, self.integrators, origin_zeros, self.delay_s, sections, pins)
 
     @property
     def may_be_motor(self) -> bool:
@@ -50,9 +63,10 @@ class Asked:
             and self.zeros in (None, 0)
             and self.integrators <= 1
             and not self.delay_s
+            and not self.fixed
         )
 
     @property
     def is_free(self) -> bool:
         """Tell whether nothing of the form but its order is given, so that the time domain's search can serve."""
-        return self.zeros is None and self.integrators == 0 and self.delay_s is None
+        return self.zeros is None and self.integrators == 0 and self.delay_s is None and not self.fixed

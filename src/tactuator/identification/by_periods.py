@@ -10,12 +10,12 @@ import numpy as np
 from tactuator.identification.by_prediction import Prepared
 from tactuator.identification.by_spectrum import identification
 from tactuator.identification.evidence.distortion import Distortion, distortion_of
+from tactuator.identification.forms.known import Known
 from tactuator.identification.result import BetweenSamples, Identification
 from tactuator.identification.spectral.hold import Hold
 from tactuator.identification.spectral.hold_choice import estimate_lines
 from tactuator.identification.spectral.lines import LocalResponse
 from tactuator.identification.spectral.record_residual import residual_of_record
-from tactuator.identification.spectral.search import Known
 from tactuator.signals.multisine import Periods, periods_of
 
 _FEWEST_LINES = 8

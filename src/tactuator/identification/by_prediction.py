@@ -19,6 +19,7 @@ from tactuator.identification.evidence.checks import check_length, check_polarit
 from tactuator.identification.evidence.empirical import EmpiricalResponse
 from tactuator.identification.evidence.excitation import ExcitationReport, require_excitation
 from tactuator.identification.evidence.residuals import check_residual
+from tactuator.identification.fixed.value import Fixed
 from tactuator.identification.result import Identification
 from tactuator.identification.selection import Candidate
 from tactuator.identification.valid_range import valid_range_of
@@ -29,7 +30,7 @@ from tactuator.signals.record import Record
 class Prepared:
     """A record, its samples of unit size (scale: of command and position), their own response, and what is asked.
 
-    others: further records of the same mechanism, with their samples in the same scale.
+    others: further records of the same mechanism, with their samples in the same scale. fixed: values that are known.
     """
 
     record: Record
@@ -41,6 +42,7 @@ class Prepared:
     order: int | None
     remarks: tuple[str, ...]
     others: tuple[tuple[Record, Samples], ...] = ()
+    fixed: tuple[Fixed, ...] = ()
 
     @property
     def all_samples(self) -> tuple[Samples, ...]:

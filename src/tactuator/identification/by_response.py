@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,15 +12,15 @@ from tactuator.arrays import FloatArray
 from tactuator.display.plant_model import Excess, PlantModel
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
-from tactuator.identification.by_spectrum import known_of
+from tactuator.identification.fixed.standing import FixedAgainstOwn, cancelled, disagrees, exact, said_of_disagreement
+from tactuator.identification.forms.known import Known
 from tactuator.identification.spectral.initial_models import Starter
 from tactuator.identification.spectral.likelihood import SpectralFit, information
 from tactuator.identification.spectral.lines import LocalResponse
-from tactuator.identification.spectral.search import TIE, propose
+from tactuator.identification.spectral.search import TIE, Choice, choose, propose
 from tactuator.identification.spectral.uncertainty import left_over, log_slopes, moved, physical
 from tactuator.signals.frequency_response import FrequencyResponse
 
-_TRIED = 8
 _STEPS = 40
 _WORST = 10.0
 """Mean squared departure in standard errors from which on a model does not describe its response."""
@@ -30,7 +30,7 @@ _WORST = 10.0
 class ResponseFit:
     """A model of a response with its standing. order: poles; departure: mean squared departure in standard errors (1:
     as the confidence would have it); largest_db: at any point; distrust: why not to trust it, empty if there is no
-    reason; remarks.
+    reason; remarks; fixed: values that were fixed, beside the response's own.
     """
 
     model: PlantModel
@@ -39,6 +39,7 @@ class ResponseFit:
     largest_db: float
     distrust: tuple[str, ...]
     remarks: tuple[str, ...]
+    fixed: tuple[FixedAgainstOwn, ...] = ()
 
 
 @np.errstate(all="ignore")
@@ -57,21 +58,44 @@ def _identify_response(given: FrequencyResponse, asked: Asked, note: Callable[[s
     ones = np.ones(value.size)
     local = LocalResponse(given.frequency_hz, value, variance, variance, ones, ones)
     delay_s = 0.0 if given.phase_rad is None and asked.delay_s is None else asked.delay_s
-    known = known_of(asked.quantity, asked.order, asked.zeros, asked.integrators, delay_s)
+    if by_magnitude and asked.fixed:
+        raise BadInput("fixed values with a magnitude without phase; allowed: with a response of both, or a record")
+    known = replace(asked, delay_s=delay_s).known(1.0)
     # a response is continuous: the rate only says how long a dead time may be
     rate_hz = 4.0 * float(given.frequency_hz[-1])
     scale = 2.0 * np.pi * float(np.exp(np.mean(np.log(given.frequency_hz))))
-    fits = propose(local, rate_hz, scale, ("band-limited",), known, note)["band-limited"]
-    if not fits:
-        raise BadInput("no model of the form asked for fits the response; allowed: another order, or more zeros")
     problem = Starter(local, rate_hz, "band-limited", scale).problem
-    again = [problem.descend(one.form, one.theta, one.delay, most=40) or one for one in fits[:_TRIED]]
-    allowed = [one for one in again if known.allows(one.form)] or again
+
+    def best_of(wanted: Known, near: Sequence[SpectralFit] = ()) -> Choice:
+        fits = propose(local, rate_hz, scale, ("band-limited",), wanted, note, near={"band-limited": near})
+        if not fits["band-limited"]:
+            raise BadInput("no model of the form asked for fits the response; allowed: another order, or more zeros")
+        # forms beside the best one are tried from it: a pole and a zero that all but cancel go together
+        return choose(problem.given, fits["band-limited"], "band-limited", wanted, weight=problem.weight)
+
+    free = best_of(known.without_values)
     if by_magnitude:
-        allowed = [fit_magnitude(one, given) for one in allowed]
-    fit = _settled(allowed, value.size if by_magnitude else 2 * value.size)
-    covariance = magnitude_covariance(fit, given) if by_magnitude else information(problem, fit)
-    return _judged(given, fit, covariance, local, asked)
+        allowed = [fit_magnitude(one, given) for one in free.fits.values() if known.allows(one.form)]
+        fit = _settled(allowed, value.size)
+        return _judged(given, fit, magnitude_covariance(fit, given), local, asked)
+    found = _judged(given, free.fit, information(free.problem, free.fit), local, asked)
+    if not asked.fixed:
+        return found
+    bound = best_of(known, tuple(free.fits.values()))
+    made = _judged(given, bound.fit, information(bound.problem, bound.fit), local, asked)
+    return _beside_free(made, found, asked, disagrees(bound, [free]))
+
+
+def _beside_free(made: ResponseFit, free: ResponseFit, asked: Asked, against: bool) -> ResponseFit:
+    """Return the fit with values that are fixed, beside what the response shows without them."""
+    made = replace(made, fixed=tuple(FixedAgainstOwn(one, one.of_model(free.model)) for one in asked.fixed))
+    if not against and not cancelled(made.fixed, made.model):
+        return made
+    said, is_wrong = said_of_disagreement(made.fixed, made.model, free.model)
+    made = replace(made, model=made.model.holding(free.model))
+    if is_wrong:
+        return replace(made, distrust=(*made.distrust, said))
+    return replace(made, remarks=(*made.remarks, said))
 
 
 def _unsure(given: FrequencyResponse) -> FloatArray:
@@ -143,6 +167,8 @@ def _judged(
         excess=Excess(given.frequency_hz, missing, missing),
         valid_hz=(low, high),
     )
+    if fit.form.pins or fit.form.known:
+        model = exact(replace(model, record=model.record | {"fixed": " ".join(map(str, asked.fixed))}), asked.fixed)
     reasons = []
     if np.any(np.roots(den).real > 0.0):
         reasons.append("the model is not stable")

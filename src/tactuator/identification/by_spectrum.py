@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.display.load import DERIVATIVES
+from tactuator.arrays import FloatArray
 from tactuator.display.plant_model import Excess, PlantModel
 from tactuator.identification.by_prediction import Prepared, usual_band
 from tactuator.identification.estimate.loops import dahl_state
@@ -19,6 +18,9 @@ from tactuator.identification.evidence.distortion import Distortion
 from tactuator.identification.evidence.feedback import feedback_seen
 from tactuator.identification.evidence.residuals import ResidualTests, check_residual, jump_of
 from tactuator.identification.evidence.whitening import apply_filter, whitening_filter
+from tactuator.identification.fixed.standing import FixedAgainstOwn, cancelled, disagrees, exact, said_of_disagreement
+from tactuator.identification.forms.known import Known
+from tactuator.identification.forms.pins import freedom
 from tactuator.identification.result import BetweenSamples, Identification
 from tactuator.identification.selection import Candidate
 from tactuator.identification.spectral.hold import Hold
@@ -27,7 +29,7 @@ from tactuator.identification.spectral.instrument import REMAINS, choice_by_refe
 from tactuator.identification.spectral.likelihood import SpectralFit, information
 from tactuator.identification.spectral.lines import Spectrum
 from tactuator.identification.spectral.record_residual import Residual, record_residual
-from tactuator.identification.spectral.search import Choice, Known
+from tactuator.identification.spectral.search import Choice
 from tactuator.identification.spectral.uncertainty import (
     fed_back,
     left_over,
@@ -93,8 +95,7 @@ def identification(
     between: BetweenSamples,
     distortion: Distortion | None = None,
 ) -> Identification:
-    """Return the identification by the chosen fit, its band wide enough for the other hold where none is certain.
-
+    """Return the identification by the chosen fit, its band wide enough for the other hold where none is certain;
     distortion: what a periodic record shows beside the response.
     """
     chosen, to_unit, to_position = found.chosen, *common.scale
@@ -105,7 +106,7 @@ def identification(
         remarks.append("of the command what follows the recorded reference was fitted, free of noise fed back")
     if found.other is not None and not found.certain and between.source == "data":
         other = _model(common, found, found.other, gain, distortion)
-        model = _holding(model, other)
+        model = model.holding(other)
         remarks.append(
             f"whether the command was held or band-limited between its samples cannot be told (difference "
             f"{found.advantage:.2g}): taken as {between.hold}{_WHY if found.flanks else ''}, the band holds both; "
@@ -120,7 +121,7 @@ def identification(
     remarks += check_length(chosen.fit.poles_rad_s, _slow_pole_error(chosen), common.longest_s)
     remarks += check_polarity(model.num, model.den)
     offset, (simulated, measured, percent) = float(common.record.position.mean()), _shown(residuals)
-    return Identification(
+    made = Identification(
         model=model,
         order=chosen.fit.form.poles,
         excitation=replace(common.excitation, needed=chosen.fit.form.count),
@@ -136,14 +137,27 @@ def identification(
         other=other,
         distortion=distortion,
     )
+    return made if found.free is None else _beside_free(made, common, found, found.free)
 
 
-def _holding(model: PlantModel, other: PlantModel) -> PlantModel:
-    """Return the model with a band that holds the other one, its band included."""
-    table = model.excess.frequency_hz
-    apart = np.log(other.response(table) / model.response(table))
-    beside = other.band_db(table) / 8.685890 + 1j * other.band_rad(table)
-    return replace(model, excess=model.excess.joined((_parts(apart) + beside) / 1.96))
+def _beside_free(
+    made: Identification, common: Prepared, found: SpectralEstimate, free: SpectralEstimate
+) -> Identification:
+    """Return the identification with what the record shows without the values that are fixed; where it speaks against
+    them, the band holds both.
+    """
+    alone = _model(common, free, free.chosen, common.scale[1] / common.scale[0])
+    alone = replace(alone, valid_hz=_valid(alone, free))
+    made = replace(made, fixed=tuple(FixedAgainstOwn(one, one.of_model(alone)) for one in common.fixed))
+    beside = [one for one in (free.chosen, free.other) if one is not None]
+    if not disagrees(found.chosen, beside) and not cancelled(made.fixed, made.model):
+        return made
+    said, is_wrong = said_of_disagreement(made.fixed, made.model, alone)
+    model = made.model.holding(alone)
+    made = replace(made, model=replace(model, valid_hz=_valid(model, found)))
+    if is_wrong:
+        return replace(made, distrust=(*made.distrust, said))
+    return replace(made, remarks=(*made.remarks, said))
 
 
 def _said_of(tests: ResidualTests, common: Prepared, filtered: bool) -> list[str]:
@@ -176,10 +190,6 @@ def _shown(residuals: Sequence[Residual]) -> tuple[FloatArray, FloatArray, float
     spread = float(np.linalg.norm(measured))
     share = float(np.linalg.norm(simulated - measured)) / spread if spread > 0.0 else 1.0
     return simulated, measured, 100.0 * (1.0 - share)
-
-
-def _parts(values: ComplexArray) -> ComplexArray:
-    return np.asarray(np.abs(values.real) + 1j * np.abs(values.imag))
 
 
 def with_doubt(made: Identification, found: SpectralEstimate, between: BetweenSamples) -> Identification:
@@ -218,6 +228,7 @@ def _model(
     covariance = information(choice.problem, fit)
     num, den, spread = physical(fit, covariance, gain)
     high = 0.5 * record.rate_hz
+    asked = {"fixed": " ".join(map(str, common.fixed))} if fit.form.pins or fit.form.known else {}
     table = np.geomspace(1.0 / common.longest_s, high, _TABLE)
     beyond = other_forms(choice, table)
     bias = fed_back(choice, found.spectra) if choice.problem.with_transient else None
@@ -231,7 +242,7 @@ def _model(
     local = found.local
     missing = left_over(fit, local, response_of_rows(fit, local.frequency_hz), table)
     beyond = beyond.joined((np.hypot(missing, _FLOOR)) * (1.0 + 1.0j))
-    return PlantModel(
+    model = PlantModel(
         num=num,
         den=den,
         delay_s=fit.delay_s,
@@ -241,9 +252,10 @@ def _model(
         command_unit=record.command_unit,
         position_unit=record.position_unit,
         method="spectral",
-        record=record.about | {"rate_hz": record.rate_hz, "duration_s": record.duration_s, "hold": choice.hold},
+        record=record.about | {"rate_hz": record.rate_hz, "duration_s": record.duration_s, "hold": choice.hold} | asked,
         excess=beyond,
     )
+    return exact(model, common.fixed) if fit.form.pins else model
 
 
 def _valid(model: PlantModel, found: SpectralEstimate) -> tuple[float, float]:
@@ -288,8 +300,9 @@ def residual_tests(
     if fitted:
         # around the record's ends the filter turns in a circle, no farther than what is left out before the tests
         white = np.fft.rfft(whitener, taken.samples)[1:] * left.response * taken.command[1:]
-        lines = np.zeros((fit.form.count, taken.command.size), dtype=np.complex128)
-        lines[:, 1:] = (log_slopes(fit, taken.frequency_hz[1:]) * white[:, None]).T
+        free = freedom(fit.theta, fit.form, fit.rungs)
+        lines = np.zeros((free.shape[1], taken.command.size), dtype=np.complex128)
+        lines[:, 1:] = ((log_slopes(fit, taken.frequency_hz[1:]) @ free) * white[:, None]).T
         slopes = np.fft.irfft(lines, taken.samples)[:, tested].T
     tests = check_residual(innovation[:_TESTED], moved, slopes, samples.rate_hz, loop=False)
     jump = jump_of(innovation)
@@ -314,8 +327,3 @@ def _slow_pole_error(choice: Choice) -> float:
 def _slowest(fit: SpectralFit, theta: FloatArray) -> float:
     poles = replace(fit, theta=theta).poles_rad_s / fit.grid.scale_rad_s
     return float(poles[np.argmin(np.abs(poles.real))].real) if poles.size else 0.0
-
-
-def known_of(quantity: str, order: int | None, zeros: int | None, integrators: int, delay_s: float | None) -> Known:
-    """Return what is asked of the form; a velocity or an acceleration has zeros at s = 0."""
-    return Known(order, zeros, integrators, DERIVATIVES[quantity], delay_s)

@@ -60,6 +60,8 @@ def _identify(
         raise BadInput(f"method {method!r}; allowed: {', '.join(METHODS)}")
     if method != "refined" and len(records) > 1:
         raise BadInput(f"{len(records)} records with the method {method!r}; allowed: several with 'refined' alone")
+    if method != "refined" and asked.fixed:
+        raise BadInput(f"fixed values with the method {method!r}; allowed: with 'refined' alone")
     common = _prepared(records, asked)
     if method == "rls":
         return distrusted(recursive(common, forgetting), common)
@@ -103,7 +105,7 @@ def _prepared(records: Sequence[Record], asked: Asked) -> Prepared:
     others = tuple((parts[k], samples[k]) for k in order[1:])
     return Prepared(
         parts[liveliest], first, (scale[0], scale[1]), response, reports[liveliest], asked.quantity, asked.order,
-        tuple(remarks), others,
+        tuple(remarks), others, asked.fixed,
     )  # fmt: skip
 
 
@@ -166,7 +168,7 @@ def _by_spectrum(common: Prepared, asked: Asked, note: Callable[[str], None]) ->
         motor = motor_identification(common, BetweenSamples(holds[0], source, len(holds) == 1))
         if motor is not None:
             return motor
-    known = by_spectrum.known_of(asked.quantity, asked.order, asked.zeros, asked.integrators, asked.delay_s)
+    known = asked.known(common.scale[1] / common.scale[0])
     plans = plans_of(common)
     if plans is not None:
         return identify_periods(common, plans, holds, source, known, note)

@@ -13,6 +13,7 @@ from tactuator.identification.evidence.distortion import Distortion
 from tactuator.identification.evidence.empirical import EmpiricalResponse
 from tactuator.identification.evidence.excitation import ExcitationReport
 from tactuator.identification.evidence.residuals import ResidualTests
+from tactuator.identification.fixed.standing import FixedAgainstOwn
 from tactuator.identification.selection import Candidate
 
 
@@ -77,7 +78,7 @@ class Identification:
     recorded, (k,), the last k samples of the part used. remarks: what a user must be told. other: the model under the
     other hold where the record cannot tell them apart. distrust: why the model is not to be trusted; empty if it is.
     validations: how the model stands on records that it never saw. distortion: what a periodic record shows beside its
-    response, None for any other.
+    response, None for any other. fixed: the values that were fixed, beside the record's own.
     """
 
     model: PlantModel
@@ -96,6 +97,7 @@ class Identification:
     distrust: tuple[str, ...] = ()
     validations: tuple[Validation, ...] = ()
     distortion: Distortion | None = None
+    fixed: tuple[FixedAgainstOwn, ...] = ()
 
     @property
     def poles_hz(self) -> FloatArray:

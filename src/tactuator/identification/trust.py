@@ -17,13 +17,16 @@ _SHORT = 1.1
 def distrusted(found: Identification, common: Prepared) -> Identification:
     """Return the identification with the reasons, if any, for which its model must not be designed with."""
     model, record = found.model, common.record
-    reasons = []
+    reasons = list(found.distrust)
     poles = np.roots(model.den)
     size = float(np.abs(poles).max())
     unstable = bool(np.any(poles.real > 1e-6 * size))
     if unstable and found.tests.feedback is not True:
         reasons.append("the model is not stable, though the record stays bounded and no feedback can be seen in it")
-    fastest = float(np.abs(poles).max()) / (2.0 * np.pi)
+    sections = [one.fixed.section for one in found.fixed if one.fixed.section]
+    known = np.concatenate([np.roots([1.0, *one]) for one in sections]) if sections else np.zeros(0)
+    own = [pole for pole in poles if not np.any(np.abs(known - pole) < 1e-6 * size)]
+    fastest = float(np.max(np.abs(own), initial=0.0)) / (2.0 * np.pi)
     if fastest > 0.5 * record.rate_hz:
         reasons.append(
             f"a pole at {fastest:.3g} Hz lies beyond half the rate ({0.5 * record.rate_hz:.6g} Hz), where the record "

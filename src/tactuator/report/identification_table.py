@@ -34,6 +34,8 @@ def identification_rows(found: Identification, about: Mapping[str, str]) -> Iter
         for k in range(first, values.size):
             error = confidence[f"{name[:3]}_s{top - k}"]
             yield f"{name}, s^{top - k}", *with_error(float(values[k]), error)
+    for known in found.fixed:
+        yield f"fixed: {known.fixed.name}", str(known.fixed).partition("=")[2], known.beside
     yield "dead time (ms)", *with_error(1e3 * model.delay_s, 1e3 * confidence["delay_s"])
     yield "poles (Hz)", ", ".join(f"{pole:.4g}" for pole in found.poles_hz), ""
     for one in resonances(model.den):
@@ -75,5 +77,6 @@ def response_rows(found: ResponseFit) -> list[tuple[str, str]]:
     for name, values in (("numerator", found.model.num), ("denominator", found.model.den)):
         top = values.size - 1
         rows += [(f"{name}, s^{top - k}", f"{value:.5g}") for k, value in enumerate(values)]
+    rows += [(f"fixed: {one.fixed.name}", f"{str(one.fixed).partition('=')[2]} {one.beside}") for one in found.fixed]
     rows.append(("dead time (ms)", f"{1e3 * found.model.delay_s:.3g}"))
     return [*rows, ("largest departure from the response (dB)", f"{found.largest_db:.2f}")]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactuator.identification.spectral.form import Form, ladder
+from tactuator.identification.forms.form import Form, ladder
 from tactuator.identification.spectral.hold import Grid, held_slopes, response_columns
 
 FORMS = {

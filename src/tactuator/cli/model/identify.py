@@ -20,6 +20,7 @@ from tactuator.files.model import write_identified
 from tactuator.files.record import read_record
 from tactuator.identification.asked import Asked
 from tactuator.identification.by_response import ResponseFit, identify_response
+from tactuator.identification.fixed.value import Fixed
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
 from tactuator.identification.validation import validated
@@ -40,6 +41,7 @@ def run(
     zeros: int | None,
     integrators: int,
     delay_s: float | None,
+    fix: list[str] | None,
     hold: str,
     method: str,
     quantity: str,
@@ -51,7 +53,8 @@ def run(
     as_json: bool,
 ) -> None:
     """Identify a continuous model of a recorded mechanism, with its confidence band."""
-    asked = Asked(order, zeros, integrators, delay_s, hold, quantity, friction)
+    fixed = tuple(Fixed.parse(one) for one in fix or [])
+    asked = Asked(order, zeros, integrators, delay_s, hold, quantity, friction, fixed)
     if is_response(records[0]):
         if len(records) > 1 or validate:
             raise BadInput("a frequency response beside other files; allowed: one response by itself")

@@ -9,6 +9,7 @@ import numpy as np
 from tactuator.display.plant_model import PlantModel
 from tactuator.identification.by_response import ResponseFit
 from tactuator.identification.evidence.distortion import Distortion
+from tactuator.identification.fixed.standing import FixedAgainstOwn
 from tactuator.identification.result import Identification, Validation, resonances
 
 DELAY_SAYS = (
@@ -54,7 +55,15 @@ def document(found: Identification) -> dict[str, Any]:
         "distortion": None if found.distortion is None else _distortion(found.distortion),
         "tried": [vars(candidate) for candidate in found.tried],
         "remarks": list(found.remarks),
+        "fixed": [_fixed(one) for one in found.fixed],
     }
+
+
+def _fixed(one: FixedAgainstOwn) -> dict[str, Any]:
+    """Return a value that was fixed, beside what the record shows without it (null: it shows no such thing)."""
+    value, confidence = one.own or (None, None)
+    q = {"q": one.fixed.q} if one.fixed.q else {}
+    return {"name": one.fixed.name, "value": one.fixed.value} | q | {"own": value, "own_confidence": confidence}
 
 
 def _distortion(seen: Distortion) -> dict[str, Any]:
@@ -98,6 +107,7 @@ def response_document(found: ResponseFit) -> dict[str, Any]:
         "distrust": list(found.distrust),
         "frf": _response(found.model, frequency),
         "remarks": list(found.remarks),
+        "fixed": [_fixed(one) for one in found.fixed],
     }
 
 

@@ -28,6 +28,15 @@ Order = Annotated[int | None, typer.Option("--order", help="Number of poles (def
 Zeros = Annotated[int | None, typer.Option("--zeros", help="Number of zeros (default: chosen).")]
 Integrators = Annotated[int, typer.Option("--integrators", help="Poles known to lie at s = 0.")]
 DelayS = Annotated[float | None, typer.Option("--delay-s", help="Dead time, where it is known (default: estimated).")]
+Fix = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--fix",
+        help="A value that is known, NAME=VALUE; may be repeated: gain (position over command at 0 Hz), stiffness (its "
+        "inverse), mass (command over acceleration), pole=HERTZ, resonance=HERTZ,Q, num_sK and den_sK (coefficients as "
+        "in the model file).",
+    ),
+]
 Hold = Annotated[
     str,
     typer.Option(

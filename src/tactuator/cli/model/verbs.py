@@ -56,6 +56,7 @@ def identify_verb(
     zeros: o.Zeros = None,
     integrators: o.Integrators = 0,
     delay_s: o.DelayS = None,
+    fix: o.Fix = None,
     hold: o.Hold = "auto",
     method: o.Method = "refined",
     quantity: o.Quantity = "displacement",

@@ -28,6 +28,8 @@ def turning_of(products: FloatArray) -> FloatArray:
     """Return the weights (k, j) that make orthonormal columns of those with the products (k, k); directions that
     rounding has taken are left out.
     """
+    if not products.size:
+        return np.zeros((0, 0))
     size = np.sqrt(np.maximum(products.diagonal(), 0.0))
     size[size == 0.0] = 1.0
     values, vectors = np.linalg.eigh(products / (size[:, None] * size))

@@ -9,7 +9,8 @@ import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
-from tactuator.identification.spectral.form import is_stable
+from tactuator.identification.forms.form import is_stable
+from tactuator.identification.forms.known import Known
 from tactuator.identification.spectral.hold import Hold
 from tactuator.identification.spectral.joined import JoinedEquations, join, join_local
 from tactuator.identification.spectral.likelihood import SpectralFit
@@ -24,7 +25,7 @@ from tactuator.identification.spectral.lines import (
 )
 from tactuator.identification.spectral.loop_evidence import joint_misfit
 from tactuator.identification.spectral.record_residual import Residual, record_residual
-from tactuator.identification.spectral.search import COMPARED, Choice, Known, choose, propose
+from tactuator.identification.spectral.search import COMPARED, Choice, choose, propose
 
 CERTAIN = 12.0
 """Difference of -2 log likelihood from which on a hold is told: odds of 1 : 400 on equal terms."""
@@ -51,7 +52,8 @@ class SpectralEstimate:
     the band-limited one if command and position passed filters (flanks), else under the first one. other: under the
     other, or None. advantage: how much better the better one's criterion is. local: the records' own response; spectra:
     of each record as it is. residuals, other_residuals: what the two leave of every record (of single lines: none).
-    before: the fit to the command as it is, where what follows a loop's reference was fitted in its stead.
+    before: the fit to the command as it is, where what follows a loop's reference was fitted in its stead. free: the
+    estimate without the values that are known, where there are any.
     """
 
     chosen: Choice
@@ -64,6 +66,7 @@ class SpectralEstimate:
     other_residuals: tuple[Residual, ...] = ()
     before: SpectralFit | None = None
     flanks: bool = False
+    free: SpectralEstimate | None = None
 
 
 @np.errstate(all="ignore")
@@ -84,7 +87,7 @@ def estimate(
     local = _local(early, rate_hz)
     # half a sample apart, the holds agree on a long dead time: the one that is quickest to fit shows it
     first = holds[-1:] if arrival > _LATE else holds
-    proposals = _proposals(local, rate_hz, first, known, note, arrival / rate_hz)
+    proposals = _proposals(local, rate_hz, first, known.without_values, note, arrival / rate_hz)
     # what was commanded before the record began is unknown for as long as the dead time: the position starts later
     shift = max(min(int(proposals[hold][0].delay_s * rate_hz + 1e-3) for hold in first) - 1, 0)
     shift = min(shift, *(command.size // 4 for command, _ in signals))
@@ -92,15 +95,24 @@ def estimate(
     if abs(shift - early[0].shift) > _LATE:
         note("the dead time is long: starting once more without it")
         local = _local(taken, rate_hz)
-        proposals = _proposals(local, rate_hz, holds, known, note, shift / rate_hz)
+        proposals = _proposals(local, rate_hz, holds, known.without_values, note, shift / rate_hz)
     elif len(first) < len(holds):
-        proposals |= _proposals(local, rate_hz, holds[:-1], known, note, shift / rate_hz)
+        proposals |= _proposals(local, rate_hz, holds[:-1], known.without_values, note, shift / rate_hz)
     given = join([equations(one, 0.0, 0.5 * rate_hz) for one in taken])
-    found: list[_Judged] = []
-    for hold in sorted(holds, key=lambda one: proposals[one][0].cost):
-        note(f"fitting the record as {hold}")
-        found.append(_searched(given, taken, proposals[hold], hold, known, found))
-    return _decided(found, holds, local, taken)
+
+    def best_of(starts: dict[Hold, list[SpectralFit]], wanted: Known) -> SpectralEstimate:
+        found: list[_Judged] = []
+        for hold in sorted(holds, key=lambda one: starts[one][0].cost):
+            note(f"fitting the record as {hold}")
+            found.append(_searched(given, taken, starts[hold], hold, wanted, found))
+        return _decided(found, holds, local, taken)
+
+    free = best_of(proposals, known.without_values)
+    if known == known.without_values:
+        return free
+    note("fitting with the values that are known")
+    starts = _proposals(local, rate_hz, holds, known, note, shift / rate_hz, free)
+    return replace(best_of(starts, known), free=free)
 
 
 def _searched(
@@ -117,14 +129,14 @@ def _searched(
         glance = choose(given, proposals, hold, known, quick=True)
         seen = _judged(glance, taken)
         if seen.evidence > found[0].evidence + _FAR:
-            return replace(seen, choice=replace(glance, fits={glance.fit.form: glance.fit}))
+            return seen
     best = _judged(choose(given, proposals, hold, known, begun=glance), taken)
     behind = bool(found) and best.evidence > found[0].evidence + _enough(best, found[0])
     if is_stable(best.choice.fit.theta, best.choice.fit.form) or behind:
         return best
     # in a loop a model that is not causal takes the noise in the command for an answer
     mirrored = [replace(one, theta=np.abs(one.theta)) for one in (best.choice.fit, *proposals)]
-    stable = _judged(choose(given, mirrored, hold, known, stable=True, begun=best.choice), taken)
+    stable = _judged(choose(given, mirrored, hold, known, stable=True), taken)
     return stable if stable.evidence < best.evidence + CERTAIN else best
 
 
@@ -172,12 +184,18 @@ def estimate_lines(
 
     Raises BadInput where no form gives a start.
     """
-    proposals = _proposals(local, rate_hz, holds, known, note)
     given = points(local.frequency_hz, local.value, rate_hz)
     weight = 1.0 / np.sqrt(local.variance)
-    choices = [choose(given, proposals[hold], hold, known, weight=weight) for hold in holds]
     taken = tuple(spectrum(command, position, rate_hz) for command, position in signals)
-    return _decided([_Judged(one, (), 2.0 * one.fit.cost + one.price) for one in choices], holds, local, taken)
+
+    def best_of(wanted: Known, free: SpectralEstimate | None = None) -> SpectralEstimate:
+        proposals = _proposals(local, rate_hz, holds, wanted, note, free=free)
+        choices = [choose(given, proposals[hold], hold, wanted, weight=weight) for hold in holds]
+        judged = [_Judged(one, (), 2.0 * one.fit.cost + one.price) for one in choices]
+        return _decided(judged, holds, local, taken)
+
+    free = best_of(known.without_values)
+    return free if known == known.without_values else replace(best_of(known, free), free=free)
 
 
 def _proposals(
@@ -187,10 +205,16 @@ def _proposals(
     known: Known,
     note: Callable[[str], None],
     arrival_s: float = 0.0,
+    free: SpectralEstimate | None = None,
 ) -> dict[Hold, list[SpectralFit]]:
-    """Return the starts of every hold. Raises BadInput where a hold has none."""
+    """Return the starts of every hold; free: the estimate without the values that are known.
+
+    Raises BadInput where a hold has none.
+    """
     scale = 2.0 * np.pi * float(np.exp(np.mean(np.log(local.frequency_hz))))
-    proposals = propose(local, rate_hz, scale, holds, known, note, arrival_s)
+    choices = [] if free is None else [one for one in (free.chosen, free.other) if one is not None]
+    near = {one.hold: tuple(one.fits.values()) for one in choices}
+    proposals = propose(local, rate_hz, scale, holds, known, note, arrival_s, near)
     if not all(proposals[hold] for hold in holds):
         raise BadInput(_NO_FORM)
     return proposals

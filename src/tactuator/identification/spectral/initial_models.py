@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.spectral.form import (
+from tactuator.identification.forms.form import (
     Form,
     denominator_values,
     ladder,
@@ -33,6 +33,8 @@ _WORTH, _WORTH_SHARE = 3e-2, 3e-8
 _MOST_DELAYS = 40
 _SOON = 20.0
 """Samples before which the beginning of the answer is no start for a dead time."""
+_SHORT = (0.1, 0.4)
+"""Shares of a step of the search for dead times that are tried too: a dead time may be shorter than the first step."""
 _THIN = 120
 _SAME = 1e-3
 """Difference of dead times, samples, within which they are one and the same start."""
@@ -110,8 +112,8 @@ class Starter:
                 continue
             chosen = below[np.unique(np.linspace(0, below.size - 1, _THIN).astype(int))]
             step = max(0.3 / top, 0.4 / self._rate_hz)
-            near = [lag + k * step for lag in best for k in range(-4, 5)]
-            lags = [lag for lag in near or step * np.arange(1, _MOST_DELAYS) if 0.0 < lag < longest] or [step]
+            near = [lag + k * step for lag in best for k in range(-4, 5)] or step * np.arange(1, _MOST_DELAYS)
+            lags = [lag for lag in [*near, *(part * step for part in _SHORT)] if 0.0 < lag < longest] or [step]
             tried = np.array(sorted({round(lag * self._rate_hz, 6) / self._rate_hz for lag in lags}))
             if form.free == form.poles <= 2:
                 costs = self._low_costs(form, tried * self._scale, chosen)

@@ -14,7 +14,7 @@ import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.algebra.elimination import eliminated, fitted_beside, orthonormal, turning_of
-from tactuator.identification.spectral.form import (
+from tactuator.identification.forms.form import (
     Form,
     Ladder,
     all_poles,
@@ -25,12 +25,15 @@ from tactuator.identification.spectral.form import (
     numerator_values,
     section_list,
 )
+from tactuator.identification.forms.pins import bound, freedom, settled, theta_left, weights_left
 from tactuator.identification.spectral.hold import Grid, edge_columns, held_slopes, response_columns, transient_columns
 from tactuator.identification.spectral.joined import JoinedEquations, equation_slices
 from tactuator.identification.spectral.lines import Equations
 
 _SOON, _FAR_AWAY = 4, 100.0
 """Steps after which a fit beyond a hopeless cost is given up, half of them where it is that many times beyond."""
+_RAN_AWAY = 30.0
+"""Size of a pole over the highest frequency from which on it is no pole of the mechanism, but hides a known value."""
 _LOST = 1e-12
 """Power of a column, over what it had, below which the records' ends have taken all of it."""
 
@@ -83,17 +86,22 @@ class SpectralProblem:
         """Return the linear solution at theta, or None where numbers run away."""
         rungs = ladder(theta, form)
         own = response_columns(self.grid, theta, delay, form, rungs)
-        parts = [self.given.response_of(own)]
+        parts, goal = [self.given.response_of(own)], self.given.goal
+        if form.pins:
+            foot, basis = weights_left(theta, form, rungs)
+            goal, parts = goal - parts[0] @ foot, [parts[0] @ basis]
         if self.with_transient:
             parts.append(self.given.transient_of(transient_columns(self.grid, theta, form)))
-        rows = self._weighted_rows([*parts, self.given.goal[:, None]])
+        rows = self._weighted_rows([*parts, goal[:, None]])
         along = self._along(rows)
         products = self._less_ends(rows @ rows.T, along)
         if not np.all(np.isfinite(products)):
             return None
         turning = turning_of(products[:-1, :-1])
         solution, left = eliminated(products, rows.shape[0] - 1, turning)
-        weights = solution[: form.numerators, 0]
+        weights = solution[: parts[0].shape[1], 0]
+        if form.pins:
+            weights = foot + basis @ weights
         cost = float(max(left[0, 0], 0.0))
         return _Point(form, theta, delay, weights, rungs, own @ weights, rows, along, products, turning, cost)
 
@@ -145,7 +153,15 @@ class SpectralProblem:
     def slopes(self, at: _Point) -> FloatArray:
         """Return the weighted derivatives of the right sides by theta and dead time, real, (k, 2 e)."""
         made = nonlinear_slopes(self.grid, at.form, at.theta, at.delay, at.numerator, at.rungs, at.response)
+        if at.form.pins:
+            own = response_columns(self.grid, at.theta, at.delay, at.form, at.rungs)
+            made = np.hstack([own, made]) @ self._nonlinear(at)
         return self.weighted(self.given.response_of(made))
+
+    def _nonlinear(self, at: _Point) -> FloatArray:
+        """Return what of the freedom at a point bends the response: all of it but the numerator's own."""
+        free = freedom(at.theta, at.form, at.rungs)
+        return free[:, free.shape[1] - at.form.bending :]
 
     def descend(
         self,
@@ -164,15 +180,17 @@ class SpectralProblem:
         hopeless: the cost beyond which nothing more is tried after a few steps.
         """
         with np.errstate(all="ignore"):
-            now = self.evaluate(form, theta, delay)
+            begin = settled(theta, form)
+            now = None if begin is None else self.evaluate(form, begin, delay)
+            now = None if now is None or self._ran_away(now) else now
             damping = 1e-3
-            for step in range(most if now is not None and theta.size + form.dead_time else 0):
+            for step in range(most if now is not None and form.bending else 0):
                 assert now is not None
                 if (step >= _SOON and now.cost > hopeless) or (step >= _SOON // 2 and now.cost > _FAR_AWAY * hopeless):
                     break
                 least = max(gain, share * now.cost)
                 ahead, damping = self._step(now, damping, least)
-                if ahead is None:
+                if ahead is None or self._ran_away(ahead):
                     break
                 won, now = now.cost - ahead.cost, ahead
                 if won < least:
@@ -180,6 +198,13 @@ class SpectralProblem:
         if now is None:
             return None
         return SpectralFit(form, now.theta, now.delay, now.numerator, now.rungs, self.grid, now.cost)
+
+    def _ran_away(self, at: _Point) -> bool:
+        """Return true where values that are known were obeyed by a pole so far away that nothing shows it."""
+        if not at.form.pins:
+            return False
+        far = _RAN_AWAY * float(np.max(np.abs(self.grid.s)))
+        return not bool(np.all(np.abs(all_poles(at.theta, at.form)) < far))
 
     def _step(self, now: _Point, damping: float, least: float) -> tuple[_Point | None, float]:
         """Return the next point and damping; no point where a step would, to first order, win less than `least`."""
@@ -197,13 +222,20 @@ class SpectralProblem:
                 break
             step = scaled / size
             delay = max(now.delay + float(step[-1]), 0.0) if now.form.dead_time else now.delay
-            theta = now.theta + step[: now.theta.size]
-            refused = self.stable and not is_stable(theta, now.form)
-            trial = None if refused else self.evaluate(now.form, theta, delay)
+            theta = self._moved(now, step)
+            refused = theta is None or (self.stable and not is_stable(theta, now.form))
+            trial = None if refused or theta is None else self.evaluate(now.form, theta, delay)
             if trial is not None and trial.cost < now.cost * (1.0 + 1e-12):
                 return trial, max(damping / 8.0, 1e-9)
             damping = max(damping * 6.0, 1e-4)
         return None, damping
+
+    def _moved(self, now: _Point, step: FloatArray) -> FloatArray | None:
+        """Return theta after a step of what is free of it (and the dead time); None where it cannot be reached."""
+        if not bound(now.form):
+            return now.theta + step[: now.theta.size]
+        free = theta_left(now.theta, now.form)
+        return settled(now.theta + free @ step[: free.shape[1]], now.form)
 
     def _products_with(self, now: _Point, slopes: FloatArray) -> FloatArray:
         """Return the products of (linear columns, goal, slopes), those of the first two as they are known."""
@@ -302,7 +334,8 @@ def information(problem: SpectralProblem, fit: SpectralFit) -> FloatArray:
     linear = response_columns(problem.grid, fit.theta, fit.delay, fit.form, fit.rungs)
     bent = nonlinear_slopes(problem.grid, fit.form, fit.theta, fit.delay, fit.numerator, fit.rungs)
     given = problem.given
-    columns = given.response_of(np.hstack([linear, bent]))
+    free = freedom(fit.theta, fit.form, fit.rungs)
+    columns = given.response_of(np.hstack([linear, bent]) @ free)
     beside = 0
     if problem.with_transient:
         decays = given.transient_of(transient_columns(problem.grid, fit.theta, fit.form))
@@ -313,4 +346,4 @@ def information(problem: SpectralProblem, fit: SpectralFit) -> FloatArray:
     size[size == 0.0] = 1.0
     # a complex line's noise has half its power in either part
     inverse = np.linalg.pinv(gram / np.outer(size, size), rcond=1e-14, hermitian=True)
-    return np.asarray(0.5 * inverse / np.outer(size, size))
+    return np.asarray(free @ (0.5 * inverse / np.outer(size, size)) @ free.T)

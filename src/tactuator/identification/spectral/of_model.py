@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactuator.display.plant_model import PlantModel
-from tactuator.identification.spectral.form import Form, ladder, numerator_polynomial, sections_of
+from tactuator.identification.forms.form import Form, ladder, numerator_polynomial, sections_of
 from tactuator.identification.spectral.hold import Grid, Hold
 from tactuator.identification.spectral.likelihood import SpectralFit
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.identification.spectral.form import (
+from tactuator.identification.forms.form import (
     MOST_POLES,
     Form,
     fewer_poles,
@@ -17,6 +18,7 @@ from tactuator.identification.spectral.form import (
     sections_of,
     without_cancelled,
 )
+from tactuator.identification.forms.known import MANY, Known
 from tactuator.identification.spectral.hold import Grid, Hold
 from tactuator.identification.spectral.initial_models import Starter
 from tactuator.identification.spectral.joined import JoinedEquations
@@ -32,7 +34,6 @@ COMPARED = 0.47
 _KEPT = 6
 _WORTH, _WORTH_SHARE = 1e-2, 1e-8
 """What a step has to win of the cost, in itself and as a share, while forms are compared."""
-_MANY = 4
 _NEAR = 20.0
 """Half of -2 log likelihood by which a simpler form's fit is behind, from which on it is tried from the better one."""
 _FAR_OFF = 20.0
@@ -45,45 +46,6 @@ _STRETCHES, _CHANCE = (1, 2, 4, 8, 16, 32), 9.0
 them (exp(-9) is the chance of one stretch)."""
 _POOR = 3.0
 """Mean squared departure from the local response, in its errors, from which on forms with many zeros are tried."""
-
-
-@dataclass(frozen=True)
-class Known:
-    """Knowledge beforehand: numbers of poles and zeros (None: chosen), poles and zeros at s = 0, dead time."""
-
-    poles: int | None = None
-    zeros: int | None = None
-    integrators: int = 0
-    origin_zeros: int = 0
-    delay_s: float | None = None
-
-    def forms(self, poles: int) -> Iterator[Form]:
-        """Yield the forms of that many poles that are allowed, without and with a dead time to estimate."""
-        most = self.zeros if self.zeros is not None else min(poles - 1, 2 + self.origin_zeros)
-        least = self.zeros if self.zeros is not None else min(self.origin_zeros, poles)
-        for late in (False, True) if self.delay_s is None else (False,):
-            for zeros in range(least, max(most, least) + 1):
-                if zeros <= poles and poles >= self.integrators:
-                    yield Form(poles, zeros, late, self.integrators, self.origin_zeros)
-
-    def full_forms(self, poles: int, late: bool) -> Iterator[Form]:
-        """Yield the forms of that many poles with as many zeros or one less: what structures with many modes show.
-
-        late: with a dead time to estimate.
-        """
-        if self.zeros is None and poles >= max(_MANY, self.integrators, self.origin_zeros + 1):
-            for zeros in (poles - 1, poles):
-                yield Form(poles, zeros, late and self.delay_s is None, self.integrators, self.origin_zeros)
-
-    def allows(self, form: Form) -> bool:
-        """Return true for a form that does not contradict what is known."""
-        return (
-            (self.poles is None or form.poles == self.poles)
-            and (self.zeros is None or form.zeros == self.zeros)
-            and form.zeros >= self.origin_zeros
-            and form.free >= 0
-            and not (form.dead_time and self.delay_s is not None)
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,17 +76,19 @@ def propose(
     known: Known,
     note: Callable[[str], None] = lambda _: None,
     arrival_s: float = 0.0,
+    near: Mapping[Hold, Sequence[SpectralFit]] = MappingProxyType({}),
 ) -> dict[Hold, list[SpectralFit]]:
     """Return fits to the local response under each hold, best first: poles are added until two more bring nothing.
 
-    arrival_s: about when the position begins to answer, a dead time to start from as well.
+    arrival_s: about when the position begins to answer, a dead time to start from as well. near: fits without the
+    values that are known, in the same scale, to start from as well.
     """
+    known = known.in_scale(scale_rad_s)
     starters = {hold: Starter(local, rate_hz, hold, scale_rad_s, arrival_s) for hold in holds}
     found: dict[Hold, list[tuple[float, SpectralFit]]] = {hold: [] for hold in holds}
     price = float(np.log(2.0 * local.frequency_hz.size))
     best, stale = np.inf, 0
-    least = max(1, known.integrators, known.origin_zeros, known.zeros or 0)
-    for poles in [known.poles] if known.poles is not None else range(least, MOST_POLES + 1):
+    for poles in [known.poles] if known.poles is not None else range(known.least_poles, MOST_POLES + 1):
         now, before = np.inf, dict[Form, SpectralFit]()
         for hold in _worth(found, local):
             late_alone = _late_alone(found[hold], local)
@@ -144,7 +108,19 @@ def propose(
             break
     if _all_poor(found, local):
         _add_full_forms(found, starters, known, scale_rad_s, price, note)
+    for hold, fits in near.items():
+        begun = (_from_free(starters[hold], fit, known, scale_rad_s) for fit in fits)
+        found[hold] += [(2.0 * fit.cost + price * fit.form.count, fit) for one in begun for fit in one]
     return {hold: [fit for _, fit in sorted(found[hold], key=lambda one: one[0])] for hold in holds}
+
+
+def _from_free(starter: Starter, fit: SpectralFit, known: Known, scale_rad_s: float) -> Iterator[SpectralFit]:
+    """Yield the fit with the values that are known, where its form can have them."""
+    for form, theta in known.like(fit.form, free_poles(fit.theta, fit.form)):
+        delay = fit.delay if known.delay_s is None else known.delay_s * scale_rad_s
+        made = starter.problem.descend(form, theta, delay, most=10)
+        if made is not None:
+            yield made
 
 
 def _add_full_forms(
@@ -157,7 +133,7 @@ def _add_full_forms(
 ) -> None:
     """Add the forms with many zeros, with a dead time if the best of the others has one, until nothing is left."""
     leading = min((one for fits in found.values() for one in fits), key=lambda one: one[0])[1]
-    for poles in [known.poles] if known.poles is not None else range(_MANY, MOST_POLES + 1):
+    for poles in [known.poles] if known.poles is not None else range(MANY, MOST_POLES + 1):
         note(f"{poles} poles and as many zeros")
         before = dict[Form, SpectralFit]()
         for hold, starter in starters.items():
@@ -223,9 +199,9 @@ def choose(
 ) -> Choice:
     """Return the form of best criterion on the record, simpler ones tried from there (quick: the best two only).
 
-    begun: an earlier choice, a quick one or (stable) that of unstable poles, to go on from. stable: no pole may move
-    into the right half plane. weight: one over the noise's deviation at each equation (e,), where it is known
-    beforehand, of lines free of transients; the spectrum of what the model leaves tells it otherwise.
+    begun: the quick choice, to go on from. stable: no pole may move into the right half plane. weight: one over the
+    noise's deviation at each equation (e,), where it is known beforehand, of lines free of transients; the spectrum of
+    what the model leaves tells it otherwise.
     """
     highest = _HIGHEST[hold] * given.rate_hz
     kept = _kept(proposals)[: 2 if quick else _KEPT]
@@ -237,16 +213,12 @@ def choose(
 
     if begun is None:
         grid = Grid(given.frequency_hz, given.rate_hz, first.grid.scale_rad_s, hold, given.shift)
-        problem = SpectralProblem(given, flat, grid, with_transient=weight is None)
+        problem = SpectralProblem(given, flat, grid, with_transient=weight is None, stable=stable)
         for _ in range(2):
             problem = weighed(problem, first)
             first = _again(problem, first, 8) or first
-    elif stable:
-        problem = replace(begun.problem, stable=True)
-        first = _again(problem, first, 8) or first
     else:
         problem, first = begun.problem, begun.fit
-        kept = [begun.fits.get(one.form, one) for one in kept]
     others = [_glance(problem, one, 8) for one in kept if one.form != first.form]
     fits = {first.form: first} | {one.form: one for one in others if one is not None}
     best = _best(problem, fits) if quick else _settled(problem, fits, known)
@@ -255,7 +227,7 @@ def choose(
         best = _again(problem, best, 10) or best
     fits[best.form] = best
     if quick:
-        return Choice(hold, best, fits, problem)
+        return Choice(hold, best, {best.form: best}, problem)
     return _preferred(Choice(hold, best, fits, problem), weighed)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.display.plant_model import Excess
-from tactuator.identification.spectral.form import (
+from tactuator.identification.forms.form import (
     Form,
     denominator_polynomial,
     numerator_polynomial,

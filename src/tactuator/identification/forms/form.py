@@ -7,7 +7,7 @@ not. Time is scaled: s is in units of `scale_rad_s`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +16,26 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 
 Ladder = tuple[tuple[FloatArray, int], ...]
+Section = tuple[float, ...]
+"""The coefficients of a monic section but the first, descending."""
 MOST_POLES = 8
+
+
+@dataclass(frozen=True)
+class Pin:
+    """A value that is known. kind: "num" or "den", the coefficient of s^power (den: monic); "gain", the response at
+    s = 0; "lead", the numerator's first coefficient where there are `power` poles more than zeros.
+    """
+
+    kind: Literal["num", "den", "gain", "lead"]
+    power: int
+    value: float
 
 
 @dataclass(frozen=True)
 class Form:
     """The form of a transfer function: poles, of which `integrators` at s = 0; zeros, of which `origin_zeros` at s = 0;
-    dead_time: is it estimated?
+    dead_time: is it estimated? known: sections of known poles; pins: values that are known; both of scaled time.
     """
 
     poles: int
@@ -30,11 +43,13 @@ class Form:
     dead_time: bool = False
     integrators: int = 0
     origin_zeros: int = 0
+    known: tuple[Section, ...] = ()
+    pins: tuple[Pin, ...] = ()
 
     def __post_init__(self) -> None:
-        if not (1 <= self.poles <= MOST_POLES and 0 <= self.integrators <= self.poles):
+        if not (1 <= self.poles <= MOST_POLES and self.integrators >= 0 and self.free >= 0):
             raise BadInput(
-                f"{self.poles} poles, {self.integrators} of them at zero; allowed: 1 to {MOST_POLES}, no more at zero"
+                f"{self.poles} poles, {self.poles - self.free} of them known; allowed: 1 to {MOST_POLES}, no more known"
             )
         if not self.origin_zeros <= self.zeros <= self.poles:
             raise BadInput(f"{self.zeros} zeros for {self.poles} poles; allowed: {self.origin_zeros} to {self.poles}")
@@ -42,7 +57,32 @@ class Form:
     @property
     def free(self) -> int:
         """Return the number of poles that are estimated."""
-        return self.poles - self.integrators
+        return self.poles - self.integrators - sum(len(one) for one in self.known)
+
+    @property
+    def pins_below(self) -> tuple[Pin, ...]:
+        """Return the pins of the denominator: its coefficients, and the last one where gain and last coefficient of the
+        numerator are both known.
+        """
+        own = tuple(pin for pin in self.pins if pin.kind == "den")
+        gain, last = (next((pin for pin in self.pins if is_one(pin)), None) for is_one in (_is_gain, self._is_last))
+        if gain is None or last is None:
+            return own
+        return (*own, Pin("den", 0, last.value / gain.value))
+
+    @property
+    def pins_above(self) -> tuple[Pin, ...]:
+        """Return the pins of the numerator."""
+        gives_way = len(self.pins_below) > sum(pin.kind == "den" for pin in self.pins)
+        return tuple(pin for pin in self.pins if pin.kind != "den" and not (gives_way and _is_gain(pin)))
+
+    def _is_last(self, pin: Pin) -> bool:
+        return (pin.kind == "num" and pin.power == 0) or (pin.kind == "lead" and self.zeros == 0)
+
+    @property
+    def bending(self) -> int:
+        """Return the number of estimated parameters on which the response does not depend in proportion."""
+        return self.free + int(self.dead_time) - len(self.pins_below)
 
     @property
     def numerators(self) -> int:
@@ -51,8 +91,12 @@ class Form:
 
     @property
     def count(self) -> int:
-        """Return the number of parameters."""
-        return self.free + self.numerators + int(self.dead_time)
+        """Return the number of parameters that are estimated."""
+        return self.free + self.numerators + int(self.dead_time) - len(self.pins)
+
+
+def _is_gain(pin: Pin) -> bool:
+    return pin.kind == "gain"
 
 
 def section_list(theta: FloatArray, form: Form) -> list[FloatArray]:
@@ -61,11 +105,23 @@ def section_list(theta: FloatArray, form: Form) -> list[FloatArray]:
     return [*pairs, np.array([1.0, theta[form.free - 1]])] if form.free % 2 else pairs
 
 
+def all_sections(theta: FloatArray, form: Form) -> list[FloatArray]:
+    """Return the free sections and those of known poles, but for poles at s = 0."""
+    return [*section_list(theta, form), *(np.array([1.0, *one]) for one in form.known)]
+
+
 def free_poles(theta: FloatArray, form: Form) -> ComplexArray:
     """Return the estimated poles, (free,)."""
+    return _roots(section_list(theta, form))
+
+
+def _roots(sections: list[FloatArray]) -> ComplexArray:
     made: list[complex] = []
-    for j in range(form.free // 2):
-        half, product = 0.5 * float(theta[2 * j]), float(theta[2 * j + 1])
+    for one in sections:
+        if one.size == 2:
+            made.append(complex(-float(one[1])))
+            continue
+        half, product = 0.5 * float(one[1]), float(one[2])
         under = half * half - product
         if under < 0.0:
             made += [complex(-half, (-under) ** 0.5), complex(-half, -((-under) ** 0.5))]
@@ -73,8 +129,6 @@ def free_poles(theta: FloatArray, form: Form) -> ComplexArray:
             # the larger root first: the smaller one as a difference would lose its digits
             large = -half - (under**0.5 if half >= 0.0 else -(under**0.5))
             made += [complex(large), complex(product / large if large else 0.0)]
-    if form.free % 2:
-        made.append(complex(-float(theta[form.free - 1])))
     return np.array(made, dtype=np.complex128)
 
 
@@ -85,7 +139,7 @@ def is_stable(theta: FloatArray, form: Form) -> bool:
 
 def all_poles(theta: FloatArray, form: Form) -> ComplexArray:
     """Return all poles, those at zero last, (poles,)."""
-    return np.concatenate([free_poles(theta, form), np.zeros(form.integrators)])
+    return np.concatenate([_roots(all_sections(theta, form)), np.zeros(form.integrators)])
 
 
 def sections_of(poles: NDArray[Any]) -> FloatArray:
@@ -120,7 +174,7 @@ def separated(poles: ComplexArray) -> ComplexArray:
 
 def ladder(theta: FloatArray, form: Form) -> Ladder:
     """Return numerators of ascending degree as products of sections, slow ones first: (polynomial, power of s) each."""
-    slow_first = sorted(section_list(theta, form), key=lambda one: abs(one[-1]) ** (1.0 / (one.size - 1)))
+    slow_first = sorted(all_sections(theta, form), key=lambda one: abs(one[-1]) ** (1.0 / (one.size - 1)))
     rows = [np.array([1.0, 0.0])] * form.integrators + slow_first
     made: list[tuple[FloatArray, int]] = []
     done = np.array([1.0])
@@ -169,7 +223,7 @@ def numerator_polynomial(rungs: Ladder, weights: FloatArray, form: Form) -> Floa
 def denominator_values(theta: FloatArray, form: Form, s: ComplexArray) -> ComplexArray:
     """Return the denominator at s (m,)."""
     value = s**form.integrators if form.integrators else np.ones(s.shape, dtype=np.complex128)
-    for section in section_list(theta, form):
+    for section in all_sections(theta, form):
         value = value * monic_values(section, s)
     return np.asarray(value)
 
@@ -177,7 +231,7 @@ def denominator_values(theta: FloatArray, form: Form, s: ComplexArray) -> Comple
 def denominator_polynomial(theta: FloatArray, form: Form) -> FloatArray:
     """Return the denominator as one monic polynomial, descending."""
     made = np.append(1.0, np.zeros(form.integrators))
-    for section in section_list(theta, form):
+    for section in all_sections(theta, form):
         made = np.convolve(made, section)
     return made
 

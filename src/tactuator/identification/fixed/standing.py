@@ -1,0 +1,129 @@
+"""Does the record agree with the values that are fixed? A wrong one bends the model, or hides behind far poles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from tactuator.display.plant_model import PlantModel
+from tactuator.identification.fixed.value import Fixed
+from tactuator.identification.forms.form import Form
+from tactuator.identification.spectral.search import Choice
+
+_BEHIND = 3.0
+"""Difference of Bayes' criterion from which on a model without the values is better: a known pole that a zero has to
+cancel costs one parameter, and chance gives a part of that back.
+"""
+_CHANCE = 1e-4
+_FAR_OFF = 0.1
+"""Part of itself by which a value departs from the record's own, from which on the model is not to be trusted."""
+_BESIDE = 0.25
+"""Distance of a zero from a known pole, over that, within which it takes most of it away."""
+_MATERIAL_DB = 1.0
+"""Departure of the responses, with and without the values, from which on it is not."""
+
+
+@dataclass(frozen=True)
+class FixedAgainstOwn:
+    """A value that is fixed, beside the record's own (None: its own model has no such thing) with its 95 % half-width
+    (nan: not known).
+    """
+
+    fixed: Fixed
+    own: tuple[float, float] | None
+
+    @property
+    def is_far(self) -> bool:
+        """Return true where the record's own value departs by more than a tenth, and by more than its confidence."""
+        if self.own is None:
+            return False
+        apart = abs(self.own[0] - self.fixed.value)
+        return apart > _FAR_OFF * abs(self.fixed.value) and not apart < self.own[1]
+
+    @property
+    def beside(self) -> str:
+        """Return what the record shows by itself, empty if that has no such thing."""
+        if self.own is None:
+            return ""
+        value, half = self.own
+        return f"by itself it shows {value:.4g}" + (f" ± {half:.2g}" if np.isfinite(half) else "")
+
+    def __str__(self) -> str:
+        return f"{self.fixed} ({self.beside})" if self.beside else str(self.fixed)
+
+
+def disagrees(chosen: Choice, free: Sequence[Choice]) -> bool:
+    """Return true where the record speaks against what is fixed: by Bayes' criterion, or, where nothing else of the
+    form differs, by the likelihood's ratio. free: the choices without it, the one of the same hold is compared.
+    """
+    beside = next((one for one in free if one.hold == chosen.hold), free[0])
+    problem, fit = beside.problem, chosen.fit
+    again = problem.descend(fit.form, fit.theta, fit.delay, most=10)
+    if again is None:
+        return True
+    lost, values = 2.0 * (again.cost - beside.fit.cost), beside.fit.form.count - fit.form.count
+    if lost - float(np.log(problem.given.total)) * values > _BEHIND:
+        return True
+    alike = _shape(fit.form) == _shape(beside.fit.form)
+    return bool(alike and stats.chi2.sf(max(lost, 0.0), max(values, 1)) < _CHANCE)
+
+
+def cancelled(known: Sequence[FixedAgainstOwn], model: PlantModel) -> bool:
+    """Return true where a known pole, that the record itself does not show, has a zero of the model beside it."""
+    zeros = np.abs(np.roots(model.num)) / (2.0 * np.pi)
+    return any(
+        one.fixed.section and one.is_far and bool(np.any(np.abs(zeros / one.fixed.value - 1.0) < _BESIDE))
+        for one in known
+    )
+
+
+def _shape(form: Form) -> Form:
+    return replace(form, known=(), pins=())
+
+
+def said_of_disagreement(known: Sequence[FixedAgainstOwn], model: PlantModel, free: PlantModel) -> tuple[str, bool]:
+    """Return the sentence on values that the record does not agree with, and whether the model is not to be trusted."""
+    low, high = free.valid_hz or free.band_hz
+    frequency = np.geomspace(low, high, 200)
+    apart = 8.685890 * float(np.max(np.abs(np.log(np.abs(model.response(frequency) / free.response(frequency))))))
+    said = (
+        f"the record does not agree with what is fixed, {', '.join(map(str, known))}: with it the response differs by "
+        f"up to {apart:.2g} dB; the band holds the model without it"
+    )
+    return said, apart > _MATERIAL_DB or any(one.own is None or one.is_far for one in known)
+
+
+def exact(model: PlantModel, fixed: Sequence[Fixed]) -> PlantModel:
+    """Return the model with the fixed coefficients and gain to the last digit, and no variance of theirs."""
+    num, den, covariance = model.num.copy(), model.den.copy(), model.covariance.copy()
+    places = []
+    for one in fixed:
+        if one.name == "mass":
+            num[0], at = 1.0 / one.value, 0
+        elif one.name.startswith("num"):
+            at = num.size - 1 - one.power
+            num[at] = one.value
+        elif one.name.startswith("den"):
+            at = num.size - 1 + den.size - 1 - one.power
+            den[den.size - 1 - one.power] = one.value
+        else:
+            continue
+        places.append(at)
+    covariance[places, :] = 0.0
+    covariance[:, places] = 0.0
+    last, under = num.size - 1, num.size + den.size - 2
+    for one in fixed:
+        if one.name in ("gain", "stiffness"):
+            gain = one.value if one.name == "gain" else 1.0 / one.value
+            if last in places:
+                den[-1] = num[-1] / gain
+                covariance[under, :] = covariance[:, under] = 0.0
+            else:
+                num[-1] = gain * den[-1]
+                covariance[last, :] = gain * covariance[under, :]
+                covariance[:, last] = covariance[last, :]
+                covariance[last, last] = gain**2 * covariance[under, under]
+    return replace(model, num=num, den=den, covariance=covariance)

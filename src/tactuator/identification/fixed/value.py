@@ -1,0 +1,139 @@
+"""Values of a model that a user knows: of a mass, a stiffness, a gain, a pole, a coefficient."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactuator.display.plant_model import PlantModel
+from tactuator.errors import BadInput
+from tactuator.identification.forms.form import MOST_POLES, Pin, Section
+
+NAMES = ("gain", "stiffness", "mass", "pole", "resonance", "num_sK", "den_sK")
+_COEFFICIENT = re.compile(r"(num|den)_s([0-8])")
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """A value that is known, by one of these names.
+
+    - gain: position over command at zero frequency; stiffness: its inverse, command over position;
+    - mass: command over acceleration at high frequency (kilograms where the command is in newtons, the position in
+      metres), of a mechanism of two poles more than zeros;
+    - pole: of a low-pass of first order, hertz; resonance: of a pair of poles, hertz, with `q`;
+    - num_s0, num_s1, .. den_s0, ..: a coefficient as model.json has it, descending powers of s, denominator monic.
+    """
+
+    name: str
+    value: float
+    q: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.name not in NAMES[:5] and not _COEFFICIENT.fullmatch(self.name):
+            raise BadInput(f"fixed {self.name!r}; allowed: {', '.join(NAMES)}")
+        if not (math.isfinite(self.value) and math.isfinite(self.q)):
+            raise BadInput(f"fixed {self}; allowed: a finite number")
+        if self.name == "gain" and self.value == 0.0:
+            raise BadInput(f"fixed {self}; allowed: other than zero")
+        if self.name != "gain" and not self.name.startswith("num") and self.value <= 0.0:
+            raise BadInput(f"fixed {self}; allowed: above zero (poles lie in the left half plane)")
+        if self.name == "resonance" and self.q <= 0.0:
+            raise BadInput(f"fixed {self}; allowed: a Q above zero, resonance=HERTZ,Q")
+
+    def __str__(self) -> str:
+        return f"{self.name}={self.value:g}" + (f",{self.q:g}" if self.name == "resonance" else "")
+
+    @classmethod
+    def parse(cls, text: str) -> Fixed:
+        """Return the value of a text NAME=VALUE, or resonance=HERTZ,Q. Raises BadInput."""
+        name, equals, rest = text.partition("=")
+        values = rest.split(",")
+        try:
+            numbers = [float(one) for one in values]
+        except ValueError:
+            numbers = []
+        if not equals or len(numbers) != (2 if name.strip() == "resonance" else 1):
+            raise BadInput(f"fixed {text!r}; allowed: NAME=VALUE or resonance=HERTZ,Q, names: {', '.join(NAMES)}")
+        return cls(name.strip(), *numbers)
+
+    @property
+    def power(self) -> int:
+        """Return the power of s of a coefficient."""
+        return int(self.name[-1])
+
+    @property
+    def section(self) -> Section:
+        """Return the section of a known pole or resonance, monic, rad/s; nothing for any other."""
+        omega = 2.0 * math.pi * self.value
+        if self.name == "pole":
+            return (omega,)
+        return (omega / self.q, omega**2) if self.name == "resonance" else ()
+
+    def pin(self, ratio: float) -> Pin | None:
+        """Return what it pins, of time in seconds and of a response in units of `ratio`; None for a pole."""
+        if self.name in ("gain", "stiffness"):
+            return Pin("gain", 0, (self.value if self.name == "gain" else 1.0 / self.value) / ratio)
+        if self.name == "mass":
+            return Pin("lead", 2, 1.0 / self.value / ratio)
+        if self.name.startswith("num"):
+            return Pin("num", self.power, self.value / ratio)
+        return Pin("den", self.power, self.value) if self.name.startswith("den") else None
+
+    def of_model(self, model: PlantModel) -> tuple[float, float] | None:
+        """Return the same value of another model and its 95 % half-width (nan: not known), None where that has none."""
+        confidence = model.confidence()
+        n, m = model.den.size - 1, model.num.size - 1
+        if self.name in ("gain", "stiffness") and model.den[-1] != 0.0 and model.num[-1] != 0.0:
+            gain, half = float(model.num[-1] / model.den[-1]), confidence["gain"]
+            return (gain, half) if self.name == "gain" else (1.0 / gain, half / gain**2)
+        if self.name == "mass" and n - m == 2:
+            lead = float(model.num[0])
+            return 1.0 / lead, confidence[f"num_s{m}"] / lead**2
+        if _COEFFICIENT.fullmatch(self.name):
+            values = model.num if self.name.startswith("num") else model.den
+            if self.name not in confidence:
+                return None
+            return float(values[values.size - 1 - self.power]), confidence[self.name]
+        if self.section:
+            size = np.abs(np.roots(model.den)) / (2.0 * np.pi)
+            return float(size[np.argmin(np.abs(np.log(np.maximum(size, 1e-300) / self.value)))]), float("nan")
+        return None
+
+
+def contradiction(
+    fixed: Sequence[Fixed], order: int | None, zeros: int | None, integrators: int, origin_zeros: int
+) -> str | None:
+    """Return why values cannot be fixed together, or beside the form that is asked for; None where they can."""
+    names = [one.name for one in fixed if not one.section]
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        return f"{twice[0]} is fixed twice"
+    known = integrators + sum(len(one.section) for one in fixed)
+    if known > (order or MOST_POLES):
+        return f"{known} poles are known of {order or MOST_POLES}"
+    if "gain" in names and "stiffness" in names:
+        return "gain and stiffness are one value"
+    if {"gain", "stiffness"} & set(names) and (integrators or origin_zeros):
+        return "a gain at zero frequency beside poles or zeros at s = 0"
+    if "mass" in names and None not in (order, zeros) and order - zeros != 2:  # type: ignore[operator]
+        return f"a mass with {order} poles and {zeros} zeros: it has two poles more than zeros"
+    coefficients = [one for one in fixed if _COEFFICIENT.fullmatch(one.name)]
+    if coefficients and order is None:
+        return f"{coefficients[0].name} without --order: what it means depends on the number of poles"
+    for one in coefficients:
+        top = order if one.name.startswith("den") else zeros if zeros is not None else order
+        least, most = (integrators, order - 1) if one.name.startswith("den") else (origin_zeros, top)  # type: ignore[operator]
+        if not least <= one.power <= most:  # type: ignore[operator]
+            return f"{one.name} of {order} poles; allowed powers: {least} to {most}"
+    if {"num_s0", "den_s0"} <= set(names) and {"gain", "stiffness"} & set(names):
+        return "num_s0, den_s0 and a gain: two of them give the third"
+    if "mass" in names and order is not None and f"num_s{order - 2}" in names:
+        return f"mass and num_s{order - 2} are one value"
+    if order is not None and sum(name.startswith("den") for name in names) > order - known:
+        return "more coefficients of the denominator than poles that are free"
+    return None

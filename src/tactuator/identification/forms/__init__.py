@@ -1,0 +1,1 @@
+"""Forms of a transfer function, what is known of them beforehand, and the freedom that it leaves."""
