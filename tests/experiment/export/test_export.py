@@ -184,7 +184,7 @@ def runs_of_export(folder):
         first = trials[0]
         hertz = set(numbers(trials, "frequency_hz"))
         yield StoredRun(
-            SimpleNamespace(subject_code=first["subject"], subject_group=first["subject_group"]),
+            SimpleNamespace(subject_code=first["subject"], subject_group=first["subject_group"], study_id=1),
             SimpleNamespace(
                 id=int(number), finger=first["finger"], procedure=first["procedure"], curve=first["curve"],
                 frequency_hz=min(hertz), rig=first["rig"], respondent=first["respondent"],

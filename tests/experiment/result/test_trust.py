@@ -132,6 +132,17 @@ def test_group_curve__measured_by_people__is_called_measured(study) -> None:
     assert group_curve(felt, LIBRARY, (0.4, 300.0)).curve.provenance == "measured"
 
 
+def test_group_curve__same_code_in_two_studies__is_two_people(study) -> None:
+    found = sorted(thresholds(detection_runs(study[0])), key=lambda one: one.frequency_hz)
+    felt = [one for one in found if one.subject == "S1"]
+    other = [replace(one, study_number=2, level_db_re_1um=one.level_db_re_1um + 8.0) for one in felt]
+    both = group_curve([*felt, *felt, *other], LIBRARY, (0.4, 300.0), keep_flagged=True)  # S1 of study 1 came twice
+    assert both.subjects == (0, 2, 2, 2, 0)
+    assert both.curve.level_db_re_1um[1:4] == pytest.approx([one.level_db_re_1um + 4.0 for one in felt])
+    assert [one.name for one in person_thresholds([*felt, *other])] == ["S1-1", "S1-2"]
+    assert set(psychometric_trials(detection_runs(study[0]), felt)) == {"S1"}
+
+
 def test_with_truths__stranger_or_impossible_lapse__is_refused() -> None:
     drawn = simulated_observers(LIBRARY, 1, seed=5)
     with pytest.raises(BadInput, match="S9"):

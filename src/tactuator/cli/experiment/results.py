@@ -16,7 +16,7 @@ from tactuator.experiment.language.words import shipped_words
 from tactuator.experiment.result.group_curve import GroupCurve, circumstances, group_curve
 from tactuator.experiment.result.psychometric_trials import psychometric_trials
 from tactuator.experiment.result.tables import threshold_table
-from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold, thresholds
+from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold, names_of_people, thresholds
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.files.curve import resolve_curve, write_curve
@@ -88,11 +88,12 @@ def _left_out(group: GroupCurve | None) -> list[dict[str, Any]]:
 def person_thresholds(found: Sequence[MeasuredThreshold]) -> list[PersonThresholds]:
     """Return each subject's thresholds by frequency; every finger and repeat is a point."""
     people = []
-    for subject in sorted({one.subject for one in found}):
-        mine = sorted((one for one in found if one.subject == subject), key=lambda one: one.frequency_hz)
+    for (study, code), name in names_of_people(found).items():
+        own = (one for one in found if (one.study_number, one.subject) == (study, code))
+        mine = sorted(own, key=lambda one: one.frequency_hz)
         hertz, level, error = np.array([(one.frequency_hz, one.level_db_re_1um, one.sd_db) for one in mine]).T
         flagged = np.array([bool(DISQUALIFYING & set(one.flags)) for one in mine])
-        people.append(PersonThresholds(subject, hertz, level, error, flagged))
+        people.append(PersonThresholds(name, hertz, level, error, flagged))
     return people
 
 

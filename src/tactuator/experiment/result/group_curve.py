@@ -78,7 +78,7 @@ def _curve(
     frequency_hz: FloatArray, level: FloatArray, error: FloatArray, kept: Sequence[MeasuredThreshold],
     reference: ThresholdCurve, simulated: bool,
 ) -> ThresholdCurve:  # fmt: skip
-    subjects = len({one.subject for one in kept})
+    subjects = len({(one.study_number, one.subject) for one in kept})
     who = "simulated, nobody felt it: " if simulated else ""
     source = (
         f"{who}mean of {subjects} subjects on the display, each point at {100.0 * kept[0].point:.1f} % correct; "
@@ -90,8 +90,8 @@ def _curve(
 
 def _mean(found: Sequence[MeasuredThreshold]) -> tuple[float, float, int]:
     """Return level, standard error and number of subjects at one frequency."""
-    subjects = sorted({one.subject for one in found})
-    each = [[one for one in found if one.subject == subject] for subject in subjects]
+    subjects = sorted({(one.study_number, one.subject) for one in found})
+    each = [[one for one in found if (one.study_number, one.subject) == subject] for subject in subjects]
     levels = np.array([np.mean([one.level_db_re_1um for one in mine]) for mine in each])
     within = np.array([np.sqrt(np.sum([one.sd_db**2 for one in mine])) / len(mine) for mine in each])
     known = float(np.sqrt(np.sum(within**2)) / len(subjects))

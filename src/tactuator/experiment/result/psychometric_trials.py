@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
 from tactuator.experiment.result.catch import catch_kinds
-from tactuator.experiment.result.thresholds import MeasuredThreshold
+from tactuator.experiment.result.thresholds import MeasuredThreshold, names_of_people
 from tactuator.experiment.store.stored_runs import StoredRun
 from tactuator.perception.psychometric import Psychometric, Weibull
 
@@ -42,16 +42,17 @@ class PsychometricTrials:
 def psychometric_trials(
     runs: Sequence[StoredRun], found: Sequence[MeasuredThreshold]
 ) -> dict[str, tuple[PsychometricTrials, ...]]:
-    """Return every run by its subject; found holds one threshold of a run, or those of a whole curve."""
+    """Return every run by the name of its subject; found holds one threshold of a run, or those of a whole curve."""
     by_run: dict[int, list[MeasuredThreshold]] = {}
     for one in found:
         by_run.setdefault(one.run, []).append(one)
     people: dict[str, list[PsychometricTrials]] = {}
+    names = names_of_people(found)
     for run in runs:
         mine = by_run.get(run.run.id, [])
         if mine:
             drawn = _of_curve(run, mine) if mine[0].procedure == "curve" else _of_run(run, mine[0])
-            people.setdefault(run.session.subject_code, []).append(drawn)
+            people.setdefault(names[mine[0].study_number, mine[0].subject], []).append(drawn)
     return {subject: tuple(trials) for subject, trials in people.items()}
 
 

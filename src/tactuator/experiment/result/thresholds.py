@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -41,6 +42,7 @@ class MeasuredThreshold:
     with an interval that carries both; own_level_db_re_1um likewise. flags: floor, ceiling, trial-limit, chance,
     attention, lapses, drift, mains, out-of-range, saturated, delivered-unknown. lapse_power, drift_power: probability
     that the run would have shown a lapse rate of 15 %, a drift of 6 dB. simulated: True where nobody felt the stimuli.
+    study_number: that of the study in the store; a code is a person's in one study.
     """
 
     subject: str
@@ -70,6 +72,14 @@ class MeasuredThreshold:
     lapse_power: float | None
     drift_power: float | None
     simulated: bool
+    study_number: int = 1
+
+
+def names_of_people(found: Sequence[MeasuredThreshold]) -> dict[tuple[int, str], str]:
+    """Return what to call each person, by study and code: the code, or `CODE-STUDY` where several studies have it."""
+    each = sorted({(one.study_number, one.subject) for one in found})
+    codes = Counter(code for _, code in each)
+    return {(study, code): code if codes[code] == 1 else f"{code}-{study}" for study, code in each}
 
 
 def thresholds(runs: Sequence[StoredRun]) -> list[MeasuredThreshold]:
@@ -252,4 +262,5 @@ def _threshold(
         lapse_power=power[0],
         drift_power=power[1],
         simulated=is_simulated(run),
+        study_number=run.session.study_id,
     )
