@@ -1,17 +1,19 @@
 """The worker that holds the rig, without its process: what it plays, tells and refuses, and that it ends at rest."""
 
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from tactuator.console.held_rig import orders
+from tactuator.console.held_rig import orders, worker
 from tactuator.console.held_rig.generator import GeneratorWave
 from tactuator.console.held_rig.worker import RigWorker
 from tactuator.errors import DeviceFault
 from tactuator.rig.board.link import Mode
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport.transport import LinkDown
+from tests.rig.sound.turned_card import OVERFLOW, flat_controller, sound_display, turned_rig
 
 TONE = GeneratorWave("tone", 30.0, ("index",), 80.0)
 
@@ -49,6 +51,9 @@ class Ordered:
         rows = [np.frombuffer(one.content, np.float32).reshape(-1, 9) for one in pieces]
         assert [one.first for one in pieces] == np.cumsum([0, *map(len, rows)])[:-1].tolist()
         return np.concatenate(rows) if rows else np.zeros((0, 9), np.float32)
+
+    def ends(self):
+        return [one for one in self.told if isinstance(one, orders.Presented) and one.over]
 
     def refusals(self):
         return [one.text for one in self.told if isinstance(one, orders.Refused)]
@@ -190,6 +195,66 @@ def test_rig__that_fails_in_mid_stream__is_told_and_can_be_used_again(ordered, c
     before = len(ordered.rows)
     ordered.order(orders.LiveOrder())
     ordered.until(lambda: len(ordered.rows) > before)
+
+
+@pytest.fixture
+def on_card(monkeypatch):
+    """A worker on a card that is turned by hand, and the way to give it flags or let it fall silent."""
+
+    def opened(spec, display, seed):
+        card.rig, card.turned = turned_rig(display, capacity=65536, flags=lambda call: card.flags)
+        return card.rig
+
+    card = SimpleNamespace(flags=0)
+    monkeypatch.setattr(worker, "open_rig", opened)
+    made = flat_controller(sound_display())
+    card.worker = Ordered(made.display, "sound:card")
+    card.worker.order(orders.LoadOrder(made))
+    yield card
+    card.worker.quit()
+
+
+def rows_told(made):
+    return sum(len(one.content) for one in made.told if isinstance(one, orders.Piece)) // (4 * 6)
+
+
+def test_sound_card__gap_while_live__is_counted_and_goes_on(on_card):
+    made = on_card.worker
+    made.order(orders.LiveOrder(), orders.GenerateOrder(GeneratorWave("tone", 30.0, ("left",), 80.0)))
+    made.until(lambda: rows_told(made) > 8000)
+    on_card.flags = OVERFLOW
+    made.until(lambda: made.standing.gaps > 0 or on_card.rig._rows.gaps > 0)
+    on_card.flags, before = 0, rows_told(made)
+    made.until(lambda: rows_told(made) > before + 8000)
+    assert made.standing.mode == "live"
+    made.order(orders.RestOrder())
+    made.until(lambda: made.standing.mode == "idle")
+    assert made.standing.gaps > 0
+
+
+def test_sound_card__gap_in_a_trial__it_is_missed_and_may_be_played_again(on_card):
+    made = on_card.worker
+    on_card.flags = OVERFLOW
+    made.order(orders.PresentOrder(1, (np.ones((4000, 2)),)))
+    made.until(lambda: made.ends())
+    (end,) = made.ends()
+    assert end.missed
+    assert "the sound card told of a gap" in end.fault
+    on_card.flags = 0
+    made.order(orders.PresentOrder(2, (np.ones((4000, 2)),)))
+    made.until(lambda: len(made.ends()) == 2)
+    assert made.ends()[1].fault == ""
+
+
+def test_sound_card__falls_silent__the_rig_has_gone_and_the_process_ends(on_card):
+    made = on_card.worker
+    made.order(orders.LiveOrder())
+    made.until(lambda: rows_told(made) > 800)
+    on_card.turned.stops_at = on_card.turned.calls
+    made.until(lambda: made.standing.mode == "gone")
+    assert "the sound card has stopped" in made.standing.fault
+    made.thread.join(timeout=10.0)
+    assert not made.thread.is_alive()
 
 
 def test_board__told_of_its_guard__and_at_rest_when_the_worker_ends(controller, monkeypatch):

@@ -11,7 +11,7 @@ from tactuator.console.held_rig import orders
 from tactuator.console.held_rig.worker import RigWorker
 from tactuator.console.scope.controls import Controls
 from tactuator.console.study.rig import ConsoleRig
-from tactuator.errors import BadInput, DeviceFault
+from tactuator.errors import BadInput, DeviceFault, TimingMissed
 from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.trial.presenter import Halted, Presenter
 from tactuator.rig.rig import Ticking
@@ -112,16 +112,19 @@ def test_console_rig__whose_rig_fails_or_has_gone__says_why(host, controller, mo
         rig.play(wave(10))
     rig.load(controller)
 
-    def broken(self, blocks):
-        raise DeviceFault("the wire is cut")
-        yield
+    for error in (DeviceFault("the wire is cut"), TimingMissed("a gap")):
 
-    with monkeypatch.context() as patched:
-        patched.setattr(SimulatedRig, "stream", broken)
-        with pytest.raises(DeviceFault, match="the wire is cut"):
-            rig.play(wave(10))
-        host.until(lambda: host.standing.mode == "fault")
-    assert len(rig.play(wave(10))) == 10
+        def broken(self, blocks, error=error):
+            raise error
+            yield
+
+        with monkeypatch.context() as patched:
+            patched.setattr(SimulatedRig, "stream", broken)
+            with pytest.raises(type(error), match=str(error)) as raised:
+                rig.play(wave(10))
+            assert type(raised.value) is type(error)
+            host.until(lambda: host.standing.mode == "fault")
+        assert len(rig.play(wave(10))) == 10
     host.standing = orders.Standing(mode="gone", fault="nobody is there")
     with pytest.raises(DeviceFault, match="nobody is there"):
         rig.play(wave(10))

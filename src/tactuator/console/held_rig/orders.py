@@ -140,7 +140,7 @@ class Presented:
     """A piece of what an experiment plays by the order of that number, or its end (over).
 
     began_at, rows_played: of a rig that tells its time (Ticking), else None. halted: somebody stopped it; fault: why
-    the rig did.
+    the rig did; missed: and the same may be asked for again.
     """
 
     number: int
@@ -150,6 +150,7 @@ class Presented:
     over: bool = False
     halted: bool = False
     fault: str = ""
+    missed: bool = False
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 from tactuator.console.held_rig.orders import Presented, PresentOrder
 from tactuator.console.held_rig.watched import RigHalted, WatchedRig
-from tactuator.errors import TactuatorError
+from tactuator.errors import TactuatorError, TimingMissed
 from tactuator.rig.rig import Rig, Ticking
 from tactuator.rig.trace import Trace
 
@@ -21,9 +21,11 @@ def presented(
     """
     told = rig if isinstance(rig, Ticking) else None
 
-    def say(trace: Trace | None, over: bool = False, halted: bool = False, fault: str = "") -> None:
+    def say(
+        trace: Trace | None, over: bool = False, halted: bool = False, fault: str = "", missed: bool = False
+    ) -> None:
         began, played = (None, None) if told is None else (told.began_at, told.rows_played)
-        tell(Presented(order.number, trace, began, played, over, halted, fault))
+        tell(Presented(order.number, trace, began, played, over, halted, fault, missed))
 
     try:
         for trace in WatchedRig(rig, halted).stream(order.blocks):
@@ -33,7 +35,7 @@ def presented(
         rig.rest()
         say(None, over=True, halted=True)
     except TactuatorError as error:
-        say(None, over=True, fault=str(error))
+        say(None, over=True, fault=str(error), missed=isinstance(error, TimingMissed))
         raise
     except Exception as error:
         say(None, over=True, fault=f"{type(error).__name__}: {error}")

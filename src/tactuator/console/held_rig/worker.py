@@ -22,6 +22,7 @@ from tactuator.console.held_rig import orders
 from tactuator.console.held_rig.generator import Generator
 from tactuator.console.held_rig.measuring import measured, points_of
 from tactuator.console.held_rig.presenting import presented
+from tactuator.console.held_rig.sender import Sender
 from tactuator.console.held_rig.watched import RigHalted, WatchedRig
 from tactuator.display.controller import Controller
 from tactuator.display.description import Display
@@ -31,6 +32,7 @@ from tactuator.rig.open import open_rig
 from tactuator.rig.paced import PacedRig
 from tactuator.rig.rig import Rig
 from tactuator.rig.sound.rig import SoundRig
+from tactuator.rig.sound.run import CardGone
 from tactuator.rig.touchable import TouchableRig, touch_all
 from tactuator.rig.trace import Trace
 from tactuator.rig.transport.transport import LinkDown
@@ -46,23 +48,12 @@ _PATIENCE_S = 5.0
 def hold_rig(pipe: Connection, spec: str, display: Display, seed: int) -> None:
     """Hold the rig of that name with `display`, and obey the orders that come through the pipe until it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server, which then ends the pipe
-    worker = RigWorker(spec, display, seed, _sender(pipe))
+    sender = Sender(pipe)
+    worker = RigWorker(spec, display, seed, sender.tell)
     signal.signal(signal.SIGTERM, lambda number, frame: worker.order(orders.QuitOrder()))
     threading.Thread(target=_reader, args=(pipe, worker), daemon=True).start()
     worker.run()
-
-
-def _sender(pipe: Connection) -> Callable[[orders.Told], None]:
-    """Return a function that sends without waiting: a slow server holds nothing up, and no sample is dropped."""
-    waiting: queue.SimpleQueue[orders.Told] = queue.SimpleQueue()
-
-    def work() -> None:
-        with suppress(OSError):
-            while True:
-                pipe.send(waiting.get())
-
-    threading.Thread(target=work, daemon=True).start()
-    return waiting.put
+    sender.close()
 
 
 def _reader(pipe: Connection, worker: RigWorker) -> None:
@@ -121,6 +112,10 @@ class RigWorker:
         except LinkDown as error:
             self._let_go()
             self._end_as("gone", str(error))
+        except CardGone as error:
+            self._let_go()
+            self._end_as("gone", str(error))
+            self._orders.put(orders.QuitOrder())  # PortAudio finds a card again in another process alone
         except TactuatorError as error:
             self._rest()
             self._end_as("fault", str(error))
@@ -162,8 +157,6 @@ class RigWorker:
         if self._rig is not None:
             return
         opened = open_rig(self._spec, self._display, self._seed)
-        if isinstance(opened, SoundRig):
-            opened.allow_gaps = True  # counted, and told
         touchable = isinstance(opened, TouchableRig) and opened.has_finger_ports
         self._rig = PacedRig(opened) if touchable else opened
         self._opened = opened
@@ -190,6 +183,7 @@ class RigWorker:
         self._halt.clear()
         self._say(mode="live", fault="")
         looked = self._standing.told
+        self._allow_gaps(True)
         try:
             for trace in self._rig.stream(self._blocks()):
                 self._tell_samples(trace)
@@ -199,8 +193,14 @@ class RigWorker:
             self._rest()
             self._end_as("idle")
         finally:
+            self._allow_gaps(False)
             self._generator = Generator(self._display, np.random.default_rng(self._seed))
             self._say(wave=None)
+
+    def _allow_gaps(self, allowed: bool) -> None:
+        """Let the scope go on over a sound card's gaps, which are counted and told; nothing else may."""
+        if isinstance(self._opened, SoundRig):
+            self._opened.allow_gaps = allowed
 
     def _blocks(self) -> Iterator[FloatArray]:
         """Yield what the generator plays, the fingers pressed, until it is silent and something else is ordered."""

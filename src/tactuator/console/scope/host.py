@@ -113,7 +113,8 @@ class RigHost:
             while True:
                 self._take(pipe.recv())
         except (EOFError, OSError):
-            self._take(orders.Standing(mode="gone", fault=_ENDED))
+            if self.standing.mode != "gone":  # else it has said why
+                self._take(orders.Standing(mode="gone", fault=_ENDED))
             self.presented(None)
 
     def _take(self, told: orders.Told) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from tactuator.console.held_rig import orders
 from tactuator.console.scope.host import RigHost
 from tactuator.display.controller import Controller
-from tactuator.errors import BadInput, DeviceFault
+from tactuator.errors import BadInput, DeviceFault, TimingMissed
 from tactuator.rig.finger import Finger
 from tactuator.rig.rig import DisplayRig
 from tactuator.rig.trace import Trace, join_traces
@@ -73,7 +73,7 @@ class ConsoleRig(DisplayRig):
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
         """Play blocks of reference as one stream; yield the traces as they come. The blocks are handed over at once.
 
-        Raises DeviceFault with its reason where the rig stopped, or has gone.
+        Raises DeviceFault with its reason where the rig stopped, or has gone; TimingMissed where it may be tried again.
         """
         if self._controller is None:
             raise BadInput("no controller is loaded; allowed: load one before playing a reference")
@@ -86,7 +86,7 @@ class ConsoleRig(DisplayRig):
         self._order(orders.PresentOrder(number, tuple(np.asarray(one, dtype=np.float64) for one in blocks)))
         for told in self._answers(number, _SILENT_S):
             if told.fault:
-                raise DeviceFault(told.fault)
+                raise (TimingMissed if told.missed else DeviceFault)(told.fault)
             if told.began_at is not None:
                 self._began_at = told.began_at
             if told.trace is not None:
