@@ -68,3 +68,10 @@ def test_channel__wires_without_the_table__are_unknown_keys():
     document["channel"][0]["output"] = 2
     with pytest.raises(BadInput, match="has no key 'output'"):
         parse_display(document)
+
+
+def test_channel__quantity_force__is_refused_with_the_way_to_say_it():
+    with pytest.raises(
+        BadInput, match="quantity is 'force', which alone does not tell how far a finger is moved; allowed:"
+    ):
+        display_with(FULL, {"quantity": "force"})

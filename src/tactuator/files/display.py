@@ -136,6 +136,12 @@ def _first_fault(model: type[BaseModel], error: ValidationError, where: str) -> 
 
 def _channel(document: Document, entry: Mapping[str, Any], beside: Path) -> Channel:
     where = f"[[channel]] {entry.get('name', '')!r}"
+    if entry.get("quantity") == "force":
+        raise BadInput(
+            f"{where} quantity is 'force', which alone does not tell how far a finger is moved; allowed: "
+            "'acceleration', with the gain that a known mass gives a force sensor (docs/sound.md), 'velocity' or "
+            "'displacement'"
+        )
     shared = {key for model in SHARED_TABLES.values() for key in model.model_fields}
     shared |= set(WireKeys.model_fields if "sound" in document else ())
     own = _checked(ChannelOwnKeys, {key: value for key, value in entry.items() if key not in shared}, where)
