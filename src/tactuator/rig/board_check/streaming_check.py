@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,13 +77,13 @@ def check_streaming(
     instruction_ns: int = INSTRUCTION_NS,
     seed: int = 0,
     clock: Callable[[], float] = time.monotonic,
-    waited: Callable[[], float] = waited_s,
+    waited: Callable[[], float] | None = None,
 ) -> StreamingCheck:
     """Stream noise of 26 dB SL rms, other on each channel, for duration_s of the board's time.
 
     The emulator's time follows the instructions, instruction_ns each, link and all; only the display's simulation takes
     none. Raises BadInput for a clock that the emulator does not have, or where it is missing, and NotJudged where ticks
-    had no row, or the board heard nothing, while by `clock` and `waited` the host had no processor.
+    had no row, or the board heard nothing, while by `clock` and `waited` host or emulator had no processor.
     """
     if instruction_ns not in [1 << shift for shift in range(11)]:
         raise BadInput(f"{instruction_ns} ns an instruction; allowed: 1, 2, 4, ... {_LONGEST_NS}")
@@ -96,7 +98,7 @@ def check_streaming(
         rig.simulate(*simulated_board_bytes(controller.display, seed))
         rig.load(controller)
         before, begun_s = (uart.sent, uart.received), clock()
-        watch = HostWatch(round(_LEAD_S * rig.rate_hz), clock, waited)
+        watch = HostWatch(round(_LEAD_S * rig.rate_hz), clock, waited or partial(_waited_s, uart))
         trace, dry, fault = _streamed(rig, rows, watch, instruction_ns > INSTRUCTION_NS)
         host_s, after = clock() - begun_s, (uart.sent, uart.received)
         status = client.status()
@@ -108,6 +110,12 @@ def check_streaming(
         dry, status.dropped + client.dropped, len(trace) == samples and _is_ours(trace, controller, rows, first, seed),
         fault, to_board, from_board, board_s, host_s,
     )  # fmt: skip
+
+
+def _waited_s(uart: EmulatorUart) -> float:
+    """Return how long this thread and those of the emulator were ready to run and had no processor."""
+    theirs = (waited_s(thread / "schedstat") for thread in uart.threads())
+    return waited_s() + sum(each for each in theirs if not math.isnan(each))  # a thread may have ended meanwhile
 
 
 def _streamed(rig: BoardRig, rows: Rows, watch: HostWatch, is_slow: bool) -> tuple[Trace, int, str]:

@@ -107,6 +107,17 @@ class _Emulated:
         with contextlib.suppress(Exception):
             self.close()
 
+    def threads(self) -> list[Path]:
+        """Return the folders in which Linux tells of the emulator's threads; none elsewhere."""
+        if self._process is None:
+            return []
+        shell = Path(f"/proc/{self._process.pid}")
+        try:
+            children = (shell / "task" / shell.name / "children").read_text(encoding="ascii").split()
+        except OSError:
+            return []
+        return [thread for child in children for thread in Path(f"/proc/{child}/task").glob("*")]
+
     def _require_alive(self) -> None:
         if self._process is None or self._process.poll() is not None:
             raise LinkDown("the emulator has ended; allowed: one that runs")
