@@ -58,6 +58,31 @@ def test_identify_response__of_a_known_plant__recovers_it(with_phase: bool) -> N
     assert found.model.valid_hz == pytest.approx((HERTZ[0], HERTZ[-1]))
 
 
+@pytest.mark.parametrize("turned", [0.0, 1.0])
+def test_identify_response__without_confidence_and_with_noise__keeps_to_its_poles(turned: float) -> None:
+    rng = np.random.default_rng(1)
+    value = PLANT.response(HERTZ)
+    for deviation in (0.02, 0.06):
+        noise = rng.standard_normal(HERTZ.size) + 1j * turned * rng.standard_normal(HERTZ.size)
+        seen = value * (1.0 + deviation * noise)
+        guess = np.full(HERTZ.size, 0.01)
+        given = FrequencyResponse(HERTZ, np.abs(seen), np.unwrap(np.angle(seen)), guess, assumed=True)
+        found = identify_response(given, Asked())
+        assert found.order == 2
+        assert not found.distrust
+        assert any("the error is" in remark for remark in found.remarks)
+        off = 20.0 * np.log10(np.abs(found.model.response(HERTZ) / value))
+        assert np.mean(np.abs(off) <= found.model.band_db(HERTZ)) > 0.8
+
+
+def test_identify_response__assumed_confidence_and_another_form__is_not_trusted() -> None:
+    given = FrequencyResponse(
+        HERTZ, np.abs(PLANT.response(HERTZ)), np.angle(PLANT.response(HERTZ)), np.full(60, 0.01), assumed=True
+    )
+    found = identify_response(given, Asked(order=1, zeros=0))
+    assert any("neighbouring points" in reason for reason in found.distrust)
+
+
 def test_identify_response__that_no_small_model_has__is_not_trusted() -> None:
     rng = np.random.default_rng(6)
     given = FrequencyResponse(HERTZ, np.exp(rng.standard_normal(HERTZ.size)), None, np.full(HERTZ.size, 0.01))

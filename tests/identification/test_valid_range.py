@@ -19,7 +19,12 @@ from tactuator.identification.valid_range import valid_range
 from tactuator.signals.record import Record
 from tests.identification.plants import PAPER, RATE_HZ
 
-TOP_HZ = 60.0
+TOP_HZ, LATE = 60.0, 20
+
+
+def simulated(command: np.ndarray) -> np.ndarray:
+    num, den, _ = signal.cont2discrete((PAPER.num, PAPER.den), 1.0 / RATE_HZ, "zoh")
+    return np.asarray(signal.lfilter(num.ravel(), den, command))
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +33,7 @@ def record() -> Record:
     rng = np.random.default_rng(5)
     source = rng.standard_normal(round(6.0 * RATE_HZ))
     command = signal.sosfiltfilt(signal.butter(8, TOP_HZ, output="sos", fs=RATE_HZ), source)
-    num, den, _ = signal.cont2discrete((PAPER.num, PAPER.den), 1.0 / RATE_HZ, "zoh")
-    position = signal.lfilter(num.ravel(), den, command)
+    position = simulated(command)
     noise = 1e-3 * position.std() * rng.standard_normal(position.size)
     return Record(RATE_HZ, command, position + noise)
 
@@ -86,3 +90,11 @@ def test_valid_range__band_narrow_nowhere__is_two_neighbours(record: Record) -> 
     model = replace(found.model, covariance=1e12 * found.model.covariance)
     low, high = valid_range(model, (1.0, 60.0))
     assert low < high < 1.1 * low
+
+
+def test_identify__least_squares_of_a_plant_with_dead_time__is_not_trusted() -> None:
+    command = np.random.default_rng(8).standard_normal(6000)
+    late = Record(RATE_HZ, command[LATE:], simulated(command)[:-LATE])
+    assert any("follow the command and not the model" in one for one in identify(late, method="rls", order=2).distrust)
+    prompt = Record(RATE_HZ, command, simulated(command))
+    assert not identify(prompt, method="rls", order=2).distrust

@@ -73,7 +73,15 @@ def _assembled(path: Path, columns: Columns) -> FrequencyResponse:
     picked = [one[known][order] for one in (frequency, size, deviation)]
     turned = None if phase is None else phase[known][order]
     about = {"file": path.name, "kind": "response"}
-    return FrequencyResponse(picked[0], picked[1], turned, picked[2], about, tuple(remarks))
+    return FrequencyResponse(
+        picked[0],
+        picked[1],
+        turned,
+        picked[2],
+        about,
+        tuple(remarks),
+        assumed=not {"confidence_db", "coherence"} & set(lower),
+    )
 
 
 def _first(columns: dict[str, FloatArray], names: tuple[str, ...]) -> FloatArray | None:

@@ -19,6 +19,8 @@ from tactuator.identification.spectral.record_residual import residual_of_record
 from tactuator.signals.multisine import Periods, periods_of
 
 _FEWEST_LINES = 8
+_NONE = 1e-6
+"""Share of the response below which a distortion is rounding (120 dB)."""
 
 
 def plans_of(common: Prepared) -> tuple[Periods, ...] | None:
@@ -70,9 +72,15 @@ def _remarks(seen: Distortion) -> tuple[str, ...]:
         return ()
     size = np.abs(seen.value)
     worst = int(np.argmax(seen.distortion / size))
-    below = [20.0 * np.log10(max(float(level[worst] / size[worst]), 1e-9)) for level in (seen.even, seen.distortion)]
+    kinds = [("even", seen.even), ("odd", seen.distortion)]
+    said = " and ".join(f"{name} {_below(float(level[worst] / size[worst]))}" for name, level in kinds)
     return (
-        f"distortion stands out of the noise, at {seen.frequency_hz[worst]:.3g} Hz {-below[0]:.2g} dB (even) and "
-        f"{-below[1]:.2g} dB (odd) below the response: the model is the best linear approximation at this level of the "
-        "command, the band counts distortion as error, and friction is part of both",
+        f"distortion stands out of the noise, at {seen.frequency_hz[worst]:.3g} Hz: {said}; the model is the best "
+        "linear approximation at this level of the command, the band counts distortion as error, and friction is part "
+        "of both",
     )
+
+
+def _below(share: float) -> str:
+    """Return a distortion's level in words; share: of the response."""
+    return "none that shows" if share < _NONE else f"{-20.0 * np.log10(share):.0f} dB below the response"

@@ -22,6 +22,8 @@ from tactuator.identification.spectral.uncertainty import left_over, log_slopes,
 from tactuator.signals.frequency_response import FrequencyResponse
 
 _STEPS = 40
+_ALIKE = 0.5
+"""Correlation of neighbouring points' departures from which on they are no noise."""
 _WORST = 10.0
 """Mean squared departure in standard errors from which on a model does not describe its response."""
 
@@ -48,22 +50,53 @@ def identify_response(
 ) -> ResponseFit:
     """Return the model of a frequency response. Raises BadInput where no form fits at all."""
     with threadpool_limits(limits=1):
+        if given.assumed and given.phase_rad is not None:
+            given = _with_own_noise(given, asked, note)
         return _identify_response(given, asked, note)
 
 
-def _identify_response(given: FrequencyResponse, asked: Asked, note: Callable[[str], None]) -> ResponseFit:
+def _with_own_noise(given: FrequencyResponse, asked: Asked, note: Callable[[str], None]) -> FrequencyResponse:
+    """Return the response with the deviation that it shows itself, where that is more than what was assumed: by what
+    the form leaves that is best by Bayes' criterion for noise of an unknown level.
+    """
+    local, rate_hz, scale = _prepared(given)
+    known = asked.known(1.0).without_values
+    fits = propose(local, rate_hz, scale, ("band-limited",), known, note)["band-limited"]
+    equations = 2.0 * given.magnitude.size
+    fits = [one for one in fits if one.form.count < 0.5 * equations]
+    if not fits:
+        return given
+    price = float(np.log(equations))
+    best = min(fits, key=lambda one: equations * np.log(max(one.cost, 1e-300)) + price * one.form.count)
+    off = np.log(best.response(given.frequency_hz) / given.value()) / given.deviation
+    # an instrument's magnitudes may be far worse than its phases, or the other way round: the worse of them counts
+    worse = max(float(np.sum(off.real**2)), float(np.sum(off.imag**2)))
+    more = float(np.sqrt(2.0 * worse / (equations - best.form.count)))
+    if more <= 1.0:
+        return given
+    said = f"by what a model leaves of it the error is {100.0 * more * float(np.median(given.deviation)):.2g} %"
+    return replace(given, deviation=more * given.deviation, remarks=(*given.remarks, said))
+
+
+def _prepared(given: FrequencyResponse) -> tuple[LocalResponse, float, float]:
+    """Return the points with the power of their errors, a rate that says how long a dead time may be, and the scale of
+    time.
+    """
     value = given.value()
-    by_magnitude = given.phase_rad is None
-    variance = ((_unsure(given) if by_magnitude else given.deviation) * given.magnitude) ** 2
-    ones = np.ones(value.size)
+    # the error of a phase is as large as that of the magnitude, and adds as much power
+    power = 2.0 * given.deviation**2 if given.phase_rad is not None else _unsure(given) ** 2
+    variance, ones = power * given.magnitude**2, np.ones(value.size)
     local = LocalResponse(given.frequency_hz, value, variance, variance, ones, ones)
+    return local, 4.0 * float(given.frequency_hz[-1]), 2.0 * np.pi * float(np.exp(np.mean(np.log(given.frequency_hz))))
+
+
+def _identify_response(given: FrequencyResponse, asked: Asked, note: Callable[[str], None]) -> ResponseFit:
+    value, by_magnitude = given.value(), given.phase_rad is None
+    local, rate_hz, scale = _prepared(given)
     delay_s = 0.0 if given.phase_rad is None and asked.delay_s is None else asked.delay_s
     if by_magnitude and asked.fixed:
         raise BadInput("fixed values with a magnitude without phase; allowed: with a response of both, or a record")
     known = replace(asked, delay_s=delay_s).known(1.0)
-    # a response is continuous: the rate only says how long a dead time may be
-    rate_hz = 4.0 * float(given.frequency_hz[-1])
-    scale = 2.0 * np.pi * float(np.exp(np.mean(np.log(given.frequency_hz))))
     problem = Starter(local, rate_hz, "band-limited", scale).problem
 
     def best_of(wanted: Known, near: Sequence[SpectralFit] = ()) -> Choice:
@@ -177,4 +210,8 @@ def _judged(
             f"the model misses the response by up to {float(np.max(np.abs(off_db))):.3g} dB, {np.sqrt(departure):.3g} "
             "times its confidence"
         )
+    off = np.log(own / given.value())
+    alike = float(np.real(np.sum(off[1:] * np.conj(off[:-1]))) / max(float(np.sum(np.abs(off) ** 2)), 1e-300))
+    if given.assumed and given.phase_rad is not None and departure > 0.5 and alike > _ALIKE:
+        reasons.append("what the model leaves of the response is not noise: neighbouring points depart alike")
     return ResponseFit(model, fit.form.poles, departure, float(np.max(np.abs(off_db))), tuple(reasons), given.remarks)

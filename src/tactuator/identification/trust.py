@@ -10,6 +10,9 @@ from tactuator.identification.by_prediction import Prepared
 from tactuator.identification.result import Identification
 
 _WIDEST_DB = 20.0
+_CHANCE, _MISSED = 1e-3, 1e-3
+"""Chance of a residual that follows the command so much, and the share of the position's power (3 % of its size), from
+which on a model by least squares lacks something."""
 _SHORT = 1.1
 """Ratio of its ends below which a range of frequency is none."""
 
@@ -41,6 +44,12 @@ def distrusted(found: Identification, common: Prepared) -> Identification:
         reasons.append("the band is nowhere narrower than 3 dB and 20 degrees")
     if found.fit_percent < 100.0 * (1.0 - np.sqrt(1.0 - 1e-3)):
         reasons.append("the model explains next to nothing of the position")
+    missed = found.tests.unexplained * (1.0 - found.fit_percent / 100.0) ** 2
+    if model.method == "rls" and found.tests.uncorrelated_p < _CHANCE and missed > _MISSED:
+        reasons.append(
+            f"{100.0 * missed:.2g} % of the position's power follow the command and not the model: a dead time, more "
+            "poles, or sensor noise, which least squares has no place for (--method refined has)"
+        )
     remarks = list(found.remarks)
     if unstable and found.tests.feedback is True:
         remarks.append("the model is not stable (the record was made in a closed loop)")

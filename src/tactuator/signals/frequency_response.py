@@ -16,7 +16,8 @@ class FrequencyResponse:
     """A response at some frequencies, with the uncertainty of its magnitudes.
 
     frequency_hz ascending, magnitude (position's unit over the command's), phase_rad or None, deviation: relative
-    standard error of the magnitude; all (m,). about: where it comes from. remarks: what had to be assumed.
+    standard error of the magnitude; all (m,). about: where it comes from. remarks: what had to be assumed; assumed: is
+    the deviation a guess?
     """
 
     frequency_hz: FloatArray
@@ -25,6 +26,7 @@ class FrequencyResponse:
     deviation: FloatArray
     about: dict[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    assumed: bool = False
 
     def __post_init__(self) -> None:
         if self.frequency_hz.size < 4:
