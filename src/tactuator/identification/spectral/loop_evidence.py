@@ -77,6 +77,13 @@ def explained_by_loop(taken: Spectrum, left: Residual, highest_hz: float, *, fil
 def _mean(power: FloatArray) -> FloatArray:
     """Return the mean of power (m,) over 40 lines."""
     sums = np.concatenate([[0.0], np.cumsum(power)])
-    place = np.arange(power.size)
-    low, high = np.maximum(place - _NEAR // 2, 0), np.minimum(place + _NEAR // 2 + 1, power.size)
-    return np.asarray((sums[high] - sums[low]) / (high - low))
+    count, half = power.size, _NEAR // 2
+    if count <= 2 * half:
+        place = np.arange(count)
+        low, high = np.maximum(place - half, 0), np.minimum(place + half + 1, count)
+        return np.asarray((sums[high] - sums[low]) / (high - low))
+    made, near = np.empty(count), np.arange(half + 1, 2 * half + 1)
+    made[half : count - half] = (sums[2 * half + 1 :] - sums[: count - 2 * half]) / (2 * half + 1)
+    made[:half] = sums[near] / near
+    made[count - half :] = ((sums[count] - sums[count - near]) / near)[::-1]
+    return made
