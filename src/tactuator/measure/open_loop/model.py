@@ -25,7 +25,7 @@ _FOLLOWS_DB = 0.4
 _POINTS, _SHARP = 90, 0.06
 _MEAN = 9
 _LINES, _SLOW_SHARE = 240, 0.2
-_FAR, _FALLS_OFF = 10.0, 4.0
+_FAR, _FALLS_OFF, _HELD_DB = 10.0, 4.0, 1.0
 _MARGIN_S = 0.01
 
 
@@ -57,15 +57,16 @@ def follow(channel: Channel, heard: Heard, fresh: Heard, band_hz: tuple[float, f
             remarks.append(f"{poles} poles: {error}")
             continue
         model = replace(found.model, delay_s=found.model.delay_s + late_s)
-        found_plant = ContinuousSystem.from_polynomials(model.num, model.den, model.delay_s)
-        plant = at_rest(near_band(found_plant, band_hz), band_hz)
-        if not (plant.is_stable and plant.is_proper):
-            continue
-        off = departure_db(plant, fresh, band_hz)
-        if best is None or off < best.departure_db:
-            best = Followed(plant, "model", model, off, found.distrust)
-        if off <= _FOLLOWS_DB:
-            break
+        whole = ContinuousSystem.from_polynomials(model.num, model.den, model.delay_s)
+        near = near_band(whole, band_hz)
+        for plant in (at_rest(one, band_hz) for one in ([whole] if near is whole else [whole, near])):
+            if not (plant.is_stable and plant.is_proper and _held_well(plant, fresh, band_hz)):
+                continue
+            off = departure_db(plant, fresh, band_hz)
+            if best is None or off < best.departure_db:
+                best = Followed(plant, "model", model, off, found.distrust)
+            if off <= _FOLLOWS_DB:
+                return best
     if best is None or best.departure_db > 1.0:
         plant = at_rest(_plant_heard(heard, band_hz), band_hz)
         off = departure_db(plant, fresh, band_hz)
@@ -103,6 +104,15 @@ def near_band(plant: ContinuousSystem, band_hz: tuple[float, float]) -> Continuo
     return ContinuousSystem(zeros, all_poles, gain * corner**count, max(0.0, plant.delay_s - late_s))
 
 
+def _held_well(plant: ContinuousSystem, heard: Heard, band_hz: tuple[float, float]) -> bool:
+    """Return whether the plant answers in the band as it does held from sample to sample, which its prefilter sees."""
+    frequency = heard.wave.frequency_hz
+    inside = frequency[(frequency >= band_hz[0]) & (frequency <= band_hz[1])]
+    rate_hz = heard.wave.rate_hz
+    held = zero_order_hold(replace(plant, delay_s=plant.delay_s % (1.0 / rate_hz)), rate_hz)
+    return bool(np.max(np.abs(db(np.abs(held.response(inside) / plant.response(inside))))) <= _HELD_DB)
+
+
 def _bulk_delay_s(heard: Heard) -> float:
     """Return a delay, seconds, that is less than the answer's own by 10 ms or less: where its impulse response begins.
 
@@ -130,16 +140,11 @@ def _points(heard: Heard, late_s: float) -> FrequencyResponse:
 def departure_db(plant: ContinuousSystem, heard: Heard, band_hz: tuple[float, float]) -> float:
     """Return the greatest departure of the plant's magnitude from what was heard, dB, in means over nine lines (2 Hz),
     beyond twice the error of such a mean.
-
-    The plant is taken as a prefilter is designed on it, held from sample to sample: a pole beyond the sampling rate
-    does nothing in the band and spoils that.
     """
     response, error = heard.response()
     frequency = heard.wave.frequency_hz
     inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
-    fraction_s = plant.delay_s % (1.0 / heard.wave.rate_hz)
-    held = zero_order_hold(replace(plant, delay_s=fraction_s), heard.wave.rate_hz)
-    modelled = held.response(frequency[inside])
+    modelled = plant.response(frequency[inside])
     ratio = np.abs(response[inside]) / np.abs(modelled)
     kernel = np.ones(_MEAN) / _MEAN
     off = np.abs(db(np.convolve(ratio, kernel, mode="valid")))
