@@ -36,6 +36,11 @@ class FixedAgainstOwn:
     own: tuple[float, float] | None
 
     @property
+    def half(self) -> float:
+        """Return the half-width of the record's own value, infinite where it is not known."""
+        return float("inf") if self.own is None or not np.isfinite(self.own[1]) else self.own[1]
+
+    @property
     def is_far(self) -> bool:
         """Return true where the record's own value departs by more than a tenth, and by more than its confidence."""
         if self.own is None:
@@ -72,7 +77,11 @@ def disagrees(chosen: Choice, free: Sequence[Choice]) -> bool:
 
 
 def cancelled(known: Sequence[FixedAgainstOwn], model: PlantModel) -> bool:
-    """Return true where a known pole, that the record itself does not show, has a zero of the model beside it."""
+    """Return true where a value is obeyed by what nothing else asks for: the record's own departs by more than a tenth
+    and three times its confidence, or a known pole, that the record itself does not show, has a zero beside it.
+    """
+    if any(one.is_far and abs((one.own or (0.0, 0.0))[0] - one.fixed.value) > 3.0 * one.half for one in known):
+        return True
     zeros = np.abs(np.roots(model.num)) / (2.0 * np.pi)
     return any(
         one.fixed.section and one.is_far and bool(np.any(np.abs(zeros / one.fixed.value - 1.0) < _BESIDE))
