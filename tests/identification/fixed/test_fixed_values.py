@@ -14,6 +14,7 @@ from tactuator.identification.by_response import identify_response
 from tactuator.identification.fixed.value import Fixed
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
+from tactuator.report.identification_table import identification_rows
 from tactuator.signals.frequency_response import FrequencyResponse
 from tactuator.signals.record import Record
 from tests.identification.others import Plant, band_limited, held
@@ -97,6 +98,9 @@ def test_identify__coefficients_by_name__stand_as_asked_without_variance() -> No
     assert (made.model.den[1], made.model.num[0]) == (OMEGA / Q, 1.0 / MASS)
     assert made.model.covariance[1, 1] == made.model.covariance[0, 0] == 0.0
     assert made.model.covariance[2, 2] > 0.0
+    said = {row[0]: row[2] for row in identification_rows(made, {})}
+    assert said["numerator, s^0"] == said["denominator, s^1"] == "fixed"
+    assert said["denominator, s^0"] != "fixed"
     assert made.model.den[2] == pytest.approx(OMEGA**2, rel=1e-3)
 
 
