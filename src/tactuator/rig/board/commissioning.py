@@ -29,8 +29,9 @@ LATENESS_MAX = 0.25
 SILENCE_S: float = 0.2
 SOFT_START_S, FADE_S, RAMP_S, QUICK_S = 0.1, 0.05, 0.05, 0.04
 COMFORT_TOLERANCE_DB = 1.0
-LIFTED_DB = 0.5
-"""Below comfort, for the reference: what a finger that is taken off at the worst moment adds (docs/safety.md)."""
+LIFTED_DB = 0.7
+"""Below comfort, for the reference: 0.5 dB for a finger that is taken off at the worst moment, and 0.2 dB so that one
+that presses meanwhile does not bring the loudest reference to the limit of the travel (docs/safety.md)."""
 ADAPTIVE_DB = 3.0
 """Below that, where a finger is fed forward: what weights that are still a finger's add when it is lifted."""
 OBSERVER_RAD_S = 125.0
