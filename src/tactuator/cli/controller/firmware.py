@@ -74,8 +74,9 @@ def stream(board: str, seconds: float, instruction_ns: int, controller: Path | N
 
 
 def bench(controller: Path | None, rig: str | None, as_json: bool) -> None:
-    """Count the instructions of one period on every board, in every format, in the usual run and in others, or the
-    cycles of a connected board.
+    """Count the instructions of one period on every board, in every format, in the usual run and in others.
+
+    With --rig, the processor's cycles on a connected board, at rest, in silence and with tones of 26 dB SL.
     """
     if rig is not None:
         _require_board(rig)
