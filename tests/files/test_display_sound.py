@@ -70,8 +70,42 @@ def test_channel__wires_without_the_table__are_unknown_keys():
         parse_display(document)
 
 
-def test_channel__quantity_force__is_refused_with_the_way_to_say_it():
+def force(**more):
+    """Return the keys of a channel whose sensor tells a force."""
+    return {"quantity": "force", "mass_kg": 0.02, "sensor_gain_v_per_n": 0.5} | more
+
+
+def without_gain(**more):
+    """Return a display of one channel whose sensor tells a force."""
+    document = three_finger_display()
+    entry = {key: value for key, value in document["channel"][0].items() if key != "sensor_gain_v_per_mm"}
+    return parse_display(document | {"sound": FULL, "channel": [entry | force(**more)]})
+
+
+def test_channel__force_on_a_known_mass__is_an_accelerometer_by_newtons_law():
+    """20 g at 1 m/s² take 20 mN, and these give 10 mV: 1e-5 V for 1 mm/s²."""
+    channel = without_gain().channels[0]
+    assert channel.quantity == "acceleration"
+    assert channel.sensor_gain_v_per_mm == pytest.approx(1e-5, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"mass_kg": 0.0}, "mass_kg is 0.0; allowed: greater than 0"),
+        ({"mass_kg": float("nan")}, "mass_kg is nan; allowed: a finite number"),
+        ({"sensor_gain_v_per_n": -1.0}, "sensor_gain_v_per_n is -1.0; allowed: greater than 0"),
+        ({"quantity": "velocity"}, "has no key 'mass_kg'"),
+        ({"sensor_gain_v_per_mm": 1.0}, "sensor_gain_v_per_mm beside quantity = 'force'"),
+    ],
+)
+def test_channel__force_amiss__is_refused_in_one_line(more: dict[str, Any], words: str):
+    with pytest.raises(BadInput, match=words):
+        without_gain(**more)
+
+
+def test_channel__force_without_a_mass__is_refused_and_told_why():
     with pytest.raises(
-        BadInput, match="quantity is 'force', which alone does not tell how far a finger is moved; allowed:"
+        BadInput, match="'force', which alone does not tell how far a finger moves, lacks the key 'mass_kg'"
     ):
         display_with(FULL, {"quantity": "force"})

@@ -26,6 +26,7 @@ from tactuator.files.display_schema import (
     CurveTable,
     DisplayKeys,
     FeedbackKeys,
+    ForceKeys,
     ModelKeys,
     ObjectivesKeys,
     PlantTable,
@@ -136,12 +137,7 @@ def _first_fault(model: type[BaseModel], error: ValidationError, where: str) -> 
 
 def _channel(document: Document, entry: Mapping[str, Any], beside: Path) -> Channel:
     where = f"[[channel]] {entry.get('name', '')!r}"
-    if entry.get("quantity") == "force":
-        raise BadInput(
-            f"{where} quantity is 'force', which alone does not tell how far a finger is moved; allowed: "
-            "'acceleration', with the gain that a known mass gives a force sensor (docs/sound.md), 'velocity' or "
-            "'displacement'"
-        )
+    entry = _as_acceleration(entry, where)
     shared = {key for model in SHARED_TABLES.values() for key in model.model_fields}
     shared |= set(WireKeys.model_fields if "sound" in document else ())
     own = _checked(ChannelOwnKeys, {key: value for key, value in entry.items() if key not in shared}, where)
@@ -178,6 +174,19 @@ def _channel(document: Document, entry: Mapping[str, Any], beside: Path) -> Chan
         model_error_db=found.error_db if own.model_error_db is None else own.model_error_db,
         model_error_hz=own.model_error_hz or (found.unsure_hz if own.model_error_db is None else None),
     )
+
+
+def _as_acceleration(entry: Mapping[str, Any], where: str) -> Mapping[str, Any]:
+    """Return the entry of a force sensor that moves a known mass as that of an accelerometer: 1 mm/s² is mass_kg mN."""
+    if entry.get("quantity") != "force":
+        return entry
+    known = {key: entry[key] for key in ForceKeys.model_fields if key in entry}
+    keys = _checked(ForceKeys, known, f"{where} quantity = 'force', which alone does not tell how far a finger moves,")
+    if "sensor_gain_v_per_mm" in entry:
+        raise BadInput(f"{where} sensor_gain_v_per_mm beside quantity = 'force'; allowed: sensor_gain_v_per_n")
+    rest = {key: value for key, value in entry.items() if key not in known}
+    gain = 1e-3 * keys.mass_kg * keys.sensor_gain_v_per_n
+    return rest | {"quantity": "acceleration", "sensor_gain_v_per_mm": gain}
 
 
 def _covariance(rows: Sequence[Sequence[float]], plant: ContinuousSystem) -> tuple[tuple[float, ...], ...]:

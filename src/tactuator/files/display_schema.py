@@ -139,6 +139,13 @@ class DisplayKeys(_Table):
     delay_samples: Whole = 1
 
 
+class ForceKeys(_Table):
+    """A sensor of the force that moves a known mass, in place of `sensor_gain_v_per_mm`."""
+
+    mass_kg: Positive
+    sensor_gain_v_per_n: Positive
+
+
 class ChannelOwnKeys(_Table):
     """Keys that only a [[channel]] has."""
 
