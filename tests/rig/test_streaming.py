@@ -1,6 +1,5 @@
 """Streams to boards whose time goes on: no gap, no silent underrun, rest on what goes wrong."""
 
-import itertools
 import time
 from contextlib import closing
 
@@ -189,65 +188,6 @@ def test_emulated_board_in_free_run__tick_as_long_as_its_period__is_late():
     assert found.late > 0
     assert found.fault == "late"
     assert not found.holds
-
-
-class SlowLink(InProcess):
-    """A board in free run, of which `ticks` pass with every request once there were 40: too many for its rows."""
-
-    ticks = 400
-
-    def __init__(self, board, counting):
-        super().__init__()
-        self.sent = self.received = self._requests = 0
-
-    def send(self, content):
-        super().send(content)
-        self._requests += self.board.mode == Mode.RUNNING
-        if self._requests > 40:
-            self.run(self.ticks)
-
-
-class DeadLink(SlowLink):
-    ticks = 900
-
-
-UART = "tactuator.rig.board_check.streaming_check.EmulatorUart"
-
-
-def test_streaming_check__runs_dry_beside_a_host_that_had_its_processor__does_not_hold(monkeypatch):
-    monkeypatch.setattr(UART, SlowLink)
-    found = check_streaming("slow", designed(), 2.0, waited=lambda: 0.0)
-    assert found.dry > 0
-    assert not found.holds
-
-
-def test_streaming_check__hears_nothing_of_a_host_that_had_its_processor__does_not_hold(monkeypatch):
-    monkeypatch.setattr(UART, DeadLink)
-    found = check_streaming("slow", designed(), 2.0, waited=lambda: 0.0)
-    assert found.fault == Fault.SILENCE.words
-    assert not found.holds
-
-
-@pytest.mark.parametrize(("waited_share", "instruction_ns"), [(0.5, 8), (0.0, 32)])
-def test_streaming_check__hears_nothing_of_a_host_behind__is_not_judged(monkeypatch, waited_share, instruction_ns):
-    """The emulator's UART takes time of this machine for a byte, while a slow processor's time goes on."""
-    monkeypatch.setattr(UART, DeadLink)
-    now_s = itertools.count()
-    with pytest.raises(NotJudged, match=r"heard nothing for 0\.2 s"):
-        check_streaming(
-            "slow", designed(), 2.0, instruction_ns,
-            clock=lambda: float(next(now_s)), waited=lambda: waited_share * next(now_s),
-        )  # fmt: skip
-
-
-@pytest.mark.parametrize("waited_share", [0.06, 1.0, np.nan])
-def test_streaming_check__runs_dry_beside_a_host_without_processor__is_not_judged(monkeypatch, waited_share):
-    monkeypatch.setattr(UART, SlowLink)
-    now_s = itertools.count()
-    with pytest.raises(NotJudged, match=r"not judged: \d+ ticks had no row"):
-        check_streaming(
-            "slow", designed(), 2.0, clock=lambda: float(next(now_s)), waited=lambda: waited_share * next(now_s)
-        )
 
 
 class Standing(InProcess):

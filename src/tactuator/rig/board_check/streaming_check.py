@@ -136,6 +136,10 @@ def _streamed(rig: BoardRig, rows: Rows, watch: HostWatch, is_slow: bool) -> tup
         fault = error.fault.words
         if error.fault is Fault.SILENCE and (is_slow or watch.is_starved()):
             raise _not_judged("the board heard nothing for 0.2 s of its time", watch) from error
+    except BadInput as error:  # the run is over
+        if watch.is_starved():
+            raise _not_judged("the board has ended its run", watch) from error
+        raise
     return join_traces(traces, rig.rate_hz, rig.channels), dry, fault
 
 
