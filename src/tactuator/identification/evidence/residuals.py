@@ -89,6 +89,8 @@ def _input_test(
     n = innovation.size
     system = np.vstack([jacobian.T, _time_scales(command, rate_hz)])
     gram = system @ system.T
+    if not np.all(np.isfinite(gram)):
+        return 0.0, 1.0  # the model's slopes overflow: nothing speaks for such a model
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     gram = gram / np.outer(size, size)
     goal = system @ innovation / size

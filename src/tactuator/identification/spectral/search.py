@@ -270,12 +270,13 @@ def _again(problem: SpectralProblem, fit: SpectralFit, most: int) -> SpectralFit
 
 
 def _score(problem: SpectralProblem, fit: SpectralFit) -> float:
-    return 2.0 * fit.cost + float(np.log(problem.given.total)) * fit.form.count
+    score = 2.0 * fit.cost + float(np.log(problem.given.total)) * fit.form.count
+    return score if np.isfinite(score) else np.inf  # a fit that overflows is the last one
 
 
 def _best(problem: SpectralProblem, fits: dict[Form, SpectralFit]) -> SpectralFit:
     lowest = min(_score(problem, one) for one in fits.values())
-    near = [one for one in fits.values() if _score(problem, one) < lowest + TIE]
+    near = [one for one in fits.values() if _score(problem, one) <= lowest + TIE]
     return min(near, key=lambda one: (one.form.poles, _score(problem, one)))
 
 
