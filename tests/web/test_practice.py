@@ -13,6 +13,17 @@ from tests.web.server import served
 PRACTISES = PROTOCOL.replace("practice_trials = 2", "practice_trials = 2\npractice_correct = 2\npractice_limit = 3")
 
 
+def failed(lab, socket):
+    """Go through the practice of a subject who has read its introduction, with a wrong answer each time."""
+    socket.send_json({"type": "ready", "stage": "introduction"})
+    stage(socket, "trial")
+    socket.send_json({"type": "ready", "stage": "trial"})
+    for _ in range(3):
+        stands = until(socket, "answer-now")
+        right = lab.opened(1).pending[0].trial.correct
+        answer(socket, stands, next(one for one in "123" if one != right))
+
+
 def test_practice__not_passed__calls_the_experimenter_and_begins_again(make) -> None:
     lab = make(PRACTISES, auto_start=False)
     lab.start(1)
@@ -20,13 +31,7 @@ def test_practice__not_passed__calls_the_experimenter_and_begins_again(make) -> 
         stage(socket, "consent")
         socket.send_json({"type": "consent"})
         assert "2 of 2 right" in stage(socket, "introduction")["introduction"]
-        socket.send_json({"type": "ready", "stage": "introduction"})
-        stage(socket, "trial")
-        socket.send_json({"type": "ready", "stage": "trial"})
-        for _ in range(3):
-            stands = until(socket, "answer-now")
-            right = lab.opened(1).pending[0].trial.correct
-            answer(socket, stands, next(one for one in "123" if one != right))
+        failed(lab, socket)
         assert lab.paused
         assert "has not passed" in lab.calls[1]
         stage(socket, "introduction")
@@ -69,13 +74,7 @@ def test_practice__given_up_while_the_page_waits__the_page_shows_what_comes_inst
         stage(socket, "consent")
         socket.send_json({"type": "consent"})
         stage(socket, "introduction")
-        socket.send_json({"type": "ready", "stage": "introduction"})
-        stage(socket, "trial")
-        socket.send_json({"type": "ready", "stage": "trial"})
-        for _ in range(3):
-            stands = until(socket, "answer-now")
-            right = lab.opened(1).pending[0].trial.correct
-            answer(socket, stands, next(one for one in "123" if one != right))
+        failed(lab, socket)
         assert "ractice" in stage(socket, "introduction")["introduction"]
         with client.websocket_connect("/ws/operator") as operator:
             operator.send_text(TOKEN)
