@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
@@ -41,3 +42,12 @@ def checked_request(requests: TypeAdapter[Asked], text: str) -> Asked:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(str(part) for part in first["loc"]) or "message"
         raise BadInput(f"{where}: {first['msg']}; allowed: a request of the console's page") from None
+
+
+def number_of(text: str) -> int | None:
+    """Return the number that the page gave its request, or None where there is none."""
+    try:
+        number = json.loads(text).get("id")
+    except (ValueError, AttributeError, RecursionError):
+        return None
+    return number if isinstance(number, int) else None

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
-from fastapi import WebSocket
+from fastapi import WebSocket, WebSocketDisconnect
 
 from tactuator.api.verdict import whole_verdict
 from tactuator.console import messages
-from tactuator.console.asked import Answer, ViewRequest
+from tactuator.console.asked import Answer, ViewRequest, number_of
 from tactuator.console.chart.frame import MARKS_HZ, frame
 from tactuator.console.chart.regions import ground
 from tactuator.console.figures import settled_figures, verdict_rows
@@ -56,13 +55,15 @@ class ConsoleConnection:
 
     async def _read(self) -> None:
         while True:
-            text = await receive_text(self._socket)
-            number = _number(text)
+            number = None
             try:
-                request = messages.request_of(text)
-                answer = await self._answer(request)
+                text = await receive_text(self._socket)
+                number = number_of(text)
+                answer = await self._answer(messages.request_of(text))
             except TactuatorError as error:
                 answer = {"error": str(error)}
+            except WebSocketDisconnect:
+                raise
             except Exception:
                 _LOGGER.exception("a request of the console failed")
                 answer = {
@@ -175,12 +176,3 @@ def _checked(workshop: Workshop, key: str, shapes: Mapping[str, LoopShape]) -> A
         "text": controller_text(controller),
         "command": "tactuator check controller.json",
     }
-
-
-def _number(text: str) -> int | None:
-    """Return the number that the page gave its request, or None where there is none."""
-    try:
-        number = json.loads(text).get("id")
-    except (ValueError, AttributeError, RecursionError):
-        return None
-    return number if isinstance(number, int) else None

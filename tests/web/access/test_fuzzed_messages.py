@@ -18,11 +18,11 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from tests.experiment.session.apparatuses import ObedientClock, opened_study
+from tests.web.access.mutating import LOGGERS, mutated
 from tests.web.labs import TOKEN, client, make_lab, response_count, until  # noqa: F401
 
 FEW, MANY = 1500, 100_000
 LAST = "the-last-of-these"
-LOGGERS = ("uvicorn", "uvicorn.error", "uvicorn.access", "asyncio", "tactuator.web.lab")
 SUBJECT = [
     {"type": "consent"},
     {"type": "ready", "stage": "trial"},
@@ -45,35 +45,6 @@ OPERATOR = [
     {"type": "day", "session": 1, "skin_temperature_c": 31.0, "preload_n": 0.5},
     {"type": "correct", "subject": "S1", "reason": "slip", "group": "hearing", "demographics": {}},
 ]
-NASTY = (
-    *(2**63, -(2**63), 2**200, -1, 0, 0.5, 1e308, float("nan"), float("inf"), -float("inf"), True, False, None, ""),
-    *(" ", "1", "x" * 300, "\u0000", "\u202e", "\ud800", "=1+1", "'; DROP TABLE trial;--", "S1", "trial", "withdraw"),
-    *([], {}, [[[[]]]], {"a": {"b": []}}, [None] * 20, ["1"], {"type": "answer"}),
-)
-
-
-def mutated(rng: np.random.Generator, message: dict) -> str | bytes:
-    """A message changed somewhere: a value, a key, the text, the bytes; now and then it is left as it is."""
-    made, kind = dict(message), int(rng.integers(8))
-    key = list(made)[int(rng.integers(len(made)))]
-    nasty = NASTY[int(rng.integers(len(NASTY)))]
-    if kind == 0:
-        return json.dumps(made)
-    if kind in (1, 2):
-        made[key] = nasty
-    elif kind == 3:
-        del made[key]
-    elif kind == 4:
-        made[f"{nasty}"[:40]] = NASTY[int(rng.integers(len(NASTY)))]
-    text = json.dumps(made)
-    if kind == 5:
-        at = int(rng.integers(len(text)))
-        text = text[:at] + str(nasty)[:50].encode("utf-8", "replace").decode() + text[at + int(rng.integers(4)) :]
-    elif kind == 6:
-        text = text[: int(rng.integers(len(text)))]
-    elif kind == 7:
-        return bytes(rng.integers(0, 256, int(rng.integers(64)), dtype=np.uint8))
-    return text.encode("utf-8", "replace").decode()
 
 
 class Drained:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import asdict
-from typing import Any
 
 from fastapi import WebSocket, WebSocketDisconnect
 
+from tactuator.console.asked import Answer, number_of
 from tactuator.console.held_rig import orders
 from tactuator.console.scope import messages
 from tactuator.console.scope.controls import Controls
@@ -21,7 +20,6 @@ from tactuator.console.scope.host import RigHost
 from tactuator.errors import BadInput, TactuatorError
 from tactuator.web.sockets import first_to_end, receive_text, send
 
-Answer = dict[str, Any]
 FRAMES_HZ = 50.0
 AHEAD = 2
 """Frames that a page may have had and not drawn; what would come then is left out, and counted."""
@@ -66,11 +64,11 @@ class RigConnection:
 
     async def _read(self) -> None:
         while True:
-            text = await receive_text(self._socket)
             number = None
             try:
+                text = await receive_text(self._socket)
+                number = number_of(text)
                 request = messages.request_of(text)
-                number = request.id
                 if isinstance(request, messages.Acknowledge):
                     self._drawn = min(max(self._drawn, request.frame), self._frame)
                     continue
@@ -82,7 +80,7 @@ class RigConnection:
             except Exception:
                 _LOGGER.exception("a request to the rig failed")
                 answer = {"error": _DEFECT}
-            await send(self._socket, {"id": number if number is not None else _number(text), **answer})
+            await send(self._socket, {"id": number, **answer})
 
     async def _answer(self, request: messages.Request) -> Answer:
         """Serve one request. Raises BadInput where it is refused."""
@@ -158,11 +156,3 @@ class RigConnection:
             if self._host.samples.end != shown:
                 shown = self._host.samples.end
                 await send(self._socket, {"levels": self._desk.levels()})
-
-
-def _number(text: str) -> int | None:
-    try:
-        number = json.loads(text).get("id")
-    except (ValueError, AttributeError, RecursionError):
-        return None
-    return number if isinstance(number, int) else None

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 
-from tactuator.console.asked import Answer
+from tactuator.console.asked import Answer, number_of
 from tactuator.console.scope.routes import CLOSE_NO_RIG
 from tactuator.console.study import messages
 from tactuator.console.study.room import StudyRoom
@@ -43,7 +42,7 @@ def add_study(app: FastAPI, token: str, room: StudyRoom | None, workshop: Worksh
             try:
                 await send(socket, {"study": room.standing()})
                 while True:
-                    answer = await _answered(room, workshop, await receive_text(socket))
+                    answer = await _answered(room, workshop, socket)
                     await tell_all(room)
                     await send(socket, answer)
             except WebSocketDisconnect:
@@ -52,12 +51,12 @@ def add_study(app: FastAPI, token: str, room: StudyRoom | None, workshop: Worksh
                 listening.discard(socket)
 
 
-async def _answered(room: StudyRoom, workshop: Workshop, text: str) -> Answer:
+async def _answered(room: StudyRoom, workshop: Workshop, socket: WebSocket) -> Answer:
+    """Return the answer to the page's next request. Raises WebSocketDisconnect where the page has gone."""
+    number = None
     try:
-        number = json.loads(text).get("id")
-    except (ValueError, AttributeError, RecursionError):
-        number = None
-    try:
+        text = await receive_text(socket)
+        number = number_of(text)
         with workshop.drawer.named_plainly():
             return {"id": number, **await _answer(room, messages.request_of(text))}
     except TactuatorError as error:

@@ -78,7 +78,7 @@ def _form(text: str) -> list[Answer]:
     """Return the tables of the form: title, name, place, and the fields with what the text says of each."""
     try:
         channels = tomllib.loads(text).get("channel", [])
-    except (tomllib.TOMLDecodeError, RecursionError):
+    except (ValueError, RecursionError):  # a number of thousands of digits is no TOMLDecodeError
         return []
     made = [_table(text, name, 0, f"[{name}]", keys) for name, keys in _TABLES.items()]
     count = len(channels) if isinstance(channels, list) else 0

@@ -1,0 +1,195 @@
+"""Messages that nobody means, to every connection of a console: it answers each, logs no defect and stays usable."""
+
+from __future__ import annotations
+
+import json
+import logging
+from contextlib import ExitStack, suppress
+
+import numpy as np
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from tactuator.console.app import build_console
+from tactuator.console.scope.host import RigHost
+from tactuator.console.workshop import Workshop
+from tactuator.files.controller import write_controller
+from tactuator.files.start.shipped import EXAMPLES
+from tests.console.pages import TOKEN
+from tests.console.views.dropped import dropped
+from tests.web.access.mutating import LOGGERS, mutated
+from tests.web.server import served
+
+FEW, MANY = 200, 100_000
+KEPT = 0.02
+"""Share of unaltered messages that are sent: a design takes a second, and is no message that nobody means."""
+DISPLAY = {"display": "example:display.toml"}
+CHANNEL = {**DISPLAY, "channel": "index"}
+SHAPE = {
+    "gain_db": 16.0,
+    "sign": 1,
+    "factors": [{"kind": "integrator"}, {"kind": "zero", "hz": 3.0}, {"kind": "pole", "hz": 200.0}],
+}
+POINTS = [[10.0, 20.0], [100.0, 0.0], [400.0, 10.0]]
+
+
+def of_page(file: dict[str, str]) -> list[dict]:
+    """Every request of the page's own connection. file: keys of files that were dropped."""
+    text = (EXAMPLES / "display.toml").read_text()
+    return [
+        {"do": "start"},
+        {"do": "open", **DISPLAY},
+        {"do": "bring", **CHANNEL},
+        {"do": "draw", **CHANNEL, "shape": SHAPE},
+        {"do": "point", **CHANNEL, "shape": SHAPE, "hz": 30.0, "turn_deg": 5.0, "gain_db": 3.0},
+        {"do": "design", **CHANNEL},
+        {"do": "check", **DISPLAY, "shapes": {"index": SHAPE}},
+        {"do": "display.read", "display": None, "file": file["display"]},
+        {"do": "display.judge", "text": text, **DISPLAY},
+        {"do": "display.set", "text": text, "table": "channel", "place": 0, "key": "name", "value": '"index"'},
+        {"do": "experiment.start"},
+        {"do": "experiment.look", "protocol": "example:protocol.toml"},
+        {"do": "identify.look", "record": file["record"], "input": "drive", "output": "encoder", "rate_hz": None},
+        {"do": "identify.model", "record": file["display"], "order": 2, "hold": "auto", "validate_on": []},
+        {"do": "prefilter.curve", "file": file["curve"]},
+        {"do": "prefilter.fit", **CHANNEL, "points": POINTS, "poles": 4},
+        {"do": "prefilter.save", **DISPLAY, "points": POINTS, "file": None, "poles": 4},
+        {"do": "speech.codings"},
+        {"do": "speech.render", **DISPLAY, "file": file["curve"], "coding": "direct", "level": 30.0},
+    ]
+
+
+def of_rig(file: dict[str, str]) -> list[dict]:
+    """Every request of the rig's connection."""
+    return [
+        *({"do": name} for name in ("take", "give", "live", "stop", "rest", "reopen")),
+        {"do": "controller", "source": "file", "file": file["controller"], "shapes": {}},
+        {"do": "wave", "kind": "tone", "level_db_sl": 20.0, "channels": ["index"], "frequency_hz": 50.0},
+        {"do": "wave", "kind": "sweep", "level_db_sl": 20.0, "channels": ["index"], "to_hz": 300.0, "sweep_s": 1.0},
+        {"do": "wave", "kind": "file", "level_db_sl": 20.0, "channels": ["index"], "file": file["curve"]},
+        {"do": "touch", "channel": "index", "load": "finger"},
+        {"do": "press", "channel": "index", "force_v": 0.1},
+        {
+            "do": "measure",
+            "channels": ["index"],
+            "level_db_sl": 20.0,
+            "load": "none",
+            "frequency_hz": [50.0],
+            "longest_s": 0.5,
+        },
+        {"do": "expected", "level_db_sl": 20.0},
+        {"do": "look", "span_s": 0.1, "columns": 100, "mode": "auto", "channel": "index", "level": 0.0, "end": 0},
+        {"do": "drawn", "frame": 1},
+        {"do": "save", "channel": "index", "span_s": 0.01, "end": 100},
+    ]
+
+
+def of_study(file: dict[str, str]) -> list[dict]:
+    """Every request of the study's connection."""
+    del file
+    return [
+        {"do": "begin", "protocol": "example:protocol.toml", "store": "lab.db", "files": [], "amend": "because"},
+        {"do": "end"},
+        {"do": "export", "store": "lab.db", "form": "tidy"},
+    ]
+
+
+class Asking:
+    """One connection whose answers are read; `number` of the last message that was answered."""
+
+    def __init__(self, port: int, path: str) -> None:
+        self._open = ExitStack()
+        self.socket = self._open.enter_context(connect(f"ws://127.0.0.1:{port}{path}"))
+        self.socket.send(TOKEN)
+
+    def settle(self) -> list[str]:
+        """Send what is no request and read on until its answer has come; what was answered before, as text."""
+        self.socket.send(json.dumps({"id": 2**52, "do": "nothing"}))
+        heard = []
+        while True:
+            text = self.socket.recv(timeout=60.0)
+            if isinstance(text, str):
+                heard.append(text)
+                if json.loads(text, parse_constant=_no_number).get("id") == 2**52:
+                    return heard
+
+    def close(self) -> None:
+        self._open.close()
+
+
+def _no_number(name: str) -> None:
+    raise AssertionError(f"{name} was sent, which no page can read")
+
+
+def sent(rng: np.random.Generator, messages: list[dict]) -> str | bytes:
+    while True:
+        message = {"id": int(rng.integers(2**20)), **messages[int(rng.integers(len(messages)))]}
+        made = mutated(rng, message)
+        if made != json.dumps(message) or rng.random() < KEPT:
+            return made
+
+
+def fuzz(client, caplog, monkeypatch, path: str, messages: list[dict], count: int, seed: int = 21) -> None:
+    """Send so many mutated messages; fails where the console logs a defect, or another page is not answered."""
+    for name in LOGGERS:  # uvicorn's own do not pass on what they log
+        monkeypatch.setattr(logging.getLogger(name), "propagate", True)
+    rng, heard, other = np.random.default_rng(seed), 0, Asking(client.port, "/ws")
+    asking, last = Asking(client.port, path), ""
+    for index in range(count):
+        text = sent(rng, messages)
+        try:
+            asking.socket.send(text)
+            if index % 20 == 19:
+                answers = asking.settle()
+                heard += len(answers)
+                assert not [one for one in answers if "a defect of" in one], last
+        except ConnectionClosed:
+            asking.close()
+            asking = Asking(client.port, path)
+        if index % 500 == 499:
+            assert other.settle()
+            assert client.get("/").status == 200
+    for one in (asking, other):
+        with suppress(ConnectionClosed):
+            one.close()
+    assert heard > count // 2
+    assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
+
+
+@pytest.fixture(scope="module")
+def console(controller, tmp_path_factory):
+    """A console with a simulated rig, and the keys of files that were dropped on it."""
+    folder = tmp_path_factory.mktemp("console")
+    write_controller(folder / "controller.json", controller)
+    workshop, host = Workshop(folder=folder), RigHost("simulated", controller.display, 2)
+    names = {"record": "bench.csv", "curve": "curve.csv", "display": "display.toml"}
+    try:
+        with served(build_console(workshop, TOKEN, rig=host)) as client:
+            client.files = {kind: dropped(workshop, EXAMPLES / name) for kind, name in names.items()}
+            client.files["controller"] = dropped(workshop, folder / "controller.json")
+            yield client
+    finally:
+        host.close()
+
+
+@pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.soak)])
+@pytest.mark.parametrize(("path", "messages"), [("/ws", of_page), ("/ws/rig", of_rig), ("/ws/study", of_study)])
+def test_console__messages_nobody_means__logs_no_defect(console, caplog, monkeypatch, path, messages, count) -> None:
+    fuzz(console, caplog, monkeypatch, path, messages(console.files), count)
+
+
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [
+        ("/ws/study", '{"id": "\\ud800", "do": "end"}'),
+        ("/ws/study", '{"id": 1e400, "do": "end"}'),
+        ("/ws", json.dumps({"id": 1, "do": "display.judge", "text": f"a = {'9' * 5000}"})),
+    ],
+)
+def test_console__number_or_text_that_no_answer_can_bear__is_refused(console, caplog, path, message) -> None:
+    asking = Asking(console.port, path)
+    asking.socket.send(message)
+    assert not [one for one in asking.settle() if "a defect of" in one]
+    asking.close()
+    assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]

@@ -1,0 +1,56 @@
+"""Messages that nobody means, from a mutator that knows the kinds of messages but not the server's checks."""
+
+from __future__ import annotations
+
+import copy
+import json
+from typing import Any
+
+import numpy as np
+
+LOGGERS = ("uvicorn", "uvicorn.error", "uvicorn.access", "asyncio", "tactuator.web.lab")
+"""Where a server's defects are told."""
+NASTY = (
+    *(2**63, -(2**63), 2**200, -1, 0, 0.5, 1e308, float("nan"), float("inf"), -float("inf"), True, False, None, ""),
+    *(" ", "1", "x" * 300, "\u0000", "\u202e", "\ud800", "=1+1", "'; DROP TABLE trial;--", "S1", "trial", "withdraw"),
+    *([], {}, [[[[]]]], {"a": {"b": []}}, [None] * 20, ["1"], {"type": "answer"}),
+)
+RAW = ("9" * 5000, "1e400", "-0", "[" * 3000, "NaN", '"\\ud800"', '"\\u0000"', "1e-400", "0x10", "[[[[1]]]]")
+"""Values as they stand in a text, those among them that no JSON writer would write."""
+
+
+def mutated(rng: np.random.Generator, message: dict) -> str | bytes:
+    """A message changed somewhere: a value, a key, the text, the bytes; now and then it is left as it is."""
+    made, kind = copy.deepcopy(message), int(rng.integers(9))
+    place = made
+    while isinstance(inner := place[key := _key(rng, place)], dict | list) and inner and rng.random() < 0.7:
+        place = inner
+    place = place if isinstance(place, dict) else made
+    key = key if key in place else next(iter(place))
+    nasty = NASTY[int(rng.integers(len(NASTY)))]
+    if kind == 0:
+        return json.dumps(made)
+    if kind in (1, 2):
+        place[key] = nasty
+    elif kind == 3:
+        del place[key]
+    elif kind == 4:
+        place[f"{nasty}"[:40]] = NASTY[int(rng.integers(len(NASTY)))]
+    elif kind == 8:
+        place[key] = "@"
+        return json.dumps(made).replace('"@"', RAW[int(rng.integers(len(RAW)))])
+    text = json.dumps(made)
+    if kind == 5:
+        at = int(rng.integers(len(text)))
+        text = text[:at] + str(nasty)[:50].encode("utf-8", "replace").decode() + text[at + int(rng.integers(4)) :]
+    elif kind == 6:
+        text = text[: int(rng.integers(len(text)))]
+    elif kind == 7:
+        return bytes(rng.integers(0, 256, int(rng.integers(64)), dtype=np.uint8))
+    return text.encode("utf-8", "replace").decode()
+
+
+def _key(rng: np.random.Generator, place: Any) -> Any:
+    """One of the keys of a table, or of the places of a list."""
+    keys = list(place) if isinstance(place, dict) else range(len(place))
+    return keys[int(rng.integers(len(keys)))]
