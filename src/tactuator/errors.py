@@ -6,6 +6,7 @@
     ├── NoDesign       2   no controller keeps what was asked for
     ├── DeviceFault    3   a rig, a link or a sound card failed
     │   ├── LinkDown       the other end of a link does not answer (rig/transport)
+    │   ├── LinkGarbled    a board answers what is no answer (rig/board)
     │   ├── RigFault       the guard of a board ended the run (rig/board)
     │   ├── RigLocked      a board is locked out until its faults are acknowledged (rig/board)
     │   ├── CardGone       a sound card does not call back any more (rig/sound)

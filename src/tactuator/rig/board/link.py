@@ -5,14 +5,15 @@ from __future__ import annotations
 import struct
 import time
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.errors import BadInput, DeviceFault
+from tactuator.errors import BadInput, DeviceFault, TactuatorError
 from tactuator.rig.board.frames import ANSWER, PAYLOAD_MAX, Frame, FrameReader, Request, RequestOutcome, frame_bytes
 from tactuator.rig.transport.transport import LinkDown, Transport
 from tactuator.runtime.image import REASONS, ImageRefusal
@@ -50,6 +51,27 @@ class RigLocked(DeviceFault):
             f"the board is locked after {faults} sensor or travel faults; allowed: look at the sensor, then "
             "acknowledge them (`tactuator firmware acknowledge`)"
         )
+
+
+class LinkGarbled(DeviceFault):
+    """An answer of a board has a sound checksum, and is none to the request that was made."""
+
+    def __init__(self, request: Request) -> None:
+        what = request.name.lower().replace("_", " ")
+        super().__init__(
+            f"the board's answer to a request ({what}) is none to it; allowed: a board that runs this firmware"
+        )
+
+
+@contextmanager
+def understood(request: Request) -> Iterator[None]:
+    """Raise LinkGarbled where an answer to the request cannot be taken apart within."""
+    try:
+        yield
+    except TactuatorError:
+        raise
+    except (ValueError, LookupError, struct.error):
+        raise LinkGarbled(request) from None
 
 
 @dataclass(frozen=True)
@@ -146,7 +168,8 @@ class LinkClient:
             answer = self._answer(request, self._answer_s * patience, begun)
             begun = None  # once: a port that chatters is no board that begins
             if answer is not None:
-                return RequestOutcome(answer.payload[0]), answer.payload[1:]
+                with understood(request):
+                    return RequestOutcome(answer.payload[0]), answer.payload[1:]
         raise LinkDown(f"the board does not answer ({request.name.lower()}); allowed: a board that runs the firmware")
 
     def _answer(self, request: Request, timeout_s: float, begun: int | None) -> Frame | None:
@@ -180,7 +203,8 @@ class LinkClient:
         outcome, payload = self.ask(Request.STATUS)
         if outcome is not RequestOutcome.DONE or len(payload) != Status.LAYOUT.size:
             raise BadInput(f"the board's link is of another version ({outcome.name.lower()}); allowed: version 1")
-        return Status.parse(payload)
+        with understood(Request.STATUS):
+            return Status.parse(payload)
 
     def acknowledge(self) -> int:
         """Tell the board that its sensor and travel faults are known, and return how many there were since it began."""
@@ -197,7 +221,8 @@ class LinkClient:
         if outcome is RequestOutcome.DONE:
             return
         if outcome is RequestOutcome.REFUSED:
-            raise BadInput(_refusal(kind, answer[0]))
+            with understood(Request.COMMIT):
+                raise BadInput(_refusal(kind, answer[0]))
         if outcome is RequestOutcome.BAD_PAYLOAD:
             raise BadInput(f"image: {REASONS[ImageRefusal.CHECKSUM]}")
         raise BadInput("the board takes no image or table now; allowed: in OFF, and an image after its safety table")
@@ -214,14 +239,18 @@ class LinkClient:
         most = (PAYLOAD_MAX - 11) // (4 * both.shape[1])
         part = both[:most].astype("<f4")
         head = struct.pack("<IIHB", run, first, part.shape[0], forces is not None)
-        end, tick = struct.unpack("<II", self.must(Request.STREAM, head + part.tobytes()))
+        with understood(Request.STREAM):
+            end, tick = struct.unpack("<II", self.must(Request.STREAM, head + part.tobytes()))
         return end, tick
 
     def trace(self, run: int, first: int, count: int, channels: int, felt: bool) -> TraceRows:
         """Return the rows that the board has from `first` on, at most `count`."""
         answer = self.must(Request.TRACE, struct.pack("<IIHB", run, first, min(count, 0xFFFF), felt))
-        begun, rows = struct.unpack_from("<IH", answer)
-        table = np.frombuffer(answer, dtype="<i4", offset=6).reshape(rows, channels * (3 if felt else 2))
+        with understood(Request.TRACE):
+            begun, rows = struct.unpack_from("<IH", answer)
+            table = np.frombuffer(answer, dtype="<i4", offset=6).reshape(rows, channels * (3 if felt else 2))
+        if begun != first or rows > count:
+            raise LinkGarbled(Request.TRACE)
         command = table[:, :channels]
         felt_mm = table[:, 2 * channels :].copy().view(np.float32) if felt else None
         return TraceRows(

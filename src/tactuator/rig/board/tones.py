@@ -106,6 +106,8 @@ def read_run(
         status = client.status()
         if status.mode is Mode.FAULT:
             raise RigFault(status.fault, status.fault_channel)
+        if status.mode is not Mode.RUNNING or status.run != run:
+            raise BadInput("the board plays this run no more; allowed: one that nobody else uses")
         if status.tick <= got:
             sleep(_STATUS_POLL_S)
             continue

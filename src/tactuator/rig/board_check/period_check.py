@@ -13,7 +13,7 @@ from tactuator.display.controller import Controller
 from tactuator.errors import BadInput, DeviceFault
 from tactuator.rig.board.commissioning import safety_table
 from tactuator.rig.board.frames import Request
-from tactuator.rig.board.link import RigFault
+from tactuator.rig.board.link import RigFault, understood
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board.tones import BoardTone
 from tactuator.rig.board_rigs import in_process_rig
@@ -121,7 +121,8 @@ def _ask(rig: BoardRig, seed: int, ticks: int) -> tuple[int, int, int, int]:
         if rig.client.begun == begun:
             raise
         raise DeviceFault(f"the board began anew at seed {seed} of the check; its program broke down there") from None
-    digest, running, starts, faults = _ANSWER.unpack(answer)
+    with understood(Request.PERIOD_CHECK):
+        digest, running, starts, faults = _ANSWER.unpack(answer)
     return digest, running, starts, faults
 
 

@@ -12,7 +12,7 @@ from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.rig.board.commissioning import soft_ticks
 from tactuator.rig.board.frames import Request
-from tactuator.rig.board.link import STIMULUS, STREAM, LinkClient
+from tactuator.rig.board.link import STIMULUS, STREAM, LinkClient, understood
 from tactuator.rig.board.tones import TONES_MAX, BoardTone, stimulus_payloads
 from tactuator.rig.board_rigs import emulated_rig
 from tactuator.rig.boards import find_board
@@ -58,7 +58,8 @@ class _Bench:
         most = 0
         for at in range(0, ticks, _ONCE):
             payload = struct.pack("<I", min(_ONCE, ticks - at))
-            most = max(most, struct.unpack("<4I", self._client.must(Request.BENCH, payload))[1])
+            with understood(Request.BENCH):
+                most = max(most, struct.unpack("<4I", self._client.must(Request.BENCH, payload))[1])
         return round(most / self._counts)
 
     def usual(self) -> int:

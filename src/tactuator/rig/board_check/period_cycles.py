@@ -15,7 +15,7 @@ from tactuator.display.controller import Controller
 from tactuator.errors import BadInput, DeviceFault
 from tactuator.rig.board.commissioning import soft_ticks
 from tactuator.rig.board.frames import Request, RequestOutcome
-from tactuator.rig.board.link import LinkClient
+from tactuator.rig.board.link import LinkClient, understood
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board_check.period_cost import count_instructions
 from tactuator.rig.boards import BOARDS, find_board
@@ -127,7 +127,8 @@ class _Counter:
         outcome, answer = self._client.ask(Request.BENCH, struct.pack("<I", periods))
         if outcome is not RequestOutcome.DONE:
             raise BadInput("the board has no counter of cycles; allowed: one that has, an STM32F405 say")
-        least, most, total, _ = _COUNTS.unpack(answer)
+        with understood(Request.BENCH):
+            least, most, total, _ = _COUNTS.unpack(answer)
         return least, most, total
 
 
