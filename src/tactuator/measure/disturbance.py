@@ -19,7 +19,7 @@ from tactuator.errors import BadInput
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
-from tactuator.signals.lockin import lock_in, mains_multiples, off_mains
+from tactuator.signals.lockin import LockIn, lock_in, mains_multiples, off_mains
 from tactuator.signals.stimuli import ramps
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
@@ -167,10 +167,11 @@ class _Bench:
         wave = force_v * np.sin(2.0 * np.pi * hertz * np.arange(count) / rate)
         position, limited = self._play(wave * ramps(count, rate, 0.1))
         lines = np.concatenate([[hertz], mains_multiples(mains_hz, min(200.0, 0.45 * rate))])
+        own = LockIn(lines, rate, block)
         # the last tenth of a second fades out
         blocks = np.array(
             [
-                lock_in(position[start : start + block], lines, rate, start=start)[0]
+                own(position[start : start + block], start)[0]
                 for start in range(settle - round(0.1 * rate), count - block - round(0.1 * rate) + 1, block)
             ]
         )

@@ -18,7 +18,7 @@ from tactuator.rig.rig import Rig
 from tactuator.rig.sensing import require_sensors
 from tactuator.rig.trace import Trace, recut_traces
 from tactuator.signals.decibels import from_db
-from tactuator.signals.lockin import lock_in, mains_multiples
+from tactuator.signals.lockin import LockIn, mains_multiples
 from tactuator.signals.response import Response
 
 Progress = Callable[[int, int], None]
@@ -134,11 +134,12 @@ class _Tone:
         # what stands at a multiple of mains is hum, whatever it is a harmonic of
         off = np.min(np.abs(harmonics[:, None] - mains), axis=1, initial=np.inf)
         self._harmonics = harmonics[off > 1.0]
-        self._lines = np.concatenate([self._harmonics, mains])
+        lines = np.concatenate([self._harmonics, mains])
         # two lines come apart in a block of twice the beat between them
         block_s = max(0.25, 2.0 / max(float(off[0]), 1.0) if off.size else 0.25)
         periods = max(1.0, np.ceil(block_s * frequency_hz))
         self._block = round(periods * rig.rate_hz / frequency_hz)
+        self._lock_in = LockIn(lines, rig.rate_hz, self._block)
 
     def measure(self, confidence_db: float, longest_s: float) -> _Point:
         """Measure at one frequency: settle, then block after block, all in one stream; what was fed ahead is played
@@ -189,7 +190,7 @@ class _Tone:
 
     def _amplitudes(self, trace: Trace, start: int) -> ComplexArray:
         # the reference is a sine: its own complex amplitude is -i
-        amplitudes = 1j * lock_in(trace.position_v[:, self._columns], self._lines, self._rig.rate_hz, start=start)
+        amplitudes = 1j * self._lock_in(trace.position_v[:, self._columns], start)
         return amplitudes[: self._harmonics.size]
 
     def _point(self, blocks: ComplexArray, saturated: NDArray[np.bool_]) -> _Point:

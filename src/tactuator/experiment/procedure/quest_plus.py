@@ -84,6 +84,7 @@ class Tables:
         psi = rule.guess + (1.0 - rule.guess - lapses[:, None]) * rise
         self.psi = np.clip(psi.reshape(-1, self.levels.size), 1e-6, 1.0 - 1e-6)
         self.entropy = entr(self.psi) + entr(1.0 - self.psi)
+        self._likelihood = np.stack([1.0 - self.psi.T, self.psi.T])  # of a wrong and of a right answer, by level
         weights = np.broadcast_to(np.array(rule.slope_weights)[None, :, None], self.shape).reshape(-1)
         self.parameter_threshold = np.repeat(self.thresholds, slopes.size * lapses.size)
         z = (self.parameter_threshold - rule.expected_db_sl) / rule.expected_sd_db
@@ -107,9 +108,10 @@ class Tables:
 
     def learn(self, posterior: FloatArray, level: NDArray[np.intp], correct: NDArray[np.bool_]) -> FloatArray:
         """Return the posterior, (runs, parameters), after a trial at `level` (index) of every run."""
-        psi = self.psi[:, level].T
-        after = posterior * np.where(correct[:, None], psi, 1.0 - psi)
-        return np.asarray(after / after.sum(axis=1, keepdims=True))
+        after = self._likelihood[correct.astype(np.intp), level]
+        after *= posterior
+        after /= after.sum(axis=1, keepdims=True)
+        return after
 
     def threshold(self, posterior: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the posterior mean and standard deviation of the threshold of every run, dB SL, (runs,) each."""

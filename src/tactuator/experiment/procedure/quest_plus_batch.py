@@ -9,22 +9,31 @@ from tactuator.arrays import FloatArray
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule, tables
 from tactuator.experiment.procedure.up_down_batch import Probability, Tracks
 
-_BATCH_RUNS = 1024
+_BATCH_RUNS = 64
+"""Runs that are computed side by side: their posteriors stay in the processor's own memory."""
+_DRAWN_RUNS = 1024
+"""Runs whose answers are drawn one trial after the other for all of them; another number would be other runs."""
 
 
 def run_quests(rule: QuestPlusRule, runs: int, probability: Probability, rng: np.random.Generator) -> Tracks:
     """Run `runs` simulated runs of QUEST+ to their ends."""
-    numbers = np.arange(runs)
-    parts = [
-        _batch(rule, numbers[first : first + _BATCH_RUNS], probability, rng) for first in range(0, runs, _BATCH_RUNS)
-    ]
+    parts = []
+    for drawn in _parts(np.arange(runs), _DRAWN_RUNS):
+        chance = rng.random((rule.trials, drawn.size))
+        for numbers in _parts(drawn, _BATCH_RUNS):
+            parts.append(_batch(rule, numbers, probability, chance[:, numbers - drawn[0]]))
     levels, correct, estimates = (np.concatenate(column) for column in zip(*parts, strict=True))
     return Tracks(levels, correct, np.full(runs, rule.trials), estimates)
 
 
+def _parts(numbers: NDArray[np.intp], most: int) -> list[NDArray[np.intp]]:
+    return [numbers[first : first + most] for first in range(0, numbers.size, most)]
+
+
 def _batch(
-    rule: QuestPlusRule, numbers: NDArray[np.intp], probability: Probability, rng: np.random.Generator
+    rule: QuestPlusRule, numbers: NDArray[np.intp], probability: Probability, chance: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_], FloatArray]:
+    """Run those runs, whose answers are right where chance (trials, runs) is below their probability."""
     table = tables(rule)
     runs = numbers.size
     posterior = np.broadcast_to(table.prior, (runs, table.prior.size))
@@ -33,7 +42,7 @@ def _batch(
     for trial in range(rule.trials):
         place = table.most_telling(posterior)
         levels[:, trial] = table.levels[place]
-        outcomes[:, trial] = rng.random(runs) < probability(levels[:, trial], numbers, trial)
+        outcomes[:, trial] = chance[trial] < probability(levels[:, trial], numbers, trial)
         posterior = table.learn(posterior, place, outcomes[:, trial])
     return levels, outcomes, table.threshold(posterior)[0]
 

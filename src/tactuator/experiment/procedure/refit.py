@@ -22,7 +22,8 @@ _MINIMUM_TRIALS = 5
 _ANY_LAPSE_SHARE = 0.1
 """Share of people whose lapse rate may be anything up to where psi no longer reaches its target."""
 _FREQUENT_LAPSE_RATE, _RARE_LAPSE_RATE = 0.10, 0.025
-_BATCH_RUNS = 1024
+_BATCH_RUNS = 128
+"""Runs that are fitted side by side; more of them leave the processor's own memory."""
 
 
 @dataclass(frozen=True)
@@ -110,23 +111,28 @@ def _refit_batch(
     offsets, right, wrong = _counts(levels - centre[:, None], outcomes)
     grid = _grid(prior)
     log_right, log_wrong = grid.log_likelihood(offsets)
-    log_posterior = right @ log_right + wrong @ log_wrong + grid.log_prior
+    log_posterior = right @ log_right
+    log_posterior += wrong @ log_wrong
+    log_posterior += grid.log_prior
     highest = log_posterior.max(axis=1, keepdims=True)
-    posterior = np.exp(log_posterior - highest).reshape(levels.shape[0], *grid.shape)
+    log_posterior -= highest
+    posterior = np.exp(log_posterior, out=log_posterior).reshape(levels.shape[0], *grid.shape)
+    marginal = posterior.sum(axis=(2, 3))
+    total = marginal.sum(axis=1, keepdims=True)
     chance = right.sum(axis=1) * np.log(prior.guess) + wrong.sum(axis=1) * np.log1p(-prior.guess)
-    against_chance = highest[:, 0] + np.log(posterior.sum(axis=(1, 2, 3))) - chance
-    by_lapse = posterior.sum(axis=(1, 2)) / grid.lapse_prior
+    against_chance = highest[:, 0] + np.log(total[:, 0]) - chance
+    of_shape = posterior.sum(axis=1) / total[:, :, None]
+    by_lapse = of_shape.sum(axis=1) / grid.lapse_prior
     often, seldom = by_lapse[:, grid.lapses >= _FREQUENT_LAPSE_RATE], by_lapse[:, grid.lapses <= _RARE_LAPSE_RATE]
     odds = np.log(np.maximum(often.mean(axis=1), 1e-300)) - np.log(np.maximum(seldom.max(axis=1), 1e-300))
-    posterior /= posterior.sum(axis=(1, 2, 3), keepdims=True)
-    marginal = posterior.sum(axis=(2, 3))
+    marginal /= total
     mean = marginal @ grid.thresholds
     sd = np.sqrt(np.maximum(marginal @ grid.thresholds**2 - mean**2, 0.0))
     low, middle, high = (
         _quantile(marginal, grid.thresholds, q) for q in (0.5 - coverage / 2.0, 0.5, 0.5 + coverage / 2.0)
     )
-    slope = posterior.sum(axis=(1, 3)) @ grid.slopes
-    lapse = posterior.sum(axis=(1, 2)) @ grid.lapses
+    slope = of_shape.sum(axis=2) @ grid.slopes
+    lapse = of_shape.sum(axis=1) @ grid.lapses
     return centre + middle, sd, centre + low, centre + high, slope, lapse, against_chance, odds
 
 
