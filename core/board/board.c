@@ -105,6 +105,30 @@ void tact_board_fail(tact_board *board, uint32_t faults, int32_t channel)
             fail(board, fault, channel);
 }
 
+void tact_board_see_to(tact_board *board)
+{
+    for (int32_t c = 0; c < board->channels; c++) {
+        tact_board_channel *channel = &board->channel[c];
+        const int32_t broken = channel->broken, violated = channel->guard.violated;
+        channel->broken = channel->guard.violated = 0;
+        if (broken)
+            tact_board_fail(board, 1u << TACT_FAULT_NOT_A_NUMBER, c);
+        if (violated)
+            tact_board_fail(board, tact_guard_name(channel->safety, &channel->guard, board->ticks), c);
+    }
+}
+
+void tact_board_silence_cut(tact_board *board)
+{
+    for (int32_t c = 0; c < board->channels; c++) {
+        tact_board_channel *channel = &board->channel[c];
+        if (channel->is_cut) {
+            channel->delayed[board->delay_at] = channel->rest_code;
+            channel->delayed_v[board->delay_at] = 0.0f;
+        }
+    }
+}
+
 /* -- transitions -------------------------------------------------------------------------------------------------- */
 
 int tact_board_is_at_rest(const tact_board *board)
@@ -160,6 +184,7 @@ int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t dr
     board->source = source;
     board->drives = drives;
     board->runs_designed = board->is_designed && !drives;
+    board->runs_adaptive = board->is_adaptive && !drives;
     board->holds = holds;
     board->silence = 0;
     board->ending = TACT_STAYS;
@@ -234,7 +259,7 @@ int tact_board_take_safety(tact_board *board, const tact_safety *safety)
     board->safety = *safety;
     board->channels = safety->channels;
     board->image.format = board->image.adapts = 0;
-    board->is_designed = 0;
+    board->is_designed = board->is_adaptive = 0;
     board->delay_at = 0;
     board->turn = 0;
     board->turns = safety->turns;
@@ -283,13 +308,14 @@ int tact_board_take_image(tact_board *board, const tact_image *image)
         return 0;
     board->taken++;
     board->image = *image;
-    board->is_designed = image->format == TACT_FLOAT32 && image->adapts == 0;
+    int32_t designed = image->format == TACT_FLOAT32, adapts = 1;
     for (int32_t c = 0; c < board->channels; c++) {
         tact_board_channel *channel = &board->channel[c];
         const float most = board->safety.channel[c].command_max_v;
         channel->single = &board->image.tables.single[c];
         channel->q31 = &board->image.tables.q31[c];
         channel->touch = &board->image.touch[c];
+        adapts &= channel->touch->feedback_count && channel->touch->is_designed;
         if (image->format == TACT_Q31) {
             tact_controller_q31 *table = &board->image.tables.q31[c];
             const int32_t limit = tact_q31_of(most, TACT_Q31_PER_VOLT);
@@ -298,10 +324,12 @@ int tact_board_take_image(tact_board *board, const tact_image *image)
             tact_controller *table = &board->image.tables.single[c];
             table->command_max_v = table->command_max_v < most ? table->command_max_v : most;
             table->command_min_v = -table->command_max_v;
-            board->is_designed &= is_designed(table);
+            designed &= is_designed(table);
             lay_out_filters(channel->filters, table);
             channel->command_max_v = table->command_max_v;
         }
     }
+    board->is_designed = designed && image->adapts == 0;
+    board->is_adaptive = designed && adapts && board->safety.delay_samples == 1;
     return 1;
 }

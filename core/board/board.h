@@ -96,6 +96,7 @@ typedef struct {
     tact_stimulus stimulus[TACT_CHANNELS_MAX];
     tact_safety safety;
     tact_image image;
+    int32_t is_adaptive, runs_adaptive; /* is_designed, runs_designed where every channel also feeds forward, in the form of `design` */
 } tact_board;
 
 /* value within +/- most; NaN gives 0. */
@@ -137,6 +138,15 @@ int tact_board_waits(const tact_board *board);
 
 /* Faults found in a channel (-1: in none), 1 << fault for each: the run ends in the way that the gravest asks. */
 void tact_board_fail(tact_board *board, uint32_t faults, int32_t channel);
+
+/* What was found in the channels; once all commands are in the queue, since a cut empties it. */
+void tact_board_see_to(tact_board *board);
+
+/* What the filters of a cut channel have said is not heard. */
+void tact_board_silence_cut(tact_board *board);
+
+/* Nothing is asked for in this tick: a row of zeros, limited as any reference is. */
+void tact_board_ask(tact_board *board, float *wants);
 
 /* The run ends in this way (TACT_FADES...), unless a graver one has begun. */
 void tact_board_leave(tact_board *board, int32_t how);

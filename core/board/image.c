@@ -7,8 +7,6 @@
 #define COMMAND_LIMIT_MAX 31.0f
 #define TOUCH_MAX 1e20f
 
-enum { TOUCH_FLOATS = 25 };
-
 /* Roots of d^2 + a1 d + a2 with |1 + d| < 1, or <= 1 where `marginal` (Jury's conditions, written for d). */
 static int is_stable(double a1, double a2, int marginal)
 {
@@ -130,30 +128,29 @@ static int32_t read_touch_floats(tact_reader *reader, float *to, int32_t count)
 /* How a channel feeds forward: its own copy of C's sections among it. */
 static int32_t read_touch(tact_reader *reader, tact_touch *touch, int32_t feedbacks)
 {
-    float value[TOUCH_FLOATS];
     touch->feedback_count = feedbacks;
     touch->delay = tact_read_u8(reader);
     touch->turns = tact_read_u8(reader);
     touch->turn = tact_read_u8(reader);
     touch->hum_count = tact_read_u8(reader);
-    int32_t refusal = read_touch_floats(reader, value, TOUCH_FLOATS);
+    struct {
+        float *to;
+        int32_t count;
+    } const parts[] = {{touch->plant, 4},       {&touch->corner, 1},     {touch->command, 2}, {touch->position, 3},
+                       {touch->mass, 3},        {touch->rest, 2},        {touch->first, 3},   {touch->second, 3},
+                       {&touch->slow, 1},       {&touch->forgetting, 1}, {&touch->gate, 1},   {&touch->ridge, 1},
+                       {&touch->shape, 1},      {&touch->fading, 1},     {&touch->slew, 1},   {&touch->weight_max, 1},
+                       {&touch->push_max_v, 1}, {&touch->hum_gain, 1}};
+    int32_t refusal = TACT_IMAGE_GOOD;
+    for (size_t i = 0; i < sizeof parts / sizeof *parts && !refusal; i++)
+        refusal = read_touch_floats(reader, parts[i].to, parts[i].count);
+    if (!refusal)
+        refusal = read_sections(reader, touch->feedback, feedbacks, 1);
     if (refusal)
         return refusal;
-    const float *at = value;
-    for (int i = 0; i < 4; i++)
-        touch->plant[i] = *at++;
-    for (int i = 0; i < 3; i++)
-        touch->inverse[i] = *at++;
-    float *const rest[] = {&touch->per_sample, &touch->drag,       &touch->spring, &touch->mass,       &touch->damping,
-                           &touch->stiffness,  &touch->corner,     &touch->force,  &touch->slow,       &touch->forgetting,
-                           &touch->gate,       &touch->ridge,      &touch->shape,  &touch->fading,     &touch->slew,
-                           &touch->weight_max, &touch->push_max_v, &touch->hum_gain};
-    for (int i = 0; i < TOUCH_FLOATS - 7; i++)
-        *rest[i] = *at++;
-    if (!tact_touch_is_valid(touch))
+    if (!tact_touch_settle(touch))
         return TACT_IMAGE_COEFFICIENT;
-    refusal = read_sections(reader, touch->feedback, feedbacks, 1);
-    return refusal ? refusal : read_touch_floats(reader, touch->hum[0], 2 * touch->hum_count);
+    return read_touch_floats(reader, touch->hum[0], 2 * touch->hum_count);
 }
 
 static int32_t read_tables(tact_reader *reader, tact_image *image, int32_t channel, int32_t prefilters,
@@ -169,13 +166,15 @@ static int32_t read_channel(tact_reader *reader, tact_image *image, int32_t chan
     tact_read_bytes(reader, image->names[channel], TACT_NAME_SIZE);
     const int32_t prefilters = tact_read_u8(reader), feedbacks = tact_read_u8(reader);
     const int32_t touch = tact_read_u16(reader);
-    if (touch > 1 || prefilters < 1 || prefilters > TACT_PREFILTER_MAX || feedbacks > TACT_FEEDBACK_MAX)
+    if (touch != 0 && touch != TACT_TOUCH_LAYOUT)
+        return TACT_IMAGE_VERSION_UNKNOWN;
+    if (prefilters < 1 || prefilters > TACT_PREFILTER_MAX || feedbacks > TACT_FEEDBACK_MAX)
         return TACT_IMAGE_SECTIONS;
     const float limit_v = tact_read_f32(reader);
     if (!(limit_v > 0.0f && limit_v < COMMAND_LIMIT_MAX))
         return TACT_IMAGE_LIMIT;
     const int32_t refusal = read_tables(reader, image, channel, prefilters, feedbacks, limit_v);
-    image->adapts += touch;
+    image->adapts += touch != 0;
     image->touch[channel].feedback_count = 0;
     return refusal || !touch ? refusal : read_touch(reader, &image->touch[channel], feedbacks);
 }

@@ -2,8 +2,10 @@
  *
  *     magic "TACI" | version 3 | format | length | rate_hz | delay, channels, 0, 0 | hash of controller.json (32)
  *     then for each channel: name (16) | prefilter sections, feedback sections, touch, 0 | command_limit_v |
- *                            unwinding | sections | where touch is 1: how it feeds forward for a finger (touch.h):
- *                            delay, turns, turn, lines of hum (a byte each) | floats in the order of tact_touch
+ *                            unwinding | sections | where touch is not 0 but 2, the number of this layout, how
+ *                            it feeds forward for a finger (touch/table.h): delay, turns, turn, lines of hum (a byte
+ *                            each) | plant, corner, command, position, mass, rest, first, second, slow, forgetting,
+ *                            gate, ridge, shape, fading, slew, weight_max, push_max_v, hum_gain | sections | hum
  *     CRC-32 of all before
  *
  * All little-endian. Unwinding: anti-windup's two gains, conditioning, reference_max (controller.h): four floats; in Q31
@@ -31,6 +33,7 @@
 
 enum { TACT_CHANNELS_MAX = 4, TACT_NAME_SIZE = 16, TACT_HASH_SIZE = 32 };
 enum { TACT_IMAGE_VERSION = 3, TACT_IMAGE_MAGIC = 0x49434154, TACT_IMAGE_MAX = 4096 };
+enum { TACT_TOUCH_LAYOUT = 2 };
 enum { TACT_FLOAT32 = 1, TACT_Q31 = 2 };
 
 typedef enum {

@@ -42,13 +42,15 @@ static int32_t *trace_row(const tact_board *board)
 
 /* Two sections of F, three of C, the last of them b0 = 1 and integrating (a2 = 0): nothing to count, and
  * no product by 1 or 0. */
-ALWAYS float cascade_designed(tact_controller_state *state, const float *k, float reference, float position_v)
+ALWAYS float cascade_designed(tact_controller_state *state, const float *k, float reference, float position_v,
+                              float *wanted_v)
 {
     tact_section_state *f = state->prefilter, *c = state->feedback;
     const tact_float_pair k0 = tact_float_pair_get(k), k1 = tact_float_pair_get(k + 2), k2 = tact_float_pair_get(k + 4);
     const float smooth = tact_section_awake(k0.first, k0.second, k1.first, k1.second, k2.first, &f[0], reference);
     const tact_float_pair k3 = tact_float_pair_get(k + 6), k4 = tact_float_pair_get(k + 8);
     const float wanted = tact_section_awake(k2.second, k3.first, k3.second, k4.first, k4.second, &f[1], smooth);
+    *wanted_v = wanted;
     const float error = wanted - position_v;
     const tact_float_pair k5 = tact_float_pair_get(k + 10), k6 = tact_float_pair_get(k + 12), k7 = tact_float_pair_get(k + 14);
     const float lead = tact_section_awake(k5.first, k5.second, k6.first, k6.second, k7.first, &c[0], error);
@@ -138,32 +140,6 @@ static int run_direct(const tact_board *board, tact_board_channel *channel, floa
     return channel->broken;
 }
 
-/* What was found in the channels; once all commands are in the queue, since a cut empties it. */
-SELDOM void see_to(tact_board *board)
-{
-    for (int32_t c = 0; c < board->channels; c++) {
-        tact_board_channel *channel = &board->channel[c];
-        const int32_t broken = channel->broken, violated = channel->guard.violated;
-        channel->broken = channel->guard.violated = 0;
-        if (broken)
-            tact_board_fail(board, 1u << TACT_FAULT_NOT_A_NUMBER, c);
-        if (violated)
-            tact_board_fail(board, tact_guard_name(channel->safety, &channel->guard, board->ticks), c);
-    }
-}
-
-/* What the filters of a cut channel have said is not heard. */
-SELDOM void silence_cut(tact_board *board)
-{
-    for (int32_t c = 0; c < board->channels; c++) {
-        tact_board_channel *channel = &board->channel[c];
-        if (channel->is_cut) {
-            channel->delayed[board->delay_at] = channel->rest_code;
-            channel->delayed_v[board->delay_at] = 0.0f;
-        }
-    }
-}
-
 SELDOM int run_channels(tact_board *board, const int32_t *codes, const float *wants, runner run)
 {
     const int32_t channels = board->channels, slot = board->delay_at;
@@ -195,7 +171,8 @@ ALWAYS int run_designed(tact_board *board, const int32_t *codes, const float *wa
                                                   channel->delayed_v[slot], tick, &found);
         const float reference = fade * *wants++;
         tact_controller_state *state = &channel->controller.single;
-        const float command_v = cascade_designed(state, channel->filters, reference, position_v);
+        float wanted_v;
+        const float command_v = cascade_designed(state, channel->filters, reference, position_v, &wanted_v);
         if (__builtin_fabsf(command_v) <= channel->command_max_v)
             put(channel, slot, command_fade * command_v);
         else
@@ -205,12 +182,31 @@ ALWAYS int run_designed(tact_board *board, const int32_t *codes, const float *wa
     return found;
 }
 
-/* Nothing is asked for in this tick. */
-SELDOM void ask(tact_board *board, float *wants)
+/* The same for what `design` gives where a finger is fed forward. */
+SELDOM int run_adaptive(tact_board *board, const int32_t *codes, const float *wants)
 {
-    const int limits = board->source == TACT_STREAM && !board->drives;
-    for (int32_t c = 0; c < board->channels; c++)
-        wants[c] = limits ? tact_board_limit(&board->safety, c, &board->channel[c], 0.0f) : 0.0f;
+    int32_t *trace = trace_row(board), left = board->channels;
+    tact_board_channel *channel = board->channel;
+    int found = 0;
+    do {
+        const int32_t code = *codes++;
+        *trace++ = channel->delayed[0];
+        *trace++ = code;
+        const float position_v = tact_guard_sense(&channel->guard_table, &channel->guard, code,
+                                                  channel->delayed_v[0], board->ticks, &found);
+        const float reference = board->fade * *wants++;
+        tact_touch_state *touch_state = &channel->touch_state;
+        float wanted_v;
+        float command_v = cascade_designed(&channel->controller.single, channel->filters, reference, position_v, &wanted_v);
+        command_v += tact_touch_designed_step(channel->touch, touch_state, wanted_v, position_v);
+        if (__builtin_fabsf(command_v) <= channel->command_max_v)
+            put(channel, 0, board->command_fade * command_v);
+        else
+            found |= put_limited(board, channel, reference, command_v);
+        touch_state->command_v[0] = channel->delayed_v[0];
+        channel++;
+    } while (--left != 0);
+    return found;
 }
 
 SELDOM int run_fading(tact_board *board, const int32_t *codes, const float *wants)
@@ -227,18 +223,20 @@ static inline void step_running(tact_board *board, const int32_t *codes)
     if (tick - board->stream_at < board->stream_end - board->stream_at)
         wants = board->stream + (size_t)((tick & (board->stream_capacity - 1)) * (uint32_t)board->channels);
     else
-        ask(board, asked);
+        tact_board_ask(board, asked);
     if (board->runs_designed)
         found = run_fading(board, codes, wants);
+    else if (board->runs_adaptive)
+        found = run_adaptive(board, codes, wants);
     else
         found = run_channels(board, codes, wants,
                              board->drives                     ? run_direct
                              : board->image.format == TACT_Q31 ? run_q31
                                                                : run_single);
     if (found)
-        see_to(board);
+        tact_board_see_to(board);
     if (board->cuts)
-        silence_cut(board);
+        tact_board_silence_cut(board);
     board->tick++;
     if (board->fading)
         tact_board_fade(board);
@@ -257,7 +255,7 @@ SELDOM void step_resting(tact_board *board, const int32_t *codes)
         channel->delayed_v[slot] = 0.0f;
     }
     if (found)
-        see_to(board);
+        tact_board_see_to(board);
 }
 
 static inline void watch_time(tact_board *board, uint32_t lateness)
@@ -324,7 +322,7 @@ SELDOM void step_any(tact_board *board, const int32_t *codes, uint32_t lateness)
 /* The fades that this asks for begin in the same tick, as they do in step_running(). */
 SELDOM void see_to_steady(tact_board *board)
 {
-    see_to(board);
+    tact_board_see_to(board);
     if (board->fading)
         tact_board_fade(board);
 }

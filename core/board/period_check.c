@@ -216,12 +216,12 @@ static void digest_touch(tact_period_check *check, const tact_touch_state *touch
 {
     for (int i = 0; i < 2; i++) {
         digest_float(check, touch->weight[i]);
-        digest_float(check, touch->push[i].past[2]);
+        digest_float(check, touch->model[i + 1]);
         digest_float(check, touch->product[i]);
     }
     digest_float(check, touch->plant.s1);
-    digest_float(check, touch->position.past[2]);
-    digest_float(check, touch->command.past[2]);
+    digest_float(check, touch->balance[1]);
+    digest_float(check, touch->balance[2]);
 }
 
 static void digest_guard(tact_period_check *check, const tact_guard_state *guard)

@@ -71,3 +71,10 @@ void tact_board_give_tones(tact_board *board)
         tact_board_take_tones(board, row);
     }
 }
+
+void tact_board_ask(tact_board *board, float *wants)
+{
+    const int limits = board->source == TACT_STREAM && !board->drives;
+    for (int32_t c = 0; c < board->channels; c++)
+        wants[c] = limits ? tact_board_limit(&board->safety, c, &board->channel[c], 0.0f) : 0.0f;
+}

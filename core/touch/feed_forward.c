@@ -2,11 +2,29 @@
 
 #include "arithmetic/finite.h"
 
-extern inline void tact_touch_pass(float corner, tact_touch_poles *poles, float x);
-extern inline float tact_touch_section(const tact_section *section, tact_section_state *state, float x);
-extern inline void tact_touch_push(const tact_touch *table, tact_touch_state *state, float wanted_v, float *push_v);
-extern inline float tact_touch_step(const tact_touch *table, tact_touch_state *state, float wanted_v, float position_v);
+extern inline void tact_touch_pass(const tact_touch *table, tact_touch_state *state, float command_v, float model_v,
+                                   float position_v);
+extern inline float tact_touch_sections(const tact_touch *table, tact_touch_state *state, float x);
+extern inline float tact_touch_designed_sections(const tact_touch *table, tact_touch_state *state, float x);
+extern inline float tact_touch_move(const tact_touch *table, tact_touch_state *state, float command_v);
+extern inline float tact_touch_bounded(const tact_touch *table, tact_touch_state *state, float added_v);
+extern inline float tact_touch_designed_step(const tact_touch *table, tact_touch_state *state, float wanted_v,
+                                             float position_v);
 extern inline void tact_touch_put(const tact_touch *table, tact_touch_state *state, float command_v);
+
+float tact_touch_step(const tact_touch *table, tact_touch_state *state, float wanted_v, float position_v)
+{
+    if (table->is_designed)
+        return tact_touch_designed_step(table, state, wanted_v, position_v);
+    if (++state->count >= table->turns)
+        tact_touch_learn(table, state);
+    const int32_t at = state->at;
+    const float model_v = state->model_v[at];
+    tact_touch_pass(table, state, state->command_v[at], model_v, position_v);
+    state->model_v[at] = state->plant.s1;
+    const float command_v = tact_touch_sections(table, state, wanted_v - model_v);
+    return tact_touch_bounded(table, state, tact_touch_move(table, state, command_v));
+}
 
 void tact_touch_run(const tact_touch *table, tact_touch_state *state, const float *wanted_v, const float *position_v,
                     const float *command_v, float *added_v, size_t samples)

@@ -6,12 +6,15 @@
  *
  *     pushes: mass yd'' / B, (damping yd' + stiffness yd) / B      of the designed finger, in volts of command
  *     u_ff = weight[0] * first push + weight[1] * second push     added to the command, ahead of its limits
+ *          = by_command * ud + by_change * (yd's change in a sample) + by_place * yd
  *
  * With A0 y = B u - Z y the loaded display answers as the unloaded one when u_ff = Z yd / B: the loop itself is never
  * touched, so that no weight can make it unstable. The pushes are those of the time when the command acts, since the
  * model knows yd as far ahead as its command is late.
  *
- * The weights are learnt (learning.h).
+ * The weights are learnt (learning.h), from two sets of three poles each, which every sample passes: the finger's force is
+ * the command less the position through the plant's inverse, summed before its poles; the position that the model had
+ * when that command was given passes poles of its own, whose contents both pushes are sums of.
  * u_ff beyond its design's bound sets everything here to zero.
  *
  * Example use, in each sample:
@@ -25,58 +28,83 @@
 
 #include "touch/learning.h"
 
-/* One sample through three poles. */
-inline void tact_touch_pass(float corner, tact_touch_poles *poles, float x)
+/* One sample through the poles: a command, the reading it acted on, and what the model's position was then. */
+inline void tact_touch_pass(const tact_touch *table, tact_touch_state *state, float command_v, float model_v,
+                            float position_v)
 {
-    poles->past[2] += corner * (poles->past[1] - poles->past[2]);
-    poles->past[1] += corner * (poles->past[0] - poles->past[1]);
-    poles->past[0] += corner * (x - poles->past[0]);
+    const tact_float_pair k0 = tact_float_pair_get(&table->corner), k1 = tact_float_pair_get(&table->command[1]);
+    const tact_float_pair k2 = tact_float_pair_get(&table->position[1]);
+    const tact_float_pair p0 = tact_float_pair_get(state->balance), p1 = tact_float_pair_get(&state->balance[2]);
+    const tact_float_pair p2 = tact_float_pair_get(&state->model[1]);
+    const float corner = k0.first;
+    state->balance[2] = p1.first + (corner * (p0.second - p1.first) - k1.second * position_v);
+    state->balance[1] = p0.second + (corner * (p0.first - p0.second) + (k0.second * command_v - k2.first * position_v));
+    state->balance[0] = p0.first + ((k1.first * command_v - k2.second * position_v) - corner * p0.first);
+    state->model[2] = p2.second + corner * (p2.first - p2.second);
+    state->model[1] = p2.first + corner * (p1.second - p2.first);
+    state->model[0] = p1.second + corner * (model_v - p1.second);
 }
 
-/* A section whose input is not silent: silence is seen to when learning. */
-inline float tact_touch_section(const tact_section *section, tact_section_state *state, float x)
+/* C's sections, any number of them; silence is seen to when learning. */
+inline float tact_touch_sections(const tact_touch *table, tact_touch_state *state, float x)
 {
-    const float y = section->b0 * x + state->s1;
-    state->s1 += (section->b1 * x - section->a1 * y) + state->s2;
-    state->s2 += section->b2 * x - section->a2 * y;
+    for (int32_t i = 0; i < table->feedback_count; i++) {
+        const tact_section *section = &table->feedback[i];
+        x = tact_section_awake(section->b0, section->b1, section->b2, section->a1, section->a2, &state->feedback[i], x);
+    }
+    return x;
+}
+
+/* C's three sections as `design` gives them: the last one's b0 = 1 and a2 = 0. */
+inline float tact_touch_designed_sections(const tact_touch *table, tact_touch_state *state, float x)
+{
+    const float *k = &table->feedback[0].b0;
+    tact_section_state *c = state->feedback;
+    const tact_float_pair k0 = tact_float_pair_get(k), k1 = tact_float_pair_get(k + 2), k2 = tact_float_pair_get(k + 4);
+    const float lead = tact_section_awake(k0.first, k0.second, k1.first, k1.second, k2.first, &c[0], x);
+    const tact_float_pair k3 = tact_float_pair_get(k + 6), k4 = tact_float_pair_get(k + 8);
+    const float last = tact_section_awake(k2.second, k3.first, k3.second, k4.first, k4.second, &c[1], lead);
+    const tact_float_pair s = tact_float_pair_get(&c[2]), k6 = tact_float_pair_get(k + 12);
+    const float y = last + s.first;
+    c[2].s1 = s.first + ((k[11] * last - k6.second * y) + s.second);
+    c[2].s2 = s.second + k6.first * last;
     return y;
 }
 
-/* The unloaded loop one sample on, with F's answer; gives the two pushes. */
-inline void tact_touch_push(const tact_touch *table, tact_touch_state *state, float wanted_v, float *push_v)
+/* The unloaded plant one sample on, with its command; gives u_ff. */
+inline float tact_touch_move(const tact_touch *table, tact_touch_state *state, float command_v)
 {
-    float model_v = wanted_v - state->model_v[state->at];
-    for (int32_t i = 0; i < table->feedback_count; i++)
-        model_v = tact_touch_section(&table->feedback[i], &state->feedback[i], model_v);
-    tact_section_state *plant = &state->plant;
-    const float from = plant->s1;
-    plant->s1 = from + ((table->plant[0] * model_v - table->plant[2] * from) + plant->s2);
-    plant->s2 += table->plant[1] * model_v - table->plant[3] * from;
-    const float speed = table->per_sample * (plant->s1 - from), place = 0.5f * (plant->s1 + from);
-    push_v[0] = table->mass * (model_v - (table->drag * speed + table->spring * place));
-    push_v[1] = table->damping * speed + table->stiffness * place;
-    state->model_v[state->at] = from;
+    const tact_float_pair b = tact_float_pair_get(table->plant), a = tact_float_pair_get(&table->plant[2]);
+    const tact_float_pair s = tact_float_pair_get(&state->plant), by = tact_float_pair_get(&state->by_command);
+    const float change = (b.first * command_v - a.first * s.first) + s.second;
+    state->plant.s1 = s.first + change;
+    state->plant.s2 = s.second + (b.second * command_v - a.second * s.first);
+    return by.first * command_v + (by.second * change + state->by_place * s.first);
 }
 
-/* One sample: F's answer and the position (volts, finite) in, what is to be added to the command (volts) out. */
-inline float tact_touch_step(const tact_touch *table, tact_touch_state *state, float wanted_v, float position_v)
+/* u_ff, if it is within its bound. */
+inline float tact_touch_bounded(const tact_touch *table, tact_touch_state *state, float added_v)
 {
-    const int32_t at = state->at;
-    float push_v[2];
-    if (++state->count >= table->turns)
-        tact_touch_learn(table, state);
-    tact_touch_pass(table->corner, &state->command, state->command_v[at]);
-    tact_touch_pass(table->corner, &state->position, position_v);
-    tact_touch_pass(table->corner, &state->push[0], state->pushed_v[0][at]);
-    tact_touch_pass(table->corner, &state->push[1], state->pushed_v[1][at]);
-    tact_touch_push(table, state, wanted_v, push_v);
-    state->pushed_v[0][at] = push_v[0];
-    state->pushed_v[1][at] = push_v[1];
-    const float added_v = state->weight[0] * push_v[0] + state->weight[1] * push_v[1];
     if (__builtin_fabsf(added_v) <= table->push_max_v)
         return added_v;
     tact_touch_reset(table, state);
     return 0.0f;
+}
+
+/* One sample: F's answer and the position (volts, finite) in, what is to be added to the command (volts) out. */
+float tact_touch_step(const tact_touch *table, tact_touch_state *state, float wanted_v, float position_v);
+
+/* The same for a table whose is_designed is 1. */
+inline float tact_touch_designed_step(const tact_touch *table, tact_touch_state *state, float wanted_v,
+                                      float position_v)
+{
+    if (++state->count >= table->turns)
+        tact_touch_learn(table, state);
+    const float model_v = state->model_v[0];
+    tact_touch_pass(table, state, state->command_v[0], model_v, position_v);
+    state->model_v[0] = state->plant.s1;
+    const float command_v = tact_touch_designed_sections(table, state, wanted_v - model_v);
+    return tact_touch_bounded(table, state, tact_touch_move(table, state, command_v));
 }
 
 /* The command that was put out in answer to this sample. */

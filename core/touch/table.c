@@ -1,9 +1,9 @@
 #include "touch/table.h"
 
-static void rest_poles(tact_touch_poles *poles)
+static void rest_poles(float *poles)
 {
     for (int i = 0; i < 3; i++)
-        poles->past[i] = 0.0f;
+        poles[i] = 0.0f;
 }
 
 void tact_touch_rest_model(tact_touch_state *state)
@@ -11,10 +11,9 @@ void tact_touch_rest_model(tact_touch_state *state)
     for (int i = 0; i < TACT_TOUCH_FEEDBACK_MAX; i++)
         state->feedback[i].s1 = state->feedback[i].s2 = 0.0f;
     state->plant.s1 = state->plant.s2 = 0.0f;
-    rest_poles(&state->push[0]);
-    rest_poles(&state->push[1]);
+    rest_poles(state->model);
     for (int i = 0; i < TACT_TOUCH_DELAY_MAX; i++)
-        state->model_v[i] = state->pushed_v[0][i] = state->pushed_v[1][i] = 0.0f;
+        state->model_v[i] = 0.0f;
     state->slow[1] = state->slow[2] = 0.0f;
 }
 
@@ -23,33 +22,40 @@ static void forget(const tact_touch *table, tact_touch_state *state)
 {
     state->power = state->level = 0.0f;
     state->weight[0] = state->weight[1] = state->product[0] = state->product[1] = 0.0f;
+    state->by_command = state->by_change = state->by_place = 0.0f;
     state->square[0] = state->square[2] = table->ridge / table->gate;
     state->square[1] = 0.0f;
     for (int i = 0; i < 3; i++)
         state->slow[i] = 0.0f;
-    for (int i = 0; i < TACT_TOUCH_HUM_MAX; i++) {
-        state->hum[i][0] = 1.0f;
-        state->hum[i][1] = state->hum[i][2] = state->hum[i][3] = 0.0f;
-    }
+    for (int i = 0; i < TACT_TOUCH_HUM_MAX; i++)
+        state->hum[i][0] = state->hum[i][1] = 0.0f;
     state->count = table->turn;
 }
 
 void tact_touch_reset(const tact_touch *table, tact_touch_state *state)
 {
     tact_touch_rest_model(state);
-    rest_poles(&state->command);
-    rest_poles(&state->position);
+    rest_poles(state->balance);
     for (int i = 0; i < TACT_TOUCH_DELAY_MAX; i++)
         state->command_v[i] = 0.0f;
     state->at = 0;
     forget(table, state);
 }
 
-int tact_touch_is_valid(const tact_touch *table)
+static int is_valid(const tact_touch *table)
 {
     return table->feedback_count >= 1 && table->feedback_count <= TACT_TOUCH_FEEDBACK_MAX && table->delay >= 1 &&
            table->delay <= TACT_TOUCH_DELAY_MAX && table->turns >= 1 && table->turn >= 0 &&
            table->turn < table->turns && table->hum_count >= 0 && table->hum_count <= TACT_TOUCH_HUM_MAX &&
            table->push_max_v >= 0.0f && table->weight_max >= 0.0f && table->ridge > 0.0f && table->gate > 0.0f &&
            table->forgetting >= 0.0f && (float)TACT_TOUCH_LEVEL_RATE * table->forgetting <= 1.0f;
+}
+
+int tact_touch_settle(tact_touch *table)
+{
+    const tact_section *last = &table->feedback[2];
+    if (!is_valid(table))
+        return 0;
+    table->is_designed = table->feedback_count == 3 && table->delay == 1 && last->b0 == 1.0f && last->a2 == 0.0f;
+    return 1;
 }

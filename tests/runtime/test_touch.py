@@ -190,9 +190,9 @@ def test_image__of_an_adaptive_controller__is_taken_and_longer(number_format: st
     image = build_image(Controller(display(channel()), (adaptive(),)), number_format)
     fixed = build_image(Controller(display(channel()), (replace(adaptive(), feed_forward=None),)), number_format)
     assert check_image(image, RATE_HZ, 1, 1) is ImageRefusal.GOOD
-    assert len(image) - len(fixed) == 4 + 4 * (25 + 5 * len(adaptive().feedback_sos) + 2 * 3)  # type: ignore[arg-type]
+    assert len(image) - len(fixed) == 4 + 4 * (31 + 5 * len(adaptive().feedback_sos) + 2 * 3)  # type: ignore[arg-type]
     assert fixed[52 + 18 : 52 + 20] == b"\0\0"
-    assert image[52 + 18 : 52 + 20] == b"\1\0"
+    assert image[52 + 18 : 52 + 20] == b"\2\0"
 
 
 def test_simulation__saved_and_restored__goes_on_with_what_it_had_learnt() -> None:

@@ -34,7 +34,7 @@ _MAGIC, _VERSION = b"TACI", 3
 _FORMAT_CODES: dict[str, int] = {"float32": 1, "q31": 2}
 _Q31_RANGE_MAX_V = 15.0
 CHANNEL_HEAD = struct.Struct("<16sBBHf")
-"""Of a channel in an image: name, prefilter sections, feedback sections, 1 where it feeds forward for a finger, command
+"""Of a channel in an image: name, prefilter sections, feedback sections, 2 where it feeds forward for a finger, command
 limit in volts."""
 
 
@@ -59,7 +59,9 @@ class ImageRefusal(IntEnum):
 REASONS: dict[ImageRefusal, str] = {
     ImageRefusal.TRUNCATED: "it is truncated, or longer than it says; allowed: a file as `build` wrote it",
     ImageRefusal.NOT_AN_IMAGE: "it is no image; allowed: a file that `build` wrote",
-    ImageRefusal.VERSION_UNKNOWN: f"its version is not known here; allowed: {_VERSION}",
+    ImageRefusal.VERSION_UNKNOWN: (
+        f"its version is not known here; allowed: {_VERSION}, layout {lib.TACT_TOUCH_LAYOUT} of a finger"
+    ),
     ImageRefusal.CHECKSUM: "its checksum does not fit its contents; allowed: a file as `build` wrote it",
     ImageRefusal.FORMAT: f"its number format is not known here; allowed: {', '.join(FORMATS)}",
     ImageRefusal.RATE: "it is for another rate than the board runs at; allowed: the rate of the safety table",
@@ -154,7 +156,7 @@ def read_image_header(image: bytes) -> ImageHeader:
 def _channel_head(channel: ChannelController) -> bytes:
     name = channel.name.encode()[:16].ljust(16, b"\0")
     feedback = 0 if channel.feedback_sos is None else channel.feedback_sos.shape[0]
-    adapts = int(channel.feed_forward is not None)
+    adapts = lib.TACT_TOUCH_LAYOUT if channel.feed_forward is not None else 0
     return CHANNEL_HEAD.pack(name, channel.prefilter_sos.shape[0], feedback, adapts, channel.limits.command_v)
 
 

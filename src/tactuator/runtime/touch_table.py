@@ -50,15 +50,8 @@ def touch_figures(channel: ChannelController, rate_hz: float, place: int) -> Tab
     }
 
 
+VECTORS = {"plant": 4, "corner": 1, "command": 2, "position": 3, "mass": 3, "rest": 2, "first": 3, "second": 3}
 SCALARS = (
-    "per_sample",
-    "drag",
-    "spring",
-    "mass",
-    "damping",
-    "stiffness",
-    "corner",
-    "force",
     "slow",
     "forgetting",
     "gate",
@@ -70,26 +63,15 @@ SCALARS = (
     "push_max_v",
     "hum_gain",
 )
-"""The scalars, in the order of an image; before them stand `plant` (4) and `inverse` (3)."""
+"""The figures in the order of an image: first the vectors with their sizes, then the scalars."""
 
 
 def _figures(model: FeedForward, period_s: float) -> dict[str, Any]:
     """Return the figures that do not depend on the feedback, in double precision."""
-    b1, total, a1, a2 = held_second_order(model, period_s)
     turn_s = model.turns * period_s
-    corner = 2.0 * np.pi * model.corner_hz * period_s
-    mass, damping, stiffness = model.load
     return {
-        "plant": np.array([b1, total, a1, a2]),
-        "inverse": np.array([corner * corner, corner * a1, a2]) / total,
-        "per_sample": 1.0 / period_s,
-        "drag": model.damping / model.gain,
-        "spring": model.stiffness / model.gain,
-        "mass": mass,
-        "damping": damping / model.gain,
-        "stiffness": stiffness / model.gain,
-        "corner": corner,
-        "force": corner * b1 / total,
+        **_pushes(model, period_s),
+        **_poles(model, period_s),
         "slow": 2.0 * np.pi * model.slow_hz * turn_s,
         "forgetting": min(turn_s / model.forgetting_s, FORGETTING_MAX),
         "gate": model.gate_v**2,
@@ -100,6 +82,43 @@ def _figures(model: FeedForward, period_s: float) -> dict[str, Any]:
         "weight_max": model.weight_max,
         "push_max_v": model.push_max_v,
         "hum_gain": 4.0 * np.pi * model.hum_band_hz * turn_s,
+    }
+
+
+def _pushes(model: FeedForward, period_s: float) -> dict[str, FloatArray]:
+    """Return what the designed finger's two pushes are, volts for a volt of command, of change in a sample, of place.
+
+    The place is taken half a sample on, in the middle of a change.
+    """
+    mass, damping, stiffness = model.load
+    drag, spring = model.damping / model.gain / period_s, model.stiffness / model.gain
+    own = np.array([damping / model.gain / period_s + 0.5 * stiffness / model.gain, stiffness / model.gain])
+    return {"mass": mass * np.array([1.0, drag + 0.5 * spring, spring]), "rest": own}
+
+
+def _poles(model: FeedForward, period_s: float) -> dict[str, Any]:
+    """Return how the three poles G = c/(d + c), d = z - 1, are fed and summed.
+
+    Of the held plant B/A with B = b1 d + b, the balance is G^3 (B u - A y)/b. Since d G = c (1 - G), B G^3 and A G^3
+    are sums of G, G^2 and G^3: u and y are fed into the third, second and first pole with these shares. The model's
+    position yd passes G^3; the pushes are sums of its c^2 (1 - G)^2 G, c (1 - G) G^2 and G^3, since A yd = B ud.
+    """
+    b1, b, a1, a2 = held_second_order(model, period_s)
+    corner = 2.0 * np.pi * model.corner_hz * period_s
+    lead = corner * b1 / b
+    inverse = np.array([corner * corner, corner * a1, a2]) / b
+    inverted = np.array([inverse[0], inverse[1] - 2.0 * inverse[0], inverse[0] - inverse[1] + inverse[2]])
+    change = np.array([lead, 1.0, 0.0]) * corner
+    place = np.array([0.0, lead, 1.0])
+    pushes = _pushes(model, period_s)
+    mass, rest = pushes["mass"], pushes["rest"]
+    return {
+        "plant": np.array([b1, b, a1, a2]),
+        "corner": corner,
+        "command": corner * np.array([lead, 1.0 - lead]),
+        "position": corner * inverted,
+        "first": mass[0] * inverse - mass[1] * change - mass[2] * place,
+        "second": rest[0] * change + rest[1] * place,
     }
 
 
@@ -117,8 +136,7 @@ def touch_bytes(channel: ChannelController, rate_hz: float, place: int) -> bytes
     if figures is None:
         return b""
     counts = bytes([figures["delay"], figures["turns"], figures["turn"], len(figures["hum"])])
-    scalars = np.array([figures[name] for name in SCALARS])
-    parts = (figures["plant"], figures["inverse"], scalars, figures["feedback"].ravel(), figures["hum"].ravel())
+    parts = [np.ravel(figures[name]) for name in (*VECTORS, *SCALARS, "feedback", "hum")]
     return counts + np.concatenate(parts).astype("<f4").tobytes()
 
 
@@ -136,9 +154,8 @@ def touch_table(channel: ChannelController, rate_hz: float, place: int) -> Any:
     table.hum_count = len(figures["hum"])
     for line, row in zip(table.hum, figures["hum"].tolist(), strict=False):
         line[0], line[1] = row
-    table.plant[0:4], table.inverse[0:3] = figures["plant"].tolist(), figures["inverse"].tolist()
-    for name in SCALARS:
-        setattr(table, name, float(figures[name]))
-    if not lib.tact_touch_is_valid(table):
+    for name in (*VECTORS, *SCALARS):
+        setattr(table, name, figures[name].tolist())
+    if not lib.tact_touch_settle(table):
         raise BadInput(f"controller, channel {channel.name!r}: touch: its counts cannot be run; allowed: as designed")
     return table

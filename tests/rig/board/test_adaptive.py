@@ -9,8 +9,12 @@ from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.display.touch import Touch
 from tactuator.rig.board.commissioning import ADAPTIVE_DB, safety_table
-from tactuator.rig.board_rigs import in_process_rig
+from tactuator.rig.board_rigs import in_process_rig, simulated_board_rig
+from tactuator.rig.transport.transport import InProcess
+from tactuator.runtime._core import ffi, lib
+from tactuator.runtime.touch_table import touch_table
 from tactuator.signals.decibels import db
+from tests.rig.guard import guarded
 from tests.runtime.paper_display import channel, display
 from tests.runtime.test_touch import SECOND, adaptive, tones
 
@@ -31,6 +35,28 @@ def played(number_format: str, is_adaptive: bool = True) -> np.ndarray[tuple[int
     return np.hstack([trace.command_v, trace.position_v])
 
 
+def landed(short_way: bool) -> bytes:
+    """All that comes of runs in which a finger lands and is lifted, a command is limited, and silence ends them."""
+    controller, transport = guarded.adaptive(), InProcess()
+    rig = simulated_board_rig(transport, controller.display, 5, "float32")
+    rig.load(controller)
+    assert transport.board.is_adaptive
+    transport.board.is_adaptive = int(short_way)
+    parts = []
+    for load, level in (("finger", 1.0), (None, 6.0), ("finger", 0.0)):
+        rig.finger("index").touch(load)
+        trace = rig.play(level * np.repeat(tones(SECOND // 4)[:, None], 3, axis=1))
+        parts.append(trace.command_v.tobytes() + trace.position_v.tobytes())
+        parts += [bytes(ffi.buffer(ffi.addressof(transport.board.channel[c], "touch_state"))) for c in range(3)]
+    assert transport.board.runs_adaptive == int(short_way)
+    rig.close()
+    return b"".join(parts)
+
+
+def test_board__short_way_and_general_way__same_bits() -> None:
+    assert landed(short_way=True) == landed(short_way=False)
+
+
 def test_board__adaptive_in_both_formats__learns_alike() -> None:
     single, q31, fixed = played("float32"), played("q31"), played("float32", is_adaptive=False)
     last = slice(-SECOND, None)
@@ -42,3 +68,24 @@ def test_board__adaptive_in_both_formats__learns_alike() -> None:
 def test_safety_table__adaptive_display__limits_the_reference_further() -> None:
     limits = [safety_table(own).channels[0].reference_max for own in (display(channel()), adaptive_display())]
     assert db(np.array(limits[0] / limits[1])) == pytest.approx(ADAPTIVE_DB)
+
+
+@pytest.mark.parametrize("push_max_v", [10.0, 0.03])
+def test_designed_form__by_its_short_way_and_by_the_general_one__same_bits(push_max_v: float) -> None:
+    rng = np.random.default_rng(4)
+    wanted, position, command = rng.standard_normal((3, SECOND)).astype(np.float32) * np.float32(0.2)
+    wanted[2000:3000] = position[2000:3000] = command[2000:3000] = 0.0
+    channel = guarded.adaptive().channels[0]
+    own = replace(channel, feed_forward=replace(channel.feed_forward, push_max_v=push_max_v))  # type: ignore[type-var]
+    found = []
+    for is_designed in (1, 0):
+        table, state = touch_table(own, 4000.0, 0), ffi.new("tact_touch_state *")
+        assert table.is_designed == 1
+        table.is_designed = is_designed
+        lib.tact_touch_reset(table, state)
+        added = np.zeros(SECOND, np.float32)
+        pointers = [ffi.from_buffer("float[]", one) for one in (wanted, position, command, added)]
+        lib.tact_touch_run(table, state, *pointers, SECOND)
+        found.append(added.tobytes() + bytes(ffi.buffer(state)))
+    assert found[0] == found[1]
+    assert np.any(added)
