@@ -194,9 +194,35 @@ sys.exit(status)
 """
 
 
+SWALLOWED = """
+import os, signal, sys, time, types, weakref
+from importlib import import_module
+program = import_module("tactuator.cli.main")
+class Held:
+    pass
+def trial():
+    held = Held()
+    kept = weakref.ref(held, lambda gone: (os.kill(os.getpid(), signal.SIGINT), time.sleep(0.001)))
+    del held
+    time.sleep(30)
+module = types.ModuleType("tactuator.cli.trial.verbs")
+module.VERBS = {"trial": trial}
+sys.modules["tactuator.cli.trial.verbs"] = module
+program.VERBS, program.ROOMS["trial"] = ("trial",), "trial"
+sys.argv = ["tactuator", "trial"]
+sys.exit(program.main())
+"""
+
+
 @pytest.mark.parametrize(
-    ("script", "status", "said"), [(LOADING, 130, "tactuator: interrupted\n"), (ENDED, 0, "")], ids=["loading", "ended"]
+    ("script", "status", "said"),
+    [
+        (LOADING, 130, "tactuator: interrupted\n"),
+        (SWALLOWED, 130, "tactuator: interrupted\n"),
+        (ENDED, 0, ""),
+    ],
+    ids=["loading", "in a callback", "ended"],
 )
-def test_program__ctrl_c_before_or_after_the_verb__leaves_no_traceback(script, status, said):
+def test_program__ctrl_c_where_no_verb_can_take_it__leaves_no_traceback(script, status, said):
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (status, said)

@@ -17,6 +17,7 @@ import soundfile
 
 from tactuator.display.plant_model import PlantModel
 from tactuator.errors import BadInput
+from tactuator.experiment.language.words import read_words
 from tactuator.files import columns
 from tactuator.files.curve import read_curve
 from tactuator.files.display import parse_display
@@ -27,6 +28,7 @@ from tactuator.files.pairs import read_pairs
 from tactuator.files.record import read_record, write_record
 from tactuator.files.reference import ReferenceHead, open_reference, write_reference
 from tactuator.files.response import read_responses
+from tactuator.rig.boards import read_boards
 from tactuator.signals.record import Record
 from tactuator.speech.reading import scan_speech
 
@@ -226,3 +228,21 @@ def test_every_reader__bytes_changed_at_random__reads_or_refuses(tmp_path: Path)
             path.write_bytes(content)
             with suppress(BadInput):
                 read(path)
+
+
+@pytest.mark.parametrize(
+    "text", [b"a = " + b"9" * 5000, b"a = " + b"[" * 5000, b"a." * 5000 + b"b = 1", b"\xff\xff\xff"]
+)
+def test_toml__that_no_writer_writes__refused(tmp_path: Path, text: bytes) -> None:
+    (tmp_path / "board").mkdir()
+    (tmp_path / "board" / "board.toml").write_bytes(text)
+    one_line(lambda: read_words(tmp_path / "board" / "board.toml", "en"), "language file")
+    one_line(lambda: read_boards(tmp_path), "board.toml")
+
+
+def test_mp3__with_junk_in_it__refused_in_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    soundfile.write(tmp_path / "r.mp3", U, 16000)
+    content = (tmp_path / "r.mp3").read_bytes()
+    (tmp_path / "r.mp3").write_bytes(content[: len(content) // 3] + bytes(100_000))
+    one_line(lambda: scan_speech(tmp_path / "r.mp3"), "truncated|not readable")
+    assert capfd.readouterr().err == ""

@@ -20,6 +20,8 @@ from tactuator.cli.verbs import PARTS, ROOMS, VERBS
 from tactuator.errors import BadInput, TactuatorError
 
 DONE, BAD_INPUT, OWN_FAULT, INTERRUPTED, TERMINATED = 0, 2, 70, 130, 143
+_AGAIN_S = 0.02
+"""Time after which an end that was swallowed is raised again; by then the callback is over."""
 
 
 def build_app(verbs: Sequence[str] = VERBS) -> typer.Typer:
@@ -91,11 +93,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is not None:
         return _status_of(arguments)
     signal.signal(signal.SIGTERM, _terminate)
+    sys.unraisablehook = _raise_again
     try:
         return _status_of(sys.argv[1:])
     finally:
         # All is done: a late Ctrl-C would only kill the interpreter while it tidies up, without a word.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGALRM, signal.SIG_IGN)
 
 
 def _status_of(arguments: Sequence[str]) -> int:
@@ -150,6 +154,21 @@ def _os_error(error: OSError) -> str:
     """Name the file and what the system said of it."""
     files = [str(name) for name in (error.filename, error.filename2) if name is not None]
     return ": ".join([*files, error.strerror or str(error) or type(error).__name__])
+
+
+def _raise_again(told: "sys.UnraisableHookArgs") -> None:
+    """Raise an end that was swallowed once more, a moment later; tell of anything else as the interpreter does.
+
+    A Ctrl-C may come while a library calls Python back, from where no exception can leave: the interpreter would print
+    it, and the verb would go on.
+    """
+    ends = {KeyboardInterrupt: signal.SIGINT, SystemExit: signal.SIGTERM}
+    if told.exc_type not in ends:
+        sys.__unraisablehook__(told)
+        return
+    again = ends[told.exc_type]
+    signal.signal(signal.SIGALRM, lambda number, frame: signal.raise_signal(again))
+    signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
 from tactuator.errors import BadInput
+from tactuator.files.formats.text import parse_toml, read_text
 
 CHECKOUT = Path(__file__).resolve().parents[3]
 _PACKED = Path(__file__).resolve().parents[1] / "sources"
@@ -53,9 +53,9 @@ def read_boards(firmware: Path) -> dict[str, Board]:
     found = {}
     for path in sorted(firmware.glob("*/board.toml")):
         try:
-            tables = tomllib.loads(path.read_text(encoding="utf-8"))
+            tables = parse_toml(read_text(path))
             found.update({name: Board(name=name, folder=path.parent.name, **keys) for name, keys in tables.items()})
-        except (tomllib.TOMLDecodeError, TypeError) as error:
+        except (BadInput, TypeError) as error:
             raise BadInput(f"{path}: {error}; allowed: a table for each board, with the keys of Board") from error
     return found
 

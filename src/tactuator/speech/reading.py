@@ -15,7 +15,7 @@ import soundfile
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.files.formats.sound import require_whole
+from tactuator.files.formats.sound import require_whole, without_remarks
 
 BLOCK_FRAMES = 1 << 16
 SHORTEST_S = 0.1
@@ -59,7 +59,7 @@ def scan_speech(path: str | Path) -> SpeechFile:
     path = Path(path)
     _check_bytes(path)
     try:
-        with soundfile.SoundFile(path) as file:
+        with without_remarks(path), soundfile.SoundFile(path) as file:
             rate, frames, channels = file.samplerate, file.frames, file.channels
             encoding = f"{file.format} {file.subtype}"
             _check_header(path, rate, frames, channels)
@@ -83,7 +83,9 @@ def speech_blocks(speech: SpeechFile, block_frames: int = BLOCK_FRAMES) -> Itera
     """Yield the file's mono signal (mean of its channels, its mean taken out) in blocks of shape (n,), n <=
     block_frames.
     """
-    with soundfile.SoundFile(speech.path) as file:
+    with without_remarks(speech.path):
+        file = soundfile.SoundFile(speech.path)
+    with file:
         for block in _mono(file, block_frames):
             yield block - speech.mean
 

@@ -11,6 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from tactuator.errors import BadInput
+from tactuator.files.formats.text import parse_toml, read_text
 
 _SOURCE_LANGUAGE = "en"
 _TEXT_LENGTH_MAX = 400
@@ -54,10 +55,11 @@ def read_words(path: Path, language: str) -> Words:
     Raises BadInput for a file that cannot be read or lacks a key, has one too many, or puts in other names.
     """
     try:
-        found = _flat(tomllib.loads(path.read_text(encoding="utf-8-sig")))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        reason = (error.strerror if isinstance(error, OSError) else str(error)) or "cannot be read"
-        raise BadInput(f"language file {path}: {reason}; allowed: TOML as the shipped files are") from None
+        found = _flat(parse_toml(read_text(path)))
+    except RecursionError:
+        raise BadInput(f"language file {path}: tables too deep; allowed: TOML as the shipped files are") from None
+    except BadInput as error:
+        raise BadInput(f"language file {path}: {error}; allowed: TOML as the shipped files are") from None
     amiss = difference(found, shipped_words(_SOURCE_LANGUAGE).texts)
     if amiss is not None:
         raise BadInput(f"language file {path}: {amiss}")

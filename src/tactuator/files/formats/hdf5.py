@@ -11,10 +11,12 @@ import io
 import os
 import resource
 import signal
+import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import h5py
@@ -60,27 +62,63 @@ class _Disk(io.FileIO):
             return self.tell()
 
 
+class EndsHeld:
+    """Ctrl-C and SIGTERM, held within the context of this and let go at its end; on another thread than the main one,
+    where neither is raised, nothing is held.
+    """
+
+    def __init__(self) -> None:
+        self._handlers: dict[int, Callable[[int, FrameType | None], Any]] = {}
+        self._came: int | None = None
+
+    def __enter__(self) -> EndsHeld:
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGINT, signal.SIGTERM):
+                handler = signal.getsignal(number)
+                if callable(handler):
+                    self._handlers[number] = handler
+                    signal.signal(number, self._hold)
+        return self
+
+    def __exit__(self, kind: object, *more: object) -> None:
+        for number, handler in self._handlers.items():
+            signal.signal(number, handler)
+        if kind is None:
+            self.let_go()
+
+    def let_go(self) -> None:
+        """Do what the signal that came would have done."""
+        came, self._came = self._came, None
+        if came is not None:
+            self._handlers[came](came, None)
+
+    def _hold(self, number: int, frame: FrameType | None) -> None:
+        self._came = number
+
+
 class WrittenHdf5:
     """An HDF5 file that is being written, and the check that all of it so far got there."""
 
-    def __init__(self, file: h5py.File, disk: _Disk) -> None:
-        self.file, self._disk = file, disk
+    def __init__(self, file: h5py.File, disk: _Disk, ends: EndsHeld) -> None:
+        self.file, self._disk, self._ends = file, disk, ends
 
     def check(self) -> None:
-        """Raise the OSError of the first write that failed, where one did."""
+        """Raise the OSError of the first write that failed, where one did, or the end that came meanwhile."""
         if self._disk.failure is not None:
             raise self._disk.failure
+        self._ends.let_go()
 
 
 @contextmanager
 def written_hdf5(path: Path) -> Iterator[WrittenHdf5]:
     """Yield a new HDF5 file at the path; the OSError of a full disk is raised at the end, and by `check`.
 
-    Left to itself the library ends in a segmentation fault on a full disk.
+    Left to itself the library ends in a segmentation fault on a full disk, and takes a write that Ctrl-C has kept from
+    being made for one that was: an end is held until the next check.
     """
-    with _Disk(path, "w+") as disk:
+    with EndsHeld() as ends, _Disk(path, "w+") as disk:
         with h5py.File(disk, "w") as file:
-            made = WrittenHdf5(file, disk)
+            made = WrittenHdf5(file, disk, ends)
             yield made
         made.check()
 

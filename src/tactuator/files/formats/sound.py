@@ -1,8 +1,12 @@
-"""The length that a sound file states in its head, held against the bytes that are there."""
+"""Sound files: the length that a head states, held against the bytes that are there, and a library's own remarks."""
 
 from __future__ import annotations
 
+import os
 import struct
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
@@ -11,6 +15,28 @@ from tactuator.errors import BadInput
 _STREAMED = (0, 0xFFFFFFFF)
 """Lengths written by a program that did not know the length."""
 _FORMS = {b"RIFF": ("<", b"data"), b"RIFX": (">", b"data"), b"FORM": (">", b"SSND")}
+_KNOWN = (b"RIFF", b"RIFX", b"RF64", b"FORM", b"fLaC", b"OggS", b"caff", b".snd", b"riff")
+_QUIET = threading.Lock()
+
+
+@contextmanager
+def without_remarks(path: Path) -> Iterator[None]:
+    """Keep what the decoder of MP3 writes about a file off standard error, which has one line for a refusal.
+
+    Files of other formats, which their first bytes tell, are read as ever. Raises OSError.
+    """
+    with path.open("rb") as file:
+        if file.read(4) in _KNOWN:
+            yield
+            return
+    with _QUIET, Path(os.devnull).open("wb") as nowhere:
+        before = os.dup(2)
+        try:
+            os.dup2(nowhere.fileno(), 2)
+            yield
+        finally:
+            os.dup2(before, 2)
+            os.close(before)
 
 
 def require_whole(path: Path) -> None:
