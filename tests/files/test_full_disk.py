@@ -1,13 +1,22 @@
-"""Every writer on a disk without room: one line, and nothing half-written.
+"""Every writer on a disk without room, or under Ctrl-C: one line, and nothing half-written.
 
 A limit on the length of a file stands for the disk: the system refuses the write in the same way.
 """
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactuator.files.formats import hdf5
+from tactuator.files.record import write_record
+from tactuator.files.reference import ReferenceHead, write_reference
+from tactuator.signals.record import Record
 
 SCRIPT = """
 import resource, sys
@@ -67,3 +76,42 @@ def test_writers__twelve_levels_of_room__written_whole_or_refused_in_a_line(tmp_
     assert refused + written == 72
     assert refused > 40
     assert written >= 6
+
+
+SAMPLES = np.sin(np.arange(40_000) / 7.0)
+
+
+@pytest.fixture
+def interrupted(monkeypatch):
+    """Ctrl-C within a write that the HDF5 library asks for: as it comes in, before its first line."""
+    whole, writes = hdf5._Disk.write, []
+
+    def write(disk, data):
+        writes.append(1)
+        if len(writes) == 3:
+            signal.raise_signal(signal.SIGINT)
+        return whole(disk, data)
+
+    monkeypatch.setattr(hdf5._Disk, "write", write)
+    return writes
+
+
+def test_record__ctrl_c_within_a_write__is_not_there(tmp_path: Path, interrupted) -> None:
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        write_record(tmp_path / "r.h5", Record(1000.0, SAMPLES, SAMPLES, "V", "V"))
+    assert list(tmp_path.iterdir()) == []
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_reference__ctrl_c_within_a_write__ends_at_the_next_block(tmp_path: Path, interrupted) -> None:
+    blocks = 0
+    with (
+        pytest.raises(KeyboardInterrupt),
+        write_reference(tmp_path / "r.h5", ReferenceHead(4000.0, ("index",))) as writer,
+    ):
+        for _ in range(1000):
+            writer.write(SAMPLES[:, None])
+            blocks += 1
+    assert 0 < blocks < 1000
+    assert list(tmp_path.iterdir()) == []

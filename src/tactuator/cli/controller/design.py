@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import typer
 from rich.console import Group
 from rich.table import Table
 
@@ -12,7 +13,7 @@ from tactuator.cli.answer import answer, working, written
 from tactuator.cli.controller.check import verdict_table
 from tactuator.display.controller import ChannelController, Controller
 from tactuator.display.description import Display
-from tactuator.display.verdict import Verdict
+from tactuator.display.verdict import Outcome, Verdict
 from tactuator.files.controller import write_controller
 from tactuator.files.curve import resolve_curve
 from tactuator.files.display import read_display, with_curve
@@ -32,7 +33,9 @@ def run(
     figures: Path | None,
     as_json: bool,
 ) -> None:
-    """Design loop and prefilter of every channel, and write them as a controller file."""
+    """Design loop and prefilter of every channel, and write them as a controller file; exit status 1 if its verdict is
+    not met.
+    """
     described = _with_curve(read_display(display), curve)
     with working("designing"):
         controller = design_controller(described, poles, error_db)
@@ -46,6 +49,8 @@ def run(
     answer(
         reports | {"verdict": verdict.document()}, as_json, Group(_shown(controller, verdict), *written(figures, out))
     )
+    if verdict.outcome is Outcome.NOT_MET:
+        raise typer.Exit(1)
 
 
 def _with_curve(display: Display, curve: str | None) -> Display:

@@ -26,7 +26,7 @@ def design(
     figures: FiguresOption = None,
     as_json: AsJson = False,
 ) -> None:
-    """Design loop and prefilter of every channel, and write them as a controller file."""
+    """Design loop and prefilter of every channel, and write them as a controller file; exit status 1 if not met."""
 
 
 @does("controller.check:run", reads=["controller", "display"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import string
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -15,6 +15,7 @@ from tactuator.files.formats.text import parse_toml, read_text
 
 _SOURCE_LANGUAGE = "en"
 _TEXT_LENGTH_MAX = 400
+_KEYS_TOLD = 5
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def difference(found: Mapping[str, str], source: Mapping[str, str]) -> str | Non
     """Return in one line why `found` cannot stand in for `source`, or None where it can."""
     missing, beyond = sorted(set(source) - set(found)), sorted(set(found) - set(source))
     if missing or beyond:
-        return f"keys missing: {', '.join(missing) or 'none'}; beyond: {', '.join(beyond) or 'none'}; allowed: the same"
+        return f"keys missing: {_few(missing)}; beyond: {_few(beyond)}; allowed: the same"
     for key, text in found.items():
         wanted, got = _names(source[key]), _names(text)
         if got != wanted:
@@ -78,6 +79,12 @@ def difference(found: Mapping[str, str], source: Mapping[str, str]) -> str | Non
         if not 0 < len(text) <= _TEXT_LENGTH_MAX:
             return f"{key} has {len(text)} characters; allowed: 1 to {_TEXT_LENGTH_MAX}"
     return None
+
+
+def _few(keys: Sequence[str]) -> str:
+    """Return the first of the keys, and how many more there are."""
+    more = f" and {len(keys) - _KEYS_TOLD} more" if len(keys) > _KEYS_TOLD else ""
+    return ", ".join(keys[:_KEYS_TOLD]) + more if keys else "none"
 
 
 def _listed(names: set[str]) -> str:
