@@ -4,6 +4,7 @@
     ├── BadInput       2   input that cannot be used
     │   └── UnstableLoop   a loop is unstable, so that what was asked of it has no answer (loop)
     ├── NoDesign       2   no controller keeps what was asked for
+    │   └── NoEqualiser    for what was measured; it holds that (measure/open_loop)
     ├── DeviceFault    3   a rig, a link or a sound card failed
     │   ├── LinkDown       the other end of a link does not answer (rig/transport)
     │   ├── LinkGarbled    a board answers what is no answer (rig/board)

@@ -13,9 +13,11 @@ from tactuator.display.document import display_document
 from tactuator.files.atomic import atomic_path, write_text
 from tactuator.files.controller import write_controller
 from tactuator.files.model import write_model
-from tactuator.measure.open_loop.chain import Calibrated, CalibrationRequest
+from tactuator.files.record import write_record
+from tactuator.measure.open_loop.chain import Calibrated, CalibrationRequest, NoEqualiser
 from tactuator.measure.open_loop.take_away import equaliser_document, impulse_response, response_document
 from tactuator.report.open_loop_page import open_loop_page
+from tactuator.signals.record import Record
 
 FILES = ("display.toml", "controller.json", "report.md", "equaliser.json", "response.json")
 
@@ -40,6 +42,25 @@ def write_calibrated(folder: Path, made: Calibrated, asked: CalibrationRequest, 
     _write_json(folder / "equaliser.json", {"channels": equalisers})
     responses = [response_document(controller, one.name) for one in made.channels]
     _write_json(folder / "response.json", {"channels": responses})
+
+
+def write_measured(folder: Path, reached: NoEqualiser, rig: str, date: str) -> tuple[str, ...]:
+    """Write what was measured before there was no equaliser, and return the files' names: display.toml with the plants
+    that were found, and each channel's NAME.record.h5 and, where there is a model, NAME.model.json.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    names = ["display.toml"]
+    write_text(folder / "display.toml", toml_text(display_document(reached.display)))
+    for one in reached.known:
+        name, heard = one.channel.name, one.heard
+        about = {"rig": rig, "channel": name, "display": reached.display.name, "hold": "band-limited", "date": date}
+        record = Record(heard.wave.rate_hz, heard.command.ravel(), heard.position.ravel(), about=about)
+        write_record(folder / f"{name}.record.h5", record)
+        names.append(f"{name}.record.h5")
+        if one.followed.model is not None:
+            write_model(folder / f"{name}.model.json", one.followed.model)
+            names.append(f"{name}.model.json")
+    return tuple(names)
 
 
 def _write_json(path: Path, document: Mapping[str, Any]) -> None:

@@ -16,7 +16,11 @@ from tactuator.cli.sound import calibrate_display
 from tactuator.display.document import display_document
 from tactuator.errors import BadInput
 from tactuator.files.curve import read_curve, write_curve
+from tactuator.files.record import read_record
 from tactuator.files.start.shipped import EXAMPLES
+from tactuator.measure.open_loop.chain import KnownChannel, NoEqualiser
+from tactuator.measure.open_loop.model import Followed
+from tactuator.measure.open_loop.probe import Heard, Level, Wave
 from tactuator.report.open_loop_files import toml_text
 from tactuator.rig import open as rigs
 from tactuator.rig.sound import audio_thread, library
@@ -172,6 +176,39 @@ def test_calibrate_display__curve_of_a_person__is_the_one_that_is_calibrated_to(
     assert np.array_equal(found.level_db_re_1um, read_curve(own).level_db_re_1um)
     # a curve that ends below the display's band tells nothing of what lies above
     refused([*given[:3], str(EXAMPLES / "curve.csv")], "allowed: one that covers the band", capsys, tmp_path)
+
+
+def test_calibrate_display__no_equaliser__what_was_measured_is_kept_and_can_be_designed_on(
+    display_file: str, tmp_path: Path, monkeypatch, capsys
+):
+    put_in(monkeypatch)
+    period = np.sin(2.0 * np.pi * np.arange(64) / 8.0)
+    heard = Heard(
+        Wave(period, np.array([8]), 8000.0), 1.0, np.stack([period] * 5), np.stack([0.5 * period] * 5), period
+    )
+
+    def none(rig: Any, *more: Any) -> None:
+        known = tuple(
+            KnownChannel(
+                one, Level(1.0, 30.0, 0.1, "noise"), heard, Followed(one.plant, "response", None, 0.2, ()), None
+            )
+            for one in rig.display.channels
+        )
+        raise NoEqualiser("no prefilter of 16 poles", rig.display, known)
+
+    monkeypatch.setattr(calibrate_display, "calibrate", none)
+    out = tmp_path / "out"
+    assert main(["calibrate-display", display_file, "--out", str(out)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    names = ["display.toml", "left.record.h5", "right.record.h5"]
+    assert (
+        f"no prefilter of 16 poles. What was measured is kept in {out} ({', '.join(names)}); `tactuator design" in line
+    )
+    assert sorted(path.name for path in out.iterdir()) == names
+    record = read_record(out / "left.record.h5")
+    assert np.array_equal(record.position, np.tile(0.5 * period, 5))
+    assert (record.rate_hz, record.about["hold"]) == (8000.0, "band-limited")
+    assert main(["design", str(out / "display.toml"), "--out", str(tmp_path / "controller.json")]) == 0
 
 
 def test_sound_devices__a_card__is_listed(monkeypatch, capfd):

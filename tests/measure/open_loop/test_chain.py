@@ -15,7 +15,7 @@ import pytest
 
 from tactuator.errors import NoDesign
 from tactuator.measure.open_loop import chain
-from tactuator.measure.open_loop.chain import CalibrationRequest, _corrected, calibrate
+from tactuator.measure.open_loop.chain import CalibrationRequest, NoEqualiser, _corrected, calibrate
 from tactuator.measure.open_loop.flatness import Flatness
 from tactuator.measure.prediction import ChannelPrediction
 from tactuator.rig.sound.demo.display import demo_exciter
@@ -68,13 +68,35 @@ def test_corrected__measured_error__the_plant_with_that_error_in_the_band_and_it
     assert np.sum(plant.zeros == 0.0) == 1
 
 
+def known_rig(monkeypatch, channel, display):
+    """A rig whose one channel is known already."""
+    known = SimpleNamespace(channel=channel, level=None, heard=None, usable=None, followed=None)
+    monkeypatch.setattr(chain, "_known", lambda *given: known)
+    monkeypatch.setattr(chain, "_put_back", lambda rig, known: known)
+    return SimpleNamespace(
+        display=display, channels=("index",), feed_far_ahead=lambda: None, load=lambda made: None
+    ), known
+
+
+def test_calibrate__no_equaliser_at_all__raises_with_what_was_measured(monkeypatch):
+    display = designed(0).display
+    found = replace(display.channels[0], plant=replace(display.channels[0].plant, gain=3.0))
+    rig, known = known_rig(monkeypatch, found, display)
+
+    def never(display, channels):
+        raise NoDesign("no prefilter of 16 poles")
+
+    monkeypatch.setattr(chain, "_designed", never)
+    with pytest.raises(NoEqualiser, match="no prefilter of 16 poles") as caught:
+        calibrate(rig, CalibrationRequest((40.0, 300.0)), np.random.default_rng(0))
+    assert caught.value.display.channels == (found,)
+    assert caught.value.known == (known,)
+
+
 def test_calibrate__no_equaliser_for_the_corrected_plant__what_was_measured_stands(monkeypatch):
     controller = designed(0)
     (channel,) = controller.display.channels
-    rig = SimpleNamespace(
-        display=controller.display, channels=("index",), feed_far_ahead=lambda: None, load=lambda made: None
-    )
-    known = SimpleNamespace(channel=channel, level=None, heard=None, usable=None, followed=None)
+    rig, _ = known_rig(monkeypatch, channel, controller.display)
     designs = iter([controller])
 
     def once(display, channels):
@@ -82,8 +104,6 @@ def test_calibrate__no_equaliser_for_the_corrected_plant__what_was_measured_stan
             return made
         raise NoDesign("no prefilter of 16 poles")
 
-    monkeypatch.setattr(chain, "_known", lambda *given: known)
-    monkeypatch.setattr(chain, "_put_back", lambda rig, known: known)
     monkeypatch.setattr(chain, "_designed", once)
     monkeypatch.setattr(chain, "_measured", lambda *given: [flat(0.9)])
     made = calibrate(rig, CalibrationRequest((40.0, 300.0)), np.random.default_rng(0))

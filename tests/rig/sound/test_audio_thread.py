@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -40,3 +44,42 @@ def test_answer__job_that_hangs__one_fault_and_each_later_call_fails(monkeypatch
     assert not undone.is_set()
     go.set()
     assert undone.wait(10.0)  # what came too late is let go of
+
+
+GIVES_UP = """
+import ctypes, os, sys, threading
+from tactuator.errors import DeviceFault
+from tactuator.rig.sound import audio_thread
+audio_thread.ANSWER_S = 1e4  # the fault does not wait for it
+calls = audio_thread.AudioThread()
+print(calls.answer(lambda: 7, "counting"))
+if sys.argv[1] == "elsewhere":
+    inside = threading.Event()
+    threading.Thread(target=lambda: inside.wait() and os.abort()).start()
+    calls.answer(lambda: (inside.set(), threading.Event().wait(20.0)), "looking")
+for job in (ctypes.CDLL(None).abort, lambda: 8):  # as a library aborts: without the interpreter's lock
+    try:
+        calls.answer(job, "opening")
+    except DeviceFault as fault:
+        print(fault)
+"""
+
+
+def program_that_gives_up(where: str) -> subprocess.CompletedProcess[str]:
+    asked = [sys.executable, "-c", GIVES_UP, where]
+    return subprocess.run(asked, capture_output=True, text=True, timeout=30, check=False)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a library is named there")
+def test_answer__library_that_calls_abort__one_fault_and_the_program_goes_on():
+    done = program_that_gives_up("in the thread")
+    assert done.returncode == 0, done.stderr
+    counted, *faults = done.stdout.splitlines()
+    assert counted == "7"
+    words = "opening: the sound system has failed, as it does where its server ends; allowed: "
+    assert [fault.startswith(words) for fault in faults] == [True, True]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there are no signals' numbers there")
+def test_answer__abort_in_another_thread__ends_the_program():
+    assert program_that_gives_up("elsewhere").returncode == -signal.SIGABRT

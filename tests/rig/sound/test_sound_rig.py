@@ -177,6 +177,17 @@ def test_drive__beyond_the_range__is_cut_and_marked():
     assert trace.saturated[-1].all()
 
 
+def test_close__card_that_fails_in_it__nothing_is_raised_for_all_has_been_answered(monkeypatch):
+    rig, card = turned_rig(sound_display())
+
+    def fails(alive: bool) -> None:
+        raise DeviceFault("letting go of the sound card: the sound system has failed")
+
+    monkeypatch.setattr(card, "close", fails)
+    with rig:
+        assert len(rig.drive(np.zeros((100, 2)))) == 100
+
+
 def test_load__closed_loop__is_refused():
     display = sound_display()
     rig, _ = turned_rig(display)

@@ -14,11 +14,11 @@ from rich.table import Table
 from tactuator.cli.answer import answer, progress
 from tactuator.cli.response.measure import frequencies
 from tactuator.display.description import Display
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, NoDesign
 from tactuator.files.curve import resolve_curve
 from tactuator.files.display import read_display, with_curve
-from tactuator.measure.open_loop.chain import Calibrated, CalibrationRequest, calibrate
-from tactuator.report.open_loop_files import FILES, write_calibrated
+from tactuator.measure.open_loop.chain import Calibrated, CalibrationRequest, NoEqualiser, calibrate
+from tactuator.report.open_loop_files import FILES, write_calibrated, write_measured
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.rig import SoundRig
 
@@ -51,13 +51,31 @@ def deliver(described: Display, rig: str, out: Path, asked: CalibrationRequest, 
     with open_rig(rig, described, seed) as opened, progress() as bars:
         assert isinstance(opened, SoundRig)
         task = bars.add_task("calibrating", total=None)
-        made = calibrate(opened, asked, np.random.default_rng(seed), lambda text: bars.update(task, description=text))
+        try:
+            made = calibrate(
+                opened, asked, np.random.default_rng(seed), lambda text: bars.update(task, description=text)
+            )
+        except NoEqualiser as reached:
+            raise _kept(reached, rig, out) from None
         gaps = opened.gaps
-    date = datetime.now(UTC).isoformat(timespec="seconds")
+    date = _now()
     write_calibrated(out, made, asked, rig, date, gaps)
     answer(_document(made, out, gaps), as_json, _shown(made, out))
     if not made.flat:
         raise typer.Exit(1)
+
+
+def _kept(reached: NoEqualiser, rig: str, out: Path) -> NoDesign:
+    """Write what was measured, and return the refusal that tells where it is and how to go on."""
+    names = ", ".join(write_measured(out, reached, rig, _now()))
+    return NoDesign(
+        f"{reached}. What was measured is kept in {out} ({names}); `tactuator design {out / 'display.toml'}` goes on "
+        "from there, with a narrower band_hz or other poles"
+    )
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def _band(described: Display, text: str) -> tuple[float, float]:

@@ -83,12 +83,24 @@ class Calibrated:
 
 
 @dataclass(frozen=True, eq=False)
-class _Known:
+class KnownChannel:
+    """A channel as it was recorded and identified, before an equaliser. heard: five periods of a broadband command."""
+
     channel: Channel
     level: Level
     heard: Heard
     followed: Followed
     usable: UsableBand
+
+
+class NoEqualiser(NoDesign):
+    """There is no prefilter for what was measured. display: with the plants and bands that were found; known: its
+    channels.
+    """
+
+    def __init__(self, reason: str, display: Display, known: tuple[KnownChannel, ...]) -> None:
+        super().__init__(reason)
+        self.display, self.known = display, known
 
 
 def calibrate(
@@ -98,7 +110,8 @@ def calibrate(
     equaliser, felt flatness; where that is not within 0.7 of the tolerance, the plant is corrected by what was measured
     and equalised again, twice at most.
 
-    Raises BadInput where a sensor does not hear its own actuator, or nothing can be reached; DeviceFault.
+    Raises BadInput where a sensor does not hear its own actuator, or nothing can be reached; NoEqualiser, with what was
+    measured; DeviceFault.
     """
     require_sensors(rig, rig.channels)
     rig.feed_far_ahead()
@@ -107,7 +120,11 @@ def calibrate(
         known = _put_back(rig, known)
     display = rig.display
     note("equalising")
-    controller = _designed(display, [one.channel for one in known])
+    try:
+        controller = _designed(display, [one.channel for one in known])
+    except (BadInput, NoDesign) as error:
+        found = replace(display, channels=tuple(one.channel for one in known))
+        raise NoEqualiser(str(error), found, tuple(known)) from None
     first = _measured(rig, controller, asked, rng, note)
     last, rounds = first, 0
     for _ in range(_ROUNDS):
@@ -130,10 +147,10 @@ def calibrate(
             )
         except (BadInput, NoDesign):
             break  # what was measured stands
-        found = _measured(rig, again, asked, rng, note)
-        if _worst(found) >= _worst(last):
+        felt = _measured(rig, again, asked, rng, note)
+        if _worst(felt) >= _worst(last):
             break
-        controller, last, rounds = again, found, rounds + 1
+        controller, last, rounds = again, felt, rounds + 1
     rig.load(controller)
     channels = (
         CalibratedChannel(one.channel.name, one.level, one.followed, one.usable, before, after, rounds)
@@ -144,7 +161,7 @@ def calibrate(
 
 def _known(
     rig: SoundRig, place: int, asked: CalibrationRequest, rng: np.random.Generator, note: Callable[[str], None]
-) -> _Known:
+) -> KnownChannel:
     display = rig.display
     channel = display.channels[place]
     input_v = display.sound.wires[place].input_full_scale_v if display.sound is not None else np.inf
@@ -168,10 +185,10 @@ def _known(
         covariance=(),
         model_error_db=max(0.0, followed.departure_db),
     )
-    return _Known(found, level, heard, followed, usable)
+    return KnownChannel(found, level, heard, followed, usable)
 
 
-def _put_back(rig: SoundRig, known: list[_Known]) -> list[_Known]:
+def _put_back(rig: SoundRig, known: list[KnownChannel]) -> list[KnownChannel]:
     """Return the channels without the dead time that all of them have, which the rig puts back from now on: what the
     sensor says then stands beside what was asked, as whoever reads a trial's own rows needs it. A plant of the response
     by itself has none, and tells nothing of it.

@@ -1,22 +1,27 @@
 """Calls of PortAudio: one after another, in a thread of their own, and none is waited for without end.
 
 PortAudio waits for its host without a limit, or for ten minutes: a driver that hangs, or a server that has stopped,
-would hold the whole program. The calls have one thread because some hosts (WASAPI, ASIO) want all of them from the
-same one.
+would hold the whole program. Where a server dies while it is talked to, PortAudio calls abort, which would end the
+program without a word: then this thread alone is stopped. The calls have one thread because some hosts (WASAPI, ASIO)
+want all of them from the same one.
 """
 
 from __future__ import annotations
 
 import queue
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from typing import Any, TypeVar
 
 from tactuator.errors import DeviceFault
+from tactuator.runtime._core import ffi, lib
 
 ANSWER_S = 20.0
 """A call that takes longer has failed. A card that is far away (Bluetooth) takes some seconds to open."""
+LOOK_S = 0.05
+"""Pause between two looks at whether the library has given up."""
 
 _T = TypeVar("_T")
 
@@ -27,12 +32,14 @@ class AudioThread:
     def __init__(self) -> None:
         self._calls: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
+        self._parked = ffi.new("int *")
         self._hung = ""
 
     def answer(self, job: Callable[[], _T], what: str, undo: Callable[[_T], object] | None = None) -> _T:
         """Return what `job` returns, or raise what it raises. what: the job in words, for the error.
 
-        undo: called with the result where nobody waits for it any more. Raises DeviceFault after ANSWER_S.
+        undo: called with the result where nobody waits for it any more. Raises DeviceFault after ANSWER_S, and where
+        the library has called abort.
         """
         if self._hung:
             raise DeviceFault(self._hung)
@@ -42,7 +49,7 @@ class AudioThread:
         future: Future[_T] = Future()
         self._calls.put((job, future))
         try:
-            wait([future], timeout=ANSWER_S)
+            self._wait(future)
         except BaseException:
             _undo_when_done(future, undo)
             raise
@@ -50,18 +57,33 @@ class AudioThread:
             return future.result()
         _undo_when_done(future, undo)
         self._hung = (
-            f"{what}: the sound system has not answered for {ANSWER_S:g} s; "
-            "allowed: one whose driver and server answer, in a program begun anew"
+            f"{what}: {self._complaint()}; allowed: one whose driver and server answer, in a program begun anew"
         )
         raise DeviceFault(self._hung)
+
+    def _wait(self, future: Future[Any]) -> None:
+        until = time.monotonic() + ANSWER_S
+        while not future.done() and not lib.tact_parking_taken(self._parked):
+            left_s = until - time.monotonic()
+            if left_s <= 0.0:
+                return
+            wait([future], timeout=min(LOOK_S, left_s))
+
+    def _complaint(self) -> str:
+        if lib.tact_parking_taken(self._parked):
+            return "the sound system has failed, as it does where its server ends"
+        return f"the sound system has not answered for {ANSWER_S:g} s"
 
     def _work(self) -> None:
         while True:
             job, future = self._calls.get()
+            lib.tact_parking_begin(self._parked)
             try:
                 future.set_result(job())
             except BaseException as error:
                 future.set_exception(error)
+            finally:
+                lib.tact_parking_end()
 
 
 def _undo_when_done(future: Future[_T], undo: Callable[[_T], object] | None) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.display.sound_card import SoundCard, Wires
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, DeviceFault
 from tactuator.rig.rig import DisplayRig
 from tactuator.rig.samples import take_command, take_reference
 from tactuator.rig.sound.open_loop import OpenLoop
@@ -148,13 +149,15 @@ class SoundRig(DisplayRig):
             self._loop.reset()
 
     def close(self) -> None:
-        """Let what is put out die away as far as the card can be reached, and let go of it."""
+        """Let what is put out die away as far as the card can be reached, and let go of it. A card that fails in this
+        has answered all that was asked of it, and nothing is raised.
+        """
         try:
-            self.rest()
-        except CardGone:
-            pass
+            with suppress(CardGone):
+                self.rest()
         finally:
-            self._port.close(self._run.alive)
+            with suppress(DeviceFault):
+                self._port.close(self._run.alive)
 
     # -- runs ---------------------------------------------------------------------------------------------------------
 
