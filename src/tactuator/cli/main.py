@@ -1,5 +1,6 @@
 """The main program: finds the verb, runs it, and turns what went wrong into one line and an exit status."""
 
+import atexit
 import os
 import signal
 import sys
@@ -9,7 +10,7 @@ from difflib import get_close_matches
 from importlib import import_module
 from itertools import pairwise
 from types import FrameType
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 from typer.exceptions import TyperException
@@ -95,11 +96,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, _terminate)
     sys.unraisablehook = _raise_again
     try:
-        return _status_of(sys.argv[1:])
+        status = _status_of(sys.argv[1:])
     finally:
         # All is done: a late Ctrl-C would only kill the interpreter while it tidies up, without a word.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGALRM, signal.SIG_IGN)
+    sound = sys.modules.get("tactuator.rig.sound.library")
+    if sound is not None and sound.PORTAUDIO.lost:
+        _leave_at_once(status)
+    return status
+
+
+def _leave_at_once(status: int) -> NoReturn:
+    """End the process after Python's exit handlers and without those of the libraries in C: one that stands still in a
+    thread may hold what its own exit handler waits for.
+    """
+    atexit._run_exitfuncs()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
 
 
 def _status_of(arguments: Sequence[str]) -> int:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -27,6 +29,8 @@ from tactuator.rig.sound import audio_thread, library
 from tests.cli.refusals import refused
 from tests.measure.open_loop.exciters import persons_curve
 from tests.rig.sound.turned_card import OVERFLOW, TurnedCard, sound_display, turned_rig
+
+ROOT = Path(__file__).parents[3]
 
 
 class PortAudioError(Exception):
@@ -101,13 +105,42 @@ def test_calibrate_display__card_that_never_opens__one_line_and_nothing_written(
     module._StreamBase = lambda *given, **more: go.wait(10.0)
     monkeypatch.setattr(library, "import_module", lambda name: module)
     monkeypatch.setattr(audio_thread, "ANSWER_S", 0.1)
-    monkeypatch.setattr(library.PORTAUDIO, "_hung", "")  # as it was, at the end of the test
+    for name in ("_hung", "lost"):  # as they were, at the end of the test
+        monkeypatch.setattr(library.PORTAUDIO, name, getattr(library.PORTAUDIO, name))
     out = tmp_path / "out"
     assert main(["calibrate-display", display_file, "--rig", "sound:Card", "--out", str(out)]) == 3
     go.set()
     (line,) = capfd.readouterr().err.splitlines()
     assert "opening sound card 'ALSA/Card': the sound system has not answered for 0.1 s; allowed: " in line
     assert not out.exists()
+
+
+NEVER_LEAVES = """
+import atexit, ctypes, sys, threading
+from tactuator.cli import main
+from tactuator.rig.sound import audio_thread, library
+from tests.cli.sound.test_sound_verbs import fake_sounddevice
+module = fake_sounddevice()
+module._StreamBase = lambda *given, **more: threading.Event().wait(60.0)
+library.import_module = lambda name: module
+audio_thread.ANSWER_S = 0.1
+c = ctypes.CDLL(None)
+c.__cxa_atexit(c.pause, None, None)  # as a library that waits for what its own thread holds
+atexit.register(print, "tidied up")
+sys.exit(main())
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the C library is asked by the name that it has on Linux")
+def test_calibrate_display__library_that_would_not_let_the_program_end__ends_all_the_same(
+    display_file: str, tmp_path: Path
+):
+    given = ["calibrate-display", display_file, "--rig", "sound:Card", "--out", str(tmp_path / "out")]
+    asked = [sys.executable, "-c", NEVER_LEAVES, *given]
+    done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout) == (3, "tidied up\n")
+    (line,) = done.stderr.splitlines()
+    assert "opening sound card 'ALSA/Card'" in line
 
 
 def put_in(monkeypatch: pytest.MonkeyPatch, **card: Any) -> list[TurnedCard]:

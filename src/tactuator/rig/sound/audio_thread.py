@@ -27,13 +27,17 @@ _T = TypeVar("_T")
 
 
 class AudioThread:
-    """Calls in a thread of its own, which begins with the first one. After one that did not come back, each fails."""
+    """Calls in a thread of its own, which begins with the first one. After one that did not come back, each fails.
+
+    lost: a call did not come back, or whoever is called has gone: the program ends without ending what is called.
+    """
 
     def __init__(self) -> None:
         self._calls: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
         self._parked = ffi.new("int *")
         self._hung = ""
+        self.lost = False
 
     def answer(self, job: Callable[[], _T], what: str, undo: Callable[[_T], object] | None = None) -> _T:
         """Return what `job` returns, or raise what it raises. what: the job in words, for the error.
@@ -56,6 +60,7 @@ class AudioThread:
         if future.done():
             return future.result()
         _undo_when_done(future, undo)
+        self.lost = True
         self._hung = (
             f"{what}: {self._complaint()}; allowed: one whose driver and server answer, in a program begun anew"
         )

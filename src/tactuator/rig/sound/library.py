@@ -84,7 +84,8 @@ def quiet() -> Iterator[None]:
 
 
 def leave_library() -> None:
-    """Let PortAudio be as it is at the end of the program: after its server has died, ending it would abort us."""
+    """Let PortAudio be as it is at the end of the program: its server has died, and ending it would wait for that."""
+    PORTAUDIO.lost = True
     atexit.unregister(_leave_in_order)
 
 
