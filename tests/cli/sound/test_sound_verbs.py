@@ -241,7 +241,9 @@ def test_calibrate_display__no_equaliser__what_was_measured_is_kept_and_can_be_d
     record = read_record(out / "left.record.h5")
     assert np.array_equal(record.position, np.tile(0.5 * period, 5))
     assert (record.rate_hz, record.about["hold"]) == (8000.0, "band-limited")
-    assert main(["design", str(out / "display.toml"), "--out", str(tmp_path / "controller.json")]) == 0
+    controller = tmp_path / "controller.json"
+    assert main(["design", str(out / "display.toml"), "--out", str(controller)]) in (0, 1)  # 1: met or not
+    assert controller.is_file()
 
 
 def test_sound_devices__a_card__is_listed(monkeypatch, capfd):

@@ -120,11 +120,7 @@ def calibrate(
         known = _put_back(rig, known)
     display = rig.display
     note("equalising")
-    try:
-        controller = _designed(display, [one.channel for one in known])
-    except (BadInput, NoDesign) as error:
-        found = replace(display, channels=tuple(one.channel for one in known))
-        raise NoEqualiser(str(error), found, tuple(known)) from None
+    controller = _first(display, known)
     first = _measured(rig, controller, asked, rng, note)
     last, rounds = first, 0
     for _ in range(_ROUNDS):
@@ -203,6 +199,15 @@ def _put_back(rig: SoundRig, known: list[KnownChannel]) -> list[KnownChannel]:
         left_s = max(0.0, plant.delay_s - min(late) / rig.rate_hz)
         shorter.append(replace(one, channel=replace(one.channel, plant=replace(plant, delay_s=left_s))))
     return shorter
+
+
+def _first(display: Display, known: list[KnownChannel]) -> Controller:
+    """Return the controller of what was measured; NoEqualiser, with that, where there is none."""
+    channels = [one.channel for one in known]
+    try:
+        return _designed(display, channels)
+    except (BadInput, NoDesign) as error:
+        raise NoEqualiser(str(error), replace(display, channels=tuple(channels)), tuple(known)) from None
 
 
 def _designed(display: Display, channels: list[Channel]) -> Controller:
