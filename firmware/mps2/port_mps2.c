@@ -28,8 +28,8 @@ enum { WATCHDOG_CLOCKS = CLOCK_HZ / 100 };
 #define UART_CONTROL REGISTER(0x40004008u)
 #define UART_DIVISOR REGISTER(0x40004010u)
 #define WATCHDOG_LOAD REGISTER(0x40008000u)
+#define WATCHDOG_LEFT REGISTER(0x40008004u)
 #define WATCHDOG_CONTROL REGISTER(0x40008008u)
-#define WATCHDOG_CLEAR REGISTER(0x4000800Cu)
 #define WATCHDOG_LOCK REGISTER(0x40008C00u)
 #define LEDS REGISTER(0x40028000u)
 enum { UART_FULL = 1, UART_HAS = 2, UART_BOTH = 3 };
@@ -110,12 +110,16 @@ static void doze(void)
     __asm volatile("wfe" ::: "memory");
 }
 
-/* Time stands still for a host that is behind, but not for one that is gone: it goes on by a tick, now and then. */
+/* Time stands still for a host that is behind, but not for one that is gone: it goes on by a tick, now and then. The
+ * watchdog's time stands still with it: bytes that come one by one would let it run out between two ticks. */
 static void wait_for_host(int dozes)
 {
     tact_systick_stand();
+    const uint32_t clocks = WATCHDOG_LEFT;
     for (int left = dozes; left != 0 && !(UART_STATE & UART_HAS); left--)
         doze();
+    if (clocks != 0)
+        WATCHDOG_LOAD = clocks;
     tact_systick_go_on();
     if (!(UART_STATE & UART_HAS))
         tact_sleep();
@@ -196,9 +200,10 @@ void tact_port_outputs_on(void)
     LEDS = AMPLIFIER;
 }
 
+/* Its count begins anew where the load is written. */
 void tact_port_feed_watchdog(void)
 {
-    WATCHDOG_CLEAR = 1;
+    WATCHDOG_LOAD = WATCHDOG_CLOCKS;
 }
 
 int tact_port_is_sound(void)

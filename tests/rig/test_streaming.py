@@ -17,6 +17,7 @@ from tactuator.rig.board_rigs import in_process_rig
 from tactuator.rig.open import open_rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.trace import join_traces, recut_traces
+from tactuator.rig.transport.emulator import EmulatorUart
 from tactuator.rig.transport.socket import connect
 from tactuator.rig.transport.transport import InProcess, LinkDown
 from tactuator.runtime.safety_table import Fault
@@ -25,6 +26,7 @@ from tests.rig.board.emulated_ports import serial_board, socket_board
 from tests.rig.guard.guarded import designed
 
 RATE_HZ = 4000.0
+UNKNOWN = 0x7F
 SOFT = soft_ticks(4000.0)
 
 
@@ -188,6 +190,34 @@ def test_emulated_board_in_free_run__tick_as_long_as_its_period__is_late():
     assert found.late > 0
     assert found.fault == "late"
     assert not found.holds
+
+
+class Trickling(EmulatorUart):
+    """An emulated board whose bytes come one by one, each after a pause."""
+
+    pause_s = 0.0
+
+    def send(self, content):
+        for byte in content if self.pause_s else ():
+            super().send(bytes([byte]))
+            time.sleep(self.pause_s)
+        if not self.pause_s:
+            super().send(content)
+
+
+def test_emulated_board__bytes_come_one_by_one__its_watchdog_waits_with_its_timer():
+    """Found beside ten other programs: the timer stood still for a host that is behind, the watchdog did not."""
+    uart = Trickling("mps2-an386", "shift=3,sleep=off")
+    with BoardRig(LinkClient(uart, 20.0), designed().display, waits=False) as rig:
+        rig.simulate(*simulated_board_bytes(designed().display, 1))
+        rig.load(designed())
+        rig.client.must(Request.ARM)
+        rig.client.start(1, STREAM, False, False)
+        rig.client.stream(1, rig.status().tick + 110, noise(64), None)
+        uart.pause_s = 0.001
+        rig.client.ask(UNKNOWN, bytes(1000))
+        uart.pause_s = 0.0
+        assert rig.status().run == 1
 
 
 class Standing(InProcess):
