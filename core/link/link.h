@@ -21,8 +21,9 @@
  *     TOUCH              channel u8, load u8                                  -
  *     BREAK              channel u8, sensor u8, value f32                     -
  *
- * A check begins anew with every request. TOUCH and BREAK are for boards whose display is simulated, which registers itself in `display`. Memory is bounded at both ends: a frame is at
- * most TACT_FRAME_MAX bytes, the stream and the trace are the board's rings.
+ * A check begins anew with every request; BENCH of as many samples as before tells what was counted, and 0 ends that.
+ * TOUCH and BREAK are for boards whose display is simulated, which registers itself in `display`. Memory is bounded at
+ * both ends: a frame is at most TACT_FRAME_MAX bytes, the stream and the trace are the board's rings.
  *
  * Example use:
  *   for each byte: tact_link_receive(&link, byte);      then send link.wire[0 .. link.wire_size), if any

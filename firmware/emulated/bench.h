@@ -14,7 +14,8 @@
 void tact_emulated_bench_begin(tact_board *board);
 
 /* Periods in the main loop, the timer free-running and silent: least, most and sum of what the board's part of each
- * takes, supervisor and all, the display's part left out. The timer stands still afterwards. */
+ * takes, supervisor and all, the display's part left out. The timer stands still afterwards. As many samples as
+ * before: what was counted then; 0 ends that. */
 void tact_emulated_bench(uint32_t samples, uint32_t *counts);
 
 #endif

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from tactuator.rig.board.frames import Request, RequestOutcome
+from tactuator.rig.board.frames import Frame, Request, RequestOutcome, frame_bytes
 from tactuator.rig.board.link import SILENT, LinkClient, Mode
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.program import build_firmware
@@ -33,6 +33,7 @@ TIM5 = 0x40000C00
 FIRST_ON_MPS2 = 0x40028000
 NVIC_PEND = 0xE000E200
 SUPPLY_FALLS = 1 << 1
+PENDING, TICK_PENDS = 0xE000ED04, 1 << 26
 SETS_AMPLIFIER, CLEARS_AMPLIFIER = 1 << 4, 1 << 20
 RATE = struct.pack("<f", 4000.0)
 IWDG_SLOWEST_HZ, IWDG_COUNTS, IWDG_PRESCALER = 17e3, 76, 4
@@ -180,6 +181,15 @@ def test_interrupt__comes_no_more__watchdog_ends_it_in_time(board: Board, how: s
     assert board.client.status().mode is Mode.OFF
     board.debugger.stop()
     assert board.outputs_are_safe()
+
+
+def test_request__changes_the_board__the_interrupt_is_kept_out_meanwhile(board: Board) -> None:
+    board.uart.send(frame_bytes(Frame(Request.STOP, 1, b"")))
+    assert board.debugger.until("tact_board_stop")
+    board.debugger.write_device(PENDING, TICK_PENDS)
+    assert board.debugger.word(PENDING) & TICK_PENDS
+    assert board.debugger.until("tact_systick")
+    assert not board.debugger.word(PENDING) & TICK_PENDS
 
 
 def test_supply__falls__outputs_safe_at_once(board: Board) -> None:

@@ -57,10 +57,13 @@ class _Bench:
         """Return the most instructions of any of the next ticks."""
         most = 0
         for at in range(0, ticks, _ONCE):
-            payload = struct.pack("<I", min(_ONCE, ticks - at))
-            with understood(Request.BENCH):
-                most = max(most, struct.unpack("<4I", self._client.must(Request.BENCH, payload))[1])
+            self._ask(0)
+            most = max(most, self._ask(min(_ONCE, ticks - at)))
         return round(most / self._counts)
+
+    def _ask(self, periods: int) -> int:
+        with understood(Request.BENCH):
+            return int(struct.unpack("<4I", self._client.must(Request.BENCH, struct.pack("<I", periods)))[1])
 
     def usual(self) -> int:
         """Return the cost of tones that stream in, after the soft start."""
