@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import itertools
 import math
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import h5py
 import numpy as np
@@ -20,13 +17,12 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.files.formats.hdf5 import opened_hdf5, require_survivable
 from tactuator.files.formats.sound import require_whole
-from tactuator.files.formats.text import check_commas, decimal_point, encoding_of
+from tactuator.files.formats.table import read_table
 
 MOST_SAMPLES = 4_000_000
 """Rows read of one file: 100 MB in memory, whatever the file's length."""
 MOST_VALUES = 32_000_000
 """Numbers read of one file, all columns together: 256 MB in memory, whatever the file claims to hold."""
-_PIECE_ROWS, _PIECE_CHARACTERS, _LONGEST_LINE = 200_000, 8_000_000, 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,120 +66,8 @@ def read_columns(path: Path) -> Columns:
 
 
 def _read_text(path: Path) -> Columns:
-    with path.open("rb") as file:
-        encoding = encoding_of(file.read(64))
-    with path.open(encoding=encoding, errors="replace") as stream:
-        head = [line for line in itertools.islice(_lines(stream), 200) if line.strip() and line[0] not in "#%"]
-        if not head:
-            raise BadInput("it is empty; allowed: columns of numbers")
-        delimiter = _delimiter(head[min(1, len(head) - 1)])
-        names = _header(head[0], delimiter)
-        stream.seek(0)
-        check_commas([cell for line in head for cell in _parts(line, delimiter)])
-        blocks, cut = _blocks(stream, delimiter, names is not None, comma=delimiter != "," and "," in "".join(head[1:]))
-    table = np.concatenate(blocks) if blocks else np.zeros((0, 0))
-    if table.shape[0] == 0:
-        raise BadInput("there are no rows of numbers in it; allowed: columns of numbers")
-    if names is not None and table.shape[1] == len(names) + 1 and not np.any(np.isfinite(table[:, -1])):
-        table = table[:, :-1]
-    names = names or [f"column{k + 1}" for k in range(table.shape[1])]
-    if len(names) != table.shape[1]:
-        raise BadInput(f"{len(names)} names over {table.shape[1]} columns; allowed: a name for each")
+    names, table, cut = read_table(path, MOST_SAMPLES, MOST_VALUES)
     return Columns({name: table[:, k] for k, name in enumerate(names)}, cut=cut)
-
-
-def _delimiter(line: str) -> str | None:
-    for mark in ("\t", ";", ","):
-        if mark in line:
-            return mark
-    return None
-
-
-def _header(line: str, delimiter: str | None) -> list[str] | None:
-    cells = [cell.strip("'") for cell in _parts(line, delimiter)]
-    if cells and not cells[-1]:
-        cells.pop()
-    if all(re.fullmatch(r"[-+]?[\d.,]+([eE][-+]?\d+)?|nan|NaN|", cell) for cell in cells):
-        return None
-    return cells
-
-
-def _blocks(stream: TextIO, delimiter: str | None, header: bool, comma: bool) -> tuple[list[FloatArray], bool]:
-    def clean() -> Iterator[str]:
-        skip = header
-        for line in _lines(stream):
-            if not line.strip() or line.startswith(("#", "%")):
-                continue
-            if skip:
-                skip = False
-                continue
-            if '"' in line:
-                yield (delimiter or " ").join(decimal_point(cell) for cell in _parts(line, delimiter)) + "\n"
-            else:
-                yield line.replace(",", ".") if comma else line
-
-    lines, rows = clean(), 0
-    blocks: list[FloatArray] = []
-    most = MOST_SAMPLES
-    while rows < most:
-        piece = _piece(lines, min(_PIECE_ROWS, most - rows))
-        if not piece:
-            return blocks, False
-        blocks.append(_parse(piece, delimiter, rows))
-        rows += len(piece)
-        if blocks[-1].shape[1] != blocks[0].shape[1]:
-            raise BadInput(f"row {rows} has another number of columns than the first; allowed: as many in each")
-        most = min(MOST_SAMPLES, MOST_VALUES // blocks[0].shape[1])
-    return blocks, next(lines, None) is not None
-
-
-def _lines(stream: TextIO) -> Iterator[str]:
-    """Yield lines, none of which may fill the memory."""
-    while line := stream.readline(_LONGEST_LINE):
-        if len(line) == _LONGEST_LINE:
-            raise BadInput(f"a line is longer than {_LONGEST_LINE} characters; allowed: rows of numbers")
-        yield line
-
-
-def _piece(lines: Iterator[str], most_rows: int) -> list[str]:
-    made, characters = [], 0
-    for line in itertools.islice(lines, most_rows):
-        made.append(line)
-        characters += len(line)
-        if characters > _PIECE_CHARACTERS:
-            break
-    return made
-
-
-def _parts(line: str, delimiter: str | None) -> list[str]:
-    """Return the cells of a line, those in quotation marks without them."""
-    if '"' not in line:
-        return [cell.strip() for cell in line.strip().split(delimiter)]
-    return [cell.strip() for cell in next(csv.reader([line.strip()], delimiter=delimiter or " "), [])]
-
-
-def _parse(lines: list[str], delimiter: str | None, before: int) -> FloatArray:
-    try:
-        return np.loadtxt(lines, delimiter=delimiter, ndmin=2, comments=None)
-    except ValueError:
-        rows = [_cells(line, delimiter) for line in lines]
-        width = max(len(row) for row in rows)
-        for number, row in enumerate(rows):
-            if len(row) != width:
-                raise BadInput(
-                    f"row {before + number + 1} has {len(row)} of {width} columns; allowed: all of them"
-                ) from None
-        return np.array(rows)
-
-
-def _cells(line: str, delimiter: str | None) -> list[float]:
-    made = []
-    for cell in line.strip().split(delimiter):
-        try:
-            made.append(float(cell))
-        except ValueError:
-            made.append(float("nan"))
-    return made
 
 
 def _read_matlab(path: Path) -> Columns:

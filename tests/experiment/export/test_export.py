@@ -21,8 +21,8 @@ from tactuator.experiment.session.enrolment import Correction
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers
 from tactuator.experiment.store.answer_records import Answer
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.store.stored_runs import StoredRun
-from tactuator.experiment.trial.trial import IntervalRecord
+from tactuator.experiment.store.stored_runs import StoredIntervals, StoredRun
+from tactuator.experiment.trial.trial import LOUD, SIGNAL
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, apparatus, begin, opened_study
 
 STAIRS = 'kind = "up-down"\nstart_db_sl = 20\nsteps_db = [4, 2]\nreversals = 6\naveraged = 4'
@@ -183,6 +183,7 @@ def runs_of_export(folder):
         trials = [row for row in done if row["run"] == number]
         first = trials[0]
         hertz = set(numbers(trials, "frequency_hz"))
+        seen = [row for row in intervals if row["run"] == number]
         yield StoredRun(
             SimpleNamespace(subject_code=first["subject"], subject_group=first["subject_group"], study_id=1),
             SimpleNamespace(
@@ -196,11 +197,10 @@ def runs_of_export(folder):
             numbers(trials, "level_db_sl"),
             numbers(trials, "curve_level_db_re_1um"),
             np.array([row["correct"] == "1" for row in trials]),
-            tuple(
-                IntervalRecord(row["stimulus"], float(row["commanded_db_sl"]) if row["commanded_db_sl"] else None,
-                               float(row["measured_db_sl"]) if row["measured_db_sl"] else None,
-                               row["saturated"] == "1", float(row["onset_s"]), float(row["duration_s"]))
-                for row in intervals if row["run"] == number
+            StoredIntervals(
+                *(np.array([row["stimulus"] == label for row in seen]) for label in (SIGNAL, LOUD)),
+                numbers(seen, "commanded_db_sl"), numbers(seen, "measured_db_sl"),
+                np.array([row["saturated"] == "1" for row in seen]),
             ),
         )  # fmt: skip
 

@@ -185,7 +185,7 @@ def test_replayed__whole_curve_at_a_display_with_other_mains__has_the_frequencie
     prior = WholeCurveRule(prior=CurvePrior((0.4, 300.0), 28, mains_hz, 4.0)).prior
     about = SimpleNamespace(band_low_hz=0.4, band_high_hz=300.0)
     hertz = prior.frequency_hz
-    run = StoredRun(None, about, protocol, hertz, 0.0 * hertz, 0.0 * hertz, hertz > 0.0, ())  # type: ignore[arg-type]
+    run = StoredRun(None, about, protocol, hertz, 0.0 * hertz, 0.0 * hertz, hertz > 0.0, None)  # type: ignore[arg-type]
     procedure = replayed(run)
     assert isinstance(procedure, WholeCurve)
     assert procedure.rule.prior.frequency_hz == pytest.approx(hertz)

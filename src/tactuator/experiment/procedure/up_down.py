@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -65,11 +66,7 @@ class UpDownRule:
         In general it is where a run of n correct responses comes before a run of m incorrect ones half of the time
         (Feller, vol. 1, XIII.8).
         """
-        p = np.linspace(1e-6, 1.0 - 1e-6, 200_001)
-        q = 1.0 - p
-        a, b = p ** (self.down - 1), q ** (self.up - 1)
-        race = a * (1.0 - q**self.up) / (a + b - a * b)
-        return float(np.interp(0.5, race, p))
+        return _balance(self.down, self.up)
 
     @property
     def typical_trials(self) -> float:
@@ -79,6 +76,18 @@ class UpDownRule:
     def step_db(self, reversals: int) -> float:
         """Return the step in dB after that many reversals."""
         return self.steps_db[min(reversals, len(self.steps_db) - 1)]
+
+
+@cache
+def _balance(down: int, up: int) -> float:
+    """Return the proportion correct at which `down` correct responses in a row come before `up` incorrect ones half of
+    the time.
+    """
+    p = np.linspace(1e-6, 1.0 - 1e-6, 200_001)
+    q = 1.0 - p
+    a, b = p ** (down - 1), q ** (up - 1)
+    race = a * (1.0 - q**up) / (a + b - a * b)
+    return float(np.interp(0.5, race, p))
 
 
 IMECE2004 = UpDownRule()

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom
 
 from tactuator.experiment.store.stored_runs import StoredRun
-from tactuator.experiment.trial.trial import LOUD, SIGNAL
 
 _LAPSE_RATE = 0.03
 _FALSE_ALARM_RATE = 0.02
@@ -19,13 +16,13 @@ _LAPSE_RATE, or the right answers in blank ones have a probability below _FALSE_
 
 def catch_kinds(run: StoredRun) -> NDArray[np.str_]:
     """Return the kind of each trial, shape (trials,): "loud", "blank", or "" for trials that the procedure placed."""
-    each = max(len(run.intervals) // max(run.correct.size, 1), 1)
-    labels: Sequence[str] = [one.stimulus for one in run.intervals]
-    kinds = []
-    for trial in range(run.correct.size):
-        mine = labels[trial * each : (trial + 1) * each]
-        kinds.append("loud" if LOUD in mine else "" if SIGNAL in mine or not mine else "blank")
-    return np.array(kinds, dtype="<U5")
+    trials = run.correct.size
+    each = run.intervals.saturated.size // max(trials, 1)
+    if each == 0:
+        return np.full(trials, "", dtype="<U5")
+    seen = run.intervals
+    loud, tone = (of[: trials * each].reshape(trials, each).any(axis=1) for of in (seen.is_loud, seen.is_tone))
+    return np.where(loud, "loud", np.where(tone, "", "blank"))
 
 
 def inattentive(missed: int, loud: int) -> bool:

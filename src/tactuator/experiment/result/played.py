@@ -35,15 +35,10 @@ class PlayedIntervals:
 
 def played(run: StoredRun) -> PlayedIntervals:
     """Return the intervals of all the run's trials."""
-    each = max(len(run.intervals) // max(run.correct.size, 1), 1)
-    commanded = [one.commanded_db_sl for one in run.intervals]
-    measured = [one.measured_db_sl for one in run.intervals]
-    return PlayedIntervals(
-        np.arange(len(run.intervals)) // each,
-        np.array(commanded, dtype=np.float64),
-        np.array(measured, dtype=np.float64),
-        np.array([one.saturated for one in run.intervals], dtype=np.bool_),
-    )
+    seen = run.intervals
+    each = max(seen.saturated.size // max(run.correct.size, 1), 1)
+    trial = np.arange(seen.saturated.size) // each
+    return PlayedIntervals(trial, seen.commanded_db_sl, seen.measured_db_sl, seen.saturated)
 
 
 def hum_is_felt(seen: PlayedIntervals, frequency_hz: float, timing: Timing, threshold_db_sl: float) -> bool:

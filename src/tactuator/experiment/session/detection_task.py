@@ -132,10 +132,7 @@ class DetectionTask:
 
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
         """Return the thresholds of the runs that are done. Raises BadInput where there is none."""
-        found = thresholds([run for run in detection_runs(store) if run.session.id == session])
-        if not found:
-            raise BadInput("the session has no run that is done; allowed: results after the first")
-        return (threshold_table(found, self.words),)
+        return (threshold_table(thresholds(detection_runs(store, session=session)), self.words),)
 
 
 def curve_picture(procedure: WholeCurve, title: str) -> Picture:

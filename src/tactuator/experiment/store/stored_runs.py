@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from sqlalchemy import Connection, select
+from numpy.typing import DTypeLike, NDArray
+from sqlalchemy import ColumnElement, Connection, Integer, Select, select
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -16,10 +18,28 @@ from tactuator.experiment.store import schema
 from tactuator.experiment.store.cells import Found
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.study_records import session_query
-from tactuator.experiment.trial.trial import IntervalRecord
+from tactuator.experiment.trial.trial import LOUD, SIGNAL
+
+_ROWS = 8192
+_TONE, _LOUD, _SATURATED = 1, 2, 4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class StoredIntervals:
+    """Intervals of all trials of a run, as many of each; arrays (intervals,).
+
+    is_tone, is_loud: True where a stimulus of that label was. commanded_db_sl, measured_db_sl: NaN where there is none.
+    saturated: True where a converter was.
+    """
+
+    is_tone: NDArray[np.bool_]
+    is_loud: NDArray[np.bool_]
+    commanded_db_sl: FloatArray
+    measured_db_sl: FloatArray
+    saturated: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
 class StoredRun:
     """A stored run with its trials.
 
@@ -34,63 +54,96 @@ class StoredRun:
     levels_db_sl: FloatArray
     curve_level_db_re_1um: FloatArray
     correct: NDArray[np.bool_]
-    intervals: tuple[IntervalRecord, ...]
+    intervals: StoredIntervals
 
 
-def detection_runs(store: Store, state: str = "done") -> list[StoredRun]:
-    """Return the runs of that state in all the store's studies, practice left out. Raises BadInput without any."""
+def detection_runs(store: Store, state: str = "done", session: int | None = None) -> list[StoredRun]:
+    """Return the runs of that state in all the store's studies, or of one session, practice left out.
+
+    Raises BadInput without any.
+    """
+    run = schema.run.c
     with store.read() as connection:
         asked = select(schema.stimulus.c.study_id)  # identification studies have stimuli of their own
         versions = select(schema.protocol_version).where(schema.protocol_version.c.study_id.not_in(asked))
         protocols = {row.id: parse_protocol(row.toml) for row in connection.execute(versions)}
         kept = schema.session.c.ended.is_distinct_from("withdrawn-discard")
         sessions = {row.id: row for row in connection.execute(session_query().where(kept))}
-        query = (
-            select(schema.run)
-            .where(
-                schema.run.c.state == state,
-                schema.run.c.practice.is_(False),
-                schema.run.c.paradigm == "forced-choice",
-                schema.run.c.session_id.in_(select(schema.session.c.id).where(kept)),
-            )
-            .order_by(schema.run.c.session_id, schema.run.c.position, schema.run.c.attempt)
-        )
-        runs = [
-            _stored(connection, sessions[row.session_id], row, protocols[row.protocol_version_id])
-            for row in connection.execute(query)
+        wanted = [
+            run.state == state,
+            run.practice.is_(False),
+            run.paradigm == "forced-choice",
+            run.session_id.in_(select(schema.session.c.id).where(kept)),
         ]
-    if not runs:
-        raise BadInput(f"store {store.path} has no {state} run; allowed: one with at least one")
+        if session is not None:
+            wanted.append(run.session_id == session)
+        query = select(schema.run).where(*wanted).order_by(run.session_id, run.position, run.attempt)
+        found = connection.execute(query).all()
+        trials, intervals = _trials(connection, wanted), _intervals(connection, wanted)
+    if not found:
+        where = f"store {store.path}" if session is None else "the session"
+        raise BadInput(f"{where} has no {state} run; allowed: one with at least one")
+    runs = []
+    for row in found:
+        frequency_hz, level, base, correct = trials.of(row.id)
+        kind, commanded, measured = intervals.of(row.id)
+        seen = StoredIntervals((kind & _TONE) != 0, (kind & _LOUD) != 0, commanded, measured, (kind & _SATURATED) != 0)
+        about = (sessions[row.session_id], row, protocols[row.protocol_version_id])
+        runs.append(StoredRun(*about, frequency_hz, level, base, correct, seen))
     return runs
 
 
-def _stored(connection: Connection, session: Found, run: Found, protocol: Protocol) -> StoredRun:
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Rows of many runs, sorted by run: its id in each row, and columns (rows,)."""
+
+    run: NDArray[np.int64]
+    columns: tuple[NDArray[Any], ...]
+
+    @classmethod
+    def read(cls, connection: Connection, query: Select[Any], types: Sequence[DTypeLike]) -> _Rows:
+        """Read the query's rows, the run's id first; a cell without a value is NaN."""
+        each: tuple[DTypeLike, ...] = (np.int64, *types)
+        parts: list[list[NDArray[Any]]] = [[np.zeros(0, of)] for of in each]
+        for rows in connection.execute(query).partitions(_ROWS):
+            for part, cells, of in zip(parts, zip(*rows, strict=True), each, strict=True):
+                part.append(np.array(cells, dtype=of))
+        run, *columns = (np.concatenate(part) for part in parts)
+        return cls(run, tuple(columns))
+
+    def of(self, run: int) -> tuple[NDArray[Any], ...]:
+        """Return the columns of one run."""
+        own = slice(*np.searchsorted(self.run, [run, run + 1]))
+        return tuple(column[own] for column in self.columns)
+
+
+def _trials(connection: Connection, wanted: Sequence[ColumnElement[bool]]) -> _Rows:
+    """Return the runs' trials that were answered: frequency, level, the curve's level, and whether it was right."""
+    run, trial, response = schema.run, schema.trial, schema.response
+    columns = (trial.c.frequency_hz, trial.c.level_db_sl, trial.c.curve_level_db_re_1um, response.c.correct)
     query = (
-        select(schema.trial, schema.response.c.correct)
-        .join(schema.response, schema.response.c.trial_id == schema.trial.c.id)
-        .where(schema.trial.c.run_id == run.id)
-        .order_by(schema.trial.c.number)
+        select(run.c.id, *columns)
+        .join_from(run, trial, trial.c.run_id == run.c.id)
+        .join(response, response.c.trial_id == trial.c.id)
+        .where(*wanted)
+        .order_by(run.c.id, trial.c.number)
     )
-    trials = list(connection.execute(query))
-    played = (
-        select(schema.interval)
-        .join(schema.trial, schema.trial.c.id == schema.interval.c.trial_id)
-        .where(schema.trial.c.run_id == run.id)
-        .order_by(schema.trial.c.number, schema.interval.c.position)
+    return _Rows.read(connection, query, (np.float64, np.float64, np.float64, np.bool_))
+
+
+def _intervals(connection: Connection, wanted: Sequence[ColumnElement[bool]]) -> _Rows:
+    """Return the intervals of the runs' trials: bits of what each was, commanded and measured level."""
+    run, trial, interval = schema.run, schema.trial, schema.interval
+    kind = (
+        _TONE * (interval.c.stimulus == SIGNAL).cast(Integer)
+        + _LOUD * (interval.c.stimulus == LOUD).cast(Integer)
+        + _SATURATED * interval.c.saturated.cast(Integer)
     )
-    intervals = tuple(
-        IntervalRecord(
-            row.stimulus, row.commanded_db_sl, row.measured_db_sl, bool(row.saturated), row.onset_s, row.duration_s
-        )
-        for row in connection.execute(played)
+    query = (
+        select(run.c.id, kind, interval.c.commanded_db_sl, interval.c.measured_db_sl)
+        .join_from(run, trial, trial.c.run_id == run.c.id)
+        .join(interval, interval.c.trial_id == trial.c.id)
+        .where(*wanted)
+        .order_by(run.c.id, trial.c.number, interval.c.position)
     )
-    return StoredRun(
-        session,
-        run,
-        protocol,
-        np.array([row.frequency_hz for row in trials]),
-        np.array([row.level_db_sl for row in trials]),
-        np.array([row.curve_level_db_re_1um for row in trials]),
-        np.array([row.correct for row in trials], dtype=np.bool_),
-        intervals,
-    )
+    return _Rows.read(connection, query, (np.uint8, np.float64, np.float64))
