@@ -18,6 +18,7 @@ from tactuator.files.controller import write_controller
 from tactuator.files.start.shipped import EXAMPLES
 from tests.console.pages import TOKEN
 from tests.console.views.dropped import dropped
+from tests.web.access import requesting
 from tests.web.access.mutating import LOGGERS, mutated
 from tests.web.server import served
 
@@ -177,6 +178,20 @@ def console(controller, tmp_path_factory):
 @pytest.mark.parametrize(("path", "messages"), [("/ws", of_page), ("/ws/rig", of_rig), ("/ws/study", of_study)])
 def test_console__messages_nobody_means__logs_no_defect(console, caplog, monkeypatch, path, messages, count) -> None:
     fuzz(console, caplog, monkeypatch, path, messages(console.files), count)
+
+
+@pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.soak)])
+def test_console__requests_nobody_makes__logs_no_defect(console, caplog, monkeypatch, count) -> None:
+    paths = ["/", "/static/console.css", f"/made/{console.files['curve']}/curve.csv", "/ws", "/ws/rig", "/operator"]
+    requests = requesting.heads(paths, TOKEN)
+    other = Asking(console.port, "/ws")
+    answered = requesting.fuzz(console.port, requests, count, caplog, monkeypatch, lambda: assert_answered(other))
+    assert answered > count // 4
+    other.close()
+
+
+def assert_answered(other: Asking) -> None:
+    assert other.settle()
 
 
 @pytest.mark.parametrize(

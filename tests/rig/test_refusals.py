@@ -1,5 +1,6 @@
 """What rigs and the link refuse or survive, found by those who tried to break them."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from tactuator.rig.board.tones import BoardTone
 from tactuator.rig.board_check.streaming_check import check_streaming
 from tactuator.rig.board_rigs import in_process_rig
 from tactuator.rig.simulated import SimulatedRig
+from tactuator.rig.transport.serial import SerialPort
 from tactuator.rig.transport.transport import LinkDown
 from tactuator.runtime._core import lib
 from tactuator.runtime.simulation import block_samples
@@ -170,3 +172,15 @@ def test_sensor_fault__any_moment__all_commands_at_zero_within_250_ms_of_it(sens
     guarded.break_sensor(sensor, int(rng.integers(3)))
     command_v = guarded.run(rows[1500:]).command_v
     assert np.max(np.abs(command_v[1000:])) < 1e-3
+
+
+def test_serial__port_that_another_program_has__is_refused_until_it_is_free() -> None:
+    ours, theirs = os.openpty()
+    name = os.ttyname(theirs)
+    first = SerialPort(name)
+    with pytest.raises(BadInput, match=r"cannot be opened .*lock.*allowed"):
+        SerialPort(name)
+    first.close()
+    SerialPort(name).close()
+    os.close(ours)
+    os.close(theirs)

@@ -11,6 +11,8 @@ import h11
 from fastapi import FastAPI
 from uvicorn import Config
 from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.http11 import Request, Response
 
 from tactuator.web.gate import Gate
 from tactuator.web.pages import HEADERS
@@ -19,6 +21,9 @@ CONNECTIONS_MAX, CONNECTIONS_PER_ADDRESS_MAX = 256, 64
 """Open connections in all and from one address: descriptors are left for the store and the rig."""
 HEADER_TIMEOUT_S = 10.0
 """Time in which a request's head has to be there."""
+_BACKLOG = 32
+"""Connections that are taken before anything else has its turn: a flood of them keeps no answer waiting for long."""
+_SWITCHING, _FAILED = 101, 500
 _LOGGED_PER_MINUTE = 15
 _LOGGERS = ("uvicorn.error", "asyncio", "websockets.server", "tactuator.web.lab")
 
@@ -74,6 +79,31 @@ class LimitedHttp(H11Protocol):
             self._deadline = None
 
 
+class HeadedWebSocket(WebSocketsSansIOProtocol):
+    """A websocket whose refusals by the library itself bear the headers that every page has."""
+
+    def handle_connect(self, event: Request) -> None:
+        """Take a request to connect, or refuse one that is amiss."""
+        answer = self.conn.accept(event)
+        if answer.status_code == _SWITCHING:
+            super().handle_connect(event)
+            return
+        self.handshake_initiated = self.handshake_complete = self.close_sent = True
+        self._refuse(answer)
+        self.transport.close()
+
+    def send_500_response(self) -> None:
+        """Refuse a request that the application failed over, or that came as the server ended."""
+        if not self.handshake_complete and self.initial_response is None:
+            self._refuse(self.conn.reject(_FAILED, "Internal Server Error"))
+
+    def _refuse(self, answer: Response) -> None:
+        for name, value in HEADERS.items():
+            answer.headers[name] = value
+        self.conn.send_response(answer)
+        self.transport.write(b"".join(self.conn.data_to_send()))
+
+
 class LogLimit(logging.Filter):
     """Lets so many lines a minute through, and tells with the next how many were left out. clock: seconds."""
 
@@ -97,7 +127,15 @@ def server_config(app: FastAPI, clock: Callable[[], float], names: Iterable[str]
     """Return the configuration of the server with these limits. clock: monotonic, seconds. names: those that the server
     answers to beside this machine's own.
     """
-    config = Config(Gate(app, names), http=LimitedHttp, ws_max_size=65536, ws_max_queue=8, log_level="warning", **more)
+    config = Config(
+        Gate(app, names),
+        http=LimitedHttp,
+        ws=HeadedWebSocket,
+        ws_max_size=65536,
+        backlog=_BACKLOG,
+        log_level="warning",
+        **more,
+    )
     for name in _LOGGERS:
         logger = logging.getLogger(name)
         for before in [one for one in logger.filters if isinstance(one, LogLimit)]:

@@ -18,6 +18,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from tests.experiment.session.apparatuses import ObedientClock, opened_study
+from tests.web.access import requesting
 from tests.web.access.mutating import LOGGERS, mutated
 from tests.web.labs import TOKEN, client, make_lab, response_count, until  # noqa: F401
 
@@ -142,3 +143,18 @@ def test_operator__messages_nobody_means__keep_server_rig_and_other_sessions_goi
     client, lab, caplog, monkeypatch, count
 ) -> None:
     fuzz(client, lab, caplog, monkeypatch, "/ws/operator", TOKEN, OPERATOR, count)
+
+
+@pytest.mark.parametrize("count", [FEW // 5, pytest.param(MANY, marks=pytest.mark.soak)])
+def test_study__requests_nobody_makes__keep_the_open_session_going(client, lab, caplog, monkeypatch, count) -> None:
+    paths = ["/", "/static/common.css", "/s/token-S1", "/s/nobody", "/operator", "/ws/subject/token-S1", "/ws/operator"]
+    with client.websocket_connect("/ws/subject/token-S2") as other:
+        until(other, "stage")
+
+        def goes_on() -> None:
+            other.send_json({"type": "nothing"})
+            until(other, "refused")
+
+        answered = requesting.fuzz(client.port, requesting.heads(paths, TOKEN), count, caplog, monkeypatch, goes_on)
+    assert answered > count // 4
+    assert lab.fault is None

@@ -97,6 +97,17 @@ def test_gate__websocket_that_is_not_there__is_refused_with_the_headers(port: in
     assert bears_headers({name.lower(): value for name, value in refused.value.response.headers.raw_items()})
 
 
+@pytest.mark.parametrize("wrong", ["Sec-WebSocket-Key: x", "Sec-WebSocket-Version: 12", "Sec-WebSocket-Extensions: ;;"])
+def test_gate__websocket_whose_request_is_amiss__is_refused_with_the_headers(port: int, wrong: str) -> None:
+    given = {"Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Version": "13", "Upgrade": "websocket"}
+    name, _, value = wrong.partition(": ")
+    with closing(HTTPConnection("127.0.0.1", port, timeout=10.0)) as connection:
+        connection.request("GET", "/ws", headers={"Connection": "Upgrade", **given, name: value})
+        with connection.getresponse() as response:
+            assert response.status == 400
+            assert bears_headers({key.lower(): told for key, told in response.getheaders()})
+
+
 def test_gate__websocket_that_is_there__is_opened(port: int) -> None:
     with connect(f"ws://127.0.0.1:{port}/ws") as socket:
         socket.send("hello")

@@ -28,7 +28,10 @@ class SerialPort:
         if baud and not (baud.isdecimal() and int(baud) > 0):
             raise BadInput(f"port {url!r}: baud rate {baud!r}; allowed: a number, 2000000 say")
         try:
-            self._port: Any = serial.serial_for_url(name, int(baud or BAUD), timeout=_UART_POLL_S, write_timeout=2.0)
+            # the lock is the operating system's: two programs on one board would each take the other's answers
+            self._port: Any = serial.serial_for_url(
+                name, int(baud or BAUD), timeout=_UART_POLL_S, write_timeout=2.0, exclusive=True
+            )
         except (serial.SerialException, ValueError, OSError) as error:
             raise BadInput(
                 f"port {name!r} cannot be opened ({error}); allowed: a serial port or socket://host:port"
