@@ -32,6 +32,7 @@ SHAPE = {
     "sign": 1,
     "factors": [{"kind": "integrator"}, {"kind": "zero", "hz": 3.0}, {"kind": "pole", "hz": 200.0}],
 }
+SET = {"text": "", "table": "channel", "place": 0, "key": "name"}
 POINTS = [[10.0, 20.0], [100.0, 0.0], [400.0, 10.0]]
 
 
@@ -200,6 +201,8 @@ def assert_answered(other: Asking) -> None:
         ("/ws/study", '{"id": "\\ud800", "do": "end"}'),
         ("/ws/study", '{"id": 1e400, "do": "end"}'),
         ("/ws", json.dumps({"id": 1, "do": "display.judge", "text": f"a = {'9' * 5000}"})),
+        ("/ws", json.dumps({"id": 1, "do": "display.judge", "text": f"{'a.' * 20_000}a = 1"})),
+        ("/ws", json.dumps({"id": 1, "do": "display.set", **SET, "value": "[" * 4000})),
     ],
 )
 def test_console__number_or_text_that_no_answer_can_bear__is_refused(console, caplog, path, message) -> None:

@@ -231,7 +231,7 @@ def test_every_reader__bytes_changed_at_random__reads_or_refuses(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    "text", [b"a = " + b"9" * 5000, b"a = " + b"[" * 5000, b"a." * 5000 + b"b = 1", b"\xff\xff\xff"]
+    "text", [b"a = " + b"9" * 5000, b"a = " + b"[" * 5000, b"a." * 50_000 + b"b = 1", b"a = 1 #" * 400_000, b"\xff\xff"]
 )
 def test_toml__that_no_writer_writes__refused(tmp_path: Path, text: bytes) -> None:
     (tmp_path / "board").mkdir()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from functools import cache
 from typing import Annotated, Any, Literal, get_args, get_origin
 
@@ -13,12 +12,13 @@ from tactuator.console.asked import Answer, Name, ViewRequest
 from tactuator.console.views.toml_places import line_of, literal, with_literal
 from tactuator.console.workshop import Workshop
 from tactuator.display.description import Channel, Display
-from tactuator.errors import TactuatorError
+from tactuator.errors import BadInput, TactuatorError
 from tactuator.files.display_schema import SHARED_TABLES, ChannelOwnKeys, DisplayKeys, ObjectivesKeys
-from tactuator.files.formats.text import read_text
+from tactuator.files.formats.text import parse_toml, read_text
 from tactuator.files.start.template import display_template
 
 Text = Annotated[str, StringConstraints(max_length=60_000)]
+_CHANNELS_SHOWN = 64
 _TABLES: dict[str, type[BaseModel]] = {"display": DisplayKeys, **SHARED_TABLES, "objectives": ObjectivesKeys}
 _COMMENTED = re.compile(r"^#? ?(\w+) = .*?# (.+)$", re.MULTILINE)
 
@@ -77,11 +77,11 @@ DisplayTextRequest = DisplayRead | DisplayJudge | DisplaySet
 def _form(text: str) -> list[Answer]:
     """Return the tables of the form: title, name, place, and the fields with what the text says of each."""
     try:
-        channels = tomllib.loads(text).get("channel", [])
-    except (ValueError, RecursionError):  # a number of thousands of digits is no TOMLDecodeError
+        channels = parse_toml(text).get("channel", [])
+    except BadInput:
         return []
     made = [_table(text, name, 0, f"[{name}]", keys) for name, keys in _TABLES.items()]
-    count = len(channels) if isinstance(channels, list) else 0
+    count = min(len(channels), _CHANNELS_SHOWN) if isinstance(channels, list) else 0
     for place in range(count):
         name = (literal(text, "channel", place, "name") or "").strip('"')
         made.append(_table(text, "channel", place, f"channel {name}", ChannelOwnKeys))

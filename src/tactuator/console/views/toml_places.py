@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterator
 
 from tactuator.errors import BadInput
+from tactuator.files.formats.text import parse_toml
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([\w.]+)\s*\]\]?\s*(?:#.*)?$")
 _KEY = re.compile(r"^(\s*(\w+)\s*=\s*)(.*)$")
@@ -50,8 +50,8 @@ def with_literal(text: str, table: str, place: int, key: str, value: str) -> str
     Raises BadInput for a value that is no TOML, or one that goes over several lines: those are changed in the text.
     """
     try:
-        one = list(tomllib.loads(f"{key} = {value}")) == [key] and "\n" not in value
-    except tomllib.TOMLDecodeError:
+        one = list(parse_toml(f"{key} = {value}")) == [key] and "\n" not in value
+    except BadInput:
         one = False
     if not one:
         raise BadInput(f"{key}: {value!r} is no value; allowed: a number, a text in quotes, or a list in brackets")
@@ -65,8 +65,8 @@ def with_literal(text: str, table: str, place: int, key: str, value: str) -> str
             continue
         head, old, comment = _parted(lines[number - 1])
         try:
-            tomllib.loads(f"x = {old}")
-        except tomllib.TOMLDecodeError:
+            parse_toml(f"x = {old}")
+        except BadInput:
             raise BadInput(f"{key} goes over several lines; allowed here: one line. Change it in the text") from None
         lines[number - 1] = f"{head}{value}{comment}"
         return "\n".join(lines) + "\n"

@@ -12,8 +12,12 @@ from typing import Any
 
 from tactuator.errors import BadInput
 
-LARGEST_BYTES = 64 << 20
-"""Size of a text file that is read as a whole; records are read in pieces and may be longer."""
+LARGEST_BYTES = 12 << 20
+"""Size of a text file that is read as a whole: its cells or tables take up to fifty times as much memory. Records are
+read in pieces and may be longer."""
+_LARGEST_TOML = 2 << 20
+_DEEP_KEY = re.compile(r"""(?:\.[ \t]*(?:[\w-]{0,64}|"[^"\n]{0,64}"|'[^'\n]{0,64}')[ \t]*){64}""")
+"""A key of so many parts takes the reader of TOML time and memory by the square of their number."""
 _MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+")
 
@@ -32,7 +36,7 @@ def encoding_of(head: bytes) -> str:
 def read_text(path: Path) -> str:
     """Return the text of a file without its byte-order mark.
 
-    Raises BadInput, with the reason alone, for a file that cannot be read, is no text, or is larger than 64 MB.
+    Raises BadInput, with the reason alone, for a file that cannot be read, is no text, or is larger than 12 MB.
     """
     try:
         with path.open("rb") as file:
@@ -67,7 +71,11 @@ def read_finite_json(path: Path) -> Any:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Return the tables of a TOML text. Raises BadInput, with the reason alone."""
+    """Return the tables of a TOML text. Raises BadInput, with the reason alone, for none, and for one of over 2 MB."""
+    if len(text) > _LARGEST_TOML:
+        raise BadInput(f"it has more than {_LARGEST_TOML >> 20} MB")
+    if _DEEP_KEY.search(text):
+        raise BadInput("it has a key of more than 64 parts")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
