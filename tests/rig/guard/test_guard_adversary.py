@@ -5,6 +5,7 @@ Everything is drawn from one seed; `make soak` draws hundreds. The judge is the 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -12,20 +13,24 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tactuator.display.controller import ChannelController, Controller
 from tactuator.rig.board.link import Mode
 from tests.rig.guard.felt_reference import FeltReference
-from tests.rig.guard.guarded import SENSORS, Guarded, designed
+from tests.rig.guard.guarded import SENSORS, Guarded, adaptive, designed
 
 TRAVEL_MM = 12.5
 LOUDEST_DB_SL = 55.0 + 1.0
 QUARTER_S = 1000
 FEW, MANY = range(6), range(6, 300)
+OF_EACH = [*((designed, seed) for seed in FEW), (adaptive, 4), (adaptive, 5)]
+MANY_OF_EACH = [(of, seed) for of in (designed, adaptive) for seed in MANY]
 Rows = NDArray[np.float64]
+Made = Callable[[], Controller]
 
 
 @cache
-def felt(channel: int) -> FeltReference:
-    return FeltReference(designed(), channel)
+def felt(channel: int, of: Made = designed) -> FeltReference:
+    return FeltReference(of(), channel)
 
 
 def signs(rng: np.random.Generator, count: int, channel: int) -> Rows:
@@ -50,9 +55,9 @@ def adversary(rng: np.random.Generator, count: int) -> Rows:
     return np.stack([rng.choice([562.0, 1e3, 5e3, 1e6]) * signs(rng, count, c) for c in range(3)], axis=1)
 
 
-def judge_comfort(seed: int) -> None:
+def judge_comfort(seed: int, of: Made) -> None:
     rng = np.random.default_rng(seed)
-    guarded = Guarded(designed(), seed=seed, number_format=("float32", "q31")[seed % 2])
+    guarded = Guarded(of(), seed=seed, number_format=("float32", "q31")[seed % 2])
     moved = []
     stretches = int(rng.integers(2, 5))
     for stretch in range(stretches):
@@ -68,7 +73,7 @@ def judge_comfort(seed: int) -> None:
     displacement = np.concatenate(moved)
     assert np.max(np.abs(displacement)) < TRAVEL_MM
     for channel in range(3):
-        loudest = np.max(np.abs(felt(channel).of(displacement[:, channel])))
+        loudest = np.max(np.abs(felt(channel, of).of(displacement[:, channel])))
         assert 20.0 * np.log10(loudest) < LOUDEST_DB_SL, f"channel {channel}"
 
 
@@ -84,10 +89,20 @@ def sections(rng: np.random.Generator, count: int, gain: float) -> Rows:
     return np.array(rows)
 
 
-def misbehaving(rng: np.random.Generator):
+def fed_wrongly(channel: ChannelController, rng: np.random.Generator) -> ChannelController:
+    """The channel with a finger of any size fed forward, by a model of another motor, as hastily as can be."""
+    if channel.feed_forward is None:
+        return channel
+    hasty = {"slew_s": 1e-4, "forgetting_s": 1e-3, "weight_max": 10.0 ** rng.uniform(0.0, 3.0), "push_max_v": 10.0}
+    gain = channel.feed_forward.gain * 10.0 ** rng.uniform(-1.0, 1.0)
+    return replace(channel, feed_forward=replace(channel.feed_forward, gain=gain, **hasty))
+
+
+def misbehaving(rng: np.random.Generator, of: Made) -> Controller:
     """An image's controller: feedback of the wrong size or sign, or sections of chance in F, in C or in both."""
     channels = []
-    for channel in designed().channels:
+    for channel in of().channels:
+        channel = fed_wrongly(channel, rng)
         kind = rng.integers(4)
         if kind == 0:
             wrong = np.array(channel.feedback_sos)
@@ -95,17 +110,21 @@ def misbehaving(rng: np.random.Generator):
             channels.append(replace(channel, feedback_sos=wrong))
             continue
         if kind & 1:
-            channel = replace(channel, feedback_sos=sections(rng, rng.integers(1, 4), 10.0 ** rng.uniform(-2.0, 3.0)))
+            channel = replace(
+                channel, feedback_sos=sections(rng, int(rng.integers(1, 4)), 10.0 ** rng.uniform(-2.0, 3.0))
+            )
         if kind & 2:
-            channel = replace(channel, prefilter_sos=sections(rng, rng.integers(1, 4), 10.0 ** rng.uniform(-5.0, 0.0)))
+            channel = replace(
+                channel, prefilter_sos=sections(rng, int(rng.integers(1, 4)), 10.0 ** rng.uniform(-5.0, 0.0))
+            )
         channels.append(channel)
-    return replace(designed(), channels=tuple(channels))
+    return replace(of(), channels=tuple(channels))
 
 
-def judge_travel(seed: int) -> None:
+def judge_travel(seed: int, of: Made) -> None:
     rng = np.random.default_rng(seed)
     drives = rng.random() < 0.25
-    guarded = Guarded(designed() if drives else misbehaving(rng), drives=drives, seed=seed)
+    guarded = Guarded(of() if drives else misbehaving(rng, of), drives=drives, seed=seed)
     guarded.touch(bool(rng.integers(2)))
     when = int(rng.integers(1, 1500))
     loud = rng.uniform(0.1, 10.0) if drives else rng.choice([1.0, 10.0, 300.0, 1e5])
@@ -128,17 +147,17 @@ def judge_travel(seed: int) -> None:
         assert np.max(np.abs(command[min(faults) + QUARTER_S :]), initial=0.0) < 1e-3
 
 
-@pytest.mark.parametrize("seed", FEW)
-def test_comfort__adversary_finger_on_and_off_link_faults__is_not_passed_by_1_db(seed):
-    judge_comfort(seed)
+@pytest.mark.parametrize(("of", "seed"), OF_EACH)
+def test_comfort__adversary_finger_on_and_off_link_faults__is_not_passed_by_1_db(of: Made, seed: int) -> None:
+    judge_comfort(seed, of)
 
 
-@pytest.mark.parametrize("seed", FEW)
-def test_travel__misbehaving_image_and_failing_sensors__is_never_reached(seed):
-    judge_travel(seed)
+@pytest.mark.parametrize(("of", "seed"), OF_EACH)
+def test_travel__misbehaving_image_and_failing_sensors__is_never_reached(of: Made, seed: int) -> None:
+    judge_travel(seed, of)
 
 
-def test_felt_reference__tones_and_rest__are_what_was_asked():
+def test_felt_reference__tones_and_rest__are_what_was_asked() -> None:
     guarded = Guarded(designed())
     assert max(np.max(np.abs(felt(c).of(guarded.run(np.zeros((2400, 3))).displacement_mm[:, c]))) for c in (0,)) < 3.0
     time_s = np.arange(2400) / 4000.0
@@ -149,12 +168,12 @@ def test_felt_reference__tones_and_rest__are_what_was_asked():
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("seed", MANY)
-def test_comfort__many_adversaries__is_not_passed_by_1_db(seed):
-    judge_comfort(seed)
+@pytest.mark.parametrize(("of", "seed"), MANY_OF_EACH)
+def test_comfort__many_adversaries__is_not_passed_by_1_db(of: Made, seed: int) -> None:
+    judge_comfort(seed, of)
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("seed", MANY)
-def test_travel__many_misbehaving_images__is_never_reached(seed):
-    judge_travel(seed)
+@pytest.mark.parametrize(("of", "seed"), MANY_OF_EACH)
+def test_travel__many_misbehaving_images__is_never_reached(of: Made, seed: int) -> None:
+    judge_travel(seed, of)
