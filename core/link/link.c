@@ -299,6 +299,8 @@ static int32_t carry_out(tact_link *link, const tact_frame *frame, tact_writer *
         return take_stimulus(link, &in);
     case TACT_ASK_TRACE:
         return tact_report_trace(link, &in, out);
+    case TACT_ASK_WEIGHTS:
+        return tact_report_weights(link, &in, out);
     case TACT_ASK_PERIOD_CHECK:
         return run_check(link, &in, out);
     case TACT_ASK_BENCH:

@@ -16,6 +16,7 @@
  *     STREAM             run u32, first u32, count u16, forces u8, rows f32   end u32, tick u32
  *     STIMULUS           channel u8, count u8, tones                          -
  *     TRACE              run u32, first u32, count u16, felt u8               first u32, count u16, rows
+ *     WEIGHTS            -                                                    tick of the run u32, 2 f32 a channel
  *     PERIOD_CHECK       seed u32, ticks u32                                  digest, running, starts, faults (u32)
  *     BENCH              samples u32                                          least, most, sum (u32), samples u32
  *     TOUCH              channel u8, load u8                                  -
@@ -53,6 +54,7 @@ typedef enum {
     TACT_ASK_STREAM = 0x20,
     TACT_ASK_STIMULUS,
     TACT_ASK_TRACE,
+    TACT_ASK_WEIGHTS,
     TACT_ASK_PERIOD_CHECK = 0x30,
     TACT_ASK_BENCH,
     TACT_ASK_TOUCH,

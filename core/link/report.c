@@ -79,3 +79,18 @@ int32_t tact_report_trace(const tact_link *link, tact_reader *in, tact_writer *o
     write_rows(link, out, first, count, felt);
     return board->tick - first > board->trace_capacity ? TACT_NOT_HERE : TACT_DONE;
 }
+
+int32_t tact_report_weights(const tact_link *link, const tact_reader *in, tact_writer *out)
+{
+    const tact_board *board = link->board;
+    if (in->size != 0)
+        return TACT_BAD_PAYLOAD;
+    tact_write_u32(out, board->tick);
+    for (int32_t c = 0; c < board->channels; c++) {
+        const tact_board_channel *channel = &board->channel[c];
+        const int adapts = board->image.format != 0 && board->image.touch[c].feedback_count != 0;
+        for (int i = 0; i < 2; i++)
+            tact_write_f32(out, adapts ? channel->touch_state.weight[i] : 0.0f);
+    }
+    return TACT_DONE;
+}

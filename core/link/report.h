@@ -7,6 +7,9 @@
  *     TRACE: first tick, count u16, rows: channels command codes | flags << 24, channels position codes, and, if asked,
  *     channels displacements (mm, f32) of a simulated display
  *
+ *     WEIGHTS: tick of the run | of each channel what it has learnt of its finger: the weight of the mass, of damping with
+ *     stiffness (f32); zeros where nothing is fed forward
+ *
  * Example use:
  *   outcome = tact_report_status(link, &writer);
  */
@@ -19,5 +22,6 @@
 /* Each gives the tact_outcome; what it has to say goes into `out`. */
 int32_t tact_report_status(const tact_link *link, tact_writer *out);
 int32_t tact_report_trace(const tact_link *link, tact_reader *in, tact_writer *out);
+int32_t tact_report_weights(const tact_link *link, const tact_reader *in, tact_writer *out);
 
 #endif

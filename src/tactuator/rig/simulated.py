@@ -88,6 +88,11 @@ class SimulatedRig(DisplayRig):
         if settle_s > 0.0:
             self.drive(np.zeros((round(settle_s * self.rate_hz), len(self._ports))))
 
+    @property
+    def waits(self) -> bool:
+        """Return True: time stands still between blocks."""
+        return True
+
     def weights(self) -> FloatArray:
         """Return the weights that each channel has learnt of its finger, (channels, 2); zeros where none are learnt."""
         return self._simulation.weights()

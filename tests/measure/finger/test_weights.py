@@ -10,6 +10,7 @@ import pytest
 from tactuator.cli.main import main
 from tactuator.display.load import Load
 from tactuator.files.controller import write_controller
+from tactuator.files.start.shipped import EXAMPLES
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.measure.finger.weights import settle_weights
 from tactuator.rig.rig import WrappedRig
@@ -78,3 +79,40 @@ def test_settle__rig_that_does_not_tell__says_none() -> None:
         (found,) = settle_weights(rig, made, 30.0, np.random.default_rng(1))
     assert (found.weight, found.settled_s) == (None, None)
     assert inner.rows_played == 3 * RATE_HZ
+
+
+class HastyRig(SimulatedRig):
+    """A rig that says that its time goes on between blocks; its weights are told while it plays."""
+
+    @property
+    def waits(self) -> bool:
+        return False
+
+
+def test_settle__rig_whose_time_goes_on__tells_weights_and_no_time() -> None:
+    made = adaptive()
+    with HastyRig(made.display, 3) as rig:
+        rig.load(made)
+        (found,) = settle_weights(rig, made, 30.0, np.random.default_rng(1))
+    assert found.weight is not None
+    assert found.settled_s is None
+    np.testing.assert_allclose(found.weight, [0.0, 0.0], atol=0.15)
+
+
+def test_measure__other_display_with_this_controller__weights_of_its_finger_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_controller(tmp_path / "c.json", adaptive())
+    text = (EXAMPLES / "displays" / "tactuator.toml").read_text(encoding="utf-8")
+    designed, other = "mass = 0.12, damping = 31.0, stiffness = 360.0", "mass = 0.07, damping = 43.0, stiffness = 500.0"
+    assert designed in text
+    (tmp_path / "other.toml").write_text(text.replace(designed, other), encoding="utf-8")
+    files = ["--display", str(tmp_path / "other.toml"), "--controller", str(tmp_path / "c.json")]
+    asked = ["measure", *files, "--load", "finger", "--frequency-hz", "32", "--json"]
+    assert main(asked) == 0
+    found = json.loads(capsys.readouterr().out)
+    (learnt,) = found["learnt"]
+    np.testing.assert_allclose(learnt["weight"], [0.07 / 0.12, 43.0 / 31.0], atol=0.15)
+    assert learnt["settled_s"] <= 0.3
+    (response,) = found["responses"]
+    np.testing.assert_allclose(response["sensation_level_db"], response["expected_level_db_sl"], atol=0.2)

@@ -8,10 +8,12 @@ import pytest
 from tactuator.display.controller import Controller
 from tactuator.display.description import Display
 from tactuator.display.touch import Touch
+from tactuator.measure.finger.weights import settle_weights
 from tactuator.rig.board.commissioning import ADAPTIVE_DB, safety_table
 from tactuator.rig.board_rigs import in_process_rig, simulated_board_rig
 from tactuator.rig.transport.transport import InProcess
 from tactuator.runtime._core import ffi, lib
+from tactuator.runtime.image import FORMATS
 from tactuator.runtime.touch_table import touch_table
 from tactuator.signals.decibels import db
 from tests.rig.guard import guarded
@@ -55,6 +57,25 @@ def landed(short_way: bool) -> bytes:
 
 def test_board__short_way_and_general_way__same_bits() -> None:
     assert landed(short_way=True) == landed(short_way=False)
+
+
+@pytest.mark.parametrize("number_format", FORMATS)
+def test_board__asked_for_its_weights__tells_what_it_has_learnt(number_format: str) -> None:
+    transport = InProcess()
+    rig = simulated_board_rig(transport, adaptive_display(), 5, number_format)
+    own = Controller(adaptive_display(), (adaptive(),))
+    assert np.array_equal(rig.weights(), np.zeros((1, 2)))
+    rig.load(own)
+    rig.finger("index").touch("finger")
+    (learnt,) = settle_weights(rig, own, 30.0, np.random.default_rng(1))
+    assert learnt.weight is not None
+    assert learnt.settled_s is not None
+    np.testing.assert_allclose(learnt.weight, [1.0, 1.0], atol=0.15)
+    assert learnt.settled_s <= 0.3
+    assert np.array_equal(rig.weights()[0], list(transport.board.channel[0].touch_state.weight))
+    rig.load(Controller(adaptive_display(), (replace(adaptive(), feed_forward=None),)))
+    assert np.array_equal(rig.weights(), np.zeros((1, 2)))
+    rig.close()
 
 
 def test_board__adaptive_in_both_formats__learns_alike() -> None:

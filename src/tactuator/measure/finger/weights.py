@@ -25,6 +25,11 @@ _BAND_HZ, _LINES = (5.0, 250.0), 16
 class LearningRig(Rig, Protocol):
     """A rig that tells the weights which its channels have learnt of a finger."""
 
+    @property
+    def waits(self) -> bool:
+        """Return True where time stands still between blocks, so that weights are those at a block's end."""
+        ...
+
     def weights(self) -> FloatArray:
         """Return the weights of the finger's mass and of its damping with stiffness, (channels, 2)."""
         ...
@@ -35,7 +40,7 @@ class Learnt:
     """Weights of a channel after settling: the mean over the last second, (mass, damping with stiffness).
 
     settled_s: seconds of sound until the mean over 0.1 s of both stays within 0.3 of it; None where they never did, or
-    the rig does not tell.
+    the rig does not tell, or its time goes on while it is asked.
     """
 
     channel: str
@@ -62,16 +67,20 @@ def settle_weights(
     if not isinstance(rig, LearningRig):
         rig.play(reference)
         return tuple(Learnt(rig.channels[k], None, None) for k in adaptive)
+    told = _told(rig, reference)
+    return tuple(_learnt(rig.channels[k], told[:, k], rig.waits) for k in adaptive)
+
+
+def _told(rig: LearningRig, reference: FloatArray) -> FloatArray:
+    """Play a reference and return the weights that were told meanwhile, one for each piece: (pieces, channels, 2)."""
     piece = round(_PIECE_S * rig.rate_hz)
-    told = []
-    for start in range(0, wave.size, piece):
-        rig.play(reference[start : start + piece])
-        told.append(rig.weights())
-    return tuple(_learnt(rig.channels[k], np.array(told)[:, k]) for k in adaptive)
+    pieces = [reference[start : start + piece] for start in range(0, len(reference), piece)]
+    traces = (rig.play(each) for each in pieces) if rig.waits else rig.stream(pieces)
+    return np.array([rig.weights() for _ in traces])
 
 
-def _learnt(channel: str, told: FloatArray) -> Learnt:
-    """Return what a channel has learnt by weights (pieces, 2)."""
+def _learnt(channel: str, told: FloatArray, waits: bool) -> Learnt:
+    """Return what a channel has learnt by weights (pieces, 2); where the rig does not wait, without the time."""
     last = told[-round(_LAST_S / _PIECE_S) :]
     mean = last.mean(axis=0)
     sums = np.cumsum(np.vstack([np.zeros((1, 2)), told]), axis=0)
@@ -79,4 +88,4 @@ def _learnt(channel: str, told: FloatArray) -> Learnt:
     away = np.flatnonzero(np.any(np.abs(smooth - mean) > STAYS, axis=1))
     settled = _SMOOTHED if away.size == 0 else int(away[-1]) + 1 + _SMOOTHED
     weight = (float(mean[0]), float(mean[1]))
-    return Learnt(channel, weight, settled * _PIECE_S if settled < told.shape[0] else None)
+    return Learnt(channel, weight, settled * _PIECE_S if waits and settled < told.shape[0] else None)

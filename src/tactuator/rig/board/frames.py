@@ -28,6 +28,7 @@ class Request(IntEnum):
     STREAM = 0x20
     STIMULUS = 0x21
     TRACE = 0x22
+    WEIGHTS = 0x23
     PERIOD_CHECK = 0x30
     BENCH = 0x31
     TOUCH = 0x32

@@ -26,6 +26,7 @@ from tactuator.rig.board.link import (
     RigFault,
     Status,
     TraceRows,
+    understood,
 )
 from tactuator.rig.board.stream import BoardStream, Rows, take_rows
 from tactuator.rig.board.tones import LONGEST_S, BoardTone, read_run, stimulus_payloads
@@ -197,6 +198,18 @@ class BoardRig(DisplayRig):
     def status(self) -> Status:
         """Return the status that the board reports."""
         return self._client.status()
+
+    @property
+    def waits(self) -> bool:
+        """Return True where time stands still between blocks."""
+        return self._waits
+
+    def weights(self) -> FloatArray:
+        """Return the weights that each channel has learnt of its finger, (channels, 2); zeros where none are learnt."""
+        told = self._client.must(Request.WEIGHTS)
+        with understood(Request.WEIGHTS):
+            pairs = np.frombuffer(told, dtype="<f4", offset=4).astype(np.float64).reshape(-1, 2)
+            return np.ascontiguousarray(pairs[: len(self.channels)])
 
     def commission(self) -> None:
         """Write the safety table of the display, whatever table was there; the board must be in OFF."""
