@@ -47,6 +47,26 @@ def test_tone__through_a_wire_of_known_gain__its_peak_and_volts():
     assert full_scale_v(1.0, 0.4) == pytest.approx(3.5355, rel=1e-4)
 
 
+@pytest.mark.parametrize("heard", ["nothing", "noise", "hum"])
+def test_tone__no_wire__is_refused(heard: str):
+    noise, rows = np.random.default_rng(3), [0]
+
+    def answer(out: np.ndarray) -> np.ndarray:
+        time = (rows[0] + np.arange(len(out))) / RATE_HZ
+        rows[0] += len(out)
+        hum = 0.01 * np.sin(2.0 * np.pi * 50.0 * time)[:, None] * (heard == "hum")
+        return (hum + 0.01 * (heard == "noise") * noise.standard_normal(out.shape)).astype(np.float32)
+
+    with pytest.raises(BadInput, match="does not come back at the input"):
+        tone(wire_rig(answer=answer), 100.0, 0.4, 2.0)
+
+
+def test_tone__no_input__is_played_and_none_is_heard():
+    rows = CardRows(1, 0, 16384, RATE_HZ)
+    turned = TurnedCard(rows)
+    assert tone(SoundRig(wire_display(RATE_HZ, 1, 0), rows, turned, turned.sleep), 100.0, 0.4, 2.0) == 0.0
+
+
 @pytest.mark.parametrize(("level", "frequency"), [(0.0, 100.0), (1.0, 100.0), (0.1, 4000.0)])
 def test_tone__out_of_range__is_refused(level: float, frequency: float):
     with pytest.raises(BadInput, match="allowed: 1 to 3200 Hz"):

@@ -13,11 +13,16 @@ from tactuator.display.sound_card import SoundCard, Wires
 from tactuator.errors import BadInput
 from tactuator.files.curve import resolve_curve
 from tactuator.rig.rig import Rig
+from tactuator.rig.sensing import PartlyDeaf
 from tactuator.signals.systems import ContinuousSystem
 
 BURSTS, BURST_S = 5, 1.0
 _SURE = 0.5
 """Least correlation of what comes back with what was put out."""
+_UNHEARD = (
+    "what was put out does not come back at the input; allowed: a wire from that output to that input, "
+    "with its gain turned up"
+)
 
 
 def wire_display(rate_hz: float, output: int, input_number: int) -> Display:
@@ -81,17 +86,14 @@ def _delay(asked: FloatArray, heard: FloatArray, part: slice) -> tuple[int, floa
     power = float(np.sum(burst[part] ** 2))
     sure = abs(float(cross[delay])) / np.sqrt(power * float(np.sum(there**2)) + 1e-300)
     if sure < _SURE:
-        raise BadInput(
-            "what was put out does not come back at the input; allowed: a wire from that output to that input, "
-            "with its gain turned up"
-        )
+        raise BadInput(_UNHEARD)
     return delay, float(cross[delay]) / power
 
 
 def tone(rig: Rig, frequency_hz: float, level: float, duration_s: float) -> float:
-    """Play a tone at a share of full scale and return its peak at the input, as a share of full scale.
+    """Play a tone at a share of full scale and return its peak at the input, as a share of full scale; 0 without one.
 
-    Raises BadInput for a level or frequency out of range.
+    Raises BadInput for a level or frequency out of range, and where the tone does not come back at an input.
     """
     if not (0.0 < level <= 0.9 and 1.0 <= frequency_hz <= 0.4 * rig.rate_hz and 1.0 <= duration_s <= 600.0):
         raise BadInput(
@@ -102,7 +104,12 @@ def tone(rig: Rig, frequency_hz: float, level: float, duration_s: float) -> floa
     wave = level * np.sin(2.0 * np.pi * frequency_hz * time)
     heard = rig.drive(wave[:, None]).position_v[time.size // 2 :, 0]
     turn = np.exp(-2j * np.pi * frequency_hz * time[time.size // 2 :])
-    return float(2.0 * np.abs(np.mean(heard * turn)))
+    peak = float(2.0 * np.abs(np.mean(heard * turn)))
+    if isinstance(rig, PartlyDeaf) and rig.without_sensor:
+        return 0.0
+    if peak <= _SURE * np.sqrt(2.0 * float(np.mean(heard**2))):
+        raise BadInput(_UNHEARD)
+    return peak
 
 
 def full_scale_v(reading_v: float, level: float) -> float:
