@@ -177,6 +177,21 @@ def test_drive__beyond_the_range__is_cut_and_marked():
     assert trace.saturated[-1].all()
 
 
+def test_drive__card_that_stands_still_while_it_starts__is_waited_for():
+    rig, card = turned_rig(sound_display(), stops_at=1, stops_for_s=1.7)
+    assert len(rig.drive(np.zeros((100, 2)))) == 100
+    rig.close()
+    assert card.closed is True
+
+
+def test_drive__card_that_never_starts__is_gone():
+    rig, card = turned_rig(sound_display(), stops_at=1)
+    with pytest.raises(CardGone, match="not a sample for 5 s"):
+        rig.drive(np.zeros((100, 2)))
+    rig.close()
+    assert card.closed is False
+
+
 def test_close__card_that_fails_in_it__nothing_is_raised_for_all_has_been_answered(monkeypatch):
     rig, card = turned_rig(sound_display())
 

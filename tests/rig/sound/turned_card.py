@@ -16,7 +16,7 @@ from tactuator.runtime._core import ffi, lib
 
 RATE_HZ = 8000.0
 PERIOD = 64
-PATIENCE_S, LONGEST_S = 5.0, 600.0
+PATIENCE_S, LONGEST_S = 6.0, 600.0
 OVERFLOW = 2  # PortAudio's paInputOverflow
 Answer = Callable[[np.ndarray], np.ndarray]
 
@@ -52,7 +52,8 @@ def flat_controller(display: Display, gain: float = 0.01, **channel: Any) -> Con
 
 class TurnedCard:
     """A card with `delay` samples from an output to the input of the same number. answer: what the inputs hear of the
-    outputs (n, channels); flags: told at the calls of those numbers; stops_at: the call from which it is silent.
+    outputs (n, channels); flags: told at the calls of those numbers; stops_at: the call from which it is silent, for
+    stops_for_s.
     """
 
     def __init__(
@@ -62,9 +63,11 @@ class TurnedCard:
         answer: Answer = lambda out: out,
         flags: Callable[[int], int] = lambda call: 0,
         stops_at: int | None = None,
+        stops_for_s: float = np.inf,
         hurry: float = 1.0,
     ) -> None:
         self.rows, self.answer, self.flags, self.stops_at, self.hurry = rows, answer, flags, stops_at, hurry
+        self.stops_for_s = stops_for_s
         self.calls, self.owed, self.silent_s = 0, 0.0, 0.0
         self.put_out: list[np.ndarray] = []
         self._heard = np.zeros((delay, rows.outputs), dtype=np.float32)
@@ -74,7 +77,7 @@ class TurnedCard:
         self.owed += self.hurry * seconds * RATE_HZ
         while self.owed >= PERIOD:
             self.owed -= PERIOD
-            if self.stops_at is None or self.calls < self.stops_at:
+            if self.stops_at is None or self.calls < self.stops_at or self.silent_s >= self.stops_for_s:
                 self._call()
             else:
                 self.silent_s += PERIOD / RATE_HZ

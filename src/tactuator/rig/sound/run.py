@@ -11,6 +11,8 @@ POLL_S = 0.01
 """Pause between two looks at the rings."""
 SILENT_S = 1.0
 """A card that does not call back for so long is gone."""
+STARTING_S, STEADY = 5.0, 5
+"""Until it has called back so often it has longer: PulseAudio calls once, and then not for 1.7 s."""
 
 
 class CardGone(DeviceFault):
@@ -22,7 +24,7 @@ class CardRun:
 
     def __init__(self, rows: CardRows, lead: int, sleep: Callable[[float], None]) -> None:
         self._rows, self.lead, self._sleep = rows, lead, sleep
-        self._seen, self._silent_s = -1, 0.0
+        self._seen, self._silent_s, self._steps = -1, 0.0, 0
         self.alive = True
 
     def play(self, blocks: Iterable[Rows], beyond: int, allow_gaps: bool) -> Iterator[Rows]:
@@ -73,10 +75,13 @@ class CardRun:
         """Wait a little. Raises CardGone where the card's clock stands still."""
         self._sleep(POLL_S)
         frames = self._rows.frames
-        self._silent_s = 0.0 if frames != self._seen else self._silent_s + POLL_S
-        self._seen = frames
-        if self._silent_s > SILENT_S:
+        if frames != self._seen:
+            self._seen, self._silent_s, self._steps = frames, 0.0, self._steps + 1
+            return
+        self._silent_s += POLL_S
+        patience_s = SILENT_S if self._steps > STEADY else STARTING_S
+        if self._silent_s > patience_s:
             self.alive = False
             raise CardGone(
-                f"the sound card has stopped: not a sample for {SILENT_S:g} s; allowed: a card that stays connected"
+                f"the sound card has stopped: not a sample for {patience_s:g} s; allowed: a card that stays connected"
             )
