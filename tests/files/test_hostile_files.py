@@ -89,9 +89,27 @@ def test_matlab__damaged_so_that_the_library_crashes__refused(tmp_path: Path, mo
     one_line(lambda: read_record(tmp_path / "r.mat"), "breaks down")
 
 
+def test_matlab__cells_that_hold_more_than_they_claim__refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cells = np.empty(2, dtype=object)
+    cells[:] = [np.zeros(4_000_000), np.zeros(4_000_000)]
+    scipy.io.savemat(tmp_path / "r.mat", {"u": U, "y": Y, "c": cells}, do_compression=True)
+    monkeypatch.setattr(hdf5, "_MEMORY_BYTES", 40 << 20)
+    one_line(lambda: read_record(tmp_path / "r.mat"), "more than 40 MB of memory")
+
+
 def test_csv__one_line_without_end__refused(tmp_path: Path) -> None:
     (tmp_path / "r.csv").write_text("1," * 2_000_000)
     one_line(lambda: read_record(tmp_path / "r.csv"), "a line is longer")
+
+
+@pytest.mark.parametrize("ending", [".w64", ".rf64", ".au", ".caf", ".ogg", ".mp3"])
+@pytest.mark.parametrize("share", [0.5, 0.9, 0.999])
+def test_speech__cut__refused_whatever_its_format(tmp_path: Path, ending: str, share: float) -> None:
+    path = tmp_path / f"r{ending}"
+    soundfile.write(path, U, 16000)
+    assert scan_speech(path).frames == U.size
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    one_line(lambda: scan_speech(path), "truncated|not readable|frames")
 
 
 @pytest.mark.parametrize("ending", [".wav", ".flac", ".aiff"])

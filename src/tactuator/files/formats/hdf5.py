@@ -24,6 +24,9 @@ import h5py
 from tactuator.errors import BadInput
 
 _CPU_S, _WALL_S = 4, 9
+_MEMORY_BYTES = 640 << 20
+"""Memory that a file may take up in the child: well over MOST_VALUES numbers of a record."""
+_TOO_LARGE = 3
 
 
 @contextmanager
@@ -133,10 +136,13 @@ def require_survivable(trial: Callable[[], object]) -> None:
     status = os.waitpid(child, 0)[1]
     if os.WIFSIGNALED(status):
         raise BadInput("it is damaged: the library breaks down over it; allowed: a sound file")
+    if os.WEXITSTATUS(status) == _TOO_LARGE:
+        raise BadInput(f"it takes up more than {_MEMORY_BYTES >> 20} MB of memory; allowed: a smaller file")
 
 
 def _try_out(trial: Callable[[], object]) -> None:
     """Read the file, and end the process: by a signal where the library does not survive it."""
+    status = 0
     try:
         faulthandler.disable()
         for number in (signal.SIGALRM, signal.SIGXCPU, signal.SIGTERM, signal.SIGINT):
@@ -146,10 +152,22 @@ def _try_out(trial: Callable[[], object]) -> None:
         limit = int(used.ru_utime + used.ru_stime) + _CPU_S
         resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
         signal.alarm(_WALL_S)
+        _limit_memory()
         with suppress(Exception):
-            trial()
+            try:
+                trial()
+            except MemoryError:
+                status = _TOO_LARGE
     finally:
-        os._exit(0)
+        os._exit(status)
+
+
+def _limit_memory() -> None:
+    """Let this process take no more than _MEMORY_BYTES besides what it has, where the system tells how much that is."""
+    told = Path("/proc/self/statm")
+    if told.exists():
+        most = int(told.read_text().split()[0]) * resource.getpagesize() + _MEMORY_BYTES
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))
 
 
 def _look_through(path: Path) -> None:
@@ -159,9 +177,20 @@ def _look_through(path: Path) -> None:
 
 
 def _look(item: Any) -> None:
-    with suppress(Exception):
-        dict(item.attrs)
-    with suppress(Exception):
-        if isinstance(item, h5py.Dataset):
-            item[(slice(0, 1),) * item.ndim]
-            item[(slice(-1, None),) * item.ndim]
+    for look in (_look_at_attributes, _look_at_ends):
+        try:
+            look(item)
+        except MemoryError:
+            raise
+        except Exception:  # told when the file is read
+            continue
+
+
+def _look_at_attributes(item: Any) -> None:
+    dict(item.attrs)
+
+
+def _look_at_ends(item: Any) -> None:
+    if isinstance(item, h5py.Dataset):
+        item[(slice(0, 1),) * item.ndim]
+        item[(slice(-1, None),) * item.ndim]
