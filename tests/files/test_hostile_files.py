@@ -90,8 +90,8 @@ def test_matlab__damaged_so_that_the_library_crashes__refused(tmp_path: Path, mo
 
 
 def test_matlab__cells_that_hold_more_than_they_claim__refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    cells = np.empty(2, dtype=object)
-    cells[:] = [np.zeros(4_000_000), np.zeros(4_000_000)]
+    cells = np.empty(1, dtype=object)
+    cells[0] = np.zeros(9_000_000)  # over 32 MB: memory that the allocator has to ask for
     scipy.io.savemat(tmp_path / "r.mat", {"u": U, "y": Y, "c": cells}, do_compression=True)
     monkeypatch.setattr(hdf5, "_MEMORY_BYTES", 40 << 20)
     one_line(lambda: read_record(tmp_path / "r.mat"), "more than 40 MB of memory")

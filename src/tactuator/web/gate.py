@@ -8,6 +8,8 @@ from ipaddress import ip_address
 from urllib.parse import urlsplit
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocketDisconnect
+from uvicorn.protocols.utils import ClientDisconnected
 
 from tactuator.web.pages import HEADERS
 
@@ -34,7 +36,10 @@ class Gate:
         elif not self._answers_to(scope):
             await _refuse(scope, send, _MISDIRECTED, "this server does not answer to that name")
         elif scope["type"] == "websocket":
-            await self._app(scope, receive, _Handshake(scope, send))
+            try:
+                await self._app(scope, receive, _Handshake(scope, send))
+            except WebSocketDisconnect:  # a page that goes is no error, not even while it is being refused
+                raise ClientDisconnected from None
         else:
             await self._app(scope, receive, send)
 

@@ -92,6 +92,12 @@ class HeadedWebSocket(WebSocketsSansIOProtocol):
         self._refuse(answer)
         self.transport.close()
 
+    async def send(self, message: Any) -> None:
+        """Send what the application says; a refusal is the end of the handshake, which the library does not note."""
+        await super().send(message)
+        if message["type"] == "websocket.http.response.body" and self.close_sent:
+            self.handshake_complete = True
+
     def send_500_response(self) -> None:
         """Refuse a request that the application failed over, or that came as the server ended."""
         if not self.handshake_complete and self.initial_response is None:

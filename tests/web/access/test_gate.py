@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
+import logging
+import socket
 import ssl
 import threading
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 from http.client import HTTPConnection, HTTPSConnection
 from pathlib import Path
 
 import pytest
 import uvicorn
-from fastapi import FastAPI, WebSocket
+from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
@@ -40,11 +43,18 @@ def small() -> FastAPI:
     async def failed(request, error):
         return plain_text("failed", 500)
 
+    @app.websocket("/closed")
+    async def closed(socket: WebSocket) -> None:
+        await socket.accept()
+        await asyncio.sleep(0.02)
+        await socket.close(4003)
+
     @app.websocket("/ws")
     async def echo(socket: WebSocket) -> None:
         await socket.accept()
-        await socket.send_text(await socket.receive_text())
-        await socket.close()
+        with suppress(WebSocketDisconnect):
+            await socket.send_text(await socket.receive_text())
+            await socket.close()
 
     return app
 
@@ -106,6 +116,21 @@ def test_gate__websocket_whose_request_is_amiss__is_refused_with_the_headers(por
         with connection.getresponse() as response:
             assert response.status == 400
             assert bears_headers({key.lower(): told for key, told in response.getheaders()})
+
+
+def test_gate__websockets_that_are_refused_or_gone__are_no_errors_of_the_log(port: int, caplog, monkeypatch) -> None:
+    monkeypatch.setattr(logging.getLogger("uvicorn.error"), "propagate", True)
+    monkeypatch.setattr(logging.getLogger("uvicorn"), "propagate", True)
+    head = "GET {} HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+    head += "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+    for path in ("/nothing", "/ws", "/closed") * 20:
+        with socket.create_connection(("127.0.0.1", port), timeout=10.0) as made:
+            made.sendall(head.format(path).encode())
+    assert asked(port, "localhost")[0] == 200
+    with connect(f"ws://127.0.0.1:{port}/ws") as last:
+        last.send("the others are through")
+        last.recv()
+    assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
 
 
 def test_gate__websocket_that_is_there__is_opened(port: int) -> None:

@@ -14,7 +14,7 @@ from tactuator.errors import BadInput
 
 _STREAMED = (0, 0xFFFFFFFF)
 """Lengths written by a program that did not know the length."""
-_HEAD_BYTES = 36
+_HEAD_BYTES, _RIFF_BYTES = 36, 12
 _FORMS = {b"RIFF": ("<", b"data"), b"RIFX": (">", b"data"), b"FORM": (">", b"SSND")}
 _KNOWN = (b"RIFF", b"RIFX", b"RF64", b"FORM", b"fLaC", b"OggS", b"caff", b".snd", b"riff")
 _QUIET = threading.Lock()
@@ -51,9 +51,9 @@ def require_whole(path: Path) -> None:
         head = file.read(_HEAD_BYTES)
         if len(head) == _HEAD_BYTES and head[:4] in _STATED:
             _require(_STATED[head[:4]](file, head), size)
-        if len(head) < _HEAD_BYTES or head[:4] not in _FORMS:
+        if len(head) < _RIFF_BYTES or head[:4] not in _FORMS:
             return
-        file.seek(12)
+        file.seek(_RIFF_BYTES)
         order, wanted = _FORMS[head[:4]]
         (stated,) = struct.unpack(f"{order}I", head[4:8])
         if stated not in _STREAMED:
