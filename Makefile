@@ -44,7 +44,7 @@ reproduce: install ## the paper end to end, into out/paper
 test: install-test lint contract ## everything that must hold: style, types, floors, warnings, tests
 	$(BESIDE) suite types core-warnings
 
-check-slow: install-site install-test ## what takes minutes: a minute of fuzzing, packing, installing for real, the site
+check-slow: install-site install-test ## what takes minutes: fuzzing, packing, installing for real, the site
 	$(PYTHON) tools/system.py slow
 	$(MAKE) --no-print-directory 'MARKS=-m "slow and not soak"' suite
 

@@ -35,8 +35,8 @@ def fuzz(folder: Path, seconds: int) -> str:
 
 
 @pytest.mark.slow
-def test_link__a_minute_of_fuzzing__breaks_nothing(tmp_path):
-    said = fuzz(tmp_path, 60)
+def test_link__twenty_seconds_of_fuzzing__break_nothing(tmp_path):
+    said = fuzz(tmp_path, 20)
     runs = next(line for line in said.splitlines() if "number_of_executed_units" in line)
     assert int(runs.split()[-1]) > 1000
 
