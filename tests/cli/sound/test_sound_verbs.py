@@ -259,6 +259,30 @@ def test_sound_latency__no_wire__is_refused(monkeypatch, capsys, tmp_path: Path)
     refused(given, "what was put out does not come back at the input", capsys, tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (["latency", "--input", "0"], "input 0; allowed: the input to which the wire leads"),
+        (["latency", "--rate-hz", "-1"], "a rate of -1 Hz; allowed: 1000 Hz or more"),
+        (["calibrate", "--rate-hz", "nan"], "a rate of nan Hz; allowed: 1000 Hz or more"),
+        (["calibrate", "--reading-v", "-3"], "a reading of -3 V rms; allowed: a positive number"),
+    ],
+    ids=["no input", "rate", "no rate", "reading"],
+)
+def test_sound_verbs__numbers_that_are_none__are_refused_before_a_card_is_opened(
+    given: list[str], words: str, monkeypatch, capsys, tmp_path: Path
+):
+    cards = put_in(monkeypatch)
+    refused(["sound", given[0], "--device", "Card", *given[1:]], words, capsys, tmp_path)
+    assert cards == []
+
+
+def test_sound_calibrate__input_without_a_wire__is_refused(monkeypatch, capsys, tmp_path: Path):
+    put_in(monkeypatch, answer=_noise(1e-3))
+    given = ["sound", "calibrate", "--device", "Card", "--rate-hz", "8000", "--reading-v", "0.1", "--input", "1"]
+    refused([*given, "--duration-s", "2"], "what was put out does not come back at the input", capsys, tmp_path)
+
+
 def test_sound_calibrate__wire_and_reading__volts_of_both(monkeypatch, capsys):
     put_in(monkeypatch, answer=lambda out: (0.25 * out).astype(np.float32))
     given = ["sound", "calibrate", "--device", "Card", "--rate-hz", "8000", "--reading-v", "0.1", "--input", "1"]

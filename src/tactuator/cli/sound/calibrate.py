@@ -22,6 +22,8 @@ def run(
     as_json: bool,
 ) -> None:
     """Play a tone for a multimeter and turn its reading into volts at full scale."""
+    if reading_v is not None:
+        full_scale_v(reading_v, 1.0)  # what is no reading is refused before the tone is played
     told = f"{frequency_hz:g} Hz at output {output} for {duration_s:g} s: read the multimeter (V rms)"
     with open_rig(f"sound:{device}", wire_display(rate_hz, output, input_number)) as rig, working(told):
         heard = tone(rig, frequency_hz, level, duration_s)

@@ -16,6 +16,7 @@ from tactuator.rig.rig import Rig
 from tactuator.rig.sensing import PartlyDeaf
 from tactuator.signals.systems import ContinuousSystem
 
+LEAST_RATE_HZ = 1000.0
 BURSTS, BURST_S = 5, 1.0
 _SURE = 0.5
 """Least correlation of what comes back with what was put out."""
@@ -26,7 +27,12 @@ _UNHEARD = (
 
 
 def wire_display(rate_hz: float, output: int, input_number: int) -> Display:
-    """Return a display that is a wire from an output to an input (0: none), whose volts are shares of full scale."""
+    """Return a display that is a wire from an output to an input (0: none), whose volts are shares of full scale.
+
+    Raises BadInput for a rate below LEAST_RATE_HZ.
+    """
+    if not (np.isfinite(rate_hz) and rate_hz >= LEAST_RATE_HZ):
+        raise BadInput(f"a rate of {rate_hz:g} Hz; allowed: {LEAST_RATE_HZ:g} Hz or more, as the card has it")
     sound = SoundCard((Wires(output, input_number, 1.0, 1.0),), lead_s=0.5)
     threshold = Threshold(resolve_curve("bolanowski-1988"), (1.0, min(300.0, rate_hz / 4.0)))
     channel = Channel(
