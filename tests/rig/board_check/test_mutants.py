@@ -16,6 +16,7 @@ from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board_check.period_check import STRETCH_TICKS, check_period
 from tactuator.rig.board_rigs import simulated_board_rig
 from tactuator.rig.boards import BOARDS
+from tactuator.rig.program import ROOT
 from tactuator.rig.transport.emulator import Emulator
 from tactuator.rig.transport.transport import LinkDown
 from tactuator.runtime.image import FORMATS
@@ -99,6 +100,11 @@ class _Benches(dict[str, Bench]):
 def test_check_period__altered_line__is_noticed(mutant: Mutant, benches: dict[str, Bench]) -> None:
     program = benches["mps2-an500"].program(mutant)
     assert differs("mps2-an500", program, mutant.only or "float32", ENOUGH_TICKS)
+
+
+@pytest.mark.parametrize("mutant", [*FEW, *MANY], ids=lambda mutant: mutant.name)
+def test_mutant__line_that_it_alters__stands_once_in_the_sources(mutant: Mutant) -> None:
+    assert (ROOT / mutant.path).read_text().count(mutant.old) == 1
 
 
 def test_check_period__altered_line__is_told_by_its_tick(benches: dict[str, Bench]) -> None:
