@@ -23,11 +23,16 @@ def built(controller: Controller, number_format: str) -> tuple[bytes, FormatRepo
 
 
 def buildable(controller: Controller) -> Finding:
-    """Return the finding that a board takes the controller in float32, the format that `build` writes unless told."""
+    """Return the finding that a board takes the controller in float32, the format that `build` writes unless told; not
+    judged where none does and the display is wired to a sound card, which takes no image.
+    """
     try:
         with np.errstate(all="ignore"):  # a figure that float32 does not hold ends as a refusal, not as a warning
             _, report = built(controller, FORMATS[0])
     except BadInput as error:
+        if controller.display.sound is not None:
+            remark = f"the display is wired to a sound card, which takes no image; a board would not take it: {error}"
+            return Finding("build", _ALL, "", Outcome.NOT_JUDGED, "no image", remark=remark)
         return Finding("build", _ALL, "", Outcome.NOT_MET, "no image", remark=str(error))
     error_db = report.response_error_db
     remark = f"in {FORMATS[0]}; a board takes up to {CHANNELS_MAX} channels"

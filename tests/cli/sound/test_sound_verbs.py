@@ -28,6 +28,7 @@ from tactuator.rig import open as rigs
 from tactuator.rig.sound import audio_thread, library
 from tests.cli.refusals import refused
 from tests.measure.open_loop.exciters import persons_curve
+from tests.rig.sound.from_start_to_end import controller
 from tests.rig.sound.turned_card import OVERFLOW, TurnedCard, sound_display, turned_rig
 
 ROOT = Path(__file__).parents[3]
@@ -244,6 +245,20 @@ def test_calibrate_display__no_equaliser__what_was_measured_is_kept_and_can_be_d
     controller = tmp_path / "controller.json"
     assert main(["design", str(out / "display.toml"), "--out", str(controller)]) in (0, 1)  # 1: met or not
     assert controller.is_file()
+
+
+def test_design__display_on_a_sound_card__is_not_refused_for_what_a_board_takes(tmp_path: Path, capsys):
+    display = tmp_path / "display.toml"
+    display.write_text(toml_text(display_document(controller(0).display)), encoding="utf-8")
+    made = str(tmp_path / "controller.json")
+    assert main(["design", str(display), "--out", made]) == 0
+    capsys.readouterr()
+    assert main(["check", made, "--json"]) == 0
+    (found,) = json.loads(capsys.readouterr().out)["objectives"]["build"]["findings"]
+    assert found["outcome"] == "not judged"
+    assert (
+        "wired to a sound card, which takes no image; a board would not take it: delay_samples is 0" in found["remark"]
+    )
 
 
 def test_sound_devices__a_card__is_listed(monkeypatch, capfd):
