@@ -74,10 +74,10 @@ def display_file(tmp_path: Path) -> str:
         ({"outputs": 0}, 2, "there is no sound card"),
         ({"outputs": 1}, 2, "has 1 outputs; allowed here: 2 or more"),
         ({"inputs": 1}, 2, "has 1 inputs; allowed here: 2 or more"),
-        ({"error": "Error opening OutputStream: Invalid sample rate [PaErrorCode -9997]"}, 2,
+        ({"error": "Error opening _StreamBase: Invalid sample rate [PaErrorCode -9997]"}, 2,
          "'ALSA/Card' does not run at 8000 Hz; allowed: 44100 Hz"),
-        ({"error": "Error opening OutputStream: Device unavailable [PaErrorCode -9985]"}, 3,
-         "'ALSA/Card' cannot be opened (Error opening OutputStream: Device unavailable [PaErrorCode -9985]); allowed: "
+        ({"error": "Error opening _StreamBase: Device unavailable [PaErrorCode -9985]"}, 3,
+         "'ALSA/Card' cannot be opened (Device unavailable [PaErrorCode -9985]); allowed: "
          "one that nobody else holds"),
     ],
     ids=["no card", "too few outputs", "too few inputs", "rate", "busy"],
