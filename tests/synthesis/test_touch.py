@@ -13,11 +13,14 @@ from tactuator.display.touch import FeedForward, Touch
 from tactuator.display.verdict import Finding, Outcome
 from tactuator.errors import BadInput
 from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.runtime.simulation import Simulation
 from tactuator.signals.decibels import db
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.family import plant_family
+from tactuator.synthesis.monte_carlo import monte_carlo
 from tactuator.synthesis.touch import adapted_response, design_feed_forward, load_weights, loaded_change_db
 from tactuator.synthesis.verdict import judge
+from tests.rig.guard import guarded
 from tests.runtime.paper_display import RATE_HZ, channel, controller, display
 
 BAND_HZ = np.geomspace(0.4, 300.0, 60)
@@ -144,3 +147,39 @@ def test_verdict__adaptive__objective_iv_over_the_whole_band() -> None:
 
 def test_verdict__finger_beyond_the_weights__objective_iv_is_not_met() -> None:
     assert objective_iv(Load("finger", 0.5, 124.0, 1440.0), is_adaptive=True).outcome is Outcome.NOT_MET
+
+
+def test_headroom__loaded_and_adaptive__is_where_the_simulated_command_reaches_its_limit() -> None:
+    made = guarded.adaptive()
+    report = made.channels[0].report["headroom_db_sl_loaded"]["finger"]
+    assert report["binding"][-1] == "command"
+    assert report["frequency_hz"][-1] == 300.0
+    reached = []
+    for above_db in (-0.7, 0.7):
+        simulation = Simulation(made.display, 3)
+        simulation.load(made)
+        simulation.touch(0, "finger")
+        wave = np.sin(2.0 * np.pi * 300.0 * np.arange(8000) / 4000.0 + 0.3)
+        rows = np.zeros((8000, 3))
+        rows[:, 0] = 10.0 ** ((report["level"][-1] + above_db) / 20.0) * wave
+        reached.append(bool(np.any(simulation.play(rows).saturated[4000:, 0])))
+    assert reached == [False, True]
+
+
+def test_monte_carlo__loaded_and_adaptive__is_as_flat_as_without_the_load() -> None:
+    made = guarded.adaptive()
+    fixed = replace(made, channels=tuple(replace(own, feed_forward=None) for own in made.channels))
+    found = {}
+    for name, of in (("adaptive", made), ("fixed", fixed)):
+        for one in monte_carlo(of, 20, np.random.default_rng(1)):
+            found[name, one.channel, one.load] = one
+    for finger in ("index", "thumb", "middle"):
+        free, fed, still = (
+            float(np.median(found[how, finger, load].flatness_db))
+            for how, load in (("adaptive", "none"), ("adaptive", "finger"), ("fixed", "finger"))
+        )
+        assert fed == pytest.approx(free, abs=0.05)
+        assert still > free + 0.5
+        assert np.array_equal(
+            found["adaptive", finger, "finger"].sensitivity_peak, found["fixed", finger, "finger"].sensitivity_peak
+        )

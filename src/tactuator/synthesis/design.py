@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 from tactuator import __version__
 from tactuator.display.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.display.description import Channel, Display
+from tactuator.display.touch import FeedForward
 from tactuator.errors import BadInput, NoDesign
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.signals.bands import third_octave_bands
@@ -28,7 +29,7 @@ from tactuator.synthesis.loop.sections import anti_windup, feedback_sections
 from tactuator.synthesis.loop.synthesis import Task, synthesise
 from tactuator.synthesis.prefilter.fit import PrefilterFit, fit_prefilter
 from tactuator.synthesis.suitability import require_suitable
-from tactuator.synthesis.touch import design_feed_forward
+from tactuator.synthesis.touch import design_feed_forward, fed_response
 
 _SERVES, _GOOD = 0.75, 1.95
 _NEAR_DB = 1.5
@@ -144,6 +145,7 @@ def assemble(
         gains = anti_windup(sections, assessments[0].margins.crossover_hz, display.rate_hz)
     prefilter = SampledSystem.from_sections(fit.sections, display.rate_hz)
     nominal = TwoDegreeLoop(prefilter, feedback, members[0].sampled)
+    fed = design_feed_forward(display, channel, nominal) if display.touch.adaptive else None
     return ChannelController(
         name=channel.name,
         threshold_voltage_dc=_at_rest(nominal, channel),
@@ -152,8 +154,8 @@ def assemble(
         anti_windup=gains,
         limits=_limits(display, channel),
         designed_for=tuple(member.name for member in members),
-        report=_report(display, channel, nominal, fit, assessments, members),
-        feed_forward=design_feed_forward(display, channel, nominal) if display.touch.adaptive else None,
+        report=_report(display, channel, nominal, fit, assessments, members, fed),
+        feed_forward=fed,
     )
 
 
@@ -181,6 +183,7 @@ def _report(
     fit: PrefilterFit,
     assessments: tuple[MemberAssessment, ...],
     members: tuple[Member, ...],
+    fed: FeedForward | None,
 ) -> dict[str, Any]:
     grid = headroom_grid_hz(channel)
     comfort = display.objectives.comfort_db_sl
@@ -192,9 +195,10 @@ def _report(
         "worst_hz": fit.worst_hz,
     }
     report["headroom_db_sl"] = headroom(channel, nominal, grid, comfort).document()
-    report["headroom_db_sl_loaded"] = {
-        member.name: headroom(channel, replace(nominal, plant=member.sampled), grid, comfort).document()
-        for member in members[1:]
-        if member.model == 0
-    }
+    report["headroom_db_sl_loaded"] = {}
+    for member in members[1:]:
+        if member.model == 0:
+            loaded = replace(nominal, plant=member.sampled)
+            answer = fed_response(fed, channel, nominal, loaded, member.load, grid, display.rate_hz)
+            report["headroom_db_sl_loaded"][member.name] = headroom(channel, loaded, grid, comfort, answer).document()
     return report

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.display.description import Channel
 from tactuator.display.load import DERIVATIVES
 from tactuator.loop.feedback import TwoDegreeLoop
@@ -33,16 +33,25 @@ class Headroom:
         }
 
 
-def headroom(channel: Channel, loop: TwoDegreeLoop, frequency_hz: FloatArray, comfort_db_sl: float) -> Headroom:
+def headroom(
+    channel: Channel,
+    loop: TwoDegreeLoop,
+    frequency_hz: FloatArray,
+    comfort_db_sl: float,
+    answer: ComplexArray | None = None,
+) -> Headroom:
     """Return the headroom of the channel's loop at `frequency_hz` (hertz, shape (n,)), for one sinusoid at a time.
 
     travel: displacement at +/- travel_mm. command: the command at the converter's range less the motor's offset.
-    comfort: the felt level at comfort_db_sl.
+    comfort: the felt level at comfort_db_sl. answer: H where something is fed forward besides, (n,); the command
+    is then what moves the loop's plant so far.
     """
-    position = np.abs(loop.position_response(frequency_hz))
+    moved = loop.position_response(frequency_hz) if answer is None else answer
+    position = np.abs(moved)
     speed = (2.0 * np.pi * frequency_hz) ** DERIVATIVES[channel.quantity]
     displacement_mm = position / channel.sensor_gain_v_per_mm / speed
-    command = np.abs(loop.command_response(frequency_hz))
+    own = loop.command_response(frequency_hz) if answer is None else moved / loop.plant.response(frequency_hz)
+    command = np.abs(own)
     room_v = channel.converter.range_v - abs(channel.converter.offset_v)
     felt_error = db(displacement_mm / channel.threshold.curve.displacement_mm(frequency_hz))
     levels = np.vstack([db(channel.travel_mm / displacement_mm), db(room_v / command), comfort_db_sl - felt_error])

@@ -3,7 +3,8 @@
 Plants are drawn from the covariance of an identified model (or, without one, from the channel's family), with every
 lightly damped root shifted in frequency, under each load in turn. Everything is done on frequency responses: loads
 act as P/(1 + P Z), the hold between samples as its own response; what aliases through the hold is left out, which is
-(f/(rate - f))^2 of a second-order motor, 0.6 % at 300 Hz and 4 kHz.
+(f/(rate - f))^2 of a second-order motor, 0.6 % at 300 Hz and 4 kHz. What an adaptive channel feeds forward under a
+load is that of the nominal model, with the load's own weights; without a load, nothing.
 """
 
 from __future__ import annotations
@@ -20,8 +21,10 @@ from tactuator.display.controller import ChannelController, Controller
 from tactuator.display.description import Channel, Display
 from tactuator.display.load import DERIVATIVES, Load
 from tactuator.errors import BadInput
+from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.signals.decibels import db
-from tactuator.synthesis.family import UNLOADED
+from tactuator.synthesis.family import UNLOADED, sampled_plant
+from tactuator.synthesis.touch import fed_push
 
 QUANTILES = (0.5, 0.95, 0.99, 1.0)
 FIGURES = ("sensitivity_peak", "flatness_db", "felt_hum_db_sl")
@@ -98,7 +101,7 @@ def _drawn_plants(
     rng: np.random.Generator,
     mode_shift: float,
 ) -> DrawnPlants:
-    grid = _Grids(own, channel, display)
+    grid = _Grids(own, channel, display, load)
     rows: list[tuple[NDArray[np.bool_], FloatArray, FloatArray, FloatArray]] = []
     for some in _counts(count):
         plants, lead = _drawn(channel, some, rng, mode_shift, grid.frequency_hz)
@@ -122,7 +125,7 @@ def _counts(count: int) -> Iterator[int]:
 class _Grids:
     """One channel's controller on the frequencies of the band, the mains lines and the whole loop."""
 
-    def __init__(self, own: ChannelController, channel: Channel, display: Display) -> None:
+    def __init__(self, own: ChannelController, channel: Channel, display: Display, load: Load | None) -> None:
         rate_hz = display.rate_hz
         low, high = channel.threshold.band_hz
         parts = [np.geomspace(0.02 * low, low, 8), np.geomspace(low, 0.499 * rate_hz, 130)]
@@ -143,6 +146,11 @@ class _Grids:
         self._feedback = None if feedback is None else feedback.response(self.frequency_hz)
         self._integrators = 0 if feedback is None else int(np.sum(np.abs(feedback.poles - 1.0) < 1e-9))
         self._threshold_v = channel.threshold_voltage(self.frequency_hz)
+        self._push: ComplexArray | float = 0.0
+        if own.feed_forward is not None and load is not None:
+            plant = sampled_plant(channel.plant, rate_hz, display.delay_samples)
+            free = TwoDegreeLoop(own.prefilter(rate_hz), feedback, plant)
+            self._push = fed_push(own.feed_forward, free, load, self.frequency_hz, rate_hz)
 
     def figures(self, plants: ComplexArray) -> tuple[NDArray[np.bool_], FloatArray, FloatArray, FloatArray]:
         """Return (stable, max|S|, flatness in dB, felt hum in dB SL) of plants (n, f), each (n,)."""
@@ -157,10 +165,11 @@ class _Grids:
         if self._lines.size:
             moved = np.abs(follow[:, self._lines]) * self._hum
             hum = np.max(db(moved / self._threshold_v[self._lines]), axis=1)
-        return self._is_stable(away), np.max(1.0 / np.abs(away), axis=1), self._flatness(follow), hum
+        fed = through / away * self._push
+        return self._is_stable(away), np.max(1.0 / np.abs(away), axis=1), self._flatness(follow, fed), hum
 
-    def _flatness(self, behind: ComplexArray) -> FloatArray:
-        position = np.abs(self._prefilter * behind)[:, self._band]
+    def _flatness(self, behind: ComplexArray, fed: ComplexArray | float = 0.0) -> FloatArray:
+        position = np.abs(self._prefilter * behind + fed)[:, self._band]
         return np.asarray(np.max(np.abs(db(position / self._threshold_v[self._band])), axis=1))
 
     def _is_stable(self, away: ComplexArray) -> NDArray[np.bool_]:

@@ -16,6 +16,7 @@ from tactuator.display.touch import PREVIEW_MAX, FeedForward
 from tactuator.errors import BadInput
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.signals.decibels import db, from_db
+from tactuator.synthesis.family import UNLOADED
 
 LEARN_HZ = 1000.0
 """Rate at which a channel learns; a channel of a display learns in each sample's turn."""
@@ -25,7 +26,7 @@ FORGETTING_S, FADING_S, SLEW_S = 0.02, 30.0, 0.02
 GATE_DB_SL, RIDGE_DB_SL = 18.0, 0.0
 """Levels of a sinusoid: the memory is twice the shortest at the gate; at the ridge zero weighs as much as what is
 heard."""
-SHAPE = 0.02
+SHAPE = 0.05
 _CORNER, _SLOW_HZ = 0.4, 8.0
 _POINTS = 61
 _TAIL_S = 4.0
@@ -124,6 +125,17 @@ def load_weights(model: FeedForward, load: Load) -> FloatArray:
     return np.asarray(np.clip(np.array(nearest), 0.0, model.weight_max), dtype=np.float64)
 
 
+def fed_push(
+    model: FeedForward, free: TwoDegreeLoop, load: Load, frequency_hz: FloatArray, rate_hz: float
+) -> ComplexArray:
+    """Return what is fed forward under a load once its weights are found, at `frequency_hz` (n,): volts of command for
+    a threshold unit, as early as the model knows it. free: the loop that the model knows.
+    """
+    push = np.tensordot(load_weights(model, load), push_responses(model, free, frequency_hz), 1)
+    advance = np.exp(2j * np.pi * frequency_hz * (model.delay_samples + 0.5) / rate_hz)
+    return np.asarray(push * advance)
+
+
 def adapted_response(
     model: FeedForward, free: TwoDegreeLoop, loaded: TwoDegreeLoop, load: Load, frequency_hz: FloatArray, rate_hz: float
 ) -> ComplexArray:
@@ -133,10 +145,24 @@ def adapted_response(
     half a sample after its beginning.
     """
     assert loaded.feedback is not None
-    push = np.tensordot(load_weights(model, load), push_responses(model, free, frequency_hz), 1)
-    advance = np.exp(2j * np.pi * frequency_hz * (model.delay_samples + 0.5) / rate_hz)
+    push = fed_push(model, free, load, frequency_hz, rate_hz)
     through = loaded.feedback.load_sensitivity(frequency_hz)
-    return np.asarray(loaded.position_response(frequency_hz) + through * push * advance)
+    return np.asarray(loaded.position_response(frequency_hz) + through * push)
+
+
+def fed_response(
+    model: FeedForward | None,
+    channel: Channel,
+    free: TwoDegreeLoop,
+    loaded: TwoDegreeLoop,
+    load: str,
+    frequency_hz: FloatArray,
+    rate_hz: float,
+) -> ComplexArray | None:
+    """Return H under a load of the channel, by name, where it is fed forward; None where nothing is, or for no load."""
+    if model is None or load == UNLOADED:
+        return None
+    return adapted_response(model, free, loaded, channel.load(load), frequency_hz, rate_hz)
 
 
 def _heard_v(model: FeedForward, channel: Channel, loop: TwoDegreeLoop, rate_hz: float) -> float:

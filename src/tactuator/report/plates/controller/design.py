@@ -19,6 +19,7 @@ from tactuator.report.plates.felt.equality import equality_plate
 from tactuator.synthesis.design import headroom_grid_hz
 from tactuator.synthesis.family import UNLOADED, plant_family
 from tactuator.synthesis.headroom import headroom
+from tactuator.synthesis.touch import fed_response
 
 
 def design_plates(controller: Controller, channel_name: str) -> tuple[Plate, ...]:
@@ -47,7 +48,11 @@ def design_plates(controller: Controller, channel_name: str) -> tuple[Plate, ...
         plates.append(bode_plate(open_systems, wide, f"bode-{channel_name}", f"Bode diagram, {channel_name}"))
     grid = headroom_grid_hz(channel)
     comfort = display.objectives.comfort_db_sl
-    rooms = {one.name: headroom(channel, loops[one.name], grid, comfort) for one in family}
+    rooms = {}
+    for one in family:
+        loop = loops[one.name]
+        answer = fed_response(own.feed_forward, channel, loops[UNLOADED], loop, one.load, grid, display.rate_hz)
+        rooms[one.name] = headroom(channel, loop, grid, comfort, answer)
     plates.append(headroom_plate(lowest(rooms), f"headroom-{channel_name}", f"Headroom, {channel_name}"))
     fine = np.geomspace(low, high, 400)
     response = loops[UNLOADED].position_response(fine)
