@@ -25,8 +25,11 @@ _AGAIN_S = 0.02
 """Time after which an end that was swallowed is raised again; by then the callback is over."""
 
 
-def build_app(verbs: Sequence[str] = VERBS) -> typer.Typer:
-    """Return the application with the given verbs; no verb's work is imported before it is run."""
+def build_app(verbs: Sequence[str] = VERBS, listed: bool = False) -> typer.Typer:
+    """Return the application with the given verbs; no verb's work is imported before it is run.
+
+    listed: True where the verbs are only named, each with its sentence, and not one of them will be run.
+    """
     app = typer.Typer(
         name="tactuator",
         cls=GroupedHelp,
@@ -49,15 +52,24 @@ def build_app(verbs: Sequence[str] = VERBS) -> typer.Typer:
             typer.echo(context.get_help())
 
     for verb in verbs:
-        _add(app, verb)
+        (_name if listed else _add)(app, verb)
     return app
+
+
+def _name(app: typer.Typer, verb: str) -> None:
+    """Add a verb that has its sentence and no options: reading the options of all takes as long as the rest."""
+
+    def nothing() -> None:
+        pass
+
+    nothing.__doc__ = PARTS[verb] if verb in PARTS else _signatures(verb)[verb].__doc__
+    app.command(verb)(nothing)
 
 
 def _add(app: typer.Typer, verb: str) -> None:
     """Add a verb, or the parts of one that has parts, as its group's module has them."""
-    signatures: Verbs = import_module(f"tactuator.cli.{ROOMS[verb]}.verbs").VERBS
     if verb not in PARTS:
-        app.command(verb)(signatures[verb])
+        app.command(verb)(_signatures(verb)[verb])
         return
     parts = typer.Typer(cls=QuickGroup, help=PARTS[verb], rich_markup_mode=None)
     for name, part in _parts_of(verb).items():
@@ -67,9 +79,15 @@ def _add(app: typer.Typer, verb: str) -> None:
 
 def _parts_of(verb: str) -> Verbs:
     """Return the signatures of a verb's parts by their names, "program" of "firmware program"."""
-    signatures: Verbs = import_module(f"tactuator.cli.{ROOMS[verb]}.verbs").VERBS
+    signatures = _signatures(verb)
     names = (name.partition(" ") for name in signatures)
     return {part: signatures[f"{owner} {part}"] for owner, _, part in names if owner == verb and part}
+
+
+def _signatures(verb: str) -> Verbs:
+    """Return the signatures of the verb's group."""
+    signatures: Verbs = import_module(f"tactuator.cli.{ROOMS[verb]}.verbs").VERBS
+    return signatures
 
 
 def needed_verbs(arguments: Sequence[str]) -> Sequence[str]:
@@ -120,7 +138,10 @@ def _leave_at_once(status: int) -> NoReturn:
 def _status_of(arguments: Sequence[str]) -> int:
     """Run the verb that the arguments name, say in one line what went wrong, and return the exit status."""
     try:
-        status = build_app(needed_verbs(arguments))(args=arguments, prog_name="tactuator", standalone_mode=False)
+        named = any(not argument.startswith("-") for argument in arguments)
+        listed = not named and "_TACTUATOR_COMPLETE" not in os.environ  # a shell completes options, too
+        app = build_app(needed_verbs(arguments), listed)
+        status = app(args=arguments, prog_name="tactuator", standalone_mode=False)
         sys.stdout.flush()
     except TactuatorError as error:
         return _say(str(error), error.exit_status)

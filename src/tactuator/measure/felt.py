@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -80,6 +81,24 @@ class FeltReport:
         return {finger.finger: _figures(finger) for finger in self.fingers}
 
 
+@lru_cache(maxsize=2)
+def _weights(controller: Controller) -> NDArray[np.complex64]:
+    """Return what makes each channel's displacement felt amplitude, in phase with the reference, (channels, lines).
+
+    They are kept for the next file under the same controller.
+    """
+    frequency = BandAnalysis(controller.rate_hz).frequency_hz()
+    found = []
+    for channel in controller.display.channels:
+        prediction = ChannelPrediction.of(controller, channel.name)
+        response = prediction.felt(frequency)
+        phase = response / np.maximum(np.abs(response), 1e-300)
+        found.append(np.conj(phase) / prediction.channel.threshold.curve.displacement_mm(frequency))
+    weights = np.stack(found).astype(np.complex64)
+    weights.flags.writeable = False
+    return weights
+
+
 class FeltComparison:
     """Takes reference and displacement block by block; memory grows by the levels alone.
 
@@ -90,7 +109,7 @@ class FeltComparison:
         self.analysis = BandAnalysis(controller.rate_hz)
         self._sink = sink
         self._names = tuple(channel.name for channel in controller.display.channels)
-        self._weights = np.stack([self._weight(ChannelPrediction.of(controller, name)) for name in self._names])
+        self._weights = _weights(controller)
         self._chunker = Chunker(self.analysis, 2 * len(self._names))
         self._asked: list[list[BandFrames]] = [[] for _ in self._names]
         self._felt: list[list[BandFrames]] = [[] for _ in self._names]
@@ -99,13 +118,6 @@ class FeltComparison:
         self._taper[:edge] = 0.5 - 0.5 * np.cos(np.pi * (np.arange(edge) + 0.5) / edge)
         self._taper[-edge:] = self._taper[:edge][::-1]
         self._peak = 0.0
-
-    def _weight(self, prediction: ChannelPrediction) -> NDArray[np.complex64]:
-        frequency = self.analysis.frequency_hz()
-        response = prediction.felt(frequency)
-        phase = response / np.maximum(np.abs(response), 1e-300)
-        weight = np.conj(phase) / prediction.channel.threshold.curve.displacement_mm(frequency)
-        return np.asarray(weight, dtype=np.complex64)
 
     def push(self, asked: ArrayLike, displacement_mm: ArrayLike) -> None:
         """Count in blocks (n, channels) of the reference (threshold units) and of the displacement at the fingers."""

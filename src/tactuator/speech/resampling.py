@@ -7,6 +7,7 @@ bit for bit, however the input is cut. Output sample m lies at the time m / rate
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
 from math import gcd
 
 import numpy as np
@@ -19,6 +20,7 @@ ATTENUATION_DB = 90.0
 """Of images and aliases; a 16-bit file's own noise lies at about -98 dB."""
 
 
+@lru_cache(maxsize=8)
 def resampling_kernel(rate_in_hz: int, rate_out_hz: int, pass_hz: float) -> tuple[FloatArray, int, int]:
     """Return (kernel, up, down) with a Kaiser low-pass at up * rate_in_hz, flat to `pass_hz`.
 
@@ -36,7 +38,9 @@ def resampling_kernel(rate_in_hz: int, rate_out_hz: int, pass_hz: float) -> tupl
     taps, beta = signal.kaiserord(ATTENUATION_DB, (stop_hz - pass_hz) / (0.5 * inner_hz))
     half = down * int(np.ceil(taps / 2 / down))
     kernel = signal.firwin(2 * half + 1, 0.5 * (pass_hz + stop_hz), window=("kaiser", beta), fs=inner_hz)
-    return np.asarray(kernel * up), up, down
+    kernel = kernel * up
+    kernel.flags.writeable = False  # it is kept for the next file
+    return kernel, up, down
 
 
 def resample(blocks: Iterable[FloatArray], rate_in_hz: int, rate_out_hz: int, pass_hz: float) -> Iterator[FloatArray]:

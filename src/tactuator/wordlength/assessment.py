@@ -19,9 +19,10 @@ from tactuator.runtime.coefficients import delta_coefficients
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.systems import SampledSystem
+from tactuator.wordlength.exact_loop import exact_loop
 from tactuator.wordlength.formats import FORMATS, NumberFormat, Written
 from tactuator.wordlength.quantised import is_stable, rows_response
-from tactuator.wordlength.roundoff import double_step, felt_db_sl, roundoff_reference, run_loop
+from tactuator.wordlength.roundoff import felt_db_sl, roundoff_reference, run_loop
 
 ERROR_MAX_DB = 0.1
 FELT_MAX_DB_SL = -6.0
@@ -141,7 +142,8 @@ def _levels(controller: Controller, index: int, written: Written) -> tuple[float
     """Return the felt round-off while something plays, and that of the limit cycles after it has gone."""
     display, channel = controller.display, controller.display.channels[index]
     reference, during, after = roundoff_reference(display.rate_hz, _TEST_LEVEL)
-    exact = double_step(written.prefilter, written.feedback, controller.channels[index].limits.command_v)
-    error = np.subtract(*(run_loop(channel, display, step, reference) for step in (written.start(), exact)))
+    most_v = controller.channels[index].limits.command_v
+    exact = exact_loop(channel, display, written.prefilter, written.feedback, most_v, reference)
+    error = run_loop(channel, display, written.start(), reference) - exact
     roundoff, cycle = (felt_db_sl(error[stretch], channel, display.rate_hz) for stretch in (during, after))
     return roundoff, cycle

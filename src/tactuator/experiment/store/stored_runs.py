@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
-from sqlalchemy import ColumnElement, Connection, Integer, Select, select
+from sqlalchemy import Connection, Integer, Select, select
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -20,7 +20,8 @@ from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.study_records import session_query
 from tactuator.experiment.trial.trial import LOUD, SIGNAL
 
-_ROWS = 8192
+_ROWS, _RUNS = 8192, 256
+"""Rows that are fetched, and runs that are read, at once."""
 _TONE, _LOUD, _SATURATED = 1, 2, 4
 
 
@@ -79,18 +80,25 @@ def detection_runs(store: Store, state: str = "done", session: int | None = None
             wanted.append(run.session_id == session)
         query = select(schema.run).where(*wanted).order_by(run.session_id, run.position, run.attempt)
         found = connection.execute(query).all()
-        trials, intervals = _trials(connection, wanted), _intervals(connection, wanted)
+        runs = []
+        for first in range(0, len(found), _RUNS):
+            part = found[first : first + _RUNS]
+            trials, intervals = (read(connection, part) for read in (_trials, _intervals))
+            runs += [_stored(sessions, protocols, row, trials, intervals) for row in part]
     if not found:
         where = f"store {store.path}" if session is None else "the session"
         raise BadInput(f"{where} has no {state} run; allowed: one with at least one")
-    runs = []
-    for row in found:
-        frequency_hz, level, base, correct = trials.of(row.id)
-        kind, commanded, measured = intervals.of(row.id)
-        seen = StoredIntervals((kind & _TONE) != 0, (kind & _LOUD) != 0, commanded, measured, (kind & _SATURATED) != 0)
-        about = (sessions[row.session_id], row, protocols[row.protocol_version_id])
-        runs.append(StoredRun(*about, frequency_hz, level, base, correct, seen))
     return runs
+
+
+def _stored(
+    sessions: Mapping[int, Found], protocols: Mapping[int, Protocol], row: Found, trials: _Rows, intervals: _Rows
+) -> StoredRun:
+    frequency_hz, level, base, correct = trials.of(row.id)
+    kind, commanded, measured = intervals.of(row.id)
+    seen = StoredIntervals((kind & _TONE) != 0, (kind & _LOUD) != 0, commanded, measured, (kind & _SATURATED) != 0)
+    about = (sessions[row.session_id], row, protocols[row.protocol_version_id])
+    return StoredRun(*about, frequency_hz, level, base, correct, seen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,33 +125,31 @@ class _Rows:
         return tuple(column[own] for column in self.columns)
 
 
-def _trials(connection: Connection, wanted: Sequence[ColumnElement[bool]]) -> _Rows:
+def _trials(connection: Connection, runs: Sequence[Found]) -> _Rows:
     """Return the runs' trials that were answered: frequency, level, the curve's level, and whether it was right."""
-    run, trial, response = schema.run, schema.trial, schema.response
+    trial, response = schema.trial, schema.response
     columns = (trial.c.frequency_hz, trial.c.level_db_sl, trial.c.curve_level_db_re_1um, response.c.correct)
     query = (
-        select(run.c.id, *columns)
-        .join_from(run, trial, trial.c.run_id == run.c.id)
-        .join(response, response.c.trial_id == trial.c.id)
-        .where(*wanted)
-        .order_by(run.c.id, trial.c.number)
+        select(trial.c.run_id, *columns)
+        .join_from(trial, response, response.c.trial_id == trial.c.id)
+        .where(trial.c.run_id.in_([run.id for run in runs]))
+        .order_by(trial.c.run_id, trial.c.number)
     )
     return _Rows.read(connection, query, (np.float64, np.float64, np.float64, np.bool_))
 
 
-def _intervals(connection: Connection, wanted: Sequence[ColumnElement[bool]]) -> _Rows:
+def _intervals(connection: Connection, runs: Sequence[Found]) -> _Rows:
     """Return the intervals of the runs' trials: bits of what each was, commanded and measured level."""
-    run, trial, interval = schema.run, schema.trial, schema.interval
+    trial, interval = schema.trial, schema.interval
     kind = (
         _TONE * (interval.c.stimulus == SIGNAL).cast(Integer)
         + _LOUD * (interval.c.stimulus == LOUD).cast(Integer)
         + _SATURATED * interval.c.saturated.cast(Integer)
     )
     query = (
-        select(run.c.id, kind, interval.c.commanded_db_sl, interval.c.measured_db_sl)
-        .join_from(run, trial, trial.c.run_id == run.c.id)
-        .join(interval, interval.c.trial_id == trial.c.id)
-        .where(*wanted)
-        .order_by(run.c.id, trial.c.number, interval.c.position)
+        select(trial.c.run_id, kind, interval.c.commanded_db_sl, interval.c.measured_db_sl)
+        .join_from(trial, interval, interval.c.trial_id == trial.c.id)
+        .where(trial.c.run_id.in_([run.id for run in runs]))
+        .order_by(trial.c.run_id, trial.c.number, interval.c.position)
     )
     return _Rows.read(connection, query, (np.uint8, np.float64, np.float64))

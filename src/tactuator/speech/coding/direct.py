@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 from tactuator.arrays import FloatArray
@@ -14,17 +15,19 @@ from tactuator.speech.resampling import resample
 ALL_FINGERS = ("all",)
 
 
+@lru_cache(maxsize=8)
 def band_limit_kernel(low: tuple[float, float], high: tuple[float, float], rate_hz: float) -> FloatArray:
     """Return a linear-phase band-pass; low and high are (edge, transition) in hertz, -6 dB at the edges, 80 dB beyond.
 
-    A low edge of 0 leaves DC in.
+    A low edge of 0 leaves DC in. It is kept for the next file, and cannot be written to.
     """
     kernel = band_kernel(0.0, *high, rate_hz)
-    if low[0] == 0.0:
-        return kernel
-    below = -band_kernel(0.0, *low, rate_hz)
-    below[len(below) // 2] += 1.0
-    return convolve_kernels(below, kernel)
+    if low[0] > 0.0:
+        below = -band_kernel(0.0, *low, rate_hz)
+        below[len(below) // 2] += 1.0
+        kernel = convolve_kernels(below, kernel)
+    kernel.flags.writeable = False
+    return kernel
 
 
 @dataclass(frozen=True)
