@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,13 @@ def display() -> Display:
     return Display("three fingers", RATE_HZ, 1, tuple(channels))
 
 
+def family(members: int) -> Display:
+    """Return a display of one channel that may be free or loaded in members - 1 ways."""
+    index = display().channels[0]
+    each = [Load(f"load {k}", 0.02 + 0.004 * k, 10.0 + 0.7 * k, 50.0 + 10.0 * k) for k in range(members - 1)]
+    return Display("family", RATE_HZ, 1, (replace(index, loads=tuple(each)),))
+
+
 def peer(channel: Channel) -> float:
     """Greatest error (dB) of least squares on real corners, from one start."""
     plant = sampled_plant(channel.plant, RATE_HZ, 1)
@@ -83,10 +91,13 @@ def run() -> dict[str, object]:
     feedback = bilinear(paper.FEEDBACK, RATE_HZ)
     prefilter_s, fit = best_cpu_s(lambda: fit_prefilter(index, feedback, RATE_HZ, 1, POLES), 3)
     peer_s, peer_db = best_cpu_s(lambda: peer(index), 1)
+    alone_s, _ = best_cpu_s(lambda: design_controller(family(1), POLES), 2)
+    family_s, _ = best_cpu_s(lambda: design_controller(family(64), POLES), 2)
     worst = max(one.report["prefilter"]["max_error_db"] for one in controller.channels)
     return {
         "three_channels": {"seconds": design_s, "worst_prefilter_error_db": worst},
         "one_prefilter": {"seconds": prefilter_s, "max_error_db": fit.max_error_db},
+        "family_of_64": {"seconds": family_s, "times_family_of_1": family_s / alone_s, "goal_seconds": 1.5},
         "scipy_least_squares": {"seconds": peer_s, "max_error_db": peer_db},
         "goals": {"three_channels_seconds": 1.0, "max_error_db": 0.25},
     }
