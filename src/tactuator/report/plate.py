@@ -13,7 +13,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from tactuator.errors import BadInput
-from tactuator.files.atomic import atomic_folder
+from tactuator.files.atomic import atomic_folder, write_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +57,9 @@ class Plate:
         return stream.getvalue()
 
     def save(self, folder: Path) -> None:
-        """Write NAME.svg and NAME.csv into `folder`."""
-        (folder / f"{self.name}.svg").write_text(self.svg(), encoding="utf-8")
-        (folder / f"{self.name}.csv").write_text(self.csv(), encoding="utf-8")
+        """Write NAME.svg and NAME.csv into `folder`, each whole or not at all."""
+        write_text(folder / f"{self.name}.svg", self.svg())
+        write_text(folder / f"{self.name}.csv", self.csv())
 
 
 def save_plates(plates: Sequence[Plate], folder: Path) -> None:
