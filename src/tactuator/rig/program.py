@@ -10,6 +10,7 @@ import tempfile
 from pathlib import Path
 
 from tactuator.errors import BadInput
+from tactuator.files.atomic import atomic_path
 from tactuator.rig.boards import CHECKOUT, NO_SOURCES, ROOT, Board, find_board
 
 COMPILER = "arm-none-eabi-gcc"
@@ -73,12 +74,21 @@ def form_of(out: Path) -> str:
 
 
 def write_program(built: Path, out: Path, form: str) -> None:
-    """Write the program `built` (ELF) to `out`, in a form of form_of(). Raises BadInput if objcopy is missing."""
-    if not form:
-        shutil.copyfile(built, out)
-        return
-    _require(OBJCOPY)
-    subprocess.run([OBJCOPY, "-O", form, str(built), str(out)], check=True, capture_output=True)
+    """Write the program `built` (ELF) to `out`, in a form of form_of(), whole or not at all.
+
+    Raises BadInput if objcopy is missing or fails, on a full disk for one.
+    """
+    if form:
+        _require(OBJCOPY)
+    with atomic_path(out) as beside:
+        if not form:
+            shutil.copyfile(built, beside)
+            return
+        command = [OBJCOPY, "-O", form, str(built), str(beside)]
+        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        if done.returncode != 0:
+            said = done.stderr.strip().rpartition(": ")[2] or "objcopy failed"
+            raise BadInput(f"{out} cannot be written: {said}; allowed: a place with room")
 
 
 def memory_used(built: Path) -> tuple[int, int]:
