@@ -65,6 +65,18 @@ def test_zero_order_hold__fractional_dead_time__shifts_the_step_response() -> No
     np.testing.assert_allclose(here, exact, atol=1e-9)
 
 
+@pytest.mark.parametrize("far", [1e12, 1e20, 1e40, 1e300])
+def test_zero_order_hold__zero_that_is_as_good_as_at_infinity__is_the_motor_without_it(far: float) -> None:
+    """Found in a fitted exciter: the zero came out as infinite, and the system was refused."""
+    sampled = zero_order_hold(ContinuousSystem([-far], MOTOR.poles, MOTOR.gain / far), 4000.0)
+    far_twice = ContinuousSystem([-far, -far], MOTOR.poles, MOTOR.gain / far**2 if far < 1e100 else 0.0)
+    for frequency in (0.4, 30.0, 300.0, 1900.0):
+        assert sampled.response(frequency) == pytest.approx(held_reference(frequency, 4000.0), rel=1e-8)
+        if far_twice.gain:
+            twice = zero_order_hold(far_twice, 4000.0).response(frequency)
+            assert twice == pytest.approx(held_reference(frequency, 4000.0), rel=1e-7)
+
+
 def test_bilinear__paper_controller__is_scipys() -> None:
     controller = ContinuousSystem.from_polynomials(12.264 * np.array([1.0, 111.0, 530.0]), [1.0, 260.0, 0.0])
     num, den = signal.bilinear(12.264 * np.array([1.0, 111.0, 530.0]), [1.0, 260.0, 0.0], 4000.0)

@@ -38,8 +38,12 @@ def zero_order_hold(system: ContinuousSystem, rate_hz: float) -> SampledSystem:
     if ad.shape[0] > system.poles.size:
         poles = np.append(poles, 0.0)
     zeros = _zeros(ad, bd, c, d)
-    gain = d if d != 0.0 else float(c @ bd)
-    return SampledSystem(zeros, poles, gain, rate_hz, whole)
+    return SampledSystem(zeros, poles, _answer(ad, bd, c, d, ad.shape[0] - zeros.size), rate_hz, whole)
+
+
+def _answer(ad: FloatArray, bd: FloatArray, c: FloatArray, d: float, after: int) -> float:
+    """Return the impulse response `after` samples: the gain, where there are so many more poles than zeros."""
+    return d if after == 0 else float(c @ np.linalg.matrix_power(ad, after - 1) @ bd)
 
 
 def _static(gain: float, rate_hz: float, whole: int, fraction: float) -> SampledSystem:
@@ -100,7 +104,9 @@ def _integrated(a: FloatArray, b: FloatArray, duration: float) -> tuple[FloatArr
 
 
 def _zeros(ad: FloatArray, bd: FloatArray, c: FloatArray, d: float) -> ComplexArray:
-    """Return the transmission zeros in z: finite generalised eigenvalues of the system matrix, found for z - 1."""
+    """Return the transmission zeros in z: finite generalised eigenvalues of the system matrix, found for z - 1. One so
+    far away that no double tells it from infinity is none.
+    """
     order = ad.shape[0]
     system = np.zeros((order + 1, order + 1))
     system[:order, :order] = ad - np.eye(order)
@@ -113,7 +119,9 @@ def _zeros(ad: FloatArray, bd: FloatArray, c: FloatArray, d: float) -> ComplexAr
     mass[:order, :order] = np.eye(order)
     alpha, beta = linalg.eig(system, mass, right=False, homogeneous_eigvals=True)
     expected = order if d != 0.0 else order - 1
-    finite = np.argsort(-np.abs(beta) / np.hypot(np.abs(alpha), np.abs(beta)))[:expected]
+    nearness = np.abs(beta) / np.hypot(np.abs(alpha), np.abs(beta))
+    nearest = np.argsort(-nearness)[:expected]
+    finite = nearest[nearness[nearest] > np.finfo(np.float64).eps]
     roots = alpha[finite] / beta[finite]
     return np.asarray(1.0 + np.where(np.abs(roots.imag) < 1e-13, roots.real, roots), dtype=np.complex128)
 

@@ -33,9 +33,7 @@ def run(
     figures: Path | None,
     as_json: bool,
 ) -> None:
-    """Design loop and prefilter of every channel, and write them as a controller file; exit status 1 if its verdict is
-    not met.
-    """
+    """Design loop and prefilter of every channel, and write them as a controller file; exit status 1 if not met."""
     described = _with_curve(read_display(display), curve)
     with working("designing"):
         controller = design_controller(described, poles, error_db)
