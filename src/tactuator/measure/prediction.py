@@ -15,15 +15,19 @@ from tactuator.display.description import Channel
 from tactuator.display.load import DERIVATIVES
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.signals.discretise import zero_order_hold
-from tactuator.signals.systems import SampledSystem
+from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
 
 @dataclass(frozen=True)
 class ChannelPrediction:
-    """One channel under a controller, touched by the load of that name (None: untouched)."""
+    """One channel under a controller, touched by the load of that name (None: untouched).
+
+    moved: from the command to what the sensor shows, integrated as often as it differentiates.
+    """
 
     channel: Channel
     loop: TwoDegreeLoop
+    moved: SampledSystem | None
 
     @classmethod
     def of(cls, controller: Controller, name: str, load: str | None = None) -> ChannelPrediction:
@@ -32,10 +36,11 @@ class ChannelPrediction:
         """
         channel, designed = controller.display.channel(name), controller.channel(name)
         rate = controller.rate_hz
-        held = zero_order_hold(channel.loaded_plant(None if load is None else channel.load(load)), rate)
-        delay = held.delay_samples + controller.delay_samples
-        plant = SampledSystem(held.zeros, held.poles, held.gain, rate, delay)
-        return cls(channel, TwoDegreeLoop(designed.prefilter(rate), designed.feedback(rate), plant))
+        loaded = channel.loaded_plant(None if load is None else channel.load(load))
+        integrated = _integrated(loaded, DERIVATIVES[channel.quantity])
+        plant = _held(loaded, rate, controller.delay_samples)
+        moved = None if integrated is None else _held(integrated, rate, controller.delay_samples)
+        return cls(channel, TwoDegreeLoop(designed.prefilter(rate), designed.feedback(rate), plant), moved)
 
     def command(self, frequency_hz: ArrayLike) -> ComplexArray:
         """Return the volts of command per threshold unit (the computing delay not counted)."""
@@ -46,6 +51,9 @@ class ChannelPrediction:
         differentiates.
         """
         frequency = _off_rest(frequency_hz)
+        if self.moved is not None:
+            volts = self.loop.command_response(frequency) * self.moved.response(frequency)
+            return np.asarray(volts / self.channel.sensor_gain_v_per_mm)
         speed = (2j * np.pi * frequency) ** DERIVATIVES[self.channel.quantity]
         return np.asarray(self.loop.position_response(frequency) / self.channel.sensor_gain_v_per_mm / speed)
 
@@ -56,6 +64,23 @@ class ChannelPrediction:
         The threshold curve's weight has zero phase: the phase is that of the displacement.
         """
         return self.displacement(frequency_hz) / self.channel.threshold.curve.displacement_mm(frequency_hz)
+
+
+def _held(plant: ContinuousSystem, rate_hz: float, delay_samples: int) -> SampledSystem:
+    held = zero_order_hold(plant, rate_hz)
+    return SampledSystem(held.zeros, held.poles, held.gain, rate_hz, held.delay_samples + delay_samples)
+
+
+def _integrated(plant: ContinuousSystem, times: int) -> ContinuousSystem | None:
+    """Return 1/s^times of a plant by taking zeros at s = 0 away; None where it has fewer.
+
+    What an accelerometer shows at a sample cannot be integrated afterwards: below some hertz it is images of the held
+    command from above the rate, which move nothing.
+    """
+    at_rest = np.flatnonzero(plant.zeros == 0.0)
+    if times == 0 or at_rest.size < times:
+        return None
+    return ContinuousSystem(np.delete(plant.zeros, at_rest[:times]), plant.poles, plant.gain, plant.delay_s)
 
 
 def _off_rest(frequency_hz: ArrayLike) -> NDArray[np.float64]:
