@@ -42,7 +42,7 @@ from tactuator.identification.valid_range import moved_range, valid_range
 
 _TABLE = 120
 _FLOOR = 5e-4
-"""Deviation that no band goes below, 0.01 dB at 95 %: two channels' converters and filters are not more alike."""
+"""Deviation that no band goes below, 0.0085 dB at 95 %: two channels' converters and filters are not more alike."""
 _BENT = 0.1
 """Share of the distortion by which a best linear approximation departs from any form of few poles: its shape follows
 the level of every frequency. Seen on hardening springs and on friction; more would be found by the residual."""

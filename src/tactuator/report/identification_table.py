@@ -59,7 +59,7 @@ def _circumstances(found: Identification, about: Mapping[str, str]) -> Iterator[
     yield "recorded in", {True: "closed loop", False: "open loop", None: "cannot tell"}[found.tests.feedback]
     if {"input", "output"} <= set(about):
         yield "columns", f"{about['input']} -> {about['output']}"
-    yield "frequencies that the command excites", str(found.excitation.order)
+    yield "order of excitation by the command", str(found.excitation.order)
     if model.valid_hz is not None:
         yield "the model is valid over (Hz)", f"{model.valid_hz[0]:.4g} to {model.valid_hz[1]:.4g}"
     yield "widest 95 % band there (dB)", f"{float(np.max(model.band_db(found.frequency_hz()))):.2g}"

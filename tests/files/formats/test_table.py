@@ -82,3 +82,13 @@ def test_read_table__plain_numbers__go_the_quick_way(tmp_path: Path, monkeypatch
     path.write_text("t,u\n0,1e-3\n-1.5,2E+300")
     monkeypatch.setattr(np, "loadtxt", None)
     assert read_table(path, 100, 1000)[1].tolist() == [[0.0, 1e-3], [-1.5, 2e300]]
+
+
+def test_read_table__long_remarks_ahead__are_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("# remark\n" * 5000 + "t,u\n0,1.5\n1,2.5\n")
+    names, values, cut = read_table(path, 10, 100)
+    assert (names, values.tolist(), cut) == (["t", "u"], [[0.0, 1.5], [1.0, 2.5]], False)
+    path.write_text("# remark\n" * 100_001 + "t,u\n0,1.5\n")
+    with pytest.raises(BadInput, match="remarks fill its first 100000 lines"):
+        read_table(path, 10, 100)

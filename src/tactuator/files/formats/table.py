@@ -18,6 +18,7 @@ from tactuator.errors import BadInput
 from tactuator.files.formats.text import check_commas, decimal_point, encoding_of
 
 _PIECE_CHARACTERS, _LONGEST_LINE = 2_000_000, 1_000_000
+_MOST_REMARKS = 100_000
 _OF_NUMBERS = b"0123456789.eE+- "
 
 
@@ -30,9 +31,10 @@ def read_table(path: Path, most_rows: int, most_values: int) -> tuple[list[str],
     with path.open("rb") as file:
         encoding = encoding_of(file.read(64))
     with path.open(encoding=encoding, errors="replace") as stream:
-        head = [line for line in itertools.islice(_lines(stream), 200) if _is_row(line)]
+        rows = (line for line in itertools.islice(_lines(stream), _MOST_REMARKS) if _is_row(line))
+        head = list(itertools.islice(rows, 200))
         if not head:
-            raise BadInput("it is empty; allowed: columns of numbers")
+            raise BadInput(f"it is empty, or remarks fill its first {_MOST_REMARKS} lines; allowed: columns of numbers")
         delimiter = _delimiter(head[min(1, len(head) - 1)])
         names = _header(head[0], delimiter)
         check_commas([cell for line in head for cell in _parts(line, delimiter)])
