@@ -14,8 +14,8 @@ from tactuator.display.controller import Controller
 from tactuator.display.description import Channel
 from tactuator.display.load import DERIVATIVES
 from tactuator.loop.feedback import TwoDegreeLoop
-from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.synthesis.family import sampled_plant
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ class ChannelPrediction:
         rate = controller.rate_hz
         loaded = channel.loaded_plant(None if load is None else channel.load(load))
         integrated = _integrated(loaded, DERIVATIVES[channel.quantity])
-        plant = _held(loaded, rate, controller.delay_samples)
-        moved = None if integrated is None else _held(integrated, rate, controller.delay_samples)
+        plant = sampled_plant(loaded, rate, controller.delay_samples)
+        moved = None if integrated is None else sampled_plant(integrated, rate, controller.delay_samples)
         return cls(channel, TwoDegreeLoop(designed.prefilter(rate), designed.feedback(rate), plant), moved)
 
     def command(self, frequency_hz: ArrayLike) -> ComplexArray:
@@ -64,11 +64,6 @@ class ChannelPrediction:
         The threshold curve's weight has zero phase: the phase is that of the displacement.
         """
         return self.displacement(frequency_hz) / self.channel.threshold.curve.displacement_mm(frequency_hz)
-
-
-def _held(plant: ContinuousSystem, rate_hz: float, delay_samples: int) -> SampledSystem:
-    held = zero_order_hold(plant, rate_hz)
-    return SampledSystem(held.zeros, held.poles, held.gain, rate_hz, held.delay_samples + delay_samples)
 
 
 def _integrated(plant: ContinuousSystem, times: int) -> ContinuousSystem | None:
