@@ -28,8 +28,8 @@ typedef struct {
     int32_t feedback_count; /* 0: nothing is fed forward */
     int32_t delay;          /* samples from command to reading, 1 to TACT_TOUCH_DELAY_MAX */
     int32_t hum_count;
-    float mass[3];              /* the first push, for each volt of command, of change in a sample, of place */
-    float rest[2];              /* the second, for each volt of change, of place */
+    float mass[3];              /* what is fed of the first push, for a volt of command, of change, of place */
+    float rest[2];              /* all of the second, for a volt of change, of place */
     float first[3], second[3];  /* the same two as the model's poles hold them: their second and first change, the last */
     float slow;                 /* of the slow parts, for a turn, as all below */
     float forgetting, gate, ridge, shape, fading, slew;

@@ -32,7 +32,8 @@ class FeedForward:
     at which zero weighs as much as what is heard. shape: the lean towards the designed finger's proportions.
     fading_s: the weights' decay while there is nothing to learn from. slew_s: the least time for a change of one.
     weight_max: of either weight. push_max_v: the greatest command that is fed forward. hum_hz, hum_band_hz: mains lines
-    that are told from the finger, and the width of what is taken for them.
+    that are told from the finger, and the width of what is taken for them. mass_fed: the share of what the learnt mass
+    takes that is fed forward.
     """
 
     gain: float
@@ -53,10 +54,11 @@ class FeedForward:
     push_max_v: float
     hum_hz: tuple[float, ...] = ()
     hum_band_hz: float = 0.4
+    mass_fed: float = 1.0
 
     def __post_init__(self) -> None:
         positive = ("gain", "turns", "corner_hz", "forgetting_s", "gate_v", "ridge_v", "fading_s", "slew_s")
-        for name in (*positive, "slow_hz", "shape", "weight_max", "push_max_v", "hum_band_hz"):
+        for name in (*positive, "slow_hz", "shape", "weight_max", "push_max_v", "hum_band_hz", "mass_fed"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0.0) or (value == 0.0 and name in positive):
                 least = "above zero" if name in positive else "zero or more"

@@ -69,8 +69,10 @@ SCALARS = (
 def _figures(model: FeedForward, period_s: float) -> dict[str, Any]:
     """Return the figures that do not depend on the feedback, in double precision."""
     turn_s = model.turns * period_s
+    pushes = _pushes(model, period_s)
     return {
-        **_pushes(model, period_s),
+        "mass": model.mass_fed * pushes["mass"],
+        "rest": pushes["rest"],
         **_poles(model, period_s),
         "slow": 2.0 * np.pi * model.slow_hz * turn_s,
         "forgetting": min(turn_s / model.forgetting_s, FORGETTING_MAX),

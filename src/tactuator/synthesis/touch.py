@@ -22,11 +22,14 @@ LEARN_HZ = 1000.0
 """Rate at which a channel learns; a channel of a display learns in each sample's turn."""
 WEIGHT_MAX = 1.6
 """Fingers have 0.5 to 1.5 times the designed one's figures."""
-FORGETTING_S, FADING_S, SLEW_S = 0.02, 30.0, 0.02
+FORGETTING_S, FADING_S, SLEW_S = 0.02, 30.0, 0.018
 GATE_DB_SL, RIDGE_DB_SL = 18.0, 0.0
 """Levels of a sinusoid: the memory is twice the shortest at the gate; at the ridge zero weighs as much as what is
 heard."""
 SHAPE = 0.05
+MASS_FED = 0.7
+"""Share of what the learnt mass takes that is fed forward: where all of it is, what is felt of speech passes 1 dB for
+the first milliseconds after a finger is lifted (decision 0513)."""
 _CORNER, _SLOW_HZ = 0.4, 8.0
 _POINTS = 61
 _TAIL_S = 4.0
@@ -67,6 +70,7 @@ def design_feed_forward(display: Display, channel: Channel, loop: TwoDegreeLoop)
         weight_max=WEIGHT_MAX,
         push_max_v=0.0,
         hum_hz=tuple(lines[:4]),
+        mass_fed=MASS_FED,
     )
     heard_v = _heard_v(draft, channel, loop, display.rate_hz)
     most_v = WEIGHT_MAX * push_bound_v(draft, loop, display) * float(from_db(display.objectives.comfort_db_sl))
@@ -112,8 +116,13 @@ def loaded_change_db(
     The pushes then come on top of the reference's own: 1 + P S u_ff / H.
     """
     assert loop.feedback is not None
-    added = np.tensordot(weights, push_responses(model, loop, frequency_hz), 1)
+    added = np.tensordot(_shares(model) * weights, push_responses(model, loop, frequency_hz), 1)
     return db(np.abs(1.0 + loop.feedback.load_sensitivity(frequency_hz) * added / loop.position_response(frequency_hz)))
+
+
+def _shares(model: FeedForward) -> FloatArray:
+    """Return the shares of the two pushes that are fed forward, (2,)."""
+    return np.array([model.mass_fed, 1.0])
 
 
 def load_weights(model: FeedForward, load: Load) -> FloatArray:
@@ -131,7 +140,7 @@ def fed_push(
     """Return what is fed forward under a load once its weights are found, at `frequency_hz` (n,): volts of command for
     a threshold unit, as early as the model knows it. free: the loop that the model knows.
     """
-    push = np.tensordot(load_weights(model, load), push_responses(model, free, frequency_hz), 1)
+    push = np.tensordot(_shares(model) * load_weights(model, load), push_responses(model, free, frequency_hz), 1)
     advance = np.exp(2j * np.pi * frequency_hz * (model.delay_samples + 0.5) / rate_hz)
     return np.asarray(push * advance)
 
@@ -178,11 +187,11 @@ def _heard_v(model: FeedForward, channel: Channel, loop: TwoDegreeLoop, rate_hz:
 
 
 def push_bound_v(model: FeedForward, loop: TwoDegreeLoop, display: Display) -> float:
-    """Return the greatest sum of both pushes, volts, that a reference within one threshold unit can bring about: the
-    sum of the magnitudes of the impulse response."""
+    """Return the greatest sum of what is fed of both pushes, volts, that a reference within one threshold unit can
+    bring about: the sum of the magnitudes of the impulse response."""
     count = 1 << int(np.ceil(np.log2(_TAIL_S * display.rate_hz)))
     frequency = np.asarray(np.fft.rfftfreq(count, 1.0 / display.rate_hz), dtype=np.float64)
     frequency[0] = 1e-3 * frequency[1]
-    response = np.sum(push_responses(model, loop, frequency), axis=0)
+    response = np.tensordot(_shares(model), push_responses(model, loop, frequency), 1)
     response[0] = response[0].real
     return float(np.sum(np.abs(np.fft.irfft(response, count))))
