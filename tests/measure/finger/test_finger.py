@@ -81,21 +81,26 @@ def played(figures: Figures) -> FingerEstimate:
     def touch() -> None:
         rig.touching = figures
 
-    return measure_finger(rig, controller(display()), touch, np.random.default_rng(2), seconds=24.0)[0]
+    return measure_finger(rig, controller(display()), touch, np.random.default_rng(2), seconds=27.0)[0]
 
 
 @pytest.mark.slow
-def test_measure__one_finger_by_runge_and_kutta__recovered_within_a_percent() -> None:
+def test_measure__one_finger_by_runge_and_kutta__recovered_within_its_confidence() -> None:
+    # with friction and without feed-forward: played alike free and touched, mass and damping come out 0.7 % wrong
     found = played((0.09, 40.0, 250.0))
     assert found.described_by == ONE
-    np.testing.assert_allclose([found.mass, found.damping, found.stiffness], [0.09, 40.0, 250.0], rtol=0.01)
+    wrong = np.abs([found.mass - 0.09, found.damping - 40.0, found.stiffness - 250.0])
+    assert np.all(wrong <= np.array(found.half_width))
+    assert np.all(wrong / [0.09, 40.0, 250.0] < [0.003, 0.003, 0.01])
 
 
 @pytest.mark.slow
 def test_measure__chain_by_runge_and_kutta__said() -> None:
     found = played(tuple(FINGER_CHAIN.tolist()))
     assert found.described_by == CHAIN
-    np.testing.assert_allclose(found.chain, FINGER_CHAIN, rtol=0.2)
+    # its figures are no test: another chain, its spring 27 % and its mass 13 % off, is the same within 0.01 %
+    moved = chain_impedance(np.array(found.chain), FREQUENCY_HZ) / chain_impedance(FINGER_CHAIN, FREQUENCY_HZ)
+    assert np.max(np.abs(moved - 1.0)) < 0.02
 
 
 def without_loop() -> Controller:
@@ -106,8 +111,9 @@ def without_loop() -> Controller:
 @pytest.mark.parametrize(
     ("made", "asked", "said"),
     [
-        (controller(display()), {"seconds": 23.0}, "allowed: 24 s or more"),
+        (controller(display()), {"seconds": 26.0}, "allowed: 27 s or more"),
         (controller(display()), {"channels": ("toe",)}, "'toe' is not there"),
+        (controller(display()), {"level_db_sl": -9e18}, "-60 to 55 dB SL"),
         (without_loop(), {}, "no loop"),
     ],
 )
@@ -117,7 +123,7 @@ def test_measure__what_cannot_be_measured__refused(made: Controller, asked: dict
 
 
 def test_impedance__sensor_of_the_velocity__refused() -> None:
-    plan = plan_play(4000.0, (2.0, 250.0), 20.0, 12.0, np.random.default_rng(0))
+    plan = plan_play(4000.0, (2.0, 250.0), 20.0, 27.0, np.random.default_rng(0))
     one = np.ones((4, plan.frequency_hz.size), dtype=complex)
     with pytest.raises(BadInput, match="displacement"):
         finger_impedance(replace(display().channels[0], quantity="velocity"), plan, one, one)

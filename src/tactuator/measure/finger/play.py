@@ -28,8 +28,8 @@ def measure_finger(
     level_db_sl: float = 24.0,
     seconds: float = 60.0,
 ) -> tuple[FingerEstimate, ...]:
-    """Play multisines for half of `seconds` with nothing on the display, call `touch`, play them once more; return what
-    touches each of `channels` (default: all).
+    """Play multisines with nothing on the display, call `touch`, play them once more as strongly as it takes for the
+    same motion, all in `seconds`; return what touches each of `channels` (default: all).
 
     The controller is loaded here. Raises BadInput for an unknown channel, one without a loop or without a sensor of the
     displacement, or too short a time.
@@ -45,16 +45,17 @@ def measure_finger(
     require_sensors(rig, names)
     low = max([_BAND_HZ[0], *(one.threshold.band_hz[0] for one in own)])
     high = min([_BAND_HZ[1], 0.2 * rig.rate_hz, *(one.threshold.band_hz[1] for one in own)])
-    plan = plan_play(rig.rate_hz, (low, high), level_db_sl, 0.5 * seconds, rng)
+    plan = plan_play(rig.rate_hz, (low, high), level_db_sl, seconds, rng)
     rig.load(controller)
-    free, ended = play_plan(rig, plan, own)
+    free = play_plan(rig, plan, own)
     touch()
-    touched, ended_touched = play_plan(rig, plan, own)
+    tried = play_plan(rig, plan.tried, own)
+    touched = play_plan(rig, plan.evened(free.position[:, 0] / tried.position[:, 0]), own)
     made = []
     for k, name in enumerate(names):
-        impedance = finger_impedance(own[k], plan, free[k], touched[k])
+        impedance = finger_impedance(own[k], plan, free.response[k], touched.response[k])
         felt = loops[k].load_sensitivity(plan.frequency_hz) / own[k].plant.gain
-        cut = ended[k] or ended_touched[k]
+        cut = free.ended[k] or tried.ended[k] or touched.ended[k]
         made.append(estimate_finger(name, plan.frequency_hz, impedance, felt, cut))
     return tuple(made)
 

@@ -27,7 +27,7 @@ class BoardFinger(Finger):
     def touch(self, load: str | None) -> None:
         """Put a load of the display file on, by name; None takes it off."""
         if load not in self._loads:
-            allowed = ", ".join(str(name) for name in self._loads)
+            allowed = ", ".join(name or "none" for name in self._loads)
             raise BadInput(f"load {load!r} is not described; allowed: {allowed}")
         self._client.must(Request.TOUCH, struct.pack("<BB", self._channel, self._loads.index(load)))
 
