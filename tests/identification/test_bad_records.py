@@ -47,7 +47,7 @@ def off_db(record: Record) -> float:
             lambda folder: written(
                 folder, np.s_[:], position=np.where(np.arange(TIME.size) % 2, np.nan, GOOD.position)
             ),
-            "position is not a number in row 2",
+            rf"position is not a number in row 2 of {TIME.size} and in {TIME.size // 2 - 1} more; allowed: numbers",
         ),
     ],
     ids=["two runs pasted", "a long gap", "half of it missing"],

@@ -71,8 +71,9 @@ def refined(common: Prepared, estimate: RefinedEstimate, tried: tuple[Candidate,
     to_unit, to_position = common.scale
     friction = estimate.friction
     if friction is not None:
+        wider = float(np.sqrt(_inflation(estimate)))
         friction = Friction(
-            friction.coulomb * to_unit, friction.confidence * to_unit, friction.presliding * to_position
+            friction.coulomb * to_unit, wider * friction.confidence * to_unit, friction.presliding * to_position
         )
     excitation = replace(common.excitation, needed=fit.structure.count, condition=estimate.condition)
     require_excitation(excitation)
@@ -120,10 +121,14 @@ def inflated(estimate: RefinedEstimate) -> FloatArray:
     """Return the covariance, times how much more of the residual follows the command than chance would have it (at
     least 1): what the structure cannot say is uncertainty as well.
     """
+    return estimate.covariance * _inflation(estimate)
+
+
+def _inflation(estimate: RefinedEstimate) -> float:
+    if estimate.tests.uncorrelated_with_input:
+        return 1.0
     count = estimate.fit.minimum.prediction.residual.size
-    excess = estimate.tests.unexplained * count / 14.0
-    factor = max(1.0, excess) if not estimate.tests.uncorrelated_with_input else 1.0
-    return estimate.covariance * factor
+    return max(1.0, estimate.tests.unexplained * count / 14.0)
 
 
 def usual_band(record: Record) -> tuple[float, float]:

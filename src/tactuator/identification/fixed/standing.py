@@ -100,9 +100,22 @@ def said_of_disagreement(known: Sequence[FixedAgainstOwn], model: PlantModel, fr
     apart = 8.685890 * float(np.max(np.abs(np.log(np.abs(model.response(frequency) / free.response(frequency))))))
     said = (
         f"the record does not agree with what is fixed, {', '.join(map(str, known))}: with it the response differs by "
-        f"up to {apart:.2g} dB; the band holds the model without it"
+        f"up to {apart:.2g} dB{_evaded(model, free, low)}; the band holds the model without it"
     )
     return said, apart > _MATERIAL_DB or any(one.own is None or one.is_far for one in known)
+
+
+def _evaded(model: PlantModel, free: PlantModel, low: float) -> str:
+    """Return how a model evades a value at 0 Hz: by a pole far below the lowest frequency of the record (low, hertz),
+    under which it does as it is told; empty where it has no such pole, or the record by itself has one, too.
+    """
+    slow, own = (float(np.min(np.abs(np.roots(one.den)), initial=np.inf)) / (2.0 * np.pi) for one in (model, free))
+    if slow > 0.1 * low or own < 0.1 * low:
+        return ""
+    return (
+        f", since a pole at {slow:.2g} Hz evades it: the value holds below that pole alone, and not from {low:.3g} Hz "
+        "on, where the record begins"
+    )
 
 
 def exact(model: PlantModel, fixed: Sequence[Fixed]) -> PlantModel:
