@@ -112,6 +112,7 @@ def test_run_corpus__interrupted__goes_on_where_it_stopped(job, corpus, tmp_path
     finished = sorted(out.rglob("*.wav"))
     before = {path: path.stat().st_mtime_ns for path in finished}
     with (out / JOURNAL).open("a") as journal:
+        journal.write('{"item": "speaker1/word5.wav", "figures": {"level": NaN, "peak": 1e999}}\n')  # changed by a disk
         journal.write('{"item": "speaker1/word5.wav", "figu')  # a line that a crash cut off
     counting = Counts()
     result = run_corpus(corpus, out, job, counting)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tactuator.corpus.items import Item, file_sha256, find_items, item_seed
+from tactuator.corpus.items import Item, file_sha256, find_items, item_seed, written_sha256
 from tactuator.corpus.journal import open_journal
 from tactuator.corpus.task import CorpusOutcome, CorpusTask
 from tactuator.corpus.workers import Workers
@@ -78,14 +78,14 @@ def _run(
     with open_journal(out, parameters) as journal:
         before = dict(journal.finished)
         kept = {item.source for item in items if _is_done(item, folder, out, before.get(item.source))}
-        todo = [_task(item, folder, out, job) for item in items if item.source not in kept]
-        outs, failures, done = {item.source: item.out for item in items}, {}, 0
+        todo = _tasks([item for item in items if item.source not in kept], folder, out, job)
+        failures, done = {}, 0
         progress(len(kept), len(items))
         for outcome in workers.outcomes(todo):
             if outcome.figures is None:
                 failures[outcome.item] = outcome.error or "not rendered"
             else:
-                journal.add(outcome.item, _entry(outcome, out / outs[outcome.item]))
+                journal.add(outcome.item, _entry(outcome))
                 done += 1
             progress(len(kept) + done + len(failures), len(items))
         entries = {item.source: journal.finished[item.source] for item in items if item.source not in failures}
@@ -121,23 +121,27 @@ def _sweep(items: tuple[Item, ...], out: Path) -> None:
     sweep_half_written([out / MANIFEST, *written, *(path.with_suffix(".json") for path in written)])
 
 
-def _task(item: Item, folder: Path, out: Path, job: RenderJob) -> CorpusTask:
-    return CorpusTask(
-        item=item.source,
-        source=str((folder / item.source).absolute()),
-        out=str((out / item.out).absolute()),
-        controller=json.dumps(job.controller.document()),
-        coding=json.dumps(coding_document(job.coding)),
-        level_db_sl=job.level_db_sl,
-        simulate=job.simulate,
-        seed=item_seed(job.seed, item.source),
-    )
+def _tasks(items: list[Item], folder: Path, out: Path, job: RenderJob) -> list[CorpusTask]:
+    controller, coding = json.dumps(job.controller.document()), json.dumps(coding_document(job.coding))
+    return [
+        CorpusTask(
+            item=item.source,
+            source=str((folder / item.source).absolute()),
+            out=str((out / item.out).absolute()),
+            controller=controller,
+            coding=coding,
+            level_db_sl=job.level_db_sl,
+            simulate=job.simulate,
+            seed=item_seed(job.seed, item.source),
+        )
+        for item in items
+    ]
 
 
-def _entry(outcome: CorpusOutcome, path: Path) -> dict[str, Any]:
+def _entry(outcome: CorpusOutcome) -> dict[str, Any]:
     return {
         "source_sha256": outcome.source_sha256,
-        "written_sha256": _written_sha256(path),
+        "written_sha256": outcome.written_sha256,
         "figures": _plain(outcome.figures),
     }
 
@@ -159,16 +163,10 @@ def _is_done(item: Item, folder: Path, out: Path, entry: Mapping[str, Any] | Non
     try:
         return bool(
             file_sha256(folder / item.source) == entry["source_sha256"]
-            and _written_sha256(out / item.out) == entry["written_sha256"]
+            and written_sha256(out / item.out) == entry["written_sha256"]
         )
     except (OSError, KeyError):
         return False
-
-
-def _written_sha256(path: Path) -> list[str]:
-    """Return SHA-256 (hex) of a reference's file, and of the file with its scale beside a WAV."""
-    files = [path, path.with_suffix(".json")] if path.suffix == ".wav" else [path]
-    return [file_sha256(one) for one in files]
 
 
 def _manifest(

@@ -51,6 +51,12 @@ def file_sha256(path: str | Path) -> str:
     return digest.hexdigest()
 
 
+def written_sha256(path: Path) -> list[str]:
+    """Return SHA-256 (hex) of a reference's file, and of the file with its scale beside a WAV."""
+    files = [path, path.with_suffix(".json")] if path.suffix == ".wav" else [path]
+    return [file_sha256(one) for one in files]
+
+
 def item_seed(seed: int, source: str) -> int:
     """Return the seed of one file's simulation: it depends on the corpus's seed and the file's name, not on
     the order.

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from tactuator.errors import BadInput
+from tactuator.files.formats.text import parse_finite_json
 
 NAME = "journal.jsonl"
 
@@ -62,7 +63,7 @@ def open_journal(folder: Path, parameters: Mapping[str, Any]) -> Iterator[Journa
 
 def _entry(line: str) -> dict[str, Any] | None:
     try:
-        entry = json.loads(line)
-    except ValueError:
+        entry = parse_finite_json(line)
+    except BadInput:
         return None
     return entry if isinstance(entry, dict) and "item" in entry else None

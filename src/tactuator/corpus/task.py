@@ -8,10 +8,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from tactuator.corpus.items import file_sha256
+from tactuator.corpus.items import file_sha256, written_sha256
 from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.files.controller import parse_controller
+from tactuator.speech.coding.coding import Coding
 from tactuator.speech.coding.file import parse_coding
 from tactuator.speech.job import RenderJob, render_file
 
@@ -37,11 +38,13 @@ class CorpusTask:
 class CorpusOutcome:
     """Outcome of the work on one file.
 
-    figures: the figures of the rendered file, plain JSON. error: one line, where nothing came of it.
+    written_sha256: of what was written. figures: of the rendered file, plain JSON. error: one line, where nothing came
+    of it.
     """
 
     item: str
     source_sha256: str | None
+    written_sha256: list[str] | None
     figures: dict[str, Any] | None
     error: str | None
 
@@ -52,15 +55,19 @@ def do_task(task: CorpusTask) -> CorpusOutcome:
         digest = file_sha256(task.source)
         out = Path(task.out)
         out.parent.mkdir(parents=True, exist_ok=True)
-        coding = parse_coding(json.loads(task.coding))
-        job = RenderJob(_controller(task.controller), coding, task.level_db_sl, task.simulate, task.seed)
+        job = RenderJob(_controller(task.controller), _coding(task.coding), task.level_db_sl, task.simulate, task.seed)
         figures = render_file(task.source, out, job).document()
         figures["speech"] = task.item
-        return CorpusOutcome(task.item, digest, figures, None)
+        return CorpusOutcome(task.item, digest, written_sha256(out), figures, None)
     except BadInput as error:
-        return CorpusOutcome(task.item, None, None, _one_line(str(error)))
+        return failed(task, _one_line(str(error)))
     except OSError as error:
-        return CorpusOutcome(task.item, None, None, _one_line(f"{error.filename}: {error.strerror}"))
+        return failed(task, _one_line(f"{error.filename}: {error.strerror}"))
+
+
+def failed(task: CorpusTask, error: str) -> CorpusOutcome:
+    """Return the outcome of a file of which nothing came."""
+    return CorpusOutcome(task.item, None, None, None, error)
 
 
 def _one_line(text: str) -> str:
@@ -71,3 +78,9 @@ def _one_line(text: str) -> str:
 def _controller(text: str) -> Controller:
     """Return the controller, read once in each worker: the limits derived from it are kept with it."""
     return parse_controller(json.loads(text))
+
+
+@lru_cache(maxsize=2)
+def _coding(text: str) -> Coding:
+    """Return the coding, read once in each worker."""
+    return parse_coding(json.loads(text))

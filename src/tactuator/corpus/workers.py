@@ -10,13 +10,11 @@ import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_all_start_methods, get_context
-from multiprocessing.context import BaseContext
 from typing import Protocol
 
-from tactuator.corpus.task import CorpusOutcome, CorpusTask, do_task
+from tactuator.corpus.task import CorpusOutcome, CorpusTask, do_task, failed
 from tactuator.errors import BadInput, DeviceFault
-from tactuator.helper_process import begin_helper
+from tactuator.helper_process import begin_helper, helper_context
 
 ATTEMPTS_MAX = 3
 """Number of workers that a task may lose before it counts as failed, since the task itself may kill them."""
@@ -66,37 +64,36 @@ class LocalProcesses:
             waiting = [task for task in waiting if task.item not in done]
             for task in [task for task in waiting if lost.get(task.item, 0) >= ATTEMPTS_MAX]:
                 waiting.remove(task)
-                yield CorpusOutcome(
-                    task.item, None, None, f"{task.item}: its worker died {ATTEMPTS_MAX} times; not rendered"
-                )
+                yield failed(task, f"{task.item}: its worker died {ATTEMPTS_MAX} times; not rendered")
 
     def _pool(self, tasks: Sequence[CorpusTask], begun: list[CorpusTask]) -> Iterator[CorpusOutcome]:
         """Yield outcomes from one pool; `begun` ends up holding the tasks that were handed out and not done."""
         queue = iter(tasks)
-        pool = ProcessPoolExecutor(self.count, _context(), initializer=begin_helper)
+        pool = ProcessPoolExecutor(self.count, helper_context("tactuator.corpus.task"), initializer=begin_helper)
         running: dict[Future[CorpusOutcome], CorpusTask] = {}
         try:
-            while True:
-                while len(running) < self.count and (task := next(queue, None)) is not None:
-                    begun[:] = [*running.values(), task]
-                    running[pool.submit(do_task, task)] = task
-                if not running:
-                    return
+            self._hand_out(pool, queue, running, begun)
+            while running:
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     begun[:] = running.values()
-                    yield future.result()
-                    running.pop(future)
+                    outcome = future.result()
+                    del running[future]
+                    self._hand_out(pool, queue, running, begun)  # a worker would wait while its outcome is journalled
+                    yield outcome
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
 
-
-def _context() -> BaseContext:
-    """Return a context whose processes start from one that has loaded what they need, where the system can do that."""
-    if "forkserver" not in get_all_start_methods():
-        return get_context("spawn")
-    context = get_context("forkserver")
-    context.set_forkserver_preload(["tactuator.corpus.task"])
-    return context
+    def _hand_out(
+        self,
+        pool: ProcessPoolExecutor,
+        queue: Iterator[CorpusTask],
+        running: dict[Future[CorpusOutcome], CorpusTask],
+        begun: list[CorpusTask],
+    ) -> None:
+        """Give a task to each worker that has none; one that only waited would be blamed for a worker's death."""
+        while len(running) < self.count and (task := next(queue, None)) is not None:
+            running[pool.submit(do_task, task)] = task
+            begun[:] = running.values()
 
 
 class DaskCluster:
@@ -146,7 +143,7 @@ class DaskCluster:
             if error is None:
                 yield future.result()
             else:
-                yield CorpusOutcome(task.item, None, None, f"{task.item}: {type(error).__name__}; not rendered")
+                yield failed(task, f"{task.item}: {type(error).__name__}; not rendered")
             following = next(queue, None)
             if following is not None:
                 names[self._submit(ahead, following)] = following
