@@ -57,7 +57,6 @@ def test_simulate__json__is_one_object_and_the_same_again(capsys, arguments, key
         ["serve", "missing.toml", "--store", "lab.db"],
         ["serve", "protocol.toml", "--store", "lab.db", "--speed", "-1"],
         ["serve", "protocol.toml", "--store", "lab.db", "--rig", "emulated:abacus"],
-        ["serve", "protocol.toml", "--store", "lab.db", "--rig", "board:/dev/there-is-none"],
         ["serve", "protocol.toml", "--store", "lab.db", "--rig", "piano"],
         ["serve", "protocol.toml", "--store", "lab.db", "--port", "99999"],
         ["serve", "protocol.toml", "--store", "lab.db", "--host", "256.1.1.1"],
@@ -89,6 +88,32 @@ def test_observe_thresholds_export__in_turn__give_files_and_objects(capsys, tmp_
     assert main(["experiment", "export", "--store", "lab.db", "--format", "bids", "--out", "bids", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["trials"] > 50
     assert main(["experiment", "thresholds", "--store", "lab.db", "--group", "unknown"]) == 2
+
+
+def test_thresholds__curve_of_two_frequencies__table_then_the_refusal(capsys, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "protocol.toml").write_text(SHORT.replace("[30, 90, 210]", "[30, 90]"))
+    assert main(["experiment", "observe", "protocol.toml", "--store", "lab.db", "--seed", "4", "--json"]) == 0
+    capsys.readouterr()
+    made = ["--keep-flagged", "--curve-out", "curve.csv"]
+    assert main(["experiment", "thresholds", "--store", "lab.db", *made]) == 2
+    out, err = capsys.readouterr()
+    assert "S1" in out
+    assert "written" not in out
+    assert err == "tactuator: a curve of 2 measured frequencies; allowed: three or more\n"
+    assert not (tmp_path / "curve.csv").exists()
+    assert main(["experiment", "thresholds", "--store", "lab.db", "--keep-flagged"]) == 0
+
+
+@pytest.mark.parametrize("port", ["/dev/there-is-none", "socket://127.0.0.1:9"])
+def test_serve__port_that_cannot_be_opened__status_3(port, capsys, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "protocol.toml").write_text(SHORT)
+    assert main(["experiment", "serve", "protocol.toml", "--store", "lab.db", "--rig", f"board:{port}"]) == 3
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert len(said.err.strip().splitlines()) == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"protocol.toml"}
 
 
 @pytest.fixture

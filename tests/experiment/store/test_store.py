@@ -92,6 +92,17 @@ def test_store__damaged__is_refused(tmp_path) -> None:
         Store(path)
 
 
+def test_store__damaged_where_sqlite_quotes_it__is_refused(tmp_path) -> None:
+    # SQLite's message holds the bytes, which are no text
+    path = tmp_path / "lab.db"
+    Store(path).close()
+    content = path.read_bytes()
+    assert b"CREATE TABLE event" in content
+    path.write_bytes(content.replace(b"CREATE TABLE event", b"CREATE TABL\xcc event"))
+    with pytest.raises(BadInput, match="allowed: a sound SQLite database"):
+        Store(path)
+
+
 @pytest.mark.parametrize("name", ["nowhere/lab.db", "lab.db"])
 def test_store__must_exist_and_does_not__is_refused(tmp_path, name) -> None:
     with pytest.raises(BadInput, match="is not there"):
@@ -159,6 +170,21 @@ def test_store__row_that_refers_to_none__is_refused_and_left_as_it_was(tmp_path)
     assert version(engine) == 2
     assert "subject" not in inspect(engine).get_table_names()
     engine.dispose()
+
+
+def test_close__ctrl_c_within_the_library__leaves_the_word_to_the_program(tmp_path, monkeypatch, caplog) -> None:
+    """SQLAlchemy logged it with a traceback, beside the program's one line."""
+    store = Store(tmp_path / "lab.db")
+    sound = store.engine.dialect.do_close
+
+    def interrupted(connection) -> None:
+        sound(connection)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(store.engine.dialect, "do_close", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        store.close()
+    assert not caplog.records
 
 
 def test_lock__second_holder__is_refused_in_one_line_and_let_in_after(tmp_path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +30,12 @@ def results(
     curve_out: Path | None,
     figures: Path | None,
     keep_flagged: bool = False,
-) -> tuple[dict[str, Any], Group]:
-    """Return thresholds and the curve across subjects, as JSON and as a table; files are written where asked."""
+) -> tuple[dict[str, Any], Group, BadInput | None]:
+    """Return thresholds and the curve across subjects, as JSON and as a table; files are written where asked.
+
+    The third is why there is no curve where a file or figures of it were asked for, and None otherwise: the thresholds
+    are worth telling all the same.
+    """
     store = Store(store_path, must_exist=True)
     try:
         runs = [run for run in detection_runs(store) if group is None or run.session.subject_group == group]
@@ -48,7 +51,7 @@ def results(
             f"runs stand on the curves {', '.join(names)}; allowed: --reference to name the one to extend by"
         )
     original = resolve_curve(reference or names[0])
-    across = _across(found, runs, original, keep_flagged, needed=bool(curve_out or figures))
+    across, refused = _across(found, runs, original, keep_flagged)
     if across is not None and curve_out is not None:
         write_curve(curve_out, across.curve, circumstances(across, runs))
     if across is not None and figures is not None:
@@ -58,7 +61,8 @@ def results(
             psychometric_plate(subject, trials).save(figures)
     answer = {"thresholds": [_plain(one) for one in found], "curve": _curve(across), "left_out": _left_out(across)}
     made = written(curve_out, figures) if across is not None else []
-    return answer, Group(shown(threshold_table(found, shipped_words("en"))), *_told(across), *made)
+    table = Group(shown(threshold_table(found, shipped_words("en"))), *_told(across), *made)
+    return answer, table, refused if curve_out or figures else None
 
 
 def _told(group: GroupCurve | None) -> list[str]:
@@ -87,10 +91,12 @@ def _left_out(group: GroupCurve | None) -> list[dict[str, Any]]:
 
 def person_thresholds(found: Sequence[MeasuredThreshold]) -> list[PersonThresholds]:
     """Return each subject's thresholds by frequency; every finger and repeat is a point."""
+    each: dict[tuple[int, str], list[MeasuredThreshold]] = {}
+    for one in sorted(found, key=lambda one: one.frequency_hz):
+        each.setdefault((one.study_number, one.subject), []).append(one)
     people = []
-    for (study, code), name in names_of_people(found).items():
-        own = (one for one in found if (one.study_number, one.subject) == (study, code))
-        mine = sorted(own, key=lambda one: one.frequency_hz)
+    for person, name in names_of_people(found).items():
+        mine = each[person]
         hertz, level, error = np.array([(one.frequency_hz, one.level_db_re_1um, one.sd_db) for one in mine]).T
         flagged = np.array([bool(DISQUALIFYING & set(one.flags)) for one in mine])
         people.append(PersonThresholds(name, hertz, level, error, flagged))
@@ -98,13 +104,14 @@ def person_thresholds(found: Sequence[MeasuredThreshold]) -> list[PersonThreshol
 
 
 def _across(
-    found: Sequence[MeasuredThreshold], runs: Sequence[StoredRun], original: Any, keep_flagged: bool, needed: bool
-) -> GroupCurve | None:
-    kept = [one for one in found if keep_flagged or not DISQUALIFYING & set(one.flags)]
-    if len({one.frequency_hz for one in kept}) < 3 and not needed:
-        return None
+    found: Sequence[MeasuredThreshold], runs: Sequence[StoredRun], original: Any, keep_flagged: bool
+) -> tuple[GroupCurve | None, BadInput | None]:
+    """Return the curve across subjects, or why there is none."""
     band = (min(run.run.band_low_hz for run in runs), max(run.run.band_high_hz for run in runs))
-    return group_curve(found, original, band, keep_flagged)
+    try:
+        return group_curve(found, original, band, keep_flagged), None
+    except BadInput as error:
+        return None, error
 
 
 def _curve(group: GroupCurve | None) -> list[dict[str, float | int]] | None:
@@ -121,4 +128,4 @@ def _curve(group: GroupCurve | None) -> list[dict[str, float | int]] | None:
 
 
 def _plain(one: MeasuredThreshold) -> dict[str, Any]:
-    return {**asdict(one), "flags": list(one.flags)}
+    return {**vars(one), "flags": list(one.flags)}

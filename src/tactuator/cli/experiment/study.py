@@ -102,8 +102,10 @@ def show_thresholds(
     as_json: bool,
 ) -> None:
     """Refit thresholds of every finished run, with flags, and the curve across subjects."""
-    found, table = results(store, group, reference, curve_out, figures, keep_flagged)
+    found, table, refused = results(store, group, reference, curve_out, figures, keep_flagged)
     answer(found, as_json, table)
+    if refused is not None:
+        raise refused
 
 
 def write_export(store: Path, out: Path, form: str, as_json: bool) -> None:

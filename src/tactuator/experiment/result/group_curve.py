@@ -53,13 +53,12 @@ def group_curve(
     keeps its distance from `reference` up to the band's edges: a design needs the whole band. The provenance is
     `simulated` where any threshold is. Raises BadInput where fewer than three frequencies are left.
     """
-    kept = [one for one in found if keep_flagged or not DISQUALIFYING & set(one.flags)]
-    left_out = tuple(one for one in found if not any(one is other for other in kept))
+    kept, left_out = _parted(found, keep_flagged)
     frequency_hz = np.array(sorted({one.frequency_hz for one in kept}))
     if frequency_hz.size < 3:
         without = f", {len(left_out)} thresholds left out for their flags" if left_out else ""
         raise BadInput(f"a curve of {frequency_hz.size} measured frequencies{without}; allowed: three or more")
-    rows = [_mean([one for one in kept if one.frequency_hz == frequency]) for frequency in frequency_hz]
+    rows = [_mean([one for one in kept if one.frequency_hz == frequency]) for frequency in frequency_hz.tolist()]
     level, error = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
     count = [row[2] for row in rows]
     for edge, end in ((band_hz[0], 0), (band_hz[1], -1)):
@@ -71,7 +70,18 @@ def group_curve(
             frequency_hz = np.insert(frequency_hz, place, edge)
             count.insert(place, 0)
     simulated = any(one.simulated for one in kept)
-    return GroupCurve(_curve(frequency_hz, level, error, kept, reference, simulated), tuple(count), left_out)
+    return GroupCurve(_curve(frequency_hz, level, error, kept, reference, simulated), tuple(count), tuple(left_out))
+
+
+def _parted(
+    found: Sequence[MeasuredThreshold], keep_flagged: bool
+) -> tuple[list[MeasuredThreshold], list[MeasuredThreshold]]:
+    """Return the thresholds that are taken in, and those that are left out."""
+    kept: list[MeasuredThreshold] = []
+    left_out: list[MeasuredThreshold] = []
+    for one in found:
+        (left_out if not keep_flagged and DISQUALIFYING & set(one.flags) else kept).append(one)
+    return kept, left_out
 
 
 def _curve(
@@ -90,8 +100,11 @@ def _curve(
 
 def _mean(found: Sequence[MeasuredThreshold]) -> tuple[float, float, int]:
     """Return level, standard error and number of subjects at one frequency."""
-    subjects = sorted({(one.study_number, one.subject) for one in found})
-    each = [[one for one in found if (one.study_number, one.subject) == subject] for subject in subjects]
+    of_subject: dict[tuple[int, str], list[MeasuredThreshold]] = {}
+    for one in found:
+        of_subject.setdefault((one.study_number, one.subject), []).append(one)
+    subjects = sorted(of_subject)
+    each = [of_subject[subject] for subject in subjects]
     levels = np.array([np.mean([one.level_db_re_1um for one in mine]) for mine in each])
     within = np.array([np.sqrt(np.sum([one.sd_db**2 for one in mine])) / len(mine) for mine in each])
     known = float(np.sqrt(np.sum(within**2)) / len(subjects))

@@ -24,6 +24,8 @@ from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP
 DISQUALIFYING = frozenset({"attention", "chance", "drift", "lapses", "mains", "out-of-range", "trial-limit"})
 """Flags of runs whose threshold a group curve leaves out unless it is told to keep them."""
 
+_RUNS_AT_ONCE = 1024
+"""Runs whose trials are played through anew before any of them is let go: a million trials would take up 100 MB."""
 _NEAR_DECADES, _NEAR_DB = 0.2, 12.0
 _NORMAL_95 = 1.959964
 _MAINS_HZ = (60.0, 50.0, 0.0)
@@ -84,6 +86,11 @@ def names_of_people(found: Sequence[MeasuredThreshold]) -> dict[tuple[int, str],
 
 def thresholds(runs: Sequence[StoredRun]) -> list[MeasuredThreshold]:
     """Return the thresholds of every run; of a whole-curve run, one at each of twelve frequencies over its band."""
+    parts = (runs[first : first + _RUNS_AT_ONCE] for first in range(0, len(runs), _RUNS_AT_ONCE))
+    return [one for part in parts for one in _thresholds(part)]
+
+
+def _thresholds(runs: Sequence[StoredRun]) -> list[MeasuredThreshold]:
     procedures = [replayed(run) for run in runs]
     fitted = _fitted(runs, procedures)
     found: list[MeasuredThreshold] = []

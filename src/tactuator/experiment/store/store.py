@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sqlite3
 from collections.abc import Iterator
@@ -16,6 +17,20 @@ from tactuator.errors import BadInput, StoreFault
 from tactuator.experiment.store.migrations import migrate
 
 _BUSY_TIMEOUT_MS = 2000
+
+
+class _Interrupts(logging.Filter):
+    """Keeps out what the library logs, with a traceback, of a Ctrl-C on which it ends: the program tells of that."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Return whether the record is of anything else."""
+        return not (record.exc_info and isinstance(record.exc_info[1], KeyboardInterrupt))
+
+
+logging.getLogger("sqlalchemy.pool.impl.QueuePool").addFilter(_Interrupts())
+
+_DAMAGED = (DatabaseError, sqlite3.DatabaseError, UnicodeDecodeError)
+"""What a damaged file raises; SQLite's own message can hold bytes of it that are no text."""
 
 
 class Store:
@@ -41,7 +56,7 @@ class Store:
         try:
             self._check()
             migrate(self.engine)
-        except (DatabaseError, sqlite3.DatabaseError) as error:
+        except _DAMAGED as error:
             self.engine.dispose()
             raise BadInput(f"store {path}: {_reason(error)}; allowed: a sound SQLite database") from None
 
@@ -60,7 +75,7 @@ class Store:
         try:
             with self.engine.begin() as connection:
                 yield connection
-        except (DatabaseError, sqlite3.DatabaseError) as error:
+        except _DAMAGED as error:
             raise StoreFault(f"{self.path.name}: {_reason(error)}") from error
 
     @contextmanager
@@ -69,7 +84,7 @@ class Store:
         try:
             with self.engine.connect().execution_options(read_only=True) as connection:
                 yield connection
-        except (DatabaseError, sqlite3.DatabaseError) as error:
+        except _DAMAGED as error:
             raise StoreFault(f"{self.path.name}: {_reason(error)}") from error
 
     def close(self) -> None:
