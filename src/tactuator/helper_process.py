@@ -7,6 +7,19 @@ import os
 import signal
 import threading
 from multiprocessing.connection import wait
+from multiprocessing.context import BaseContext
+
+
+def helper_context(module: str) -> BaseContext:
+    """Return a context whose processes start from one that has loaded `module`, where the system can do that.
+
+    They are not forked from this process, in which a progress bar's thread may hold a lock at that moment.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([module])
+    return context
 
 
 def begin_helper(nicer: int = 0) -> None:

@@ -20,7 +20,7 @@ from tactuator.paper.prefilters import Prefilters, judge_prefilters
 from tactuator.paper.resolution import bits_needed
 from tactuator.paper.response import UNLOADED, ResponsePoint, measure_responses, nominal_response
 from tactuator.paper.speech import Spoken, speak
-from tactuator.paper.thresholds import KnownThreshold, measure_thresholds
+from tactuator.paper.thresholds import KnownThreshold, observers_at_work
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.rig.trace import Trace
 from tactuator.speech.reading import SpeechFile
@@ -70,23 +70,24 @@ def run_study(plan: Plan, file: SpeechFile, progress: Progress) -> PaperStudy:
     """Run the whole study; file: the plan's speech file as `check_speech` found it, so that a bad one is
     refused first.
     """
-    calibration = calibrate(plan)
-    progress("calibration", 1.0)
-    record = record_motors(plan)
-    motors = identify_motors(plan, record, progress)
-    open_loop = measure_motors(plan, progress)
-    loop = paper_loop(plan.display)
-    progress("loop", 1.0)
-    prefilters = judge_prefilters(plan.display)
-    resolution = bits_needed()
     controller = paper_controller(plan.display)
-    progress("prefilter", 1.0)
-    noise = probe_noise(plan, controller, progress)
-    responses = measure_responses(plan, controller, progress)
-    without_friction = _without_friction(plan, controller, progress)
-    detected = measure_thresholds(plan, controller, progress)
+    with observers_at_work(plan, controller) as detected_by:  # they take longer than all the rest together
+        calibration = calibrate(plan)
+        progress("calibration", 1.0)
+        record = record_motors(plan)
+        motors = identify_motors(plan, record, progress)
+        open_loop = measure_motors(plan, progress)
+        loop = paper_loop(plan.display)
+        progress("loop", 1.0)
+        prefilters = judge_prefilters(plan.display)
+        resolution = bits_needed()
+        progress("prefilter", 1.0)
+        noise = probe_noise(plan, controller, progress)
+        responses = measure_responses(plan, controller, progress)
+        without_friction = _without_friction(plan, controller, progress)
+        spoken = speak(plan, controller, file, progress)
+        detected = detected_by(progress)
     reshaped = _reshape(plan, detected.curve, progress)
-    spoken = speak(plan, controller, file, progress)
     verdict = judge_objectives(plan, controller, responses, noise)
     return PaperStudy(
         plan,

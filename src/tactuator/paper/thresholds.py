@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import multiprocessing
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,12 +26,11 @@ from tactuator.experiment.simulated.observer import Observer
 from tactuator.experiment.simulated.sitting import run_study
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
-from tactuator.helper_process import begin_helper
+from tactuator.helper_process import begin_helper, helper_context
 from tactuator.paper.plan import THRESHOLD_HZ, Plan, Progress, observers
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.rig.simulated import SimulatedRig
 
-_WORKER_COUNT = 2
 _PROTOCOL = """
 [study]
 name = "thresholds on the display"
@@ -77,26 +77,39 @@ class Detected:
     curve: ThresholdCurve
 
 
-def measure_thresholds(plan: Plan, controller: Controller, progress: Progress) -> Detected:
-    """Let every observer go through the protocol on the simulated display; return the thresholds and the curve.
+@contextmanager
+def observers_at_work(plan: Plan, controller: Controller) -> Iterator[Callable[[Progress], Detected]]:
+    """Let every observer go through the protocol on the simulated display, beside what else the context does.
 
-    Each observer has a store and a process of its own; the outcome does not depend on how the work is shared.
+    Yield a function that waits for them and returns the thresholds and the curve. Each observer has a store and a
+    process of its own; the outcome does not depend on how the work is shared.
     """
     people = observers(plan.display.channels[0].threshold.curve)
-    runs: dict[str, list[StoredRun]] = {}
-    # spawned, not forked: a progress bar's thread may hold a lock at that moment
-    context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as folder:
-        pool = ProcessPoolExecutor(_WORKER_COUNT, context, initializer=begin_helper)
+        others = set(multiprocessing.active_children())
+        pool = ProcessPoolExecutor(len(people), helper_context(__name__), initializer=begin_helper)
         try:
             stores = {one.name: Path(folder) / f"{one.name}.db" for one in people}
             jobs = {pool.submit(run_observer, plan, controller, one, stores[one.name]): one.name for one in people}
-            for done, job in enumerate(as_completed(jobs), start=1):
-                job.result()
-                runs[jobs[job]] = _runs(stores[jobs[job]])
-                progress("thresholds", done / len(people))
+
+            def detected(progress: Progress) -> Detected:
+                runs: dict[str, list[StoredRun]] = {}
+                for done, job in enumerate(as_completed(jobs), start=1):
+                    job.result()
+                    runs[jobs[job]] = _runs(stores[jobs[job]])
+                    progress("thresholds", done / len(people))
+                return _detected(plan, people, runs)
+
+            yield detected
+        except BaseException:  # an interrupted study does not wait until the observers are through
+            for worker in set(multiprocessing.active_children()) - others:
+                worker.terminate()
+            raise
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _detected(plan: Plan, people: Sequence[Observer], runs: Mapping[str, Sequence[StoredRun]]) -> Detected:
     found = [threshold for one in people for threshold in thresholds(runs[one.name])]
     curves = {one.name: one.curve for one in people}
     channel = plan.display.channels[0]
