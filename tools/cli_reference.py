@@ -17,8 +17,9 @@ Every verb keeps the same promises:
 - `--json` prints exactly one JSON object on standard output and nothing else. Progress goes to standard error, and
   only to a terminal. Numbers that JSON cannot say (infinite, not a number) are `null`.
 - Exit status 0: done. 1: done, and the verdict is no. 2: bad input, told in one line on standard error that names
-  what was got and what is allowed. 3: a device failed. 130: interrupted. 70: a fault of
-  tactuator's own, with its traceback.
+  what was got and what is allowed. 3: a device failed, or its port cannot be opened. 130: interrupted, told in one
+  line (a Ctrl-C in the first hundredths of a second, while Python itself starts, ends as Python ends it). 70: a
+  fault of tactuator's own, with its traceback.
 - Output is written beside its final name and renamed when whole: no half-written file under a final name.
 
 `tactuator --version` tells the version.

@@ -5,7 +5,6 @@
 """
 
 from importlib import import_module
-from typing import Any
 
 _ROOMS = {
     "api.chain": (
@@ -20,10 +19,10 @@ _ROOMS = {
 _NAMES = {name: room for room, names in _ROOMS.items() for name in names}
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     """Return what is asked for by name, and remember it."""
     if name == "__version__":
-        found: Any = import_module("importlib.metadata").version("tactuator")
+        found: object = import_module("importlib.metadata").version("tactuator")
     elif name in _NAMES:
         found = getattr(import_module(f"tactuator.{_NAMES[name]}"), name)
     else:

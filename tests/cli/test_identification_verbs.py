@@ -142,7 +142,7 @@ def test_noise__gains__verdict_and_levels(folder: Path, capsys) -> None:
 
 
 def test_finger__free_and_touched__tells_what_it_is_and_where_it_cannot(folder: Path, capsys) -> None:
-    asked = ["finger", "--controller", str(folder / "controller.json"), "--duration-s", "24", "--json"]
+    asked = ["finger", "--controller", str(folder / "controller.json"), "--duration-s", "27", "--json"]
     capsys.readouterr()
     assert main(asked) == 0
     found = printed(capsys)["channels"][0]

@@ -1,9 +1,13 @@
 """Every verb keeps the common spelling and is in the reference."""
 
+from typing import get_args
+
 import typer
 
 from tactuator.cli.main import build_app
+from tactuator.cli.options import RigOption
 from tactuator.cli.verbs import VERBS
+from tactuator.rig.open import rig_names
 from tools.cli_reference import PAGE, reference, sorted_commands
 
 COMMANDS = list(sorted_commands(typer.main.get_command(build_app()), ("tactuator",)))
@@ -38,3 +42,9 @@ def test_commands__each_that_ends_by_itself__can_answer_in_json():
     answering = [(path, command) for path, command in COMMANDS if path[-1] not in ("serve", "console")]
     mute = [" ".join(path) for path, command in answering if not any("--json" in p.opts for p in command.params)]
     assert mute == []
+
+
+def test_help_of_rig__names_every_kind_of_rig() -> None:
+    kinds = {name.partition(":")[0] for name in rig_names().split(", ")}
+    told = get_args(RigOption)[1].help
+    assert {one.partition(":")[0] for one in told.rstrip(".").split(", ")} == kinds

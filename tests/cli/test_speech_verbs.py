@@ -100,7 +100,7 @@ def test_render__stereo__mixed_and_said(run, tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--level", "60"), "allowed: 55 at most"),
+        (("--level", "60"), "level (--level) of 60 dB SL; allowed: -60 to 55 dB SL"),
         (("--coding", "morse"), "coding 'morse' is not known"),
         (("--figures", "figures"), "--figures without --felt"),
         (("--display", "none.toml"), "none.toml"),

@@ -1,5 +1,6 @@
 """Nothing half-written under the final name."""
 
+import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -26,6 +27,27 @@ def test_atomic_path__error_in_the_middle__leaves_the_old_file(tmp_path: Path) -
 
 
 OWN = frozenset({"a.txt"})
+
+
+@pytest.mark.parametrize("writing", [atomic_path, lambda path: atomic_folder(path, OWN)])
+def test_atomic__ctrl_c_as_the_place_beside_is_made__leaves_nothing(tmp_path: Path, monkeypatch, writing) -> None:
+    """The handler may run as soon as the call into the system has returned; an empty file was left then."""
+    came: list[Path] = []
+    for name in ("open", "mkdir"):
+        sound = getattr(os, name)
+
+        def made(*given, sound=sound, **more):
+            found = sound(*given, **more)
+            if Path(given[0]).parent == tmp_path and not came:
+                came.append(given[0])
+                raise KeyboardInterrupt
+            return found
+
+        monkeypatch.setattr(os, name, made)
+    with pytest.raises(KeyboardInterrupt), writing(tmp_path / "a.txt"):
+        pass
+    monkeypatch.undo()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_atomic_folder__whole__takes_the_place_of_the_old(tmp_path: Path) -> None:

@@ -228,7 +228,7 @@ def test_finger__touched__takes_level_at_high_frequencies(rig: AnyRig) -> None:
 def test_finger__of_no_channel_or_under_no_load_or_pressed_by_nothing__is_refused(rig: AnyRig) -> None:
     with pytest.raises(BadInput, match="channel 'ring' is not there; allowed: index, thumb, middle"):
         rig.finger("ring")
-    with pytest.raises(BadInput, match="load 'glove' is not described; allowed: None, finger"):
+    with pytest.raises(BadInput, match="load 'glove' is not described; allowed: none, finger"):
         rig.finger("index").touch("glove")
     for force in ([[0.1, 0.2]], [np.nan]):
         with pytest.raises(BadInput, match=r"allowed: \(n,\), finite volts of command"):

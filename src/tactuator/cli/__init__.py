@@ -6,12 +6,6 @@ the verdict is no), 2 (bad input or no design), 3 (a device failed), both told i
 (interrupted), 70 (a defect of tactuator, with its traceback).
 """
 
-import sys
-
-try:
-    from tactuator.cli.main import main
-except KeyboardInterrupt:  # Ctrl-C while the program still loads
-    sys.stderr.write("tactuator: interrupted\n")
-    raise SystemExit(130) from None
+from tactuator.cli.main import main
 
 __all__ = ["main"]

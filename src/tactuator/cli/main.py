@@ -114,7 +114,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, _terminate)
     sys.unraisablehook = _raise_again
     try:
+        if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # `tactuator.__main__` held it so far
+            signal.signal(signal.SIGINT, signal.default_int_handler)
         status = _status_of(sys.argv[1:])
+    except KeyboardInterrupt:  # between two lines of `_status_of`
+        status = _say("interrupted", INTERRUPTED)
     finally:
         # All is done: a late Ctrl-C would only kill the interpreter while it tidies up, without a word.
         signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -17,7 +17,9 @@ ControllerOption = Annotated[Path | None, typer.Option("--controller", help="Con
 FiguresOption = Annotated[
     Path | None, typer.Option("--figures", help="Folder for the figures (SVG, and their numbers as CSV).")
 ]
-RigOption = Annotated[str, typer.Option("--rig", help="simulated, emulated:BOARD, board:URL, sound:DEVICE.")]
+RigOption = Annotated[
+    str, typer.Option("--rig", help="simulated, in-process, emulated:BOARD, board:URL, sound:DEVICE.")
+]
 Host = Annotated[str, typer.Option(help="Address to listen at; another than loopback lets others in.")]
 AllowedHosts = Annotated[
     list[str] | None,

@@ -6,10 +6,10 @@ import errno
 import os
 import re
 import shutil
-import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from uuid import uuid4
 
 from tactuator.errors import BadInput
 
@@ -26,12 +26,11 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     _check_parent(target)
     if target.exists() and not target.is_file():
         raise BadInput(f"{path} is a folder or a device; allowed: the name of a file")
-    suffix = f".{_HALF_WRITTEN}{target.suffix}"
-    handle, name = tempfile.mkstemp(prefix=f".{target.stem}-", suffix=suffix, dir=target.parent)
-    os.close(handle)
-    beside = Path(name)
+    # the name is known before the file is there: a Ctrl-C between the two leaves nothing
+    beside = target.with_name(f".{target.stem}-{_token()}.{_HALF_WRITTEN}{target.suffix}")
     try:
         with _told_of_a_full_disk(path):
+            os.close(os.open(beside, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
             yield beside
         mask = os.umask(0)
         os.umask(mask)
@@ -74,8 +73,9 @@ def atomic_folder(path: str | os.PathLike[str], own_names: frozenset[str]) -> It
     _check_own(target, own_names)
     made = _made_parents(target)
     try:
-        beside = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+        beside = target.with_name(f".{target.name}-{_token()}")
         try:
+            beside.mkdir(mode=0o700)
             yield beside
             beside.chmod(0o755)
             _check_own(target, own_names)
@@ -128,6 +128,10 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Write `text` (UTF-8) to `path`, whole or not at all."""
     with atomic_path(path) as beside:
         beside.write_text(text, encoding="utf-8")
+
+
+def _token() -> str:
+    return uuid4().hex[:8]
 
 
 def _check_parent(target: Path) -> None:

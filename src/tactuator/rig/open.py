@@ -22,7 +22,8 @@ def open_rig(spec: str, display: Display, seed: int = 0) -> Rig:
     """Return the rig of that name with `display` on it.
 
     URL: a serial port (COM3, /dev/ttyACM0) or `socket://host:port`. Raises BadInput for another name, or for what is
-    missing (the emulator, the cross-compiler, pyserial, the port, PortAudio, the card).
+    missing (the emulator, the cross-compiler, pyserial, PortAudio, the card), and DeviceFault where a port or a card
+    cannot be opened.
     """
     kind, _, rest = spec.partition(":")
     if spec == "simulated":

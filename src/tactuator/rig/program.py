@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from tactuator.errors import BadInput
@@ -53,6 +56,25 @@ def build_firmware(name: str, emulated: bool = True, flags: tuple[str, ...] = ()
         return program
     _require(COMPILER)
     program.parent.mkdir(parents=True, exist_ok=True)
+    with _alone(program.parent):
+        if not program.exists():
+            _compile(board, files, flags, program)
+    return program
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Let one process at a time build into the folder: others wait, and may find built what they would have built."""
+    held = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(held)
+
+
+def _compile(board: Board, files: list[Path], flags: tuple[str, ...], program: Path) -> None:
+    """Write the program, whole or not at all. Raises BadInput with the first complaint of compiler or linker."""
     handle, beside = tempfile.mkstemp(suffix=".elf", dir=program.parent)
     os.close(handle)
     command = [*_command(board, files, beside), *flags]
@@ -61,9 +83,10 @@ def build_firmware(name: str, emulated: bool = True, flags: tuple[str, ...] = ()
         Path(beside).unlink(missing_ok=True)
         said = done.stderr.splitlines()
         first = next((line for line in said if "overflowed" in line or "error:" in line), "the compiler failed")
-        raise BadInput(f"firmware for {name} does not compile: {first.strip()}; allowed: sources that do, and that fit")
+        raise BadInput(
+            f"firmware for {board.name} does not compile: {first.strip()}; allowed: sources that do, and that fit"
+        )
     Path(beside).replace(program)
-    return program
 
 
 def form_of(out: Path) -> str:

@@ -14,6 +14,7 @@ from tactuator.display.description import Display
 from tactuator.files.controller import write_controller
 from tactuator.rig import program
 from tactuator.rig.board_check.period_check import PeriodCheck
+from tactuator.rig.board_check.period_cost import PeriodCost
 from tactuator.rig.boards import BOARDS
 from tactuator.rig.program import build_firmware
 from tactuator.rig.transport import emulator
@@ -47,6 +48,20 @@ def test_verify__that_differs__status_1(monkeypatch: pytest.MonkeyPatch, capsys:
     monkeypatch.setattr(verb, "open_rig", lambda *arguments: nullcontext())
     assert main(["firmware", "verify", "--ticks", "5"]) == 1
     assert "DIFFERENT (float32: seed 1, tick 5)" in capsys.readouterr().out.replace("\n", "")
+
+
+def test_bench__at_80_columns__names_of_boards_are_whole(made, monkeypatch, capsys) -> None:
+    verb = import_module("tactuator.cli.controller.firmware")
+    cases = dict.fromkeys(("usual", "silent", "soft start", "limited", "on-board tones", "faults"), 1234)
+    share = {"168 MHz": 0.02}
+    counted = [PeriodCost(name, "float32", 1, 1234, 1234, cases, share, share) for name in BOARDS]
+    monkeypatch.setattr(verb, "count_instructions", lambda board, *given: counted[list(BOARDS).index(board)])
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["firmware", "bench", "--controller", made]) == 0
+    out = capsys.readouterr().out
+    assert "…" not in out
+    for board in BOARDS:
+        assert board in out
 
 
 @pytest.mark.slow
@@ -197,6 +212,8 @@ def test_program__that_does_not_fit_the_board__is_refused_by_the_linker(
     cache = tmp_path / "cache"
     cache.mkdir()
     monkeypatch.setattr(program, "_cache", lambda: cache)
+    quick = tuple("-O0" if flag == "-O2" else flag for flag in program.FLAGS)
+    monkeypatch.setattr(program, "FLAGS", quick)  # the rows take as much room however the code is compiled
     monkeypatch.setitem(BOARDS, "stm32f405", replace(BOARDS["stm32f405"], rows=4096))
     told = ["firmware", "program", "--board", "stm32f405", "--out", str(tmp_path / "f.bin")]
     refused(told, "region `data' overflowed by", capsys, tmp_path)

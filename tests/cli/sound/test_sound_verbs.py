@@ -268,6 +268,12 @@ def test_sound_devices__a_card__is_listed(monkeypatch, capfd):
     assert (card["device"], card["outputs"], card["rate_hz"]) == ("ALSA/Card", 2, 44100.0)
 
 
+def test_sound_devices__no_card__tells_what_to_do(monkeypatch, capfd):
+    monkeypatch.setattr(library, "import_module", lambda name: fake_sounddevice(outputs=0))
+    assert main(["sound", "devices"]) == 0
+    assert "`aplay -l` lists" in capfd.readouterr().out
+
+
 def test_sound_latency__no_wire__is_refused(monkeypatch, capsys, tmp_path: Path):
     put_in(monkeypatch, answer=_noise(1e-3))
     given = ["sound", "latency", "--device", "Card", "--rate-hz", "8000"]

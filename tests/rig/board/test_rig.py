@@ -13,6 +13,7 @@ from tactuator.rig.open import open_rig
 from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.trace import join_traces
+from tactuator.rig.transport.transport import LinkDown
 from tests.rig.every_rig import BOARDS, begin, tones
 from tests.rig.guard.guarded import designed
 
@@ -93,8 +94,10 @@ def test_open__names__give_rigs_or_say_what_is_allowed():
     assert isinstance(open_rig("simulated", display), SimulatedRig)
     with pytest.raises(BadInput, match="allowed: simulated, in-process, emulated:mps2-an386"):
         open_rig("toaster", display)
-    with pytest.raises(BadInput, match="cannot be opened"):
+    with pytest.raises(LinkDown, match="cannot be opened"):
         open_rig("board:no-such-port", display)
+    with pytest.raises(BadInput, match="is none"):
+        open_rig("board:nothing://known", display)
     with pytest.raises(BadInput, match="board 'x' is not known"):
         open_rig("emulated:x", display)
 
@@ -107,7 +110,6 @@ def test_emulator__missing__is_told_with_what_to_install(monkeypatch):
 
 def test_emulator__ends_on_its_own__is_told():
     from tactuator.rig.transport.emulator import Emulator
-    from tactuator.rig.transport.transport import LinkDown
 
     transport = Emulator("mps2-an500")
     rig = simulated_board_rig(transport, designed().display, 1, "float32")

@@ -15,7 +15,8 @@ from tactuator.cli.options import AllowedHosts, Host, Seed, TlsCertificate, TlsK
 def console(
     display: Annotated[Path | None, typer.Argument(help="Display file (TOML); without one: the examples.")] = None,
     rig: Annotated[
-        str | None, typer.Option("--rig", help="Rig of the scope: simulated, emulated:BOARD, board:URL, sound:DEVICE.")
+        str | None,
+        typer.Option("--rig", help="Rig of the scope: simulated, in-process, emulated:BOARD, board:URL, sound:DEVICE."),
     ] = None,
     seed: Seed = 0,
     host: Host = "127.0.0.1",

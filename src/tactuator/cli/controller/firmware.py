@@ -12,10 +12,10 @@ import typer
 from rich.console import Group
 from rich.table import Table
 
-from tactuator.cli.answer import answer, progress, working, written
+from tactuator.cli.answer import answer, progress, shown, working, written
 from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
-from tactuator.files.atomic import atomic_path
+from tactuator.experiment.result.tables import ResultTable
 from tactuator.files.controller import read_controller
 from tactuator.paper.plan import paper_display
 from tactuator.rig.board.rig import BoardRig
@@ -37,8 +37,7 @@ def program(board: str, out: Path, emulated: bool, crystal_mhz: int | None, as_j
     flags = () if crystal_mhz is None else (f"-DTACT_CRYSTAL_MHZ={crystal_mhz}",)
     with working("compiling"):
         built = build_firmware(board, emulated or not found.is_real, flags)
-    with atomic_path(out) as beside:
-        write_program(built, beside, form)
+    write_program(built, out, form)
     flash, ram = memory_used(built)
     result = {"board": board, "processor": found.describes, "program": str(out)}
     text = f"{found.describes}: {flash} bytes of flash, {ram} bytes of RAM"
@@ -89,12 +88,15 @@ def bench(controller: Path | None, rig: str | None, as_json: bool) -> None:
         counted = bars.track(pairs, description="boards and formats")
         costs = [count_instructions(board, made, number_format) for board, number_format in counted]
     cases = list(costs[0].cases)
-    table = Table("board", "format", *cases, "worst at 168 MHz", title="Instructions of a period, the most of any")
+    lines = []
     for cost in costs:
         share = f"{100.0 * cost.worst_share_of_period['168 MHz']:.1f} %"
-        table.add_row(cost.board, cost.format, *(str(cost.cases[case]) for case in cases), share)
+        lines.append((cost.board, cost.format, *(str(cost.cases[case]) for case in cases), share))
+    table = ResultTable(
+        "Instructions of a period, the most of any", ("board", "format", *cases, "worst at 168 MHz"), tuple(lines)
+    )
     rows = [asdict(cost) for cost in costs]
-    answer(cast(Mapping[str, object], rows), as_json, table)  # a list, one object for each
+    answer(cast(Mapping[str, object], rows), as_json, shown(table))  # a list, one object for each
 
 
 def _count_cycles(rig: str, controller: Controller, as_json: bool) -> None:

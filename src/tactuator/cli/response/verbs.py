@@ -82,7 +82,9 @@ def finger(
         str, typer.Option("--load", help="Load of the display file that touches in the second half.")
     ] = "finger",
     level_db_sl: Annotated[float, typer.Option("--level-db-sl", "--level", help="Level of each line, dB SL.")] = 24.0,
-    duration_s: Annotated[float, typer.Option("--duration-s", help="Seconds played, half of them free.")] = 60.0,
+    duration_s: Annotated[
+        float, typer.Option("--duration-s", help="Seconds played, a little less than half of them free.")
+    ] = 60.0,
     channel: Annotated[list[str] | None, typer.Option("--channel", help="Channel (default: all).")] = None,
     rig: RigOption = "simulated",
     seed: Seed = 0,

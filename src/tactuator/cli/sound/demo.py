@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import signal
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +12,10 @@ import numpy as np
 from tactuator.cli.sound.calibrate_display import deliver
 from tactuator.measure.open_loop.chain import CalibrationRequest
 from tactuator.rig.sound.demo.display import demo_display, demo_exciter
-from tactuator.rig.sound.demo.server import simulated_card
+from tactuator.rig.sound.demo.server import SimulatedCard, simulated_card
 
 
-def run(out: Path, seed: int, as_json: bool) -> None:
+def run(out: Path, seed: int, keep: bool, as_json: bool) -> None:
     """Calibrate a simulated exciter behind a simulated sound card: PortAudio and a JACK server, in real time."""
     exciter = demo_exciter(np.random.default_rng(seed))
     with simulated_card([exciter], seed=seed) as card:
@@ -24,3 +27,16 @@ def run(out: Path, seed: int, as_json: bool) -> None:
             seed,
             as_json,
         )
+        if keep:
+            _keep(card, out)
+
+
+def _keep(card: SimulatedCard, out: Path) -> None:
+    """Say how another terminal reaches the exciter, and wait for Ctrl-C."""
+    sys.stderr.write(
+        f"the exciter stays until Ctrl-C; in another terminal: export JACK_DEFAULT_SERVER={card.name}; then "
+        f"tactuator play REFERENCE --rig sound:{card.device} --controller {out / 'controller.json'}\n"
+    )
+    sys.stderr.flush()
+    with contextlib.suppress(KeyboardInterrupt):
+        signal.pause()

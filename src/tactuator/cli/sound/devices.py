@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
+from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer
@@ -16,4 +17,9 @@ def run(as_json: bool) -> None:
     table = Table("card", "outputs", "inputs", "its own rate (Hz)", title="sound cards")
     for one in cards:
         table.add_row(one.full_name, str(one.outputs), str(one.inputs), f"{one.rate_hz:g}")
-    answer({"devices": [asdict(one) | {"device": one.full_name} for one in cards]}, as_json, table)
+    hint = (
+        ()
+        if cards
+        else ("PortAudio finds no card; `aplay -l` lists those of ALSA, and a sound server may have to run",)
+    )
+    answer({"devices": [asdict(one) | {"device": one.full_name} for one in cards]}, as_json, Group(table, *hint))

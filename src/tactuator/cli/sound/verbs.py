@@ -58,6 +58,9 @@ def calibrate(
 def demo(
     out: Annotated[Path, typer.Option("--out", help="Folder to write.")] = Path("out/sound-demo"),
     seed: Seed = 0,
+    keep: Annotated[
+        bool, typer.Option("--keep", help="Keep the exciter afterwards, for other commands, until Ctrl-C.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Calibrate a simulated exciter behind a simulated sound card: PortAudio and a JACK server, in real time."""

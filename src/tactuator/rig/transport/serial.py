@@ -32,9 +32,11 @@ class SerialPort:
             self._port: Any = serial.serial_for_url(
                 name, int(baud or BAUD), timeout=_UART_POLL_S, write_timeout=2.0, exclusive=True
             )
-        except (serial.SerialException, ValueError, OSError) as error:
-            raise BadInput(
-                f"port {name!r} cannot be opened ({error}); allowed: a serial port or socket://host:port"
+        except ValueError as error:
+            raise BadInput(f"port {name!r} is none ({error}); allowed: a serial port or socket://host:port") from None
+        except (serial.SerialException, OSError) as error:
+            raise LinkDown(
+                f"port {name!r} cannot be opened ({error}); allowed: one that is there and free, or socket://host:port"
             ) from None
 
     def send(self, content: bytes) -> None:

@@ -49,7 +49,7 @@ class SocketLink:
 def connect(url: str) -> SocketLink:
     """Return the link to `socket://host:port`.
 
-    Raises BadInput if it is not such an address, or nobody listens there.
+    Raises BadInput if it is not such an address, and LinkDown if nobody listens there.
     """
     host, _, port = url.removeprefix(SCHEME).rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
@@ -57,7 +57,7 @@ def connect(url: str) -> SocketLink:
     try:
         return SocketLink(socket.create_connection((host.strip("[]"), int(port)), _OPEN_TIMEOUT_S))
     except OSError as error:
-        raise BadInput(f"port {url!r} cannot be opened ({error}); allowed: one where a board listens") from None
+        raise LinkDown(f"port {url!r} cannot be opened ({error}); allowed: one where a board listens") from None
 
 
 def _down(why: str) -> LinkDown:
