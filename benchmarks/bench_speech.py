@@ -1,22 +1,28 @@
-"""Speech against real time, on one core: rendering by coding, and with three fingers felt.
+"""Speech against real time, on one core: rendering by coding, and with three fingers felt, each beside a peer.
 
-The peer is what one would type at a prompt: the whole file in memory, `scipy.signal.resample_poly`, one FIR through
-`scipy.signal.oaconvolve`, scaled; no level in dB SL, no limiter, no file.
+The peers are what one would type at a prompt, with the whole file in memory: no level in dB SL, no limiter, no file.
+Direct: `scipy.signal.resample_poly`, one FIR through `scipy.signal.oaconvolve`, scaled. Envelope: `sosfilt` of
+`scipy.signal` once for each filter of the same bands and of the voicing. Felt: the bare simulation of the three loops
+on a reference that is there already.
 """
 
 import resource
 import sys
 import tempfile
-import time
 import tomllib
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import soundfile
 from scipy import signal
+from timing import in_turn
 
+from tactuator.display.controller import Controller
 from tactuator.files.display import parse_display
+from tactuator.rig.simulated import SimulatedRig
+from tactuator.speech.coding.envelopes import DEFAULT
 from tactuator.speech.coding.file import NAMED
 from tactuator.speech.job import RenderJob, render_file
 from tactuator.speech.synthesis import sample_path
@@ -51,20 +57,28 @@ loads = [{{ name = "finger", mass = 0.12, damping = 31.0, stiffness = 360.0 }}]
 
 
 def run() -> dict[str, object]:
-    """Seconds of speech for each second of one core."""
+    """Return seconds of speech for each second of one core, and each work's time over its peer's."""
     controller = design_controller(parse_display(tomllib.loads(DISPLAY)))
     with tempfile.TemporaryDirectory() as folder:
         speech = long_speech(Path(folder) / "speech.wav", MINUTES)
         seconds = soundfile.info(speech).duration
-        figures: dict[str, object] = {"minutes": MINUTES}
-        for name in ("direct", "bands", "envelope"):
-            job = RenderJob(controller, NAMED[name])
-            figures[f"{name}_times_real_time"] = seconds / busy_s(render, speech, folder, job)
-        felt = RenderJob(controller, NAMED["direct"], simulate=True)
-        figures["direct_felt_times_real_time"] = seconds / busy_s(render, speech, folder, felt)
-        figures["peer_times_real_time"] = seconds / busy_s(peer, speech)
-        figures["peak_memory_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    return figures
+        works: dict[str, Callable[[], None]] = {
+            name: partial(render, speech, folder, RenderJob(controller, NAMED[name]))
+            for name in ("direct", "bands", "envelope")
+        }
+        works["direct_felt"] = partial(render, speech, folder, RenderJob(controller, NAMED["direct"], simulate=True))
+        works["peer"] = partial(peer, speech)
+        works["sosfilt"] = partial(sosfilt_bands, speech)
+        works["bare_loops"] = partial(bare_loops, controller, seconds)
+        spent = in_turn(works)
+    return {
+        "minutes": MINUTES,
+        **{f"{name}_times_real_time": seconds / each for name, each in spent.items()},
+        "direct_over_peer": spent["direct"] / spent["peer"],
+        "envelope_over_sosfilt": spent["envelope"] / spent["sosfilt"],
+        "direct_felt_over_bare_loops": spent["direct_felt"] / spent["bare_loops"],
+        "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    }
 
 
 def long_speech(path: Path, minutes: float) -> Path:
@@ -77,16 +91,6 @@ def long_speech(path: Path, minutes: float) -> Path:
     return path
 
 
-def busy_s(work: Callable[..., None], *arguments: object) -> float:
-    """The least of three processor times."""
-    times = []
-    for _ in range(3):
-        begun = time.process_time()
-        work(*arguments)
-        times.append(time.process_time() - begun)
-    return min(times)
-
-
 def render(speech: Path, folder: str, job: RenderJob) -> None:
     render_file(speech, Path(folder) / "reference.wav", job)
 
@@ -97,6 +101,28 @@ def peer(speech: Path) -> None:
     kernel = signal.firwin(1001, [2.0, 290.0], pass_zero=False, fs=rate / 4)
     filtered = signal.oaconvolve(slow, kernel, "same")
     np.repeat((filtered / filtered.std())[:, None], 3, axis=1)
+
+
+def sosfilt_bands(speech: Path) -> None:
+    """Filter, rectify, take to 4 kHz and smooth every band of the default envelope coding and of its voicing."""
+    samples, rate = soundfile.read(speech)
+    voicing = DEFAULT.voicing
+    bands = [(one.order, one.low_hz, one.high_hz, one.smooth_order, one.smooth_hz) for one in DEFAULT.bands]
+    bands += [(2, 60.0, voicing.low_hz, 2, voicing.smooth_hz), (2, voicing.high_hz, 0.45 * rate, 2, voicing.smooth_hz)]
+    for order, low_hz, high_hz, smooth_order, smooth_hz in bands:
+        band = signal.butter(order, [low_hz, high_hz], "bandpass", fs=rate, output="sos")
+        smooth = signal.butter(smooth_order, smooth_hz, fs=rate / 4, output="sos")
+        rectified = np.abs(signal.sosfilt(band, samples))
+        signal.sosfilt(smooth, rectified[: rectified.size // 4 * 4].reshape(-1, 4).mean(axis=1))
+
+
+def bare_loops(controller: Controller, seconds: float) -> None:
+    """Play noise of 20 dB SL on the simulated display in blocks of 4 s, and drop what comes."""
+    rig = SimulatedRig(controller.display, 0)
+    rig.load(controller)
+    block = np.random.default_rng(0).normal(0.0, 10.0, (16_000, len(controller.channels)))
+    for _ in range(round(seconds / 4.0)):
+        rig.play(block)
 
 
 if __name__ == "__main__":

@@ -38,6 +38,13 @@ def controller() -> Controller:
 _SHARED = {
     "tests/paper/test_": "the installed wheel and its study",
     "tests/repository/installed/": "the installed wheel and its study",
+    "tests/api/test_flat_api.py": "the results that the examples begin with",
+    "tests/cli/controller/test_firmware_stream.py": "a controller for streaming",
+    "tests/console/test_workshop.py": "a designed display",
+    "tests/experiment/export/test_export.py": "a store with every kind of trial",
+    "tests/rig/board_check/test_mutants.py::test_check_period": "the objects of a board's program",
+    "tests/rig/guard/test_lying_sensor.py::test_lawful_play": "the program of lawful play",
+    "tests/identification/test_periods.py::test_identify": "five identified records",
     "tests/rig/sound/test_simulated_card.py::test_loopback": "the simulated card",
     "tests/rig/sound/test_simulated_card.py::test_multisine": "the simulated card",
 }
@@ -65,6 +72,7 @@ _INTEGRATION = (
     "repository/",
     "experiment/session/",
     "speech/test_render",
+    "test_ctrl_c_at_start",
     "pages/",
 )
 

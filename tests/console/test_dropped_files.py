@@ -1,6 +1,10 @@
 """Files that are no good, dropped on every view that takes one: told in one line, and what was there before stays."""
 
+import errno
 import json
+import logging
+import socket
+import time
 
 import h5py
 import numpy as np
@@ -124,6 +128,33 @@ def test_name_of_a_dropped_file__stays_within_the_folder_of_the_drawer(name):
         assert path.name in ("up.csv", "y.csv")
     else:
         assert "allowed" in str(ended.value)
+
+
+def test_drop__whose_sender_goes_before_its_end__leaves_nothing_and_logs_nothing(workshop, monkeypatch, caplog):
+    head = (
+        f"POST /drop HTTP/1.1\r\nHost: localhost\r\nX-Token: {TOKEN}\r\nX-Name: a.csv\r\nContent-Length: 9\r\n\r\na,b"
+    )
+    with served(build_console(workshop, TOKEN)) as client:
+        monkeypatch.setattr(logging.getLogger("uvicorn"), "propagate", True)
+        before = len(list(workshop.drawer.folder().iterdir()))
+        with socket.create_connection(("127.0.0.1", client.port)) as one:
+            one.sendall(head.encode())
+            time.sleep(0.05)
+        time.sleep(0.05)
+        assert client.get("/").status == 200
+        assert len(list(workshop.drawer.folder().iterdir())) == before
+    assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
+
+
+def test_drop__on_a_full_disk__is_refused_in_one_line(monkeypatch):
+    async def blocks():
+        raise OSError(errno.ENOSPC, "No space left on device")
+        yield b""
+
+    workshop = Workshop()
+    with pytest.raises(BadInput, match=r"a.csv cannot be kept: No space left on device; allowed"):
+        workshop.drawer.take("a.csv", blocks()).send(None)
+    assert not list(workshop.drawer.folder().iterdir())
 
 
 def test_drop__without_the_token__is_refused(workshop):

@@ -44,6 +44,13 @@ def one_line(call: Callable[[], object], words: str) -> None:
     assert "allowed" in str(caught.value)
 
 
+@pytest.mark.parametrize("read", [read_curve, read_matrix, read_pairs])
+def test_small_tables__longer_than_is_measured__refused(tmp_path: Path, read: Callable[[Path], object]) -> None:
+    path = tmp_path / "long.csv"
+    path.write_text("a,b\n" + "1,2\n" * 100_000)
+    one_line(lambda: read(path), r"10000\d lines; allowed: up to 100000")
+
+
 @pytest.mark.parametrize("shape", [(1, 1_200_000_000), (600_000_000, 2), (1_200_000_000,)])
 def test_hdf5__claims_more_than_may_be_held__refused(tmp_path: Path, shape: tuple[int, ...]) -> None:
     path = tmp_path / "claim.h5"

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from tactuator.display.description import Converter
+from tactuator.display.verdict import Outcome
 from tactuator.errors import BadInput
+from tactuator.measure.error import response_verdict
 from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.rig.simulated import SimulatedRig
@@ -45,6 +47,16 @@ def test_stepped_sine__0_db_sl_at_298_hz__below_a_converter_step_yet_within_its_
         assert found.confidence_db[0] <= 1.5
         inside += abs(error_db(found, made)[0]) <= found.confidence_db[0]
     assert inside >= 5
+
+
+def test_stepped_sine__60_db_below_the_threshold__is_noise_and_not_judged() -> None:
+    """The noise was told as a response 42 dB too great, plus or minus 11 dB: not met, of a controller that is flat."""
+    described, made = quiet()
+    rig = SimulatedRig(described, 6)
+    rig.load(made)
+    found = stepped_sine(rig, [50.0, 250.0], -60.0, longest_s=2.0)[0]
+    assert np.all(np.isinf(found.confidence_db))
+    assert response_verdict([found], described).outcome is Outcome.NOT_JUDGED
 
 
 def test_stepped_sine__friction__distorts_and_is_reported_apart_from_noise() -> None:
@@ -96,8 +108,9 @@ def test_multisine__friction__shows_on_silent_lines() -> None:
 @pytest.mark.parametrize(
     ("asked", "match"),
     [
-        ({"frequency_hz": [10.0], "level_db_sl": 56.0}, "comfortable"),
+        ({"frequency_hz": [10.0], "level_db_sl": 56.0}, r"level \(--level\) of 56 dB SL; .*comfortable"),
         ({"frequency_hz": [10.0], "level_db_sl": float("nan")}, "comfortable"),
+        ({"frequency_hz": [10.0], "level_db_sl": -(2.0**63)}, "comfortable"),
         ({"frequency_hz": [], "level_db_sl": 10.0}, "allowed"),
         ({"frequency_hz": [1900.0], "level_db_sl": 10.0}, "below"),
         ({"frequency_hz": [10.0], "level_db_sl": 10.0, "channels": ["toe"]}, "toe"),

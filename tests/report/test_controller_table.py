@@ -53,6 +53,13 @@ def test_finding_row__without_a_value__has_empty_cells():
     assert finding_row(found) == ("build", "thumb", "not judged", "float32", "", "", "none")
 
 
+def test_remark_lines__the_same_of_three_objectives__one_line():
+    found = [
+        Finding(name, "index", "none", Outcome.NOT_JUDGED, "x", remark="nothing tells") for name in ("i", "ii", "i")
+    ]
+    assert remark_lines(found) == ["i, ii, index: nothing tells"]
+
+
 def test_remark_lines__the_same_of_three_channels__one_line():
     same = [Finding("iv", name, "none", Outcome.NOT_JUDGED, "change", remark="no load") for name in ("a", "b", "c")]
     other = Finding("ii", "b", "none", Outcome.NOT_MET, "felt hum", remark="less hum")

@@ -151,7 +151,7 @@ def test_many_loops__refusals__say_what_is_allowed() -> None:
         ManyLoops([loop], RATE_HZ, 1, "mmx")
     with pytest.raises(BadInput, match="delay_samples is 9; allowed: 0 to 8"):
         ManyLoops([loop], RATE_HZ, 9)
-    with pytest.raises(BadInput, match="load 'fist' is not described; allowed: None, finger"):
+    with pytest.raises(BadInput, match="load 'fist' is not described; allowed: none, finger"):
         ManyLoops([replace(loop, load="fist")], RATE_HZ, 1)
     with pytest.raises(BadInput, match="seed is -1"):
         ManyLoops([replace(loop, seed=-1)], RATE_HZ, 1)

@@ -260,7 +260,7 @@ def test_force__of_another_length__is_refused() -> None:
 
 
 def test_touch__unknown_load__is_refused() -> None:
-    with pytest.raises(BadInput, match="load 'fist' is not described; allowed: None, finger"):
+    with pytest.raises(BadInput, match="load 'fist' is not described; allowed: none, finger"):
         Simulation(display()).touch(0, "fist")
 
 

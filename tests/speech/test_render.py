@@ -71,9 +71,9 @@ def test_render__nothing_to_feel__refused(controller, write_sound, wave, words):
         render_array(path, controller)
 
 
-@pytest.mark.parametrize("asked", [55.1, np.nan, np.inf])
-def test_render__level_beyond_comfort__refused(controller, asked):
-    with pytest.raises(BadInput, match="allowed: 55 at most"):
+@pytest.mark.parametrize("asked", [55.1, -60.1, np.nan, np.inf])
+def test_render__level_beyond_what_may_be_asked__refused(controller, asked):
+    with pytest.raises(BadInput, match="allowed: -60 to 55 dB SL"):
         render_array(sample_path(), controller, None, asked)
 
 

@@ -38,8 +38,8 @@ def test_design__motor_without_a_spring__finds_a_loop() -> None:
 
 @pytest.mark.soak
 def test_design__noise_gain_that_the_motor_cannot_keep__is_told_with_one_that_it_can() -> None:
-    with pytest.raises(NoDesign, match="command_noise_gain 30") as refused:
+    with pytest.raises(NoDesign, match="command_noise_gain_max 30") as refused:
         design_controller(display(30.0))
-    possible = re.search(r"all others kept: command_noise_gain (\S+)", str(refused.value))
+    possible = re.search(r"all others kept: command_noise_gain_max (\S+)", str(refused.value))
     assert possible is not None
     assert design_controller(display(float(possible.group(1)))).channels

@@ -260,9 +260,8 @@ def following(asked: FeedbackRequirements, way: str) -> FeedbackRequirements:
             assert got < asked.phase_margin_deg
             asked = replace(asked, phase_margin_deg=got)
         else:
-            field = "command_noise_gain_max" if name == "command_noise_gain" else name
-            assert got > getattr(asked, field)
-            asked = replace(asked, **{field: got})
+            assert got > getattr(asked, name)
+            asked = replace(asked, **{name: got})
     return asked
 
 

@@ -34,6 +34,9 @@ class Drawer:
         key, place = self.place()
         try:
             await _written(place / plain, blocks)
+        except OSError as error:
+            shutil.rmtree(place, ignore_errors=True)
+            raise BadInput(f"{plain} cannot be kept: {error.strerror or error}; allowed: one that fits") from None
         except BaseException:
             shutil.rmtree(place, ignore_errors=True)
             raise

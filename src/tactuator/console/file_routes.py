@@ -7,6 +7,7 @@ from urllib.parse import unquote
 
 from fastapi import FastAPI, Request, Response
 from fastapi.responses import FileResponse, JSONResponse
+from starlette.requests import ClientDisconnect
 
 from tactuator.console.drawer import Drawer
 from tactuator.errors import BadInput
@@ -29,6 +30,8 @@ def add_file_routes(app: FastAPI, drawer: Drawer, token: str) -> None:
             key = await drawer.take(unquote(request.headers.get("x-name", "")), request.stream())
         except BadInput as error:
             return plain_text(str(error), 422)
+        except ClientDisconnect:
+            return plain_text("The sender went before the file was whole.", 400)
         return JSONResponse({"key": key, "name": drawer.path(key).name}, headers=HEADERS)
 
     @app.get("/made/{key}/{name}")

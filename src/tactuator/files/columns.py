@@ -15,6 +15,7 @@ import soundfile
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.files.formats.cut_off import last_number_cut_off
 from tactuator.files.formats.hdf5 import opened_hdf5, require_survivable
 from tactuator.files.formats.sound import require_whole
 from tactuator.files.formats.table import read_table
@@ -30,7 +31,8 @@ class Columns:
     """Columns of a file. values: column name to (n,), all of one length unless the format allows others. rate_hz: of
     the file, if it says.
 
-    attributes: plain text that the file carries. cut: rows beyond MOST_SAMPLES were left unread.
+    attributes: plain text that the file carries. cut: rows beyond MOST_SAMPLES were left unread. remarks: on what is
+    amiss and was left out.
     """
 
     values: Mapping[str, FloatArray]
@@ -38,6 +40,7 @@ class Columns:
     units: Mapping[str, str] = field(default_factory=dict)
     attributes: Mapping[str, str] = field(default_factory=dict)
     cut: bool = False
+    remarks: tuple[str, ...] = ()
 
 
 def read_columns(path: Path) -> Columns:
@@ -67,7 +70,14 @@ def read_columns(path: Path) -> Columns:
 
 def _read_text(path: Path) -> Columns:
     names, table, cut = read_table(path, MOST_SAMPLES, MOST_VALUES)
-    return Columns({name: table[:, k] for k, name in enumerate(names)}, cut=cut)
+    last = None if cut else last_number_cut_off(path)
+    remarks: tuple[str, ...] = ()
+    if last is not None:
+        table = table[:-1]
+        remarks = (
+            f"the file ends within its last number ({last}, with fewer digits than all before): its row is left out",
+        )
+    return Columns({name: table[:, k] for k, name in enumerate(names)}, cut=cut, remarks=remarks)
 
 
 def _read_matlab(path: Path) -> Columns:

@@ -35,6 +35,7 @@ from tactuator.files.display_schema import (
     ThresholdKeys,
     TouchKeys,
     WireKeys,
+    require_travel_seen,
 )
 from tactuator.files.foreign_response import is_response, read_foreign_response
 from tactuator.files.formats.environment import channel_environment, with_measured
@@ -132,6 +133,8 @@ def _first_fault(model: type[BaseModel], error: ValidationError, where: str) -> 
     if fault["type"] == "missing":
         return f"{where} lacks the key {key!r}; allowed: a table that has it"
     message = fault["msg"][0].lower() + fault["msg"][1:]
+    if fault["type"] == "bool_type":
+        message = "true or false, without quotation marks"
     return f"{where} {key} is {fault['input']!r}; allowed: {message.removeprefix('input should be ')}"
 
 
@@ -150,6 +153,7 @@ def _channel(document: Document, entry: Mapping[str, Any], beside: Path) -> Chan
             f"{where} loads: what a load changes cannot be told from a response by itself; "
             "allowed: none, or the model that `identify` makes of it"
         )
+    require_travel_seen(own, tables["converter"].range_v, feedback.structure != "none", where)
     loads = (Load(one.name, one.mass / scale, one.damping / scale, one.stiffness / scale) for one in own.loads)
     family = tuple(system_of(member, f"{where} family") for member in own.family)
     return Channel(

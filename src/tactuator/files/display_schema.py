@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from tactuator.errors import BadInput
+
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Whole = Annotated[int, Field(strict=True)]
 Positive = Annotated[float, Field(strict=True, gt=0.0, allow_inf_nan=False)]
@@ -161,6 +163,18 @@ class ChannelOwnKeys(_Table):
     valid_hz: tuple[Positive, Positive] | None = None
     model_error_db: Annotated[float, Field(strict=True, ge=0.0, allow_inf_nan=False)] | None = None
     model_error_hz: tuple[Positive, Positive] | None = None
+
+
+def require_travel_seen(own: ChannelOwnKeys, range_v: float, has_loop: bool, where: str) -> None:
+    """Raise BadInput for a loop's sensor whose reading ends before the travel does: a gain or a travel in another unit,
+    or a limit that the guard could not see.
+    """
+    farthest_v = own.travel_mm * own.sensor_gain_v_per_mm
+    if has_loop and own.quantity == "displacement" and farthest_v > range_v:
+        raise BadInput(
+            f"{where} sensor_gain_v_per_mm: {own.sensor_gain_v_per_mm:g} V/mm make {farthest_v:.4g} V of travel_mm "
+            f"{own.travel_mm:g}; allowed: up to range_v {range_v:g} V, beyond which nothing is read"
+        )
 
 
 class SoundKeys(_Table):

@@ -57,7 +57,7 @@ def _assembled(path: Path, columns: Columns) -> FrequencyResponse:
     phase = next((lower[name] * factor for name, factor in PHASE_NAMES.items() if name in lower), None)
     deviation, said = _deviation(lower, size.size)
     known = np.isfinite(frequency) & np.isfinite(size) & np.isfinite(deviation)
-    remarks = [said] if said else []
+    remarks = [*columns.remarks, *([said] if said else [])]
     if phase is not None and np.mean(np.isfinite(phase)) < 0.5:
         raise BadInput(
             f"the phase is missing at {int(np.sum(~np.isfinite(phase)))} of {phase.size} points; allowed: fewer than "

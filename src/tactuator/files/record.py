@@ -66,8 +66,9 @@ def _assemble(
     for name, values in ((u_name, u), (y_name, y), *(((str(r_name), r),) if r is not None else ())):
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
-            raise BadInput(f"{name} is not a number in row {bad[0] + 1} ({bad.size} rows in all); allowed: numbers")
-    remarks = [f"only the first {u.size} samples are read"] if columns.cut else []
+            more = f" and in {bad.size - 1} more" if bad.size > 1 else ""
+            raise BadInput(f"{name} is not a number in row {bad[0] + 1} of {values.size}{more}; allowed: numbers")
+    remarks = [*columns.remarks, *([f"only the first {u.size} samples are read"] if columns.cut else [])]
     known = _known_rate(columns, rate_hz)
     if time is not None and columns.values[time].size == u.size:
         stamps = read_stamps(_seconds(time, columns.values[time]), known)

@@ -18,7 +18,7 @@ from tactuator.measure.frequencies import multisine_lines, sweep_lines
 from tactuator.measure.stepped_sine import check_asked
 from tactuator.rig.rig import Rig
 from tactuator.rig.trace import recut_traces
-from tactuator.signals.decibels import from_db
+from tactuator.signals.decibels import from_db, half_width_db
 from tactuator.signals.multisine import Multisine, multisine
 from tactuator.signals.response import Response
 
@@ -158,7 +158,7 @@ class _Player:
         mean, noise, distortion = self._parts(column)
         # half of each power is along the amplitude, half across it
         half_width = 1.96 * np.sqrt(0.5 * (noise + distortion))
-        return np.asarray(20.0 * np.log10(1.0 + half_width / np.maximum(np.abs(mean), 1e-300)))
+        return half_width_db(mean, half_width)
 
     def response(
         self, column: int, name: str, load: str, level_db_sl: float, confidence_db: float, controller_hash: str

@@ -13,11 +13,11 @@ from scipy import stats
 from tactuator.arrays import ComplexArray
 from tactuator.errors import BadInput
 from tactuator.measure.frequencies import tones
-from tactuator.perception.levels import COMFORT_DB_SL
+from tactuator.perception.levels import check_level
 from tactuator.rig.rig import Rig
 from tactuator.rig.sensing import require_sensors
 from tactuator.rig.trace import Trace, recut_traces
-from tactuator.signals.decibels import from_db
+from tactuator.signals.decibels import from_db, half_width_db
 from tactuator.signals.lockin import LockIn, mains_multiples
 from tactuator.signals.response import Response
 
@@ -97,10 +97,7 @@ def check_asked(
     channels: Sequence[str] | None,
 ) -> tuple[str, ...]:
     """Return the channels to measure. Raises BadInput for what cannot be measured or should not be felt."""
-    if not level_db_sl <= COMFORT_DB_SL:
-        raise BadInput(
-            f"level {level_db_sl:g} dB SL; allowed: {COMFORT_DB_SL:g} dB SL at most, which is still comfortable"
-        )
+    check_level(level_db_sl)
     if not (confidence_db > 0.0 and longest_s > 0.0):
         raise BadInput(f"confidence {confidence_db:g} dB within {longest_s:g} s; allowed: both positive")
     names = tuple(rig.channels if channels is None else channels)
@@ -199,9 +196,7 @@ class _Tone:
         mean = blocks.mean(axis=0)
         variance = np.sum(np.abs(blocks[:, 0] - mean[0]) ** 2, axis=0) / (2.0 * (count - 1))
         half_width = stats.t.isf(self._tail, 2 * (count - 1)) * np.sqrt(variance / count)
-        size = np.abs(mean[0])
-        with np.errstate(divide="ignore", over="ignore"):
-            confidence = np.where(size > 0.0, 20.0 * np.log10(1.0 + half_width / np.maximum(size, 1e-300)), np.inf)
+        confidence = half_width_db(mean[0], half_width)
         distortion = np.sqrt(np.sum(np.abs(mean[1:]) ** 2, axis=0))
         averaged = count * self._block / self._rig.rate_hz
         return _Point(mean[0], confidence, np.sqrt(2.0 * variance), distortion, saturated.copy(), averaged)

@@ -4,11 +4,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray
+from tactuator.errors import BadInput
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.decibels import db, from_db
 
 COMFORT_DB_SL = 55.0
 """The greatest comfortable level: 50-55 dB above threshold (Verrillo & Gescheider 1992, the paper's reference 7)."""
+LOWEST_DB_SL = -60.0
+"""The least level that may be asked for: far below what is felt and what a sensor can tell from its noise. Below some
+-6500 dB SL an amplitude is zero in double precision, and a ratio to it is no number."""
+
+
+def check_level(level_db_sl: float) -> None:
+    """Raise BadInput for a level that is not from LOWEST_DB_SL to COMFORT_DB_SL."""
+    if not LOWEST_DB_SL <= level_db_sl <= COMFORT_DB_SL:
+        most = f"{COMFORT_DB_SL:g} dB SL, which is still comfortable"
+        raise BadInput(f"level (--level) of {level_db_sl:g} dB SL; allowed: {LOWEST_DB_SL:g} to {most}")
 
 
 def displacement_mm(level_db_sl: ArrayLike, frequency_hz: ArrayLike, curve: ThresholdCurve) -> FloatArray:

@@ -44,12 +44,15 @@ def finding_row(one: Finding) -> tuple[str, ...]:
 
 
 def remark_lines(findings: Iterable[Finding]) -> list[str]:
-    """Return the findings' remarks, one line each; channels of which the same is said share a line."""
+    """Return the findings' remarks, one line each; channels, and objectives, of which the same is said share a line."""
     channels: dict[tuple[str, str], dict[str, None]] = {}
     for one in findings:
         if one.remark:
             channels.setdefault((one.objective, one.remark), {})[one.channel] = None
-    return [f"{objective}, {', '.join(names)}: {remark}" for (objective, remark), names in channels.items()]
+    objectives: dict[tuple[str, str], list[str]] = {}
+    for (objective, remark), names in channels.items():
+        objectives.setdefault((", ".join(names), remark), []).append(objective)
+    return [f"{', '.join(one)}, {names}: {remark}" for (names, remark), one in objectives.items()]
 
 
 def _found(report: Any, keys: tuple[str, ...]) -> Any:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -62,8 +63,9 @@ class _Canonical:
     displacement: FloatArray
 
 
+@lru_cache(maxsize=16)
 def held_plants(channel: Channel, rate_hz: float) -> HeldPlants:
-    """Return the tables for the simulated display.
+    """Return the tables for the simulated display, kept for a next one of the same channel; not to be written to.
 
     Raises BadInput for an improper plant or one of too high an order.
     """

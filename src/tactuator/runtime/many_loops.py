@@ -134,7 +134,7 @@ class ManyLoops:
         if loop.load not in loads:
             raise BadInput(
                 f"channel {loop.channel.name!r}: load {loop.load!r} is not described; "
-                f"allowed: {', '.join(str(name) for name in loads)}"
+                f"allowed: {', '.join(name or 'none' for name in loads)}"
             )
         into = self._loops[index]
         into.display, into.controller = table, self._controllers[id(loop.controller)]

@@ -93,7 +93,7 @@ class Simulation:
     def touch(self, channel: int, load: str | None) -> None:
         """Put a load on a channel (None: take it off). Position and velocity go on."""
         if load not in self._loads[channel]:
-            allowed = ", ".join(str(name) for name in self._loads[channel])
+            allowed = ", ".join(name or "none" for name in self._loads[channel])
             name = self.display.channels[channel].name
             raise BadInput(f"channel {name!r}: load {load!r} is not described; allowed: {allowed}")
         self._loops[channel].display_state.touched = self._loads[channel].index(load)

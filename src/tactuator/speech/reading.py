@@ -72,7 +72,8 @@ def scan_speech(path: str | Path) -> SpeechFile:
         raise BadInput(f"{path}: truncated, {read} of {frames} frames are there; allowed: a whole file")
     peak = max(high - mean, mean - low)
     if peak < SMALLEST_SWING:
-        what = "silent" if abs(mean) < SMALLEST_SWING else f"constant at {mean:.4g} of full scale (DC)"
+        silent = "silent" if channels == 1 else f"silent once its {channels} channels are mixed"
+        what = silent if abs(mean) < SMALLEST_SWING else f"constant at {mean:.4g} of full scale (DC)"
         raise BadInput(f"{path}: {what}; allowed: a signal with a peak of at least {SMALLEST_SWING:g} about its mean")
     if peak > LARGEST_SWING:
         raise BadInput(f"{path}: a peak of {peak:.3g} times full scale; allowed: up to {LARGEST_SWING:g}")

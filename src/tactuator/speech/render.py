@@ -16,7 +16,7 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
-from tactuator.perception.levels import COMFORT_DB_SL
+from tactuator.perception.levels import check_level
 from tactuator.speech.coding.coding import Coding
 from tactuator.speech.coding.direct import DirectCoding
 from tactuator.speech.level import LevelMeter
@@ -95,8 +95,7 @@ def rendering(
     comfort, a rate that is not a whole number of hertz, or speech in which the coding finds nothing.
     """
     coding = DirectCoding() if coding is None else coding
-    if not (np.isfinite(level_db_sl) and level_db_sl <= COMFORT_DB_SL):
-        raise BadInput(f"level {level_db_sl:g} dB SL; allowed: {COMFORT_DB_SL:g} at most")
+    check_level(level_db_sl)
     rate = controller.rate_hz
     if rate != int(rate):
         raise BadInput(f"display runs at {rate:g} Hz; allowed for speech: a whole number of hertz")

@@ -231,11 +231,18 @@ class _Judge:
             asked.load_max_db,
             _DB,
             float(frequency[low][place]),
-            remedy="more rejection at low frequencies (rejection_max_db)"
-            if self.loop.feedback is not None
-            else "a loop: nothing else holds the position against a load",
+            remedy=self._against_loads(),
         )
         return replace(found, remark=f"{found.remark}; {told}" if found.remark else told)
+
+    def _against_loads(self) -> str:
+        """Return what would help a display that a load changes."""
+        if self.loop.feedback is None:
+            return "a loop: nothing else holds the position against a load"
+        if self.feed_forward is None:
+            return "more rejection at low frequencies (rejection_max_db)"
+        first, most = self.channel.loads[0].name, self.feed_forward.weight_max
+        return f"another load first in loads: fed forward is for {first!r}, up to {most:g} times its figures"
 
 
 def judge_channel(own: ChannelController, channel: Channel, display: Display) -> Iterator[Finding]:

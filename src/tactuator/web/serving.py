@@ -58,7 +58,16 @@ class LimitedHttp(H11Protocol):
             self._watch()
 
     def send_400_response(self, msg: str) -> None:
-        """Send a refusal of what is no HTTP, with the headers that every page has."""
+        """Send a refusal of what is no HTTP, with the headers that every page has.
+
+        A request that is being answered ends as if its sender had gone: a second answer cannot follow the first.
+        """
+        if self.cycle is not None and not self.cycle.response_complete:
+            self.cycle.disconnected = True
+            self.cycle.message_event.set()
+        if self.conn.our_state not in (h11.IDLE, h11.SEND_RESPONSE):
+            self.transport.close()
+            return
         headers = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
         headers += [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close")]
         body = f"{msg}\n".encode()

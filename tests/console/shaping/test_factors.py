@@ -89,6 +89,8 @@ def test_point__dragged_too_far__ends_at_what_one_lead_gives():
         ({"gain_db": 0.0, "factors": [{"kind": "magic"}]}, "allowed: one of integrator"),
         ({"gain_db": 0.0, "factors": [{"kind": "pole"}]}, "hz is None"),
         ({"gain_db": 0.0, "factors": ["pole"]}, "factor 'pole'"),
+        ({"gain_db": 0.0, "factors": [{"kind": ["pole"]}]}, "allowed: one of integrator"),
+        ({"gain_db": 10**400, "factors": []}, "allowed: a finite number"),
     ],
 )
 def test_shape__of_values_that_are_none__is_refused(document, words):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import socket
 import stat
+import time
 from pathlib import Path
 
 import pytest
@@ -14,7 +16,9 @@ from tactuator.errors import BadInput
 from tactuator.experiment.store.store import Store
 from tactuator.web import serving
 from tests.experiment.session.apparatuses import ObedientClock, opened_study
+from tests.web.access.mutating import LOGGERS
 from tests.web.labs import begun, client, make_lab, until  # noqa: F401
+from tests.web.server import served
 
 
 @pytest.fixture
@@ -64,6 +68,37 @@ def test_request__that_is_no_http__answered_with_the_headers_of_every_page(clien
     assert answer.startswith(b"HTTP/1.1 400")
     assert b"nosniff" in answer
     assert b"default-src 'self'" in answer
+
+
+@pytest.mark.parametrize("streams", [False, True])
+def test_request__that_is_no_http_in_its_body__ends_the_answer_without_a_word_in_the_log(
+    monkeypatch, caplog, streams
+) -> None:
+    """The answer was written after the refusal, or the refusal after the answer's beginning: a traceback each."""
+
+    async def app(scope, receive, send):
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        if streams:
+            await asyncio.sleep(0.1)
+        await send({"type": "http.response.body", "body": b"late"})
+
+    head, nonsense = (
+        b"POST / HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n",
+        b"this is no length\r\n",
+    )
+    with served(app) as client, socket.create_connection(("127.0.0.1", client.port), timeout=10.0) as one:
+        for name in LOGGERS:  # the server's own do not pass on what they log
+            monkeypatch.setattr(logging.getLogger(name), "propagate", True)
+        one.sendall(head if streams else head + nonsense)
+        if streams:
+            time.sleep(0.03)
+            one.sendall(nonsense)
+        answer = b""
+        while part := one.recv(4096):
+            answer += part
+        assert answer.startswith(b"HTTP/1.1 200" if streams else b"HTTP/1.1 400")
+        time.sleep(0.1)
+    assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
 
 
 def test_log__a_flood_of_lines__is_limited_and_told(caplog) -> None:

@@ -14,7 +14,7 @@ from tactuator.arrays import FloatArray
 from tactuator.display.description import Display
 from tactuator.errors import BadInput
 from tactuator.files.reference import ReferenceFile, open_reference
-from tactuator.perception.levels import COMFORT_DB_SL
+from tactuator.perception.levels import COMFORT_DB_SL, LOWEST_DB_SL
 from tactuator.signals.decibels import db, from_db
 
 RAMP_S = 0.1
@@ -92,8 +92,10 @@ class Generator:
 
     def _check(self, wave: GeneratorWave) -> None:
         most = MOST_DB_SL[wave.kind]
-        if not -60.0 <= wave.level_db_sl <= most:
-            raise BadInput(f"level {wave.level_db_sl:g} dB SL; allowed for {wave.kind}: -60 to {most:g} dB SL")
+        if not LOWEST_DB_SL <= wave.level_db_sl <= most:
+            raise BadInput(
+                f"level {wave.level_db_sl:g} dB SL; allowed for {wave.kind}: {LOWEST_DB_SL:g} to {most:g} dB SL"
+            )
         unknown = [name for name in wave.channels if name not in self._names]
         if unknown or not wave.channels:
             raise BadInput(f"channels {', '.join(unknown) or 'none'}; allowed: {', '.join(self._names)}")

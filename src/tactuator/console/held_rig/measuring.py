@@ -47,9 +47,9 @@ def points_of(responses: tuple[Response, ...], order: MeasureOrder, folder: Path
             "channel": one.channel,
             "load": one.load,
             "frequency_hz": one.frequency_hz.tolist(),
-            "level_db_sl": (one.level_db_sl + error_db(one, display)).tolist(),
-            "expected_db_sl": expected_level_db_sl(one, order.controller).tolist(),
-            "confidence_db": [_finite(value) for value in one.confidence_db],
+            "level_db_sl": _finite(one.level_db_sl + error_db(one, display)),
+            "expected_db_sl": _finite(expected_level_db_sl(one, order.controller)),
+            "confidence_db": _finite(one.confidence_db),
             "saturated": one.saturated.tolist(),
             "reached": one.reached.tolist(),
         }
@@ -73,5 +73,6 @@ def expected_curves(controller: Controller, level_db_sl: float, frequency_hz: Fl
     return curves
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+def _finite(values: FloatArray) -> list[float | None]:
+    """Return numbers as JSON has them: None for a level of nothing (a sensor that stands still) or no confidence."""
+    return [float(value) if np.isfinite(value) else None for value in values]

@@ -8,6 +8,7 @@ damping, as in the structure that the synthesis uses, so that a factor keeps its
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -121,14 +122,14 @@ def at_rest(roots: list[complex], rate_hz: float) -> float:
 
 
 def _factor(entry: object) -> Factor:
-    if not isinstance(entry, dict) or entry.get("kind") not in PARAMETERS:
+    if not isinstance(entry, dict) or not isinstance(kind := entry.get("kind"), str) or kind not in PARAMETERS:
         raise BadInput(f"factor {entry!r}; allowed: one of {', '.join(PARAMETERS)}")
-    return Factor(entry["kind"], tuple(_number(entry, name) for name in PARAMETERS[entry["kind"]]))
+    return Factor(kind, tuple(_number(entry, name) for name in PARAMETERS[kind]))
 
 
 def _number(entry: Mapping[str, object], name: str) -> float:
     value = entry.get(name)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
         raise BadInput(f"{name} is {value!r}; allowed: a finite number")
     return float(value)
 

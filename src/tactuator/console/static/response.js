@@ -85,10 +85,10 @@ export class Response {
     const found = [...this.kept, this.points].filter(Boolean).flatMap((one) => one.document.responses).filter((one) => one.channel === channel);
     const points = found.map((one) => ({ name: `measured, ${named(one.load)}`, hue: hue(one.load), x: one.frequency_hz, y: one.level_db_sl, points: true }));
     this.chart.show([...lines, ...points]);
-    const rows = found.length ? found.at(-1) : null, cell = (text) => make("td", { class: "number" }, text);
+    const rows = found.length ? found.at(-1) : null, cell = (text) => make("td", { class: "number" }, text), told = (value) => (value === null ? "—" : value.toFixed(2));
     this.bits.table.replaceChildren(rows === null ? "" : make("table", {}, make("caption", {}, `${channel}, ${named(rows.load)}`),
       make("thead", {}, make("tr", {}, ...["Hz", "dB SL", "expected", "difference, dB", "± dB", "cut"].map((text) => make("th", { scope: "col", class: "number" }, text)))),
-      make("tbody", {}, ...rows.frequency_hz.map((hz, k) => make("tr", {}, cell(digits(hz)), cell(rows.level_db_sl[k].toFixed(2)), cell(rows.expected_db_sl[k].toFixed(2)), cell((rows.level_db_sl[k] - rows.expected_db_sl[k]).toFixed(2)), cell(rows.confidence_db[k] === null ? "—" : digits(rows.confidence_db[k])), cell(rows.saturated[k] ? "yes" : ""))))));
+      make("tbody", {}, ...rows.frequency_hz.map((hz, k) => make("tr", {}, cell(digits(hz)), cell(told(rows.level_db_sl[k])), cell(told(rows.expected_db_sl[k])), cell(told(rows.level_db_sl[k] === null || rows.expected_db_sl[k] === null ? null : rows.level_db_sl[k] - rows.expected_db_sl[k])), cell(rows.confidence_db[k] === null ? "—" : digits(rows.confidence_db[k])), cell(rows.saturated[k] ? "yes" : ""))))));
   }
 
   resize() { this.chart?.draw(); }

@@ -16,6 +16,7 @@ LARGEST_BYTES = 12 << 20
 """Size of a text file that is read as a whole: its cells or tables take up to fifty times as much memory. Records are
 read in pieces and may be longer."""
 _LARGEST_TOML = 2 << 20
+_MOST_LINES = 100_000
 _DEEP_KEY = re.compile(r"""(?:\.[ \t]*(?:[\w-]{0,64}|"[^"\n]{0,64}"|'[^'\n]{0,64}')[ \t]*){64}""")
 """A key of so many parts takes the reader of TOML time and memory by the square of their number."""
 _MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
@@ -62,8 +63,15 @@ def read_json(path: Path) -> Any:
 
 def read_finite_json(path: Path) -> Any:
     """Return the content of a JSON file in which no number is NaN or infinite. Raises BadInput as `read_json`."""
+    return parse_finite_json(read_text(path))
+
+
+def parse_finite_json(text: str) -> Any:
+    """Return the content of a JSON text in which no number is NaN or infinite. Raises BadInput, with the reason
+    alone, for other text.
+    """
     try:
-        return json.loads(read_text(path), parse_constant=_refused, parse_float=_finite)
+        return json.loads(text, parse_constant=_refused, parse_float=_finite)
     except BadInput:
         raise
     except (ValueError, RecursionError):
@@ -88,7 +96,10 @@ def table_rows(lines: list[str]) -> list[list[str]]:
     """Return the cells of a table's lines, without the space about them; empty lines are left out.
 
     Cells are parted by tabs, semicolons or commas, whichever its first line has; a decimal comma becomes a point.
+    Raises BadInput, with the reason alone, for more than 100,000 lines and for what is no table.
     """
+    if len(lines) > _MOST_LINES:
+        raise BadInput(f"it has {len(lines)} lines; allowed: up to {_MOST_LINES}")
     whole = [line.replace("\0", "") for line in lines if line.strip(" \t,;")]
     delimiter = next((mark for mark in ("\t", ";") if whole and mark in whole[0]), ",")
     try:

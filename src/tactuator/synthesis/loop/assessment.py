@@ -90,7 +90,7 @@ def figures(
     if requirements.sensitivity_peak is not None:
         rows.append(("sensitivity_peak", requirements.sensitivity_peak, one.margins.sensitivity_peak, 1.0))
     if requirements.command_noise_gain_max is not None:
-        rows.append(("command_noise_gain", requirements.command_noise_gain_max, one.noise_gain, 1.0))
+        rows.append(("command_noise_gain_max", requirements.command_noise_gain_max, one.noise_gain, 1.0))
     for frequency, limit in zip(requirements.mains_hz, requirements.mains_max_db, strict=True):
         level = float(db(one.loop.complementary(frequency)))
         rows.append((f"|T| dB at {frequency:g} Hz", limit, level, 1.0))
@@ -98,7 +98,7 @@ def figures(
         level = float(db(one.loop.sensitivity(frequency)))
         rows.append((f"|S| dB at {frequency:g} Hz", limit, level, 1.0))
     if resonance_peak is not None:
-        rows.append(("complementary_peak", resonance_peak, one.margins.complementary_peak, 1.0))
+        rows.append(("resonance_peak", resonance_peak, one.margins.complementary_peak, 1.0))
     return rows
 
 

@@ -74,11 +74,11 @@ class LoopProblem:
         for name, value in (
             ("sensitivity_peak", asked.sensitivity_peak),
             ("phase_margin_deg", asked.phase_margin_deg),
-            ("command_noise_gain", asked.command_noise_gain_max),
+            ("command_noise_gain_max", asked.command_noise_gain_max),
         ):
             if value is not None:
                 names.append(name)
-        names.append("complementary_peak")
+        names.append("resonance_peak")
         return [(name, member.name) for member in family for name in names]
 
     def asked(self, name: str) -> float:
@@ -87,8 +87,8 @@ class LoopProblem:
         limits: dict[str, float | None] = {
             "sensitivity_peak": asked.sensitivity_peak,
             "phase_margin_deg": asked.phase_margin_deg,
-            "command_noise_gain": asked.command_noise_gain_max,
-            "complementary_peak": self.resonance_peak,
+            "command_noise_gain_max": asked.command_noise_gain_max,
+            "resonance_peak": self.resonance_peak,
         }
         limits |= {f"|T| dB at {f:g} Hz": v for f, v in zip(asked.mains_hz, asked.mains_max_db, strict=True)}
         limits |= {f"|S| dB at {f:g} Hz": v for f, v in zip(asked.rejection_hz, asked.rejection_max_db, strict=True)}

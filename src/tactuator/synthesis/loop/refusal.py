@@ -121,9 +121,9 @@ def relaxed(task: Task, values: Mapping[str, float]) -> Task:
         rejection_max_db=rejection,
         sensitivity_peak=values.get("sensitivity_peak", asked.sensitivity_peak),
         phase_margin_deg=values.get("phase_margin_deg", asked.phase_margin_deg),
-        command_noise_gain_max=values.get("command_noise_gain", asked.command_noise_gain_max),
+        command_noise_gain_max=values.get("command_noise_gain_max", asked.command_noise_gain_max),
     )
-    peak = values.get("complementary_peak", task.resonance_peak)
+    peak = values.get("resonance_peak", task.resonance_peak)
     return Task(task.family, looser, task.rate_hz, peak)
 
 
