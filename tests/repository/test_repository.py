@@ -11,9 +11,10 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("src", "tests", "benchmarks", "witnesses", "tools", "core", "firmware", "docs", "requirements", ".ci")
 SOURCES = [
     path
-    for folder in ("src", "tests", "benchmarks", "tools", "core", "firmware", "docs", "requirements", ".ci")
+    for folder in FOLDERS
     for path in sorted((ROOT / folder).rglob("*"))
     if path.is_file() and "__pycache__" not in path.parts and ".egg-info" not in str(path)
 ] + [path for path in sorted(ROOT.iterdir()) if path.is_file() and path.name != ".git"]
