@@ -1,9 +1,12 @@
 """The scope in a real Chromium, by keyboard alone: a simulated rig is begun, driven, touched, looked at and stopped."""
 
+import threading
+
 import pytest
 
 from tactuator.console.app import build_console
 from tactuator.console.workshop import Workshop
+from tactuator.files.controller import read_controller
 from tactuator.files.record import read_record
 from tests.console.pages import TOKEN, address_of, opened_page, tab_to
 from tests.console.test_accessibility_chromium import AXE, faults
@@ -113,6 +116,30 @@ def test_two_consoles__one_has_the_controls_and_the_other_watches(page, browser,
         other.locator("#give").focus()
         other.keyboard.press("Enter")
         page.wait_for_selector("#rig-held:has-text('nobody has the controls')")
+
+
+@pytest.mark.slow
+def test_live__while_a_controller_is_on_its_way__waits_for_it(page, console, monkeypatch):
+    """Found where a machine was busy: what was begun before the file had come was ended by it, and stood still."""
+    begun(page, console)
+    page.locator("#rest").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#live:not([disabled])")
+    may_come = threading.Event()
+
+    def late(path):
+        may_come.wait(30.0)
+        return read_controller(path)
+
+    monkeypatch.setattr("tactuator.console.scope.desk.read_controller", late)
+    page.set_input_files("#controller-file", console.file)
+    page.wait_for_selector("#live[disabled]")
+    may_come.set()
+    page.wait_for_selector("#live:not([disabled])")
+    page.locator("#live").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#rig-mode:has-text('live')")
+    frames_past(page)
 
 
 @pytest.mark.slow

@@ -62,6 +62,17 @@ def test_streaming_check__hears_nothing_of_a_host_behind__is_not_judged(monkeypa
         )  # fmt: skip
 
 
+class LateLink(SlowLink):
+    """A board of which an interrupt began half a period after its time."""
+
+    ticks = 1
+
+    def send(self, content):
+        super().send(content)
+        if self._requests > 40:
+            self.board.step_late(128)
+
+
 @pytest.mark.parametrize("waited_share", [0.06, 1.0, np.nan])
 def test_streaming_check__runs_dry_beside_a_host_without_processor__is_not_judged(monkeypatch, waited_share):
     monkeypatch.setattr(UART, SlowLink)

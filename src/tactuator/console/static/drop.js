@@ -2,9 +2,10 @@
 import { make, say } from "./dom.js";
 
 export class Drop {
-  // taken: called with (key, name); it may be async, and what it throws is told here.
-  constructor(link, { label, hint = "", multiple = false, accept = "", taken }) {
-    Object.assign(this, { link, taken, multiple });
+  // taken: called with (key, name); it may be async, and what it throws is told here. busy: called with true when a file
+  // sets out, and with false when it is taken or refused.
+  constructor(link, { label, hint = "", multiple = false, accept = "", taken, busy = () => {} }) {
+    Object.assign(this, { link, taken, multiple, busy });
     this.input = make("input", { type: "file", multiple: multiple ? "" : null, accept: accept || null, onchange: () => { this.take([...this.input.files]); this.input.value = ""; } });
     this.told = make("p", { class: "crossed told", role: "alert" });
     this.name = make("span", { class: "name" });
@@ -19,6 +20,7 @@ export class Drop {
   async take(files) {
     for (const file of this.multiple ? files : files.slice(0, 1)) {
       this.refuse("");
+      this.busy(true);
       this.box.setAttribute("aria-busy", "true");
       this.name.textContent = `${file.name}: on its way`;
       try {
@@ -28,7 +30,7 @@ export class Drop {
         await this.taken(key, name, file);
       } catch (error) {
         this.refuse(error.lost ? "The server does not answer; drop the file again when it is back." : error.message);
-      } finally { this.box.removeAttribute("aria-busy"); }
+      } finally { this.box.removeAttribute("aria-busy"); this.busy(false); }
     }
   }
 

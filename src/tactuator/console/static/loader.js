@@ -9,23 +9,24 @@ export class Loader {
     const press = (source, text) => make("button", { type: "button", id: `use-${source}`, onclick: () => this.use(source) }, text);
     this.buttons = { design: press("design", "Design a controller"), loops: press("loops", "Use the loops of this page") };
     this.loaded = make("span", { id: "loaded" });
-    this.drop = new Drop(link, { label: "controller.json", accept: ".json", taken: (file) => rig.link.ask("controller", { source: "file", file }) });
+    this.drop = new Drop(link, { label: "controller.json", accept: ".json", busy: (on) => rig.loads(on), taken: (file) => rig.link.ask("controller", { source: "file", file }) });
     this.drop.input.id = "controller-file";
     this.box = make("div", { class: "bar" }, ...more, make("span", {}, "controller: ", this.loaded), this.buttons.design, this.buttons.loops, this.drop.box);
   }
 
   async use(source) {
     const button = this.buttons[source], words = button.textContent;
-    button.disabled = true; button.textContent = "Wait";
+    button.textContent = "Wait";
+    this.rig.loads(true);
     await this.rig.do("controller", { source, ...(source === "loops" ? { shapes: this.state.shapes } : {}) });
     button.textContent = words;
-    this.standing();
+    this.rig.loads(false);
   }
 
   standing() {
     const { rig } = this, { loaded, channels } = rig.standing, off = !rig.open || rig.watches;
     this.loaded.textContent = loaded ? loaded.slice(0, 12) : "none yet";
-    for (const button of Object.values(this.buttons)) button.disabled = off;
+    for (const button of Object.values(this.buttons)) button.disabled = off || rig.loading > 0;
     const needed = channels.filter((channel) => channel.loop).map((channel) => channel.name);
     this.buttons.loops.hidden = !needed.length || !needed.every((name) => name in (this.state.shapes ?? {}));
     this.drop.box.hidden = off;

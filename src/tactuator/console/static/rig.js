@@ -10,7 +10,7 @@ const HOLDERS = { you: "this page has the controls", another: "another page has 
 export class Rig {
   // told: called whenever the standing has changed. pushed: called with frames (ArrayBuffer), levels and points.
   constructor(told, pushed) {
-    Object.assign(this, { told, pushed, standing: null, open: false });
+    Object.assign(this, { told, pushed, standing: null, open: false, loading: 0 });
     this.bar = make("div", { class: "rig-bar", role: "region", "aria-label": "Rig" });
     this.mode = make("strong", { id: "rig-mode" }, "connecting");
     this.more = make("span", { id: "rig-more" });
@@ -27,7 +27,7 @@ export class Rig {
 
   close() { removeEventListener("keydown", this.key); this.link.close(); }
   get watches() { return this.standing?.controls !== "you"; }
-  get mayPlay() { return this.open && !this.watches && !["gone", "fault"].includes(this.standing.mode); }
+  get mayPlay() { return this.open && !this.watches && !this.loading && !["gone", "fault"].includes(this.standing.mode); }
   get experiment() { return this.standing?.controls === "experiment"; }
 
   connection(what) {
@@ -64,6 +64,9 @@ export class Rig {
     this.buttons.give.hidden = one.controls !== "you";
     this.buttons.reopen.hidden = one.mode !== "gone";
   }
+
+  // A controller is on its way to the rig, or is there: what began meanwhile would be ended by it.
+  loads(on) { this.loading += on ? 1 : -1; this.told(); }
 
   // A measurement is ended by rest; the generator alone by a stop, and the samples go on.
   stop() { return this.do(this.standing?.mode === "measuring" ? "rest" : "stop"); }

@@ -131,7 +131,7 @@ export class Scope {
 
   standing() {
     const { rig, live } = this, one = rig.standing;
-    live.disabled = !rig.open || rig.watches || !one.loaded || ["live", "gone"].includes(one.mode);
+    live.disabled = !rig.open || rig.watches || rig.loading > 0 || !one.loaded || ["live", "gone"].includes(one.mode);
     this.loader.standing();
     this.generator.standing();
     this.finger.standing();

@@ -83,7 +83,8 @@ def check_streaming(
 
     The emulator's time follows the instructions, instruction_ns each, link and all; only the display's simulation takes
     none. Raises BadInput for a clock that the emulator does not have, or where it is missing, and NotJudged where ticks
-    had no row, or the board heard nothing, while by `clock` and `waited` host or emulator had no processor.
+    had no row, the board heard nothing, or its timer waited for bytes that a UART of its speed would have spread out,
+    while by `clock` and `waited` host or emulator had no processor.
     """
     if instruction_ns not in [1 << shift for shift in range(11)]:
         raise BadInput(f"{instruction_ns} ns an instruction; allowed: 1, 2, 4, ... {_LONGEST_NS}")
@@ -136,6 +137,8 @@ def _streamed(rig: BoardRig, rows: Rows, watch: HostWatch, is_slow: bool) -> tup
         fault = error.fault.words
         if error.fault is Fault.SILENCE and (is_slow or watch.is_starved()):
             raise _not_judged("the board heard nothing for 0.2 s of its time", watch) from error
+        if error.fault is Fault.LATE and not is_slow and watch.is_starved():
+            raise _not_judged("an interrupt came late, and the emulator's line has no speed", watch) from error
     except BadInput as error:  # the run is over
         if watch.is_starved():
             raise _not_judged("the board has ended its run", watch) from error
