@@ -1,7 +1,7 @@
 """Streams to boards whose time goes on: no gap, no silent underrun, rest on what goes wrong."""
 
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 
 import numpy as np
 import pytest
@@ -163,7 +163,9 @@ def test_free_board__rows_of_which_the_first_are_too_late__are_all_refused():
 
 
 def judged(board, rows, instruction_ns) -> StreamingCheck:
-    """The outcome, where this machine had time for the host: neither passed nor failed otherwise."""
+    """The outcome, where this machine had time for the host in one of two runs: neither passed nor failed otherwise."""
+    with suppress(NotJudged):
+        return check_streaming(board, designed(), rows / 4000.0, instruction_ns)
     try:
         return check_streaming(board, designed(), rows / 4000.0, instruction_ns)
     except NotJudged as error:

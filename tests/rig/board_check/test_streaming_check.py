@@ -9,6 +9,7 @@ from tactuator.errors import BadInput
 from tactuator.rig.board.link import LinkClient, Mode
 from tactuator.rig.board_check.streaming_check import NotJudged, check_streaming
 from tactuator.rig.transport.transport import InProcess
+from tactuator.runtime._core import lib
 from tactuator.runtime.safety_table import Fault
 from tests.rig.guard.guarded import designed
 
@@ -70,7 +71,31 @@ class LateLink(SlowLink):
     def send(self, content):
         super().send(content)
         if self._requests > 40:
-            self.board.step_late(128)
+            lib.tact_simulated_board_period(self.simulated, self.board, 128)
+
+
+@pytest.mark.parametrize("instruction_ns", [8, 32])
+def test_streaming_check__late_beside_a_host_that_had_its_processor__does_not_hold(monkeypatch, instruction_ns):
+    monkeypatch.setattr(UART, LateLink)
+    found = check_streaming("slow", designed(), 2.0, instruction_ns, waited=lambda: 0.0)
+    assert found.late > 0
+    assert found.fault == Fault.LATE.words
+    assert not found.holds
+
+
+@pytest.mark.parametrize(("instruction_ns", "is_judged"), [(8, False), (32, True)])
+def test_streaming_check__late_beside_a_host_without_processor__is_judged_of_a_slow_board_alone(
+    monkeypatch, instruction_ns, is_judged
+):
+    """The emulator's line has no speed: what a busy host sends late comes at once, and keeps the timer waiting."""
+    monkeypatch.setattr(UART, LateLink)
+    now_s = itertools.count()
+    given = {"clock": lambda: float(next(now_s)), "waited": lambda: 0.5 * next(now_s)}
+    if is_judged:
+        assert check_streaming("slow", designed(), 2.0, instruction_ns, **given).late > 0
+    else:
+        with pytest.raises(NotJudged, match="an interrupt came late"):
+            check_streaming("slow", designed(), 2.0, instruction_ns, **given)
 
 
 @pytest.mark.parametrize("waited_share", [0.06, 1.0, np.nan])
