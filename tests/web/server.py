@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from http.client import HTTPConnection
+from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
@@ -59,8 +60,9 @@ class Client:
 
 
 @contextmanager
-def served(app: FastAPI) -> Iterator[Client]:
-    config = server_config(app, time.monotonic, timeout_graceful_shutdown=2)
+def served(app: FastAPI, **more: Any) -> Iterator[Client]:
+    """more: of uvicorn's configuration."""
+    config = server_config(app, time.monotonic, timeout_graceful_shutdown=2, **more)
     server, sock = uvicorn.Server(config), listener("127.0.0.1", 0)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)
     thread.start()

@@ -1,4 +1,4 @@
-"""The server's own limits: who may hold how many connections for how long, and how much it may log."""
+"""The server's own limits: how long it waits for the head of a request, and how much it may log."""
 
 from __future__ import annotations
 
@@ -17,8 +17,6 @@ from websockets.http11 import Request, Response
 from tactuator.web.gate import Gate
 from tactuator.web.pages import HEADERS
 
-CONNECTIONS_MAX, CONNECTIONS_PER_ADDRESS_MAX = 256, 64
-"""Open connections in all and from one address: descriptors are left for the store and the rig."""
 HEADER_TIMEOUT_S = 10.0
 """Time in which a request's head has to be there."""
 _BACKLOG = 32
@@ -29,18 +27,12 @@ _LOGGERS = ("uvicorn.error", "asyncio", "websockets.server", "tactuator.web.lab"
 
 
 class LimitedHttp(H11Protocol):
-    """One connection, closed at once beyond the limits, and later where the head of a request does not come."""
+    """One connection, closed where the head of a request does not come."""
 
     _deadline: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: Any) -> None:
-        """Take the connection, or close it where there are too many."""
-        mine = _address(transport)
-        same = sum(_address(getattr(one, "transport", None)) == mine for one in self.connections)
-        if len(self.connections) >= CONNECTIONS_MAX or same >= CONNECTIONS_PER_ADDRESS_MAX:
-            self.transport = transport
-            transport.abort()
-            return
+        """Take the connection."""
         super().connection_made(transport)
         self._watch()
 
@@ -144,6 +136,7 @@ def server_config(app: FastAPI, clock: Callable[[], float], names: Iterable[str]
     """
     config = Config(
         Gate(app, names),
+        loop="asyncio",  # others take connections past `Listener.accept`
         http=LimitedHttp,
         ws=HeadedWebSocket,
         ws_max_size=65536,
@@ -157,8 +150,3 @@ def server_config(app: FastAPI, clock: Callable[[], float], names: Iterable[str]
             logger.removeFilter(before)
         logger.addFilter(LogLimit(clock))
     return config
-
-
-def _address(transport: Any) -> str | None:
-    peer = None if transport is None else transport.get_extra_info("peername")
-    return peer[0] if peer else None

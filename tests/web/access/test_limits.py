@@ -5,20 +5,24 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
+import ssl
 import stat
 import time
 from pathlib import Path
 
 import pytest
+from fastapi import FastAPI
 
 from tactuator.cli.experiment import serve
 from tactuator.errors import BadInput
 from tactuator.experiment.store.store import Store
-from tactuator.web import serving
+from tactuator.web import listener, serving
 from tests.experiment.session.apparatuses import ObedientClock, opened_study
 from tests.web.access.mutating import LOGGERS
 from tests.web.labs import begun, client, make_lab, until  # noqa: F401
 from tests.web.server import served
+
+TLS = Path(__file__).parent / "tls"
 
 
 @pytest.fixture
@@ -40,7 +44,7 @@ def closed(one: socket.socket) -> bool:
 
 
 def test_connections__beyond_the_limit__closed_and_the_open_session_goes_on(client, lab, monkeypatch) -> None:
-    monkeypatch.setattr(serving, "CONNECTIONS_PER_ADDRESS_MAX", 8)
+    monkeypatch.setattr(listener, "CONNECTIONS_PER_ADDRESS_MAX", 8)
     with client.websocket_connect("/ws/subject/token-S1") as subject:
         trial = begun(subject)
         held = [half_open(client.port) for _ in range(40)]
@@ -51,6 +55,32 @@ def test_connections__beyond_the_limit__closed_and_the_open_session_goes_on(clie
         for one in held:
             one.close()
     assert client.get("/").status == 200
+
+
+def test_connections__beyond_the_limit_and_without_a_handshake__closed_and_a_place_that_is_left_is_taken(
+    monkeypatch,
+) -> None:
+    monkeypatch.setattr(listener, "CONNECTIONS_MAX", 8)
+    app = FastAPI()
+    with served(app, ssl_certfile=TLS / "certificate.pem", ssl_keyfile=TLS / "key.pem") as client:
+        held = [socket.create_connection(("127.0.0.1", client.port), timeout=10.0) for _ in range(20)]
+        assert sum(closed(one) for one in held[8:]) == 12
+        held[0].close()
+        time.sleep(0.2)
+        with (
+            socket.create_connection(("127.0.0.1", client.port), timeout=10.0) as one,
+            unchecked().wrap_socket(one) as encrypted,
+        ):
+            encrypted.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            assert encrypted.recv(4096).startswith(b"HTTP/1.1 404")
+        for one in held:
+            one.close()
+
+
+def unchecked() -> ssl.SSLContext:
+    made = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    made.check_hostname, made.verify_mode = False, ssl.CERT_NONE
+    return made
 
 
 def test_head__that_never_comes__is_not_waited_for(client, monkeypatch) -> None:

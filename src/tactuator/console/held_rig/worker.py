@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import queue
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -23,6 +22,7 @@ from tactuator.console.held_rig.generator import Generator
 from tactuator.console.held_rig.measuring import measured, points_of
 from tactuator.console.held_rig.presenting import presented
 from tactuator.console.held_rig.sender import Sender
+from tactuator.console.held_rig.waiting import WaitingOrders
 from tactuator.console.held_rig.watched import RigHalted, WatchedRig
 from tactuator.display.controller import Controller
 from tactuator.display.description import Display
@@ -72,7 +72,7 @@ class RigWorker:
 
     def __init__(self, spec: str, display: Display, seed: int, tell: Callable[[orders.Told], None]) -> None:
         self._spec, self._display, self._seed, self._tell = spec, display, seed, tell
-        self._orders: queue.SimpleQueue[orders.Order] = queue.SimpleQueue()
+        self._orders = WaitingOrders()
         self._halt = threading.Event()
         self._generator = Generator(display, np.random.default_rng(seed))
         self._standing = orders.Standing(press_v={one.name: 0.0 for one in display.channels})
@@ -85,7 +85,8 @@ class RigWorker:
         """Take an order, from any thread; what ends a measurement ends it at once."""
         if isinstance(order, orders.RestOrder | orders.QuitOrder):
             self._halt.set()
-        self._orders.put(order)
+        if told := self._orders.put(order):
+            self._tell(orders.Refused(told))
 
     def run(self) -> None:
         """Open the rig and obey until the order to quit; then leave the rig at rest."""
@@ -221,9 +222,7 @@ class RigWorker:
     def _take_orders(self) -> None:
         """Do what can be done while samples flow; anything else ends that, once the generator is silent."""
         while self._after is None:
-            try:
-                order = self._orders.get_nowait()
-            except queue.Empty:
+            if (order := self._orders.get_nowait()) is None:
                 return
             if isinstance(order, orders.GenerateOrder | orders.TouchOrder | orders.PressOrder):
                 try:
