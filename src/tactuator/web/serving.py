@@ -32,7 +32,7 @@ class LimitedHttp(H11Protocol):
     _deadline: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: Any) -> None:
-        """Take the connection."""
+        """Take the connection, and wait for the head of its first request."""
         super().connection_made(transport)
         self._watch()
 

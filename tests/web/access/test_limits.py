@@ -45,6 +45,7 @@ def closed(one: socket.socket) -> bool:
 
 def test_connections__beyond_the_limit__closed_and_the_open_session_goes_on(client, lab, monkeypatch) -> None:
     monkeypatch.setattr(listener, "CONNECTIONS_PER_ADDRESS_MAX", 8)
+    monkeypatch.setattr(serving, "HEADER_TIMEOUT_S", 1e6)  # which would close them, too
     with client.websocket_connect("/ws/subject/token-S1") as subject:
         trial = begun(subject)
         held = [half_open(client.port) for _ in range(40)]
