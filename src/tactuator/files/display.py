@@ -153,7 +153,8 @@ def _channel(document: Document, entry: Mapping[str, Any], beside: Path) -> Chan
             f"{where} loads: what a load changes cannot be told from a response by itself; "
             "allowed: none, or the model that `identify` makes of it"
         )
-    require_travel_seen(own, tables["converter"].range_v, feedback.structure != "none", where)
+    if feedback.structure != "none" and own.quantity == "displacement":
+        require_travel_seen(own, tables["converter"].range_v, where)
     loads = (Load(one.name, one.mass / scale, one.damping / scale, one.stiffness / scale) for one in own.loads)
     family = tuple(system_of(member, f"{where} family") for member in own.family)
     return Channel(

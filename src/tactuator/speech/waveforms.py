@@ -17,7 +17,7 @@ from tactuator.arrays import FloatArray
 from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.files.reference import ReferenceHead, write_reference
-from tactuator.perception.levels import COMFORT_DB_SL, LOWEST_DB_SL
+from tactuator.perception.levels import check_level
 from tactuator.signals.stimuli import ramps
 from tactuator.speech.coding.coding import place
 from tactuator.speech.limiter.limiter import Limiter
@@ -34,11 +34,9 @@ class Component:
     level_db_sl: float
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.frequency_hz <= 300.0 or not LOWEST_DB_SL <= self.level_db_sl <= COMFORT_DB_SL:
-            raise BadInput(
-                f"component {self.name!r}: {self.frequency_hz:g} Hz, level (--level) {self.level_db_sl:g} dB SL; "
-                f"allowed: above 0 to 300 Hz, {LOWEST_DB_SL:g} to {COMFORT_DB_SL:g} dB SL"
-            )
+        if not 0.0 < self.frequency_hz <= 300.0:
+            raise BadInput(f"component {self.name!r}: {self.frequency_hz:g} Hz; allowed: above 0 to 300 Hz")
+        check_level(self.level_db_sl)
 
 
 KINESTHETIC, MIDDLE, CUTANEOUS = Component("K", 4.0, 40.0), Component("M", 30.0, 40.0), Component("C", 240.0, 40.0)

@@ -38,16 +38,16 @@ class UpDownProcedure(Part):
 
     kind: Literal["up-down"]
     start_db_sl: Level = 20.0
-    down: int = 3
-    up: int = 1
-    steps_db: tuple[float, ...] = (4.0, 4.0, 4.0, 1.0)
-    reversals: int = 15
-    averaged: int = 12
-    initial_rule: bool = False
-    average: Literal["reversals", "mid-runs"] = "reversals"
-    floor_db_sl: Level = -60.0
-    ceiling_db_sl: Level = COMFORT_DB_SL
-    trial_limit: int = 1000
+    down: int = UpDownRule.down
+    up: int = UpDownRule.up
+    steps_db: tuple[float, ...] = UpDownRule.steps_db
+    reversals: int = UpDownRule.reversals
+    averaged: int = UpDownRule.averaged
+    initial_rule: bool = UpDownRule.initial_rule
+    average: Literal["reversals", "mid-runs"] = UpDownRule.average
+    floor_db_sl: Level = UpDownRule.floor_db_sl
+    ceiling_db_sl: Level = UpDownRule.ceiling_db_sl
+    trial_limit: int = UpDownRule.trial_limit
 
     def build(self, guess: float, playable: Playable) -> Procedure:
         """Return a fresh run of the procedure."""

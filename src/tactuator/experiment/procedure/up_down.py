@@ -10,6 +10,7 @@ import numpy as np
 
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Estimate, Placement
+from tactuator.perception.levels import COMFORT_DB_SL, LOWEST_DB_SL
 
 _LEVEL_TOLERANCE_DB = 1e-9  # levels are sums of steps, so a level at a limit may differ from it by rounding
 
@@ -37,8 +38,8 @@ class UpDownRule:
     averaged: int = 12
     initial_rule: bool = False
     average: Literal["reversals", "mid-runs"] = "reversals"
-    floor_db_sl: float = -60.0
-    ceiling_db_sl: float = 55.0
+    floor_db_sl: float = LOWEST_DB_SL
+    ceiling_db_sl: float = COMFORT_DB_SL
     trial_limit: int = 1000
 
     def __post_init__(self) -> None:
