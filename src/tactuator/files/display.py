@@ -153,8 +153,7 @@ def _channel(document: Document, entry: Mapping[str, Any], beside: Path) -> Chan
             f"{where} loads: what a load changes cannot be told from a response by itself; "
             "allowed: none, or the model that `identify` makes of it"
         )
-    if feedback.structure != "none" and own.quantity == "displacement":
-        require_travel_seen(own, tables["converter"].range_v, where)
+    require_travel_seen(own, tables["converter"].range_v, feedback.structure != "none", where)
     loads = (Load(one.name, one.mass / scale, one.damping / scale, one.stiffness / scale) for one in own.loads)
     family = tuple(system_of(member, f"{where} family") for member in own.family)
     return Channel(

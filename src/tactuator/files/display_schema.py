@@ -165,12 +165,12 @@ class ChannelOwnKeys(_Table):
     model_error_hz: tuple[Positive, Positive] | None = None
 
 
-def require_travel_seen(own: ChannelOwnKeys, range_v: float, where: str) -> None:
-    """Raise BadInput for a sensor of displacement whose reading ends before the travel does: a gain or a travel in
-    another unit, or a limit that the guard could not see.
+def require_travel_seen(own: ChannelOwnKeys, range_v: float, has_loop: bool, where: str) -> None:
+    """Raise BadInput for a loop's sensor whose reading ends before the travel does: a gain or a travel in another unit,
+    or a limit that the guard could not see.
     """
     farthest_v = own.travel_mm * own.sensor_gain_v_per_mm
-    if farthest_v > range_v:
+    if has_loop and own.quantity == "displacement" and farthest_v > range_v:
         raise BadInput(
             f"{where} sensor_gain_v_per_mm: {own.sensor_gain_v_per_mm:g} V/mm make {farthest_v:.4g} V of travel_mm "
             f"{own.travel_mm:g}; allowed: up to range_v {range_v:g} V, beyond which nothing is read"
