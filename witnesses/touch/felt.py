@@ -44,6 +44,11 @@ def adaptive(place: int, mass_fed: float | None = None) -> ChannelController:
     return own if mass_fed is None else replace(own, feed_forward=replace(own.feed_forward, mass_fed=mass_fed))
 
 
+def judged(place: int, wrong: bool) -> ChannelController:
+    """Return the adaptive controller; `wrong`: one that feeds forward three times the mass that it has learnt."""
+    return adaptive(place, 3.0 if wrong else None)
+
+
 def fixed(place: int) -> ChannelController:
     """Return the same controller with nothing fed forward."""
     return replace(designed()[place], feed_forward=None)
