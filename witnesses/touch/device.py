@@ -60,17 +60,17 @@ def _library() -> Any:
         subprocess.run([compiler, *flags, *sources, "-lm", "-o", str(out)], check=True)
         library = ctypes.CDLL(str(out))
     library.product_size.restype = ctypes.c_size_t
-    library.device_read.restype = _NUMBER
     library.product_spoil.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_float]
     return library
 
 
 @dataclass(frozen=True)
 class Played:
-    """What was at the finger and at the motor, each (n,): the truth in sensor volts, and the command put out, volts."""
+    """What was at the finger (the truth in sensor volts), at the motor (volts) and at the A/D (volts), each (n,)."""
 
     y_v: FloatArray
     command_v: FloatArray
+    read_v: FloatArray
 
 
 def _vector(signal: NDArray[Any], dtype: type = np.float64) -> NDArray[Any]:
@@ -118,15 +118,15 @@ class Device:
         table = (_Finger * (1 + len(fingers)))(_Finger(), *(_Finger(*finger) for finger in fingers))
         which = np.full(n, min(1, len(fingers)), np.int32) if touching is None else _vector(touching, np.int32)
         asked, force = _vector(reference), _vector(np.zeros(n) if force_v is None else force_v)
-        y_v, command_v = np.empty(n), np.empty(n)
+        y_v, command_v, read_v = np.empty(n), np.empty(n), np.empty(n)
         _library().device_play(
             ctypes.byref(self._state),
             _library().product_step,
             self._address,
             ctypes.c_size_t(n),
-            *(_at(asked), table, _at(which), _at(force), _at(y_v), _at(command_v)),
+            *(_at(asked), table, _at(which), _at(force), _at(y_v), _at(command_v), _at(read_v)),
         )
-        return Played(y_v, command_v)
+        return Played(y_v, command_v, read_v)
 
     def weights(self) -> tuple[float, float]:
         """Return what the controller has learnt: of the mass, of the damping with the stiffness."""

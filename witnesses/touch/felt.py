@@ -19,8 +19,10 @@ from tactuator.files.display import read_display
 from tactuator.synthesis.design import design_controller
 
 WINDOW_S = 0.1
+LEAST_DB_SL = 19.0
+"""A window counts where the free display is felt at 20 dB SL, less a decibel: below it nothing is promised."""
 QUIET = 0.1
-"""A window counts as sound where the free display is felt within 20 dB of its greatest."""
+"""What is quieter is told, not judged, down to this share of the greatest."""
 FULL_V = 9.999
 
 
@@ -96,8 +98,8 @@ def felt_over_time(channel: Channel, y_v: FloatArray, window_s: float = WINDOW_S
 
 
 def is_sound(free: FloatArray) -> NDArray[np.bool_]:
-    """Tell in which windows there is sound to be felt."""
-    return np.asarray(free > QUIET * np.max(free))
+    """Tell in which windows there is sound to be felt, of the free display's rms in each, threshold units."""
+    return np.asarray(free * np.sqrt(2.0) > 10.0 ** (LEAST_DB_SL / 20.0))
 
 
 def arguments(about: str | None, count: int, count_is: str, **switches: str) -> argparse.Namespace:

@@ -111,15 +111,16 @@ static void advance(device *d, const finger *f, double command_v, double force_v
 }
 
 /* What the A/D reads now, volts. */
-double device_read(device *d)
+static double device_read(device *d)
 {
     return d->step_v * code_of(d, d->x[0] + hum(d) + d->noise_v * normal(d));
 }
 
-/* n samples: reference (threshold units), touching and force_v in; y (sensor volts, the truth) and what the D/A
- * put out in this sample (volts) out. fingers[0] is none. */
+/* n samples: reference (threshold units), touching and force_v in; y (sensor volts, the truth), what the D/A
+ * put out in this sample and what the A/D read (volts) out. fingers[0] is none. */
 void device_play(device *d, controller_step step, void *controller, size_t n, const double *reference,
-                 const finger *fingers, const int32_t *touching, const double *force_v, double *y_v, double *command_v)
+                 const finger *fingers, const int32_t *touching, const double *force_v, double *y_v, double *command_v,
+                 double *read_v)
 {
     for (size_t k = 0; k < n; k++) {
         double *slot = &d->delayed_v[d->tick % (uint64_t)d->delay];
@@ -127,7 +128,8 @@ void device_play(device *d, controller_step step, void *controller, size_t n, co
         touch(d, touching[k]);
         y_v[k] = d->x[0];
         command_v[k] = put_out_v;
-        *slot = d->step_v * code_of(d, step(controller, (float)reference[k], (float)device_read(d)));
+        read_v[k] = device_read(d);
+        *slot = d->step_v * code_of(d, step(controller, (float)reference[k], (float)read_v[k]));
         advance(d, &fingers[touching[k]], put_out_v, force_v[k]);
     }
 }
