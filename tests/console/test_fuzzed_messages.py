@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import logging
 from contextlib import ExitStack, suppress
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -19,7 +21,7 @@ from tactuator.files.start.shipped import EXAMPLES
 from tests.console.pages import TOKEN
 from tests.console.views.dropped import dropped
 from tests.web.access import requesting
-from tests.web.access.mutating import LOGGERS, mutated
+from tests.web.access.mutating import hear_all, mutated
 from tests.web.server import served
 
 FEW, MANY = 200, 100_000
@@ -134,8 +136,7 @@ def sent(rng: np.random.Generator, messages: list[dict]) -> str | bytes:
 
 def fuzz(client, caplog, monkeypatch, path: str, messages: list[dict], count: int, seed: int = 21) -> None:
     """Send so many mutated messages; fails where the console logs a defect, or another page is not answered."""
-    for name in LOGGERS:  # uvicorn's own do not pass on what they log
-        monkeypatch.setattr(logging.getLogger(name), "propagate", True)
+    hear_all(monkeypatch)
     rng, heard, other = np.random.default_rng(seed), 0, Asking(client.port, "/ws")
     asking, last = Asking(client.port, path), ""
     for index in range(count):
@@ -173,6 +174,31 @@ def console(controller, tmp_path_factory):
             yield client
     finally:
         host.close()
+
+
+def fails_once(monkeypatch, name: str, at: int) -> None:
+    """Put a defect into a function: its call of that number divides by zero."""
+    room, _, function = name.rpartition(".")
+    whole, calls = getattr(import_module(room), function), itertools.count()
+    monkeypatch.setattr(name, lambda *given: 1 / 0 if next(calls) == at else whole(*given))
+
+
+@pytest.mark.parametrize(
+    ("path", "messages", "room"),
+    [("/ws", of_page, ""), ("/ws/rig", of_rig, "scope."), ("/ws/study", of_study, "study.")],
+)
+def test_fuzz__defect_in_one_message_of_many__is_noticed(console, caplog, monkeypatch, path, messages, room) -> None:
+    fails_once(monkeypatch, f"tactuator.console.{room}messages.request_of", 70)
+    with pytest.raises(AssertionError, match="a defect of"):
+        fuzz(console, caplog, monkeypatch, path, messages(console.files), FEW)
+
+
+def test_fuzz__defect_in_one_request_of_many__is_noticed(console, caplog, monkeypatch) -> None:
+    fails_once(monkeypatch, "tactuator.console.app.static_file", 8)  # after warnings
+    requests, other = requesting.heads(["/static/console.css"], TOKEN), Asking(console.port, "/ws")
+    with pytest.raises(AssertionError, match="Exception in ASGI"):
+        requesting.fuzz(console.port, requests, FEW, caplog, monkeypatch, lambda: assert_answered(other))
+    other.close()
 
 
 @pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.soak)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -112,22 +113,27 @@ class HeadedWebSocket(WebSocketsSansIOProtocol):
 
 
 class LogLimit(logging.Filter):
-    """Lets so many lines a minute through, and tells with the next how many were left out. clock: seconds."""
+    """Lets so many lines a minute through, and tells with the next how many were left out. clock: seconds.
+
+    Defects are counted by themselves: whoever makes the server warn all the time does not silence them.
+    """
 
     def __init__(self, clock: Callable[[], float]) -> None:
         super().__init__()
-        self._clock, self._began, self._count = clock, clock(), 0
+        self._clock, self._began, self._counts = clock, clock(), Counter[bool]()
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Return whether the record is to be logged."""
         now = self._clock()
         if now - self._began >= 60.0:
-            left_out, self._began, self._count = max(self._count - _LOGGED_PER_MINUTE, 0), now, 0
+            left_out = sum(max(count - _LOGGED_PER_MINUTE, 0) for count in self._counts.values())
+            self._began, self._counts = now, Counter()
             if left_out:
                 record.msg = f"{record.getMessage()} ({left_out} lines before it were left out)"
                 record.args = None
-        self._count += 1
-        return self._count <= _LOGGED_PER_MINUTE
+        is_defect = record.levelno >= logging.ERROR
+        self._counts[is_defect] += 1
+        return self._counts[is_defect] <= _LOGGED_PER_MINUTE
 
 
 def server_config(app: FastAPI, clock: Callable[[], float], names: Iterable[str] = (), **more: Any) -> Config:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from contextlib import suppress
 
 import numpy as np
 import pytest
 
 from tactuator.display.controller import Controller
-from tactuator.errors import TactuatorError
+from tactuator.errors import DeviceFault, TactuatorError
 from tactuator.rig.board.frames import Frame, FrameReader, Request, frame_bytes
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
@@ -90,6 +91,18 @@ def fuzz(controller: Controller, count: int, seed: int) -> Counter[str]:
     while altered < count:
         altered += errand(rng, controller, found)
     return found
+
+
+@pytest.mark.parametrize("defect", [ZeroDivisionError(), DeviceFault("one line\nand another")])
+def test_fuzz__host_that_takes_a_spoilt_answer_amiss__is_noticed(controller, monkeypatch, defect: Exception) -> None:
+    def rest(self: BoardRig) -> None:
+        raise defect
+
+    monkeypatch.setattr(BoardRig, "rest", rest)
+    with suppress(ZeroDivisionError):
+        assert fuzz(controller, FEW, 21)["too long"]
+        return
+    assert isinstance(defect, ZeroDivisionError)
 
 
 @pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.soak)])

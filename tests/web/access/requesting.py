@@ -9,7 +9,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from tests.web.access.mutating import LOGGERS
+from tests.web.access.mutating import hear_all
 
 UPGRADE = "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
 NASTY = (
@@ -67,8 +67,7 @@ def fuzz(
 
     goes_on: called now and then, that another connection finds the server as it was. Fails where a defect is logged.
     """
-    for name in LOGGERS:
-        monkeypatch.setattr(logging.getLogger(name), "propagate", True)
+    hear_all(monkeypatch)
     rng, answered = np.random.default_rng(seed), 0
     for index in range(count):
         me = (f"127.0.0.{2 + index % 200}", 0)  # another address each time, or the limit for one would refuse it
@@ -79,5 +78,6 @@ def fuzz(
                 answered += made.recv(1 << 16).startswith(b"HTTP/1.1 ")
         if index % 200 == 199:
             goes_on()
-    assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
+    told = [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
+    assert not told, told[0]
     return answered

@@ -19,7 +19,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from tests.experiment.session.apparatuses import ObedientClock, opened_study
 from tests.web.access import requesting
-from tests.web.access.mutating import LOGGERS, mutated
+from tests.web.access.mutating import hear_all, mutated
 from tests.web.labs import TOKEN, client, make_lab, response_count, until  # noqa: F401
 
 FEW, MANY = 1500, 100_000
@@ -88,8 +88,7 @@ class Drained:
 
 
 def fuzz(client, lab, caplog, monkeypatch, path: str, first: str | None, messages: list[dict], count: int) -> None:
-    for name in LOGGERS:  # uvicorn's own do not pass on what they log
-        monkeypatch.setattr(logging.getLogger(name), "propagate", True)
+    hear_all(monkeypatch)
     rng = np.random.default_rng(20)
     heard, acknowledged, all_of_them = 0, set(), []
     with client.websocket_connect("/ws/subject/token-S2") as other:

@@ -132,16 +132,19 @@ def test_request__that_is_no_http_in_its_body__ends_the_answer_without_a_word_in
     assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
 
 
-def test_log__a_flood_of_lines__is_limited_and_told(caplog) -> None:
+def test_log__a_flood_of_lines__is_limited_and_told_and_silences_no_defect(caplog) -> None:
     now = [0.0]
     logger = logging.getLogger("tests.flood")
     logger.addFilter(serving.LogLimit(lambda: now[0]))
     for _ in range(1000):
         logger.warning("again")
     assert len(caplog.records) == 15
+    for _ in range(20):
+        logger.error("a defect")
+    assert len(caplog.records) == 30
     now[0] = 61.0
     logger.warning("later")
-    assert caplog.records[-1].getMessage() == "later (985 lines before it were left out)"
+    assert caplog.records[-1].getMessage() == "later (990 lines before it were left out)"
 
 
 @pytest.mark.parametrize("content", ["", "\n", "short", "a token with spaces in it", "fünfzehn-und-mehr-zeichen"])
