@@ -188,18 +188,17 @@ def _phase_margin_deg(loops: ComplexArray, levels: FloatArray) -> tuple[FloatArr
     """Return each row's least phase margin, log|L| (`levels`) and phase linear between the points of its grid, and the
     weights with which it follows log C, (m, g)."""
     margins, weights = np.full(loops.shape[0], 180.0), np.zeros(loops.shape, dtype=np.complex128)
-    for row, (loop, level) in enumerate(zip(loops, levels, strict=True)):
-        i = np.flatnonzero(np.signbit(level[1:]) != np.signbit(level[:-1]))
-        if i.size == 0:
-            continue
-        before, after = np.degrees(np.angle(-loop[i])), np.degrees(np.angle(-loop[i + 1]))  # zero at -180 degrees
-        rise = level[i + 1] - level[i]
-        share = -level[i] / rise
-        turn = (after - before + 180.0) % 360.0 - 180.0
-        found = before + turn * share
-        worst = int(np.argmin(np.abs(found)))
-        j, tau = int(i[worst]), float(share[worst])
-        by_log = -float(turn[worst] / rise[worst]) - 1j * np.degrees(1.0)  # of a level (real), of a phase (imaginary)
-        margins[row] = found[worst]
-        weights[row, j], weights[row, j + 1] = by_log * (1.0 - tau), by_log * tau
+    row, i = np.nonzero(np.signbit(levels[:, 1:]) != np.signbit(levels[:, :-1]))
+    before, after = np.degrees(np.angle(-loops[row, i])), np.degrees(np.angle(-loops[row, i + 1]))  # 0 at -180
+    rise = levels[row, i + 1] - levels[row, i]
+    share = -levels[row, i] / rise
+    turn = (after - before + 180.0) % 360.0 - 180.0
+    found = before + turn * share
+    order = np.lexsort((np.abs(found), row))
+    row, first = np.unique(row[order], return_index=True)
+    worst = order[first]
+    j, tau = i[worst], share[worst]
+    by_log = -turn[worst] / rise[worst] - 1j * np.degrees(1.0)  # of a level (real), of a phase (imaginary)
+    margins[row] = found[worst]
+    weights[row, j], weights[row, j + 1] = by_log * (1.0 - tau), by_log * tau
     return margins, weights
