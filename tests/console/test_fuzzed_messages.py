@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 import json
 import logging
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
+from http.client import HTTPConnection
 from importlib import import_module
 
 import numpy as np
@@ -236,4 +237,18 @@ def test_console__number_or_text_that_no_answer_can_bear__is_refused(console, ca
     asking.socket.send(message)
     assert not [one for one in asking.settle() if "a defect of" in one]
     asking.close()
+    assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
+
+
+@pytest.mark.parametrize(
+    "name", [f"{'9' * 5000}.css", "%00.css", "..", "%2e%2e%2fapp.css", "%ff.css", "axe%2f..%2fapp.py"]
+)
+@pytest.mark.parametrize("folder", ["static", "made"])
+def test_console__name_that_no_file_has__is_not_found(console, caplog, monkeypatch, folder, name) -> None:
+    hear_all(monkeypatch)
+    path = f"/static/{name}" if folder == "static" else f"/made/{console.files['curve']}/{name}"
+    asked = HTTPConnection("127.0.0.1", console.port, timeout=10.0)
+    with closing(asked):
+        asked.request("GET", path, headers={"X-Token": TOKEN})
+        assert asked.getresponse().status == 404
     assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]

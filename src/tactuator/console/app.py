@@ -19,7 +19,7 @@ from tactuator.console.scope.routes import add_rig
 from tactuator.console.study.room import StudyRoom
 from tactuator.console.study.routes import add_study
 from tactuator.console.workshop import Workshop
-from tactuator.web.pages import HEADERS, plain_text
+from tactuator.web.pages import HEADERS, holds_file, plain_text
 from tactuator.web.pages import static_file as shared_file
 from tactuator.web.sockets import CLOSE_FORBIDDEN, has_token, same_origin
 from tactuator.web.study_pages import StudyPages, add_study_pages
@@ -87,7 +87,7 @@ def build_console(workshop: Workshop, token: str, apart: Executor | None = None,
 def static_file(name: str) -> Response | None:
     """Return a part of the page by its bare name, or None where there is none."""
     suffix = name[name.rfind(".") :]
-    found = files("tactuator.console").joinpath("static", name)
-    if "/" in name or suffix not in _TYPES or not found.is_file():
+    folder = files("tactuator.console").joinpath("static")
+    if suffix not in _TYPES or not holds_file(folder, name):
         return None
-    return Response(found.read_bytes(), media_type=_TYPES[suffix], headers=_HEADERS)
+    return Response(folder.joinpath(name).read_bytes(), media_type=_TYPES[suffix], headers=_HEADERS)

@@ -11,7 +11,7 @@ from starlette.requests import ClientDisconnect
 
 from tactuator.console.drawer import Drawer
 from tactuator.errors import BadInput
-from tactuator.web.pages import HEADERS, plain_text
+from tactuator.web.pages import HEADERS, holds_file, plain_text
 
 _NOTHING = "There is no such file here."
 
@@ -39,8 +39,9 @@ def add_file_routes(app: FastAPI, drawer: Drawer, token: str) -> None:
         if not allowed(request):
             return plain_text("That needs the token of the page.", 403)
         try:
-            found = drawer.path(key).parent / name
+            folder = drawer.path(key).parent
         except BadInput as error:
             return plain_text(str(error), 404)
-        there = "/" not in name and found.is_file()
-        return FileResponse(found, headers=HEADERS) if there else plain_text(_NOTHING, 404)
+        if not holds_file(folder, name):
+            return plain_text(_NOTHING, 404)
+        return FileResponse(folder / name, headers=HEADERS)

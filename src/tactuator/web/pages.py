@@ -67,9 +67,14 @@ def page(name: str, words: Words, scripts: Sequence[str]) -> Response:
 def static_file(name: str) -> Response | None:
     """Return a style, script or picture by its bare name, or None where there is none."""
     suffix = name[name.rfind(".") :]
-    if "/" in name or suffix not in _TYPES or not _resource(name).is_file():
+    if suffix not in _TYPES or not holds_file(files("tactuator.web").joinpath("static"), name):
         return None
     return Response(_resource(name).read_bytes(), media_type=_TYPES[suffix], headers=HEADERS)
+
+
+def holds_file(folder: Traversable, name: str) -> bool:
+    """Return whether the folder lists a file of that name: a request's own, which the system may refuse (too long)."""
+    return any(one.name == name and one.is_file() for one in folder.iterdir())
 
 
 def plain_text(text: str, status: int = 200) -> Response:
