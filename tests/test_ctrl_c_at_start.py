@@ -43,6 +43,29 @@ def test_program__ctrl_c_as_a_module_loads__one_line_and_130(module, swallowed):
     assert (done.returncode, done.stderr) == (130, "tactuator: interrupted\n")
 
 
+TURNED = """
+import signal, sys
+class Turned:
+    def find_spec(self, name, path=None, target=None):
+        if name == "tactuator.cli.controller.verbs":
+            try:
+                signal.raise_signal(signal.SIGINT)
+            except KeyboardInterrupt as error:
+                raise {error}("a library's own words") from error
+sys.meta_path.insert(0, Turned())
+sys.argv = ["tactuator", "design", "missing.toml", "--out", "c.json"]
+exec(open({program!r}).read())
+"""
+"""The installed program where a library turns a Ctrl-C, as one of its modules is made, into an error of its own."""
+
+
+@pytest.mark.parametrize("error", ["ValueError", "OSError"])
+def test_program__ctrl_c_that_a_library_turns_into_an_error__one_line_and_130(error):
+    script = TURNED.format(error=error, program=str(PROGRAM))
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "tactuator: interrupted\n")
+
+
 def test_program__ctrl_c_at_any_moment_of_its_start__one_line_and_130(tmp_path):
     draws = random.Random(21)
     moments = [(number + draws.random()) / 12 * 0.3 for number in range(12)]

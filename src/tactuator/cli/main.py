@@ -25,6 +25,16 @@ _AGAIN_S = 0.02
 """Time after which an end that was swallowed is raised again; by then the callback is over."""
 
 
+class _Ear:
+    """What listens to Ctrl-C, and remembers that it came: a library may turn it into an error of its own."""
+
+    came = False
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        self.came = True
+        signal.default_int_handler(number, frame)
+
+
 def build_app(verbs: Sequence[str] = VERBS, listed: bool = False) -> typer.Typer:
     """Return the application with the given verbs; no verb's work is imported before it is run.
 
@@ -115,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     sys.unraisablehook = _raise_again
     try:
         if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # `tactuator.__main__` held it so far
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+            signal.signal(signal.SIGINT, _Ear())
         status = _status_of(sys.argv[1:])
     except KeyboardInterrupt:  # between two lines of `_status_of`
         status = _say("interrupted", INTERRUPTED)
@@ -147,24 +157,33 @@ def _status_of(arguments: Sequence[str]) -> int:
         app = build_app(needed_verbs(arguments), listed)
         status = app(args=arguments, prog_name="tactuator", standalone_mode=False)
         sys.stdout.flush()
-    except TactuatorError as error:
-        return _say(str(error), error.exit_status)
-    except TyperException as error:
-        return _say(error.format_message() + _got(error, arguments) + _help_for(error), BAD_INPUT)
-    except BrokenPipeError:
-        # The reader has gone; give the interpreter's last flush somewhere to go.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
-    except OSError as error:
-        return _say(_os_error(error), BAD_INPUT)
-    except (KeyboardInterrupt, typer.Abort):
+    except KeyboardInterrupt:
         return _say("interrupted", INTERRUPTED)
-    except Exception:
-        traceback.print_exc()
-        return OWN_FAULT
+    except Exception as error:
+        ear = signal.getsignal(signal.SIGINT)
+        if isinstance(error, typer.Abort) or (isinstance(ear, _Ear) and ear.came):
+            return _say("interrupted", INTERRUPTED)
+        return _told(error, arguments)
     if status == INTERRUPTED:  # typer's own rendering of Ctrl-C
         return _say("interrupted", INTERRUPTED)
     return status if isinstance(status, int) else DONE
+
+
+def _told(error: Exception, arguments: Sequence[str]) -> int:
+    """Say in one line what went wrong, a defect of the program's own with its traceback; return the exit status."""
+    match error:
+        case TactuatorError():
+            return _say(str(error), error.exit_status)
+        case TyperException():
+            return _say(error.format_message() + _got(error, arguments) + _help_for(error), BAD_INPUT)
+        case BrokenPipeError():
+            # The reader has gone; give the interpreter's last flush somewhere to go.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return DONE
+        case OSError():
+            return _say(_os_error(error), BAD_INPUT)
+    traceback.print_exception(error)
+    return OWN_FAULT
 
 
 def _say(message: str, status: int) -> int:
