@@ -26,7 +26,7 @@ _AGAIN_S = 0.02
 
 
 class _Ear:
-    """What listens to Ctrl-C, and remembers that it came: a library may turn it into an error of its own."""
+    """The handler of Ctrl-C. It remembers that one came: a library may turn it into an error of its own."""
 
     came = False
 
