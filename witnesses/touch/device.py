@@ -134,6 +134,20 @@ class Device:
         _library().product_weights(self._address, found)
         return found[0], found[1]
 
+    @property
+    def y_v(self) -> float:
+        """Return where the finger is now, sensor volts."""
+        return float(self._state.x[0])
+
+    def read(self) -> int:
+        """Return the code that the A/D reads now."""
+        return int(_library().device_read(ctypes.byref(self._state)))
+
+    def advance(self, code: int, finger: Sequence[float]) -> None:
+        """Go on by one sample with a code at the D/A, under a finger or none (an empty one)."""
+        fingers = (_Finger * 2)(_Finger(), _Finger(*finger))
+        _library().device_advance(ctypes.byref(self._state), code, fingers, int(bool(finger)))
+
     def spoil(self, at: int, value: float) -> bool:
         """Put `value` in place of one of the estimator's numbers; tell whether there is one at that place."""
         return bool(_library().product_spoil(self._address, at, value))

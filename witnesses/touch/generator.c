@@ -110,10 +110,17 @@ static void advance(device *d, const finger *f, double command_v, double force_v
     d->tick++;
 }
 
-/* What the A/D reads now, volts. */
-static double device_read(device *d)
+/* What the A/D reads now, its code. */
+int32_t device_read(device *d)
 {
-    return d->step_v * code_of(d, d->x[0] + hum(d) + d->noise_v * normal(d));
+    return code_of(d, d->x[0] + hum(d) + d->noise_v * normal(d));
+}
+
+/* On to the next instant, with a code at the D/A and one of the fingers. For who has a delay of his own. */
+void device_advance(device *d, int32_t code, const finger *fingers, int32_t place)
+{
+    touch(d, place);
+    advance(d, &fingers[place], d->step_v * code, 0.0);
 }
 
 /* n samples: reference (threshold units), touching and force_v in; y (sensor volts, the truth), what the D/A
@@ -128,7 +135,7 @@ void device_play(device *d, controller_step step, void *controller, size_t n, co
         touch(d, touching[k]);
         y_v[k] = d->x[0];
         command_v[k] = put_out_v;
-        read_v[k] = device_read(d);
+        read_v[k] = d->step_v * device_read(d);
         *slot = d->step_v * code_of(d, step(controller, (float)reference[k], (float)read_v[k]));
         advance(d, &fingers[touching[k]], put_out_v, force_v[k]);
     }
