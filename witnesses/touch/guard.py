@@ -53,9 +53,11 @@ class Guard:
             self._loosen()
 
     def _loosen(self) -> None:
+        self.board.safety.fade_ticks = self.board.safety.quick_ticks = 4 * QUARTER_S
         for place in range(3):
             channel = self.board.channel[place]
             channel.safety.reference_max *= 10.0
+            channel.guard_table.resting.second *= 10.0
 
     def _seen(self, place: int, code: int) -> int:
         broken = {OPEN: 32767, SHORTED: 0, FROZEN: self._held[place], REVERSED: -code}
