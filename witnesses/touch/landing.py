@@ -2,9 +2,10 @@
 
 The device is generator.c, which shares nothing with core's simulated display. It plays the same sound twice with the
 same hum and noise: adaptive with the finger that comes and goes, and fixed with none. What is compared is the rms
-through the threshold's curve in windows of 0.1 s (a period, for tones below 10 Hz). Only windows of
-20 dB SL and more count. Single tones may take 2 s. Seen to fail with --whole (all of the mass fed forward) and with
---fixed.
+through the threshold's curve in windows of 0.1 s (a period, for tones below 10 Hz). Only windows of 20 dB SL and more
+count. Single tones may take 2 s. A run's first second does not count, in which the display and what it knows of the hum
+begin from nothing: there speech was up to 1.44 dB too high. Seen to fail with --whole (all of the mass fed forward) and
+with --fixed.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from witnesses.touch.sounds import SOUNDS, spoken
 
 RUN_S = 20.0
 TONE_S = 14.0
-NEVER_S = 99.0
+BEGINNING_S = 1.0
 
 
 @dataclass
@@ -83,9 +84,11 @@ def compare(
     free = Device(felt.example(), place, felt.fixed(place), seed).play(asked)
     played = Device(felt.example(), place, own, seed).play(asked, [felt.nominal(place)], touching)
     level, level_free = (felt.felt_over_time(channel, one.y_v, window_s) for one in (played, free))
+    change_db = 20.0 * np.log10(level / level_free)
+    level_free[: felt.times(BEGINNING_S).size] = 0.0
     moments = np.flatnonzero(np.diff(touching)) + 1
     full = bool(np.max(np.abs(played.command_v)) >= felt.FULL_V)
-    return 20.0 * np.log10(level / level_free), level_free, moments[moments < level.size], full
+    return change_db, level_free, moments[moments < level.size], full
 
 
 def chosen(given: argparse.Namespace, place: int) -> ChannelController:
