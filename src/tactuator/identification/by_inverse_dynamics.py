@@ -46,7 +46,7 @@ def motor_identification(common: Prepared, between: BetweenSamples) -> Identific
         position_unit=record.position_unit,
         method="inverse dynamics",
         record=record.about | {"rate_hz": record.rate_hz, "duration_s": record.duration_s},
-        friction={"coulomb": friction.coulomb, "presliding": friction.presliding, "offset": friction.offset},
+        friction={"coulomb": friction.coulomb, "presliding": friction.presliding or 0.0, "offset": friction.offset},
         valid_hz=(1.0 / record.duration_s, motor.corner_hz),
     )
     left = motor.commanded - motor.predicted

@@ -13,6 +13,8 @@ _WIDEST_DB = 20.0
 _CHANCE, _MISSED = 1e-3, 1e-3
 """Chance of a residual that follows the command so much, and the share of the position's power (3 % of its size), from
 which on a model by least squares lacks something."""
+_RULED = 0.5
+"""Part of the position that is left over, over what friction takes of the command, from which on friction rules."""
 _SHORT = 1.1
 """Ratio of its ends below which a range of frequency is none."""
 
@@ -50,6 +52,14 @@ def distrusted(found: Identification, common: Prepared) -> Identification:
             f"{100.0 * missed:.2g} % of the position's power follow the command and not the model: a dead time, more "
             "poles, or sensor noise, which least squares has no place for (--method refined has)"
         )
+    friction = found.friction
+    if friction is not None and friction.presliding is None and not found.tests.uncorrelated_with_input:
+        left = 1.0 - found.fit_percent / 100.0
+        if left * float(np.std(record.command)) > _RULED * friction.coulomb or friction.confidence > friction.coulomb:
+            reasons.append(
+                f"friction rules the record: it builds up between two samples, {100.0 * left:.2g} % of the position's "
+                "size is left over, and how large it is cannot be told; a stronger command or a higher rate shows more"
+            )
     remarks = list(found.remarks)
     if unstable and found.tests.feedback is True:
         remarks.append("the model is not stable (the record was made in a closed loop)")

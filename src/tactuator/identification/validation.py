@@ -36,6 +36,8 @@ _CHANCE = 1e-3
 _BEYOND = 4.0
 """Power that follows the command, over what the band allows, from which on a model fails."""
 _SILENT = 1e-5
+_SHORT = 1e-3
+"""Presliding distance, of the size of the motion, where the model cannot tell its own."""
 
 
 def validated(found: Identification, records: Sequence[tuple[str, Record]]) -> Identification:
@@ -69,7 +71,7 @@ def validate(found: Identification, record: Record, name: str = "") -> Validatio
     if model.friction:
         for path in ("measured", "simulated"):
             along = (samples.position if path == "measured" else left.simulated) * scale[1]
-            pull = dahl_state(np.ascontiguousarray(along), model.friction["presliding"])
+            pull = dahl_state(np.ascontiguousarray(along), model.friction.get("presliding", _SHORT * scale[1]))
             rest = samples.command.size - pull.size
             pulled = np.concatenate([pull, np.full(rest, pull[-1])]) * model.friction["coulomb"] / scale[0]
             moving = replace(samples, command=command - pulled)

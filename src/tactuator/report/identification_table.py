@@ -48,7 +48,8 @@ def identification_rows(found: Identification, about: Mapping[str, str]) -> Iter
         command, position = f"{model.command_unit} of command".strip(), f"{model.position_unit} of position".strip()
         level = with_error(found.friction.coulomb, found.friction.confidence)
         yield f"Coulomb friction ({command})", *level
-        yield f"presliding distance ({position})", f"{found.friction.presliding:.3g}", ""
+        distance = found.friction.presliding
+        yield f"presliding distance ({position})", "cannot tell" if distance is None else f"{distance:.3g}", ""
 
 
 def _circumstances(found: Identification, about: Mapping[str, str]) -> Iterator[tuple[str, str]]:

@@ -20,13 +20,14 @@ _CERTAIN = 30.0
 class Friction:
     """Levels in units of command, with their 95 % half-widths.
 
-    coulomb: what friction takes. presliding: units of position over which it builds up after a reversal (Dahl). offset:
-    command that stands against a steady pull. small_command: amplitude of a slow command of which friction takes 1 dB.
+    coulomb: what friction takes. presliding: units of position over which it builds up after a reversal (Dahl); None
+    where the record cannot tell. offset: command that stands against a steady pull. small_command: amplitude of a slow
+    command of which friction takes 1 dB.
     """
 
     coulomb: float
     confidence: float
-    presliding: float
+    presliding: float | None
     offset: float = 0.0
     offset_confidence: float = 0.0
 
@@ -36,6 +37,14 @@ class Friction:
         worst.
         """
         return float(4.0 * self.coulomb / np.pi / (1.0 - 10.0 ** (-1.0 / 20.0)))
+
+
+def seen_presliding(presliding: float, position: FloatArray) -> float | None:
+    """Return the presliding distance, or None where the position (n,) passes more than it in a usual (median) sample.
+
+    Friction then builds up between two samples, and only that it is short can be seen.
+    """
+    return presliding if presliding > float(np.median(np.abs(np.diff(position)))) else None
 
 
 class FrictionSearch:
