@@ -34,6 +34,19 @@ def touchable(rig: Rig, name: str) -> TouchableRig:
     return rig
 
 
+def usual_load(channels: Sequence[Channel]) -> str:
+    """Return the load that touches where nobody names one: "finger" where every channel has it, else the first load
+    that every channel has, "none" where no channel has any. Raises BadInput where the channels have none in common.
+    """
+    names = [[load.name for load in channel.loads] for channel in channels]
+    common = [name for name in names[0] if all(name in others for others in names)]
+    if not any(names):
+        return "none"
+    if not common:
+        raise BadInput("no load is on every channel; allowed: --load with the name of one")
+    return "finger" if "finger" in common else common[0]
+
+
 def touch_all(rig: Rig, channels: Sequence[Channel], load: str) -> tuple[str, ...]:
     """Put a load on every channel and return the names of the channels on which a person has to put it.
 

@@ -9,7 +9,8 @@ import pytest
 from tactuator.console.held_rig import orders, worker
 from tactuator.console.held_rig.generator import GeneratorWave
 from tactuator.console.held_rig.worker import RigWorker
-from tactuator.errors import DeviceFault
+from tactuator.console.scope.host import RigHost
+from tactuator.errors import BadInput, DeviceFault
 from tactuator.rig.board.link import Mode
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport.transport import LinkDown
@@ -166,6 +167,13 @@ def test_wave__that_cannot_be_played__is_refused_and_live_goes_on(ordered, contr
     before = len(ordered.rows)
     ordered.until(lambda: len(ordered.rows) > before)
     assert "allowed for tone: -60 to 55 dB SL" in ordered.refusals()[0]
+
+
+@pytest.mark.parametrize(("rig", "error"), [("board:socket://127.0.0.1:1", DeviceFault), ("mirror", BadInput)])
+def test_host__rig_that_cannot_be_opened__a_device_is_told_from_bad_input(controller, rig, error):
+    with pytest.raises((DeviceFault, BadInput)) as raised:
+        RigHost(rig, controller.display, 0)
+    assert type(raised.value) is error
 
 
 def test_rig__that_cannot_be_opened__is_told_as_gone(controller):

@@ -21,7 +21,7 @@ from tactuator.experiment.simulated.sitting import run_study, simulated_observer
 from tactuator.experiment.store.lock import sessions_of
 from tactuator.experiment.store.opening import opened_store
 from tactuator.experiment.store.store import Store
-from tactuator.rig.touchable import touchable
+from tactuator.rig.touchable import touchable, usual_load
 from tactuator.web.address import Address
 
 
@@ -80,7 +80,9 @@ def observe(
             bars.update(task, completed=round(1000 * (at[name] + share)))
 
         with opened_store(store) as database:
-            run_study(database, read, text, place, observers, SystemClock(), load, show)
+            touching = load or usual_load(place.controller.display.channels)
+            named = None if touching == "none" else touching
+            run_study(database, read, text, place, observers, SystemClock(), named, show)
     true = [
         {"subject": subject.code, "frequency_hz": hertz, "true_db_re_1um": float(one.curve.level_db_re_1um_at(hertz))}
         for subject, one in zip(read.subject, observers, strict=True)

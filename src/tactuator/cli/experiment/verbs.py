@@ -118,7 +118,10 @@ def observe(
     rig: RigOption = "simulated",
     display: DisplayOption = None,
     controller: ControllerOption = None,
-    load: Annotated[str | None, typer.Option(help="Load on the display's port while a finger is there.")] = "finger",
+    load: Annotated[
+        str | None,
+        typer.Option(help="Load while a finger is there, or none (default: finger, or the first)."),
+    ] = None,
     truth: TruthOption = None,
     lapse: LapseOption = None,
     seed: Seed = 0,

@@ -16,7 +16,7 @@ from tactuator.cli.chosen import ask_for_load, chosen_controller
 from tactuator.measure.finger.estimate import CANNOT_TELL, CHAIN, NEITHER, ONE, FingerEstimate
 from tactuator.measure.finger.play import measure_finger
 from tactuator.rig.open import open_rig
-from tactuator.rig.touchable import touch_all
+from tactuator.rig.touchable import touch_all, usual_load
 
 _SAYS = {
     ONE: "one mass, damper, spring",
@@ -32,7 +32,7 @@ _CUT = "cannot tell: the reading came to its end; play more quietly"
 def run(
     display: Path | None,
     controller: Path | None,
-    load: str,
+    load: str | None,
     level_db_sl: float,
     duration_s: float,
     channel: list[str] | None,
@@ -44,10 +44,11 @@ def run(
     it. Exit status 1 where they do not.
     """
     made = chosen_controller(display, controller)
+    touching = load or usual_load(made.display.channels)
     with open_rig(rig, made.display, seed) as opened:
 
         def touch() -> None:
-            ask_for_load(touch_all(opened, made.display.channels, load), load)
+            ask_for_load(touch_all(opened, made.display.channels, touching), touching)
 
         with working("playing free, then touched"):
             found = measure_finger(

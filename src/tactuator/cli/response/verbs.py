@@ -79,8 +79,9 @@ def finger(
     display: DisplayOption = None,
     controller: ControllerOption = None,
     load: Annotated[
-        str, typer.Option("--load", help="Load of the display file that touches in the second half.")
-    ] = "finger",
+        str | None,
+        typer.Option("--load", help="Load of the display file that touches (default: finger, or the first)."),
+    ] = None,
     level_db_sl: Annotated[float, typer.Option("--level-db-sl", "--level", help="Level of each line, dB SL.")] = 24.0,
     duration_s: Annotated[
         float, typer.Option("--duration-s", help="Seconds played, a little less than half of them free.")

@@ -99,7 +99,8 @@ class Standing:
     """State of the rig, told by its process whenever something of it has changed.
 
     guard: of a board, its mode and fault as words; empty where there is none. loaded: hash of the controller. fed:
-    rows of reference that the rig has asked for; told: rows of trace that it has given back.
+    rows of reference that the rig has asked for; told: rows of trace that it has given back. refused: it has gone
+    because what was asked for is bad input, and not because a device failed.
     """
 
     mode: Mode = "idle"
@@ -113,6 +114,7 @@ class Standing:
     fed: int = 0
     told: int = 0
     gaps: int = 0
+    refused: bool = False
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,7 @@ class RigWorker:
             job()
         except BadInput as error:
             if self._rig is None:
-                self._end_as("gone", str(error))
+                self._say(mode="gone", fault=str(error), guard={}, refused=True)
             else:
                 self._rest()
                 self._end_as("idle")

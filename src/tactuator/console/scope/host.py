@@ -16,7 +16,7 @@ from tactuator.console.held_rig.worker import hold_rig
 from tactuator.console.scope.levels import Felt, Levels
 from tactuator.console.scope.samples import ScopeSamples
 from tactuator.display.description import Display
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, DeviceFault
 
 KEPT_S = 60.0
 _ENDED = "the process that holds the rig has ended; allowed: open the rig again"
@@ -47,7 +47,9 @@ class RigHost:
         self._begin()
 
     def _begin(self) -> None:
-        """Begin the process and wait until the rig is open. Raises BadInput with its reason where it cannot be."""
+        """Begin the process and wait until the rig is open. Raises BadInput with its reason where it cannot be, and
+        DeviceFault where a device is the reason.
+        """
         context = get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=hold_rig, args=(theirs, self.spec, self.display, self.seed))
@@ -57,13 +59,13 @@ class RigHost:
         try:
             first = self._pipe.recv()
             if first.mode == "gone":
-                raise BadInput(first.fault)
-        except BadInput:
+                raise BadInput(first.fault) if first.refused else DeviceFault(first.fault)
+        except (BadInput, DeviceFault):
             self._end()
             raise
         except (EOFError, OSError):
             self._end()
-            raise BadInput(_ENDED) from None
+            raise DeviceFault(_ENDED) from None
         except BaseException:  # interrupted or told to end while the rig was being opened
             self._end()
             raise
