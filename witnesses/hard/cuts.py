@@ -70,7 +70,7 @@ class _File:
 def replay(journal: Path, folder: Path, rng: random.Random) -> None:
     """Make the folder's files anew as a power cut leaves them; they were on the disk when the journal began."""
     files = {str(path): _File(bytearray(path.read_bytes())) for path in folder.iterdir() if path.suffix != ".db-shm"}
-    content, at = journal.read_bytes(), 0
+    content, at = journal.read_bytes() if journal.exists() else b"", 0
     while at + _ENTRY.size <= len(content):
         kind, path_size, offset, size = _ENTRY.unpack_from(content, at)
         begin = at + _ENTRY.size + path_size

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import os
+import pkgutil
 import shutil
 import signal
 import sqlite3
@@ -19,14 +20,17 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import soundfile
 
-from tactuator.__main__ import main as program
+import tactuator
+from tactuator import __main__ as begin
 
 VERBS = [
     "init --out new.toml --protocol imece2004",
@@ -67,7 +71,7 @@ reversals = 4
 averaged = 2
 [conditions]
 fingers = ["index"]
-frequencies_hz = [30, 210]
+frequencies_hz = [30, 90, 210]
 [circumstances]
 contact_area_mm2 = 78.5
 masking_sound = "pink"
@@ -131,30 +135,39 @@ def _sum(path: Path) -> str:
         return str(error)
 
 
-def _run(
-    disk: Disk, verb: str, prepare: Callable[[], None], interrupt_s: float | None = None
-) -> tuple[int, str, float]:
-    """Run a verb in a fork of this process, interrupted after so long; status, what it said, seconds."""
-    begun = time.monotonic()
-    child = os.fork()
-    if child == 0:
+def _be_the_program(disk: Disk, verb: str, prepare: Callable[[], None]) -> NoReturn:
+    """Run a verb in this process, which is a fork, and end it."""
+    status = 99
+    try:
         os.setsid()
         with disk.log.open("wb") as log:
             os.dup2(log.fileno(), 1)
             os.dup2(log.fileno(), 2)
         os.chdir(disk.place)
         sys.argv = ["tactuator", *verb.split()]
-        status = 99
-        try:
-            prepare()
-            status = program() or 0
-        except SystemExit as end:
-            status = end.code if isinstance(end.code, int) else 98
-        except BaseException as error:
-            os.write(2, f"Traceback of {error!r}\n".encode())
-        finally:
-            sys.stdout.flush()
-            os._exit(status)
+        signal.signal(signal.SIGINT, begin._leave)
+        prepare()
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        status = begin.main() or 0
+    except SystemExit as end:
+        status = end.code if isinstance(end.code, int) else 98
+    except BaseException as error:
+        os.write(2, f"Traceback of {error!r}\n".encode())
+    finally:
+        sys.stdout.flush()
+        os._exit(status)
+
+
+def _run(
+    disk: Disk, verb: str, prepare: Callable[[], None], interrupt_s: float | None = None
+) -> tuple[int, str, float]:
+    """Run a verb in a fork of this process, interrupted after so long; status, what it said, seconds."""
+    begun = time.monotonic()
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # the fork is not to hear it before the program would
+    child = os.fork()
+    if child == 0:
+        _be_the_program(disk, verb, prepare)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     if interrupt_s is not None:
         time.sleep(interrupt_s)
         os.kill(child, signal.SIGINT)
@@ -199,6 +212,13 @@ def _judge(disk: Disk, verb: str, prepare: Callable[[], None], levels: int, inte
         status, said, _ = _run(disk, verb, prepare, after_s)
         wrong += [f"Ctrl-C after {after_s:.3f} s: {one}\n{said[-800:]}" for one in _faults(disk, status, said, allowed)]
     return wrong
+
+
+def _import_all() -> None:
+    """Import every module once, so that each fork has it and its time is that of its work."""
+    for found in pkgutil.walk_packages(tactuator.__path__, "tactuator."):
+        with suppress(ImportError):
+            import_module(found.name)
 
 
 def _first_files(folder: Path) -> None:
@@ -249,6 +269,7 @@ def main() -> int:
         disk = Disk(work / "disk", work / "before", work / "log")
         disk.before.mkdir()
         disk.place.mkdir()
+        _import_all()
         _first_files(disk.before)
         os.chdir(home)
         subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64m", "none", disk.place], check=True)

@@ -1,5 +1,6 @@
 """The store's file: made, migrated, refused."""
 
+import errno
 import os
 import sqlite3
 import subprocess
@@ -214,3 +215,16 @@ def test_lock__holder_killed__is_free(tmp_path) -> None:
     held.communicate()
     with sessions_of(store):
         pass
+
+
+def test_lock__disk_without_room_for_its_name__holds_and_leaves_nothing(tmp_path, monkeypatch):
+    """Found on a full disk: the refusal named no file, and the lock stayed behind."""
+    store = tmp_path / "lab.db"
+
+    def full(*given):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "pwrite", full)
+    with sessions_of(store), pytest.raises(BadInput, match="run by another process"), sessions_of(store):
+        pass
+    assert list(tmp_path.iterdir()) == []

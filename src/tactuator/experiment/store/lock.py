@@ -56,4 +56,5 @@ def _lock(handle: int, store: str | Path) -> None:
         who = os.read(handle, 200).decode(errors="replace").strip() or "another process"
         raise BadInput(f"store {store}: its sessions are run by {who}; allowed: one at a time") from None
     os.ftruncate(handle, 0)
-    os.pwrite(handle, f"process {os.getpid()} on {os.uname().nodename}\n".encode(), 0)
+    with suppress(OSError):  # a full disk: it is locked all the same, by "another process"
+        os.pwrite(handle, f"process {os.getpid()} on {os.uname().nodename}\n".encode(), 0)
