@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -12,12 +13,14 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from tactuator import __version__
+from tactuator.arrays import FloatArray
 from tactuator.display.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.display.description import Channel, Display
 from tactuator.display.touch import FeedForward
 from tactuator.errors import BadInput, NoDesign
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.signals.bands import third_octave_bands
+from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis import paper
@@ -34,6 +37,8 @@ from tactuator.synthesis.touch import design_feed_forward, fed_response
 _SERVES, _GOOD = 0.75, 1.95
 _NEAR_DB = 1.5
 _FITS_MAX = 12
+_TOWARDS_TOUCHED = 0.75
+"""Share of what is not fed forward that the prefilter gives beforehand. At 20 dB SL the touched display varies more."""
 
 
 def design_controller(display: Display, poles: int | None = None, error_db: float | None = None) -> Controller:
@@ -133,6 +138,9 @@ def assemble(
 ) -> ChannelController:
     """Return a channel's controller from a feedback controller (or none) and a prefilter, with its report.
 
+    On an adaptive display the prefilter is fitted anew, with as many poles, so that it gives beforehand part of what a
+    finger still takes.
+
     Raises UnstableLoop if the loop is unstable on any plant of the channel's family.
     """
     members = family or plant_family(channel, display.rate_hz, display.delay_samples)
@@ -145,7 +153,13 @@ def assemble(
         gains = anti_windup(sections, assessments[0].margins.crossover_hz, display.rate_hz)
     prefilter = SampledSystem.from_sections(fit.sections, display.rate_hz)
     nominal = TwoDegreeLoop(prefilter, feedback, members[0].sampled)
-    fed = design_feed_forward(display, channel, nominal) if display.touch.adaptive else None
+    fed = None
+    if display.touch.adaptive:
+        fed = design_feed_forward(display, channel, nominal)
+        raised_db = partial(_still_taken_db, channel, fed, nominal, members, display.rate_hz)
+        fit = fit_prefilter(channel, feedback, display.rate_hz, display.delay_samples, fit.poles, raised_db=raised_db)
+        nominal = replace(nominal, prefilter=SampledSystem.from_sections(fit.sections, display.rate_hz))
+        fed = design_feed_forward(display, channel, nominal)
     return ChannelController(
         name=channel.name,
         threshold_voltage_dc=_at_rest(nominal, channel),
@@ -157,6 +171,26 @@ def assemble(
         report=_report(display, channel, nominal, fit, assessments, members, fed),
         feed_forward=fed,
     )
+
+
+def _still_taken_db(
+    channel: Channel,
+    fed: FeedForward,
+    free: TwoDegreeLoop,
+    members: tuple[Member, ...],
+    rate_hz: float,
+    frequency_hz: FloatArray,
+) -> FloatArray:
+    """Return _TOWARDS_TOUCHED of what the channel's loads take of the level, in the mean, although they are fed
+    forward: part of their mass is not.
+    """
+    response, taken_db = free.position_response(frequency_hz), [np.zeros_like(frequency_hz)]
+    for member in members:
+        loaded = replace(free, plant=member.sampled)
+        touched = fed_response(fed, channel, free, loaded, member.load, frequency_hz, rate_hz)
+        if touched is not None and member.model == 0:
+            taken_db.append(db(np.abs(response / touched)))
+    return np.asarray(_TOWARDS_TOUCHED * np.mean(taken_db[1:] or taken_db, axis=0))
 
 
 def _at_rest(loop: TwoDegreeLoop, channel: Channel) -> float:

@@ -6,7 +6,8 @@ there is no loop, F equalises the plant itself.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,20 +53,26 @@ def fit_prefilter(
     delay_samples: int,
     poles: int | None = None,
     tolerance_db: float = 0.25,
+    raised_db: Callable[[FloatArray], FloatArray] = np.zeros_like,
 ) -> PrefilterFit:
     """Fit the prefilter of `poles` poles (None: the fewest, even, that keep tolerance_db) for the channel's curve.
+
+    raised_db: by how much it is to lie above the curve at frequencies (n,), hertz.
 
     Raises UnstableLoop for an unstable loop; BadInput if no number of poles up to 16 keeps the tolerance, or if the
     plant gives nothing somewhere in the band.
     """
     plant = sampled_plant(channel.plant, rate_hz, delay_samples)
     goal = prefilter_goal(channel, feedback, plant, rate_hz)
+    raised = raised_db(goal.frequency_hz)
+    floor_db = None if goal.floor_db is None else goal.floor_db - raised
+    goal = replace(goal, level_db=goal.level_db + raised, ceiling_db=goal.ceiling_db + max(raised), floor_db=floor_db)
     if poles is not None:
-        return _fit(channel, feedback, plant, goal, poles)
+        return _fit(channel, feedback, plant, goal, poles, raised_db)
     best = float("inf")
     for count in range(2, MOST_POLES + 1, 2):
         try:
-            fit = _fit(channel, feedback, plant, goal, count)
+            fit = _fit(channel, feedback, plant, goal, count, raised_db)
         except BadInput:
             if count < MOST_POLES:
                 continue
@@ -149,7 +156,12 @@ def _behind(feedback: SampledSystem | None, plant: SampledSystem, frequency_hz: 
 
 
 def _fit(
-    channel: Channel, feedback: SampledSystem | None, plant: SampledSystem, goal: MagnitudeGoal, poles: int
+    channel: Channel,
+    feedback: SampledSystem | None,
+    plant: SampledSystem,
+    goal: MagnitudeGoal,
+    poles: int,
+    raised_db: Callable[[FloatArray], FloatArray],
 ) -> PrefilterFit:
     rate_hz = plant.rate_hz
     sections = cascade(fit_magnitude(goal, rate_hz, poles))
@@ -158,7 +170,8 @@ def _fit(
     judged = np.unique(np.concatenate([np.geomspace(low, high, 1200), own[(own >= low) & (own <= high)]]))
     wanted = channel.threshold_voltage(judged) / np.abs(_behind(feedback, plant, judged))
     error = db(np.abs(sections_response(sections, judged, rate_hz)) / wanted)
-    centre = 0.5 * float(np.max(error) + np.min(error))
+    above = error - raised_db(judged)
+    centre = 0.5 * float(np.max(above) + np.min(above))
     sections[0, :3] *= 10.0 ** (-centre / 20.0)
     error = error - centre
     worst = int(np.argmax(np.abs(error)))
