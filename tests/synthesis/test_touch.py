@@ -99,6 +99,17 @@ def test_design__no_loop__refuses() -> None:
         design_feed_forward(display(of), of, free)
 
 
+def test_design__velocity_sensor__is_refused_before_a_loop_is_looked_for(monkeypatch) -> None:
+    """A display of such a sensor was computed for minutes before it was refused."""
+
+    def never(*_args: object) -> None:
+        raise AssertionError("the design has begun")
+
+    monkeypatch.setattr("tactuator.synthesis.design.plant_family", never)
+    with pytest.raises(BadInput, match="to a velocity; allowed: 2 poles"):
+        design_controller(replace(display(channel(quantity="velocity")), touch=Touch(adaptive=True)))
+
+
 def test_design__no_load__refuses() -> None:
     assert "no load is described" in refused(channel(loads=()))
 

@@ -32,7 +32,7 @@ from tactuator.synthesis.loop.sections import anti_windup, feedback_sections
 from tactuator.synthesis.loop.synthesis import Task, synthesise
 from tactuator.synthesis.prefilter.fit import PrefilterFit, fit_prefilter
 from tactuator.synthesis.suitability import require_suitable
-from tactuator.synthesis.touch import design_feed_forward, fed_response
+from tactuator.synthesis.touch import design_feed_forward, fed_response, require_adaptive
 
 _SERVES, _GOOD = 0.75, 1.95
 _NEAR_DB = 1.5
@@ -78,6 +78,8 @@ def design_channel(
 
 def _designed(display: Display, channel: Channel, poles: int | None, error_db: float | None) -> ChannelController:
     require_suitable(channel, display.rate_hz)
+    if display.touch.adaptive:
+        require_adaptive(display, channel, is_looped=channel.feedback.structure != "none")
     if poles is not None and error_db is not None:
         raise BadInput(f"poles {poles} and an error of {error_db:g} dB are both asked for; allowed: one of them")
     family = plant_family(channel, display.rate_hz, display.delay_samples)

@@ -35,19 +35,41 @@ _POINTS = 61
 _TAIL_S = 4.0
 
 
+def require_adaptive(display: Display, channel: Channel, *, is_looped: bool) -> int:
+    """Return the samples from command to reading. Raises BadInput where a channel cannot be adaptive: no loop, no load,
+    what is no second-order motor with a displacement sensor, a delay beyond the preview.
+    """
+    where = f"channel {channel.name!r}: [touch] adaptive, "
+    plant = channel.plant
+    if not is_looped:
+        raise BadInput(f"{where}and no loop (structure is 'none'); allowed: a loop, which knows the position")
+    if not channel.loads:
+        raise BadInput(f"{where}and no load is described (loads); allowed: one to design for")
+    if channel.quantity != "displacement" or plant.zeros.size or plant.poles.size != 2:
+        raise BadInput(
+            f"{where}and a plant of {plant.poles.size} poles and {plant.zeros.size} zeros to a {channel.quantity}; "
+            "allowed: 2 poles, no zero, displacement"
+        )
+    if not np.all(plant.poles.real <= 0.0):
+        raise BadInput(f"{where}and an unstable plant; allowed: poles that do not grow")
+    delay = display.delay_samples + round(plant.delay_s * display.rate_hz)
+    if not 1 <= delay <= PREVIEW_MAX:
+        raise BadInput(
+            f"{where}and {delay} samples from command to reading; allowed: 1 to {PREVIEW_MAX}, which is what the "
+            "model looks ahead"
+        )
+    return delay
+
+
 def design_feed_forward(display: Display, channel: Channel, loop: TwoDegreeLoop) -> FeedForward:
     """Return the model from which a channel feeds forward; loop: the designed one, unloaded and sampled.
 
     Raises BadInput where the plant does not allow it: no loop, no load to design for, a plant that is not a
     second-order motor with a displacement sensor, a delay beyond the preview.
     """
-    gain, damping, stiffness = _motor(channel, loop)
-    delay = display.delay_samples + round(channel.plant.delay_s * display.rate_hz)
-    if not 1 <= delay <= PREVIEW_MAX:
-        raise BadInput(
-            f"channel {channel.name!r}: [touch] adaptive, and {delay} samples from command to reading; "
-            f"allowed: 1 to {PREVIEW_MAX}, which is what the model looks ahead"
-        )
+    delay = require_adaptive(display, channel, is_looped=loop.feedback is not None)
+    poles = channel.plant.poles
+    gain, damping, stiffness = channel.plant.gain, float(-np.sum(poles).real), float(np.prod(poles).real)
     load = channel.loads[0]
     high = channel.threshold.band_hz[1]
     turns = max(1, round(display.rate_hz / LEARN_HZ))
@@ -80,24 +102,6 @@ def design_feed_forward(display: Display, channel: Channel, loop: TwoDegreeLoop)
         "push_max_v": min(most_v, channel.converter.range_v),
     }
     return FeedForward(**{**vars(draft), **figures})
-
-
-def _motor(channel: Channel, loop: TwoDegreeLoop) -> tuple[float, float, float]:
-    """Return gain, damping and stiffness of a second-order motor. Raises BadInput for what is none."""
-    where = f"channel {channel.name!r}: [touch] adaptive, "
-    plant = channel.plant
-    if loop.feedback is None:
-        raise BadInput(f"{where}and no loop (structure is 'none'); allowed: a loop, which knows the position")
-    if not channel.loads:
-        raise BadInput(f"{where}and no load is described (loads); allowed: one to design for")
-    if channel.quantity != "displacement" or plant.zeros.size or plant.poles.size != 2:
-        raise BadInput(
-            f"{where}and a plant of {plant.poles.size} poles and {plant.zeros.size} zeros to a {channel.quantity}; "
-            "allowed: 2 poles, no zero, displacement"
-        )
-    if not np.all(plant.poles.real <= 0.0):
-        raise BadInput(f"{where}and an unstable plant; allowed: poles that do not grow")
-    return plant.gain, float(-np.sum(plant.poles).real), float(np.prod(plant.poles).real)
 
 
 def push_responses(model: FeedForward, loop: TwoDegreeLoop, frequency_hz: FloatArray) -> ComplexArray:
