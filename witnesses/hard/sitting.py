@@ -12,7 +12,7 @@ import signal
 import sqlite3
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -32,9 +32,20 @@ from tactuator.paper.plan import paper_display
 from tactuator.rig.simulated import SimulatedRig
 
 CODES = [f"S{number}" for number in range(1, 61)]
-_PROTOCOL = """
+_ANSWERS = """
+SELECT subject.code, run.position, trial.number, response.response FROM response
+JOIN trial ON trial.id = response.trial_id JOIN run ON run.id = trial.run_id
+JOIN session ON session.id = run.session_id JOIN subject ON subject.id = session.subject_id
+"""
+
+Row = tuple[str, int, int, str]
+
+
+def protocol(reversals: int, codes: Sequence[str]) -> str:
+    """Return a protocol of short stimuli for the subjects of those codes, three runs each."""
+    return f"""
 [study]
-name = "long"
+name = "sitting"
 seed = 7
 experimenter = "EX"
 consent = "You may stop at any time."
@@ -42,8 +53,8 @@ consent = "You may stop at any time."
 kind = "up-down"
 start_db_sl = 20
 steps_db = [4, 2]
-reversals = 400
-averaged = 4
+reversals = {reversals}
+averaged = 2
 [conditions]
 fingers = ["index"]
 frequencies_hz = [30, 90, 210]
@@ -62,14 +73,10 @@ feedback_s = 0.0
 practice_trials = 0
 break_after_trials = 100000
 resume_within_s = 86400
-""" + "".join(f'[[subject]]\ncode = "{code}"\n' for code in CODES)
-_ANSWERS = """
-SELECT subject.code, run.position, trial.number, response.response FROM response
-JOIN trial ON trial.id = response.trial_id JOIN run ON run.id = trial.run_id
-JOIN session ON session.id = run.session_id JOIN subject ON subject.id = session.subject_id
-"""
+""" + "".join(f'[[subject]]\ncode = "{code}"\n' for code in codes)
 
-Row = tuple[str, int, int, str]
+
+_LONG = protocol(400, CODES)
 
 
 @cache
@@ -194,8 +201,8 @@ def _told(path: Path, seed: int, hours: int, broken: Broken) -> Iterator[bytes]:
     clock, store = _Clock(hours), Store(path, durable=not broken.careless)
     rig = SimulatedRig(_controller().display, seed)
     rig.load(_controller())
-    task = DetectionTask(parse_protocol(_PROTOCOL), Apparatus(rig, _controller(), "simulated"))
-    study = open_study(store, task, _PROTOCOL, clock, lambda code, visit: f"token-{code}-{visit}", None)
+    task = DetectionTask(parse_protocol(_LONG), Apparatus(rig, _controller(), "simulated"))
+    study = open_study(store, task, _LONG, clock, lambda code, visit: f"token-{code}-{visit}", None)
     for code in CODES:
         session = open_session(study, code)
         if session.stage == "consent":

@@ -31,6 +31,7 @@ import soundfile
 
 import tactuator
 from tactuator import __main__ as begin
+from witnesses.hard.sitting import protocol
 
 VERBS = [
     "init --out new.toml --protocol imece2004",
@@ -40,53 +41,23 @@ VERBS = [
     "design display.toml --out controller.json --figures figures",
     "wordlength controller.json --figures figures",
     "build controller.json --out new.tim",
-    "noise --controller controller.json --duration-s 1 --gains 2 --write noise.json",
+    "noise --controller controller.json --duration-s 3 --gains 2 --write noise.json",
     "measure --controller controller.json --frequency-hz 30,100 --confidence-db 2 --longest-s 1 --out new.h5",
     "measure --controller controller.json --frequency-hz 30,100 --confidence-db 2 --longest-s 1 --out new.csv "
     "--figures figures",
-    "waveforms --controller controller.json --out waveforms --duration 0.1",
+    "waveforms --controller controller.json --out waveforms --duration 0.1 --fingers index",
     "render speech.wav --controller controller.json --out new.wav --felt felt.wav --save-coding coding.toml",
-    "render speech.wav --controller controller.json --out new.h5 --figures figures",
+    "render speech.wav --controller controller.json --out new.h5 --felt felt.wav --figures figures",
     "firmware program --board mps2-an500 --out new.elf",
     "experiment enrol X9 --store lab.db",
     "experiment correct S1 --store lab.db --reason typed --group hearing-impaired",
     "experiment observe short.toml --store new.db --controller controller.json",
     "experiment observe short.toml --store lab.db --controller controller.json",
-    "experiment thresholds --store lab.db --curve-out curve.csv --figures figures",
+    "experiment thresholds --store lab.db --curve-out curve.csv --keep-flagged --figures figures",
     "experiment export --store lab.db --out tidy.csv",
     "experiment export --store lab.db --out psych --format psych-ds",
     "experiment export --store lab.db --out bids --format bids",
 ]
-SHORT = """
-[study]
-name = "short"
-seed = 7
-experimenter = "EX"
-consent = "You may stop at any time."
-[procedure]
-kind = "up-down"
-start_db_sl = 20
-steps_db = [4, 2]
-reversals = 4
-averaged = 2
-[conditions]
-fingers = ["index"]
-frequencies_hz = [30, 90, 210]
-[circumstances]
-contact_area_mm2 = 78.5
-masking_sound = "pink"
-[timing]
-stimulus_s = 0.05
-ramp_s = 0.01
-gap_s = 0.01
-lead_s = 0.01
-feedback_s = 0.0
-[session]
-practice_trials = 0
-break_after_trials = 1000
-[[subject]]
-code = "S1"
-"""
 LEVELS, INTERRUPTS = 20, 50
 _STATUSES = {0, 1, 2, 3, 130}
 
@@ -230,7 +201,7 @@ def _first_files(folder: Path) -> None:
         "record display.toml --out record.h5 --duration-s 10",
     ]:
         subprocess.run([sys.executable, "-m", "tactuator", *line.split()], check=False, stdout=subprocess.DEVNULL)
-    Path("short.toml").write_text(SHORT, encoding="utf-8")
+    Path("short.toml").write_text(protocol(4, ["S1"]), encoding="utf-8")
     noise = np.random.default_rng(1).standard_normal(16000) * np.repeat([0.1, 0.01, 0.1, 0.01], 4000)
     soundfile.write("speech.wav", noise, 16000)
     line = "experiment observe short.toml --store lab.db --controller controller.json"
