@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import subprocess
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -22,6 +23,7 @@ from tactuator.files import columns
 from tactuator.files.curve import read_curve
 from tactuator.files.display import parse_display
 from tactuator.files.formats import hdf5
+from tactuator.files.formats.text import read_content
 from tactuator.files.matrix import read_matrix
 from tactuator.files.model import read_model, write_model
 from tactuator.files.pairs import read_pairs
@@ -271,3 +273,21 @@ def test_mp3__with_junk_in_it__refused_in_one_line(tmp_path: Path, capfd: pytest
     (tmp_path / "r.mp3").write_bytes(content[: len(content) // 3] + bytes(100_000))
     one_line(lambda: scan_speech(tmp_path / "r.mp3"), "truncated|not readable")
     assert capfd.readouterr().err == ""
+
+
+def test_pipe__that_nobody_writes_to__is_empty_and_does_not_wait(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "p.csv")
+    one_line(lambda: read_pairs(tmp_path / "p.csv"), "no column 'displacement_mm'")
+
+
+def test_pipe__that_somebody_writes_to__is_read_to_its_end(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "p.csv")
+    writer = subprocess.Popen(["sh", "-c", f"(sleep 0.2; echo 1; sleep 0.2; echo 2) > {tmp_path / 'p.csv'}"])
+    with (tmp_path / "p.csv").open("rb") as opened:  # it is open before the reader comes, as a shell's <(...) is
+        assert read_content(tmp_path / "p.csv") + opened.read() == b"1\n2\n"
+    assert writer.wait(10) == 0
+
+
+def test_content__of_a_device_without_end__refused() -> None:
+    with pytest.raises(BadInput, match="more than 12 MB"):
+        read_content(Path("/dev/zero"))

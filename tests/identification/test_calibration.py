@@ -67,3 +67,14 @@ def test_fit_line__one_pair_off__is_refused_by_its_name(which: int, off: float) 
 def test_fit_line__no_line__is_refused(x, y, match: str) -> None:
     with pytest.raises(BadInput, match=match):
         fit_line(x, y)
+
+
+@pytest.mark.parametrize("value", [1e200, 1e10])
+def test_fit_line__a_number_whose_square_is_none__refused(value: float) -> None:
+    with pytest.raises(BadInput, match="finite numbers up to 1e"):
+        fit_line([1.0, 2.0, 3.0, 4.0, value], [1.0, 2.0, 3.0, 4.0, 5.0])
+
+
+def test_fit_line__a_range_whose_square_is_zero__refused() -> None:
+    with pytest.raises(BadInput, match="every displacement is the same"):
+        fit_line([0.0, 0.0, 0.0, 1e-300], [1.0, 2.0, 3.0, 4.0])

@@ -10,6 +10,8 @@ from scipy import stats
 
 from tactuator.errors import BadInput
 
+_LARGEST, _SMALLEST = 1e9, 1e-12
+"""Largest number (mm, V) and smallest range: far beyond any sensor, and their squares are still numbers."""
 _OUTLIER_PROBABILITY = 0.002
 """Chance, over all pairs together, of refusing one when none is wrong."""
 
@@ -73,10 +75,10 @@ def _check_pairs(x: NDArray[np.float64], y: NDArray[np.float64], labels: list[st
     if x.size < 4:
         raise BadInput(f"{x.size} pairs; allowed: 4 or more")
     for label, xk, yk in zip(labels, x, y, strict=True):
-        if not (np.isfinite(xk) and np.isfinite(yk)):
-            raise BadInput(f"{label} is ({xk:g} mm, {yk:g} V); allowed: finite numbers")
-    if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
-        what = "displacement" if np.ptp(x) == 0.0 else "voltage"
+        if not (abs(xk) <= _LARGEST and abs(yk) <= _LARGEST):
+            raise BadInput(f"{label} is ({xk:g} mm, {yk:g} V); allowed: finite numbers up to {_LARGEST:g}")
+    if np.ptp(x) <= _SMALLEST or np.ptp(y) <= _SMALLEST:
+        what = "displacement" if np.ptp(x) <= _SMALLEST else "voltage"
         raise BadInput(f"every {what} is the same; allowed: pairs that span a range")
 
 

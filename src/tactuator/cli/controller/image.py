@@ -10,6 +10,7 @@ from rich.table import Table
 from tactuator.cli.answer import answer
 from tactuator.errors import BadInput
 from tactuator.files.controller import read_controller
+from tactuator.files.formats.text import read_content
 from tactuator.runtime.image import REASONS, ImageHeader, ImageRefusal, check_image, read_image_header
 
 
@@ -53,9 +54,9 @@ def _is_of(path: Path, content: bytes, written: str, file: Path) -> bool:
 
 def _read(file: Path) -> bytes:
     try:
-        return file.read_bytes()
-    except OSError as error:
-        raise BadInput(f"image {file}: {error.strerror}; allowed: a file that `build` wrote") from None
+        return read_content(file)
+    except BadInput as error:
+        raise BadInput(f"image {file}: {error}; allowed: a file that `build` wrote") from None
 
 
 def image_rows(size: int, header: ImageHeader) -> dict[str, str]:

@@ -20,6 +20,7 @@ from tactuator.experiment.session.studies import open_study, task_of
 from tactuator.experiment.store.cells import Found
 from tactuator.experiment.store.lock import sessions_of
 from tactuator.experiment.store.opening import opened_store
+from tactuator.files.formats.text import read_text
 from tactuator.web.address import Address
 from tactuator.web.app import build_app
 from tactuator.web.lab import Lab
@@ -73,11 +74,9 @@ def _operator_token(path: Path | None) -> str:
     every user of the machine can read. Raises BadInput for one that may be guessed.
     """
     try:
-        given = os.environ.get(TOKEN_VARIABLE) if path is None else path.read_text("utf-8").partition("\n")[0].strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(
-            f"token file {path}: {getattr(error, 'strerror', 'it is not text')}; allowed: a text file"
-        ) from None
+        given = os.environ.get(TOKEN_VARIABLE) if path is None else read_text(path).partition("\n")[0].strip()
+    except BadInput as error:
+        raise BadInput(f"token file {path}: {error}; allowed: a text file") from None
     if given is None:
         return secrets.token_urlsafe(_SHORTEST_TOKEN)
     if len(given) < _SHORTEST_TOKEN or not given.isascii() or not given.isprintable() or " " in given:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import csv
 import json
+import os
 import re
 import tomllib
 from pathlib import Path
@@ -34,19 +35,36 @@ def encoding_of(head: bytes) -> str:
     return "utf-16-be" if pairs and not any(pairs[::2]) else "utf-8"
 
 
+def read_content(path: Path) -> bytes:
+    """Return the bytes of a file. A pipe that nobody writes to is empty: it does not wait for somebody who does.
+
+    Raises BadInput, with the reason alone, for a file that cannot be read or is larger than 12 MB.
+    """
+    try:
+        with open(path, "rb", opener=_not_waiting) as file:
+            content = file.read(LARGEST_BYTES + 1)
+    except OSError as error:
+        raise BadInput(error.strerror or "it cannot be read") from None
+    if len(content) > LARGEST_BYTES:
+        raise BadInput(f"it has more than {LARGEST_BYTES >> 20} MB")
+    return content
+
+
+def _not_waiting(path: str, flags: int) -> int:
+    handle = os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+    if hasattr(os, "O_NONBLOCK"):
+        os.set_blocking(handle, True)  # what is there is read to its end, whoever writes it
+    return handle
+
+
 def read_text(path: Path) -> str:
     """Return the text of a file without its byte-order mark.
 
-    Raises BadInput, with the reason alone, for a file that cannot be read, is no text, or is larger than 12 MB.
+    Raises BadInput, with the reason alone, as `read_content` and for what is no text.
     """
+    content = read_content(path)
     try:
-        with path.open("rb") as file:
-            content = file.read(LARGEST_BYTES + 1)
-        if len(content) > LARGEST_BYTES:
-            raise BadInput(f"it has more than {LARGEST_BYTES >> 20} MB")
         return content.decode(encoding_of(content[:64])).replace("\r\n", "\n").replace("\r", "\n")
-    except OSError as error:
-        raise BadInput(error.strerror or "it cannot be read") from None
     except UnicodeDecodeError:
         raise BadInput("it is not text") from None
 
