@@ -20,6 +20,7 @@ import time
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from tactuator.__main__ import main as program
@@ -135,10 +136,8 @@ def judge(reader: Reader, folder: Path, count: int, seed: int, broken: bool, con
         path = bad / reader.file
         path.unlink(missing_ok=True)
         what = lay(path, good, number, rng, contents)
-        if number in own:
-            status, said, seconds, most = _run(lambda: _by_command(reader.command, path), folder / "log")
-        else:
-            status, said, seconds, most = _run(lambda: _in_function(read, path), folder / "log")
+        work = partial(_by_command, reader.command, path) if number in own else partial(_in_function, read, path)
+        status, said, seconds, most = _run(work, folder / "log")
         found.answers += status == 0
         found.refusals += status == 2
         found.longest_s, found.largest_bytes = max(found.longest_s, seconds), max(found.largest_bytes, most)
@@ -152,7 +151,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--count", type=int, default=200, help="hostile files for each reader")
-    parser.add_argument("--only", default="", help="readers whose file holds this text")
+    parser.add_argument("--only", nargs="*", default=[""], help="readers whose file holds one of these texts")
     parser.add_argument("--broken", choices=["naive"])
     given = parser.parse_args()
     warm()
@@ -161,7 +160,7 @@ def main() -> int:
         folder = Path(place)
         try:
             make_files(folder, EXAMPLES / "displays/tactuator.toml", SHORT)
-            for reader in [one for one in READERS if given.only in one.file]:
+            for reader in [one for one in READERS if any(text in one.file for text in given.only)]:
                 found = judge(reader, folder, given.count, given.seed, bool(given.broken), contents)
                 total += given.count
                 bad += len(found.faults)

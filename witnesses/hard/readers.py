@@ -1,4 +1,4 @@
-"""Every reader of a file, with a whole file for it, the call that reads it, and a line of the command line that does."""
+"""Every reader of a file, with a whole file for it, the call that reads it, and a command that does."""
 
 from __future__ import annotations
 
