@@ -82,7 +82,7 @@ def _zipped() -> bytes:
 def bombs() -> tuple[bytes, ...]:
     """Return contents that no writer writes, of any format."""
     return (
-        b"", b"\n", b"\x00" * 4096, b"{}", b"[]", b"null", b"[" * 200_000, b'{"a":' * 100_000, b"a." * 100_000 + b"b = 1",
+        b"", b"\n", bytes(4096), b"{}", b"[]", b"null", b"[" * 200_000, b'{"a":' * 100_000, b"a." * 100_000 + b"b = 1",
         b"a = " + b"[" * 5000, b"a = " + b"9" * 5000, b"1," * 4_000_000, b"1\n" * 4_000_000, b"9" * 20_000_000,
         b'"' + b"a" * 20_000_000, gzip.compress(bytes(200_000_000)), _zipped(), b"RIFF\xff\xff\xff\xffWAVEfmt \xff\xff",
         b"fLaC" + b"\xff" * 500, b"SQLite format 3\x00" + b"\xff" * 4096, b"\x89HDF\r\n\x1a\n" + b"\xff" * 4096,

@@ -27,7 +27,7 @@ from tactuator.__main__ import main as program
 from tactuator.errors import TactuatorError
 from witnesses.hard.damage import bombs, lay
 from witnesses.hard.readers import EXAMPLES, READERS, Reader, make_files, warm
-from witnesses.hard.verbs import SHORT
+from witnesses.hard.sitting import protocol
 
 MOST_S, MOST_BYTES, BY_COMMAND = 10.0, 1 << 30, 20
 _STATUSES = {0, 1, 2, 3}
@@ -159,7 +159,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         try:
-            make_files(folder, EXAMPLES / "displays/tactuator.toml", SHORT)
+            make_files(folder, EXAMPLES / "displays/tactuator.toml", protocol(4, ["S1"]))
             for reader in [one for one in READERS if any(text in one.file for text in given.only)]:
                 found = judge(reader, folder, given.count, given.seed, bool(given.broken), contents)
                 total += given.count
