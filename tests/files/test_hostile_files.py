@@ -16,6 +16,8 @@ import pytest
 import scipy.io
 import soundfile
 
+from tactuator.corpus.journal import NAME as JOURNAL
+from tactuator.corpus.journal import open_journal
 from tactuator.display.plant_model import PlantModel
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import read_words
@@ -33,6 +35,7 @@ from tactuator.files.response import read_responses
 from tactuator.rig.boards import read_boards
 from tactuator.signals.record import Record
 from tactuator.speech.reading import scan_speech
+from tactuator.web.address import Address
 
 RNG = np.random.default_rng(0)
 U, Y = RNG.standard_normal((2, 4000)) * 0.1
@@ -291,3 +294,23 @@ def test_pipe__that_somebody_writes_to__is_read_to_its_end(tmp_path: Path) -> No
 def test_content__of_a_device_without_end__refused() -> None:
     with pytest.raises(BadInput, match="more than 12 MB"):
         read_content(Path("/dev/zero"))
+
+
+@pytest.mark.parametrize("read", [read_record, open_reference])
+def test_sound__that_looks_like_mp3__one_line_and_nothing_of_its_decoder(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], read: Callable[[Path], object]
+) -> None:
+    """Found by hostile files: a byte-order mark looks like a frame of MP3, whose decoder wrote nine lines."""
+    path = tmp_path / "reference.wav"
+    with write_reference(path, ReferenceHead(4000.0, ("index", "thumb"))) as writer:
+        writer.write(np.zeros((4000, 2)))
+    path.write_bytes(path.read_bytes().decode("latin-1").encode("utf-16"))
+    with pytest.raises(BadInput, match="allowed"):
+        read(path)
+    assert capfd.readouterr().err == ""
+
+
+def test_pipe__that_nobody_writes_to__keeps_neither_a_corpus_nor_a_server_waiting(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / JOURNAL)
+    one_line(lambda: open_journal(tmp_path, {}).__enter__(), "is a folder, a pipe or a device")
+    one_line(lambda: Address(certificate=tmp_path / JOURNAL), "is a pipe")

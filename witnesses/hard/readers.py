@@ -26,6 +26,7 @@ from tactuator.files.curve import read_curve, read_relative_curve
 from tactuator.files.display import read_display
 from tactuator.files.foreign_response import read_foreign_response
 from tactuator.files.formats.environment import read_environment
+from tactuator.files.formats.text import read_content
 from tactuator.files.matrix import read_matrix
 from tactuator.files.model import read_model
 from tactuator.files.pairs import read_pairs
@@ -77,7 +78,7 @@ def _record(path: Path) -> object:
 
 
 def _image(path: Path) -> object:
-    return read_image_header(path.read_bytes())
+    return read_image_header(read_content(path))
 
 
 def _environment(path: Path) -> object:

@@ -44,6 +44,8 @@ def open_journal(folder: Path, parameters: Mapping[str, Any]) -> Iterator[Journa
     path = folder / NAME
     head = json.dumps({"parameters": parameters}, sort_keys=True, allow_nan=False)
     lines = path.read_text(encoding="utf-8", errors="replace").split("\n") if path.is_file() else []
+    if path.exists() and not path.is_file():
+        raise BadInput(f"{path} is a folder, a pipe or a device; allowed: a file, or none yet")
     finished: dict[str, dict[str, Any]] = {}
     if lines and lines[0] == head:
         for line in lines[1:-1]:  # a whole line ends in a newline: what follows the last one was cut off

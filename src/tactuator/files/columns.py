@@ -17,7 +17,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.files.formats.cut_off import last_number_cut_off
 from tactuator.files.formats.hdf5 import opened_hdf5, require_survivable
-from tactuator.files.formats.sound import require_whole
+from tactuator.files.formats.sound import require_whole, without_remarks
 from tactuator.files.formats.table import read_table
 
 MOST_SAMPLES = 4_000_000
@@ -113,7 +113,7 @@ def _gather(name: str, value: Any, found: dict[str, FloatArray]) -> None:
 
 def _read_sound(path: Path) -> Columns:
     require_whole(path)
-    with soundfile.SoundFile(path) as sound:
+    with without_remarks(path), soundfile.SoundFile(path) as sound:
         if sound.channels < 2:
             raise BadInput("it has one channel; allowed: two or more, command and position")
         most = min(sound.frames, MOST_SAMPLES, MOST_VALUES // sound.channels)

@@ -28,7 +28,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.files.atomic import atomic_path, write_text
 from tactuator.files.formats.hdf5 import opened_hdf5, written_hdf5
-from tactuator.files.formats.sound import forget_time, require_whole
+from tactuator.files.formats.sound import forget_time, require_whole, without_remarks
 from tactuator.files.formats.text import read_finite_json
 
 FULL_SCALE_DB_SL = 60.0
@@ -267,15 +267,21 @@ def _finite(block: FloatArray, path: Path) -> FloatArray:
 
 def _rows(data: h5py.Dataset, start: int, count: int, path: Path) -> FloatArray:
     try:
-        return np.asarray(data[start : start + count], dtype=np.float64)
+        with np.errstate(invalid="ignore"):  # a signalling NaN is refused as any other
+            return np.asarray(data[start : start + count], dtype=np.float64)
     except (OSError, RuntimeError, ValueError) as error:
         raise BadInput(f"reference {path}: {str(error).splitlines()[0]}; allowed: a whole file") from None
+
+
+_WAVES = ("WAV", "WAVEX", "RF64", "W64")
 
 
 def _open_wav(path: Path) -> ReferenceFile:
     require_whole(path)
     beside = path.with_suffix(".json")
-    with soundfile.SoundFile(path) as file:
+    with without_remarks(path), soundfile.SoundFile(path) as file:
+        if file.format not in _WAVES:
+            raise BadInput(f"it is {file.format} inside; allowed: WAV")
         rate, width, frames, comment = file.samplerate, file.channels, file.frames, file.comment
     if beside.is_file():
         head = _head(read_finite_json(beside))

@@ -39,6 +39,9 @@ class Address:
             if self.key is not None:
                 raise BadInput("a TLS key without a certificate; allowed: both, or a certificate with its key")
             return
+        for file in (self.certificate, self.key):
+            if file is not None and file.is_fifo() and file.parent != Path("/dev/fd"):
+                raise BadInput(f"TLS file {file} is a pipe; allowed: a file in PEM form")
         try:
             # without a password of ours OpenSSL would ask at the terminal
             ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(self.certificate, self.key, password="")

@@ -165,7 +165,7 @@ def test_connection__to_a_console_without_a_rig__is_told_so():
 @pytest.mark.slow
 def test_console__with_a_rig_that_cannot_be_opened__ends_with_its_reason(capsys):
     named = str(EXAMPLES / "display.toml")
-    assert main(["console", named, "--rig", "board:socket://127.0.0.1:1", "--port", "0"]) == 2
+    assert main(["console", named, "--rig", "board:socket://127.0.0.1:1", "--port", "0"]) == 3
     assert "one where a board listens" in capsys.readouterr().err
 
 

@@ -64,7 +64,8 @@ class Store:
         with self.engine.connect() as connection:
             found = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
         if found != "ok":
-            raise BadInput(f"store {self.path} is damaged ({found}); allowed: a sound SQLite database")
+            reason = " ".join(str(found).split())
+            raise BadInput(f"store {self.path} is damaged ({reason}); allowed: a sound SQLite database")
 
     @contextmanager
     def begin(self) -> Iterator[Connection]:
