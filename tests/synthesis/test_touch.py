@@ -92,6 +92,20 @@ def test_design__adaptive__prefilter_gives_part_of_what_a_finger_still_takes() -
         assert np.mean((touched_db + free_db)[BAND_HZ > 50.0]) == pytest.approx(0.0, abs=0.2)
 
 
+def test_design__adaptive_and_a_load_beyond_what_can_be_fed__free_display_stays_on_the_curve() -> None:
+    own = read_display(EXAMPLES / "displays" / "tactuator.toml")
+    of = own.channels[0]
+    heavy = Load("palm", 4.0 * of.loads[0].mass, 4.0 * of.loads[0].damping, 4.0 * of.loads[0].stiffness)
+    own = replace(own, touch=Touch(adaptive=True), channels=(replace(of, loads=(*of.loads, heavy)),))
+    made = design_controller(own).channels[0]
+    free = TwoDegreeLoop(
+        made.prefilter(own.rate_hz),
+        made.feedback(own.rate_hz),
+        plant_family(of, own.rate_hz, own.delay_samples)[0].sampled,
+    )
+    assert np.max(np.abs(db(np.abs(free.position_response(BAND_HZ)) / of.threshold_voltage(BAND_HZ)))) < 1.0
+
+
 def test_design__no_loop__refuses() -> None:
     of = channel(feedback=FeedbackRequirements(structure="none"))
     free = replace(loops(channel(), display(channel()))[0], controller=None)

@@ -39,6 +39,8 @@ _NEAR_DB = 1.5
 _FITS_MAX = 12
 _TOWARDS_TOUCHED = 0.75
 """Share of what is not fed forward that the prefilter gives beforehand. At 20 dB SL the touched display varies more."""
+_RAISED_MAX_DB = 0.4
+"""The most that the free display gives away for a touched one: a load beyond what can be fed forward takes far more."""
 
 
 def design_controller(display: Display, poles: int | None = None, error_db: float | None = None) -> Controller:
@@ -184,7 +186,7 @@ def _still_taken_db(
     frequency_hz: FloatArray,
 ) -> FloatArray:
     """Return _TOWARDS_TOUCHED of what the channel's loads take of the level, in the mean, although they are fed
-    forward: part of their mass is not.
+    forward: part of their mass is not. Never more than _RAISED_MAX_DB.
     """
     response, taken_db = free.position_response(frequency_hz), [np.zeros_like(frequency_hz)]
     for member in members:
@@ -192,7 +194,8 @@ def _still_taken_db(
         touched = fed_response(fed, channel, free, loaded, member.load, frequency_hz, rate_hz)
         if touched is not None and member.model == 0:
             taken_db.append(db(np.abs(response / touched)))
-    return np.asarray(_TOWARDS_TOUCHED * np.mean(taken_db[1:] or taken_db, axis=0))
+    raised_db = _TOWARDS_TOUCHED * np.mean(taken_db[1:] or taken_db, axis=0)
+    return np.asarray(np.clip(raised_db, -_RAISED_MAX_DB, _RAISED_MAX_DB))
 
 
 def _at_rest(loop: TwoDegreeLoop, channel: Channel) -> float:
