@@ -32,8 +32,10 @@ from tactuator.files.pairs import read_pairs
 from tactuator.files.record import read_record, write_record
 from tactuator.files.reference import ReferenceHead, open_reference, write_reference
 from tactuator.files.response import read_responses
+from tactuator.files.start.shipped import EXAMPLES
 from tactuator.rig.boards import read_boards
 from tactuator.signals.record import Record
+from tactuator.speech.coding.file import read_coding
 from tactuator.speech.reading import scan_speech
 from tactuator.web.address import Address
 
@@ -314,3 +316,12 @@ def test_pipe__that_nobody_writes_to__keeps_neither_a_corpus_nor_a_server_waitin
     os.mkfifo(tmp_path / JOURNAL)
     one_line(lambda: open_journal(tmp_path, {}).__enter__(), "is a folder, a pipe or a device")
     one_line(lambda: Address(certificate=tmp_path / JOURNAL), "is a pipe")
+
+
+@pytest.mark.parametrize("rate", ["nan", "inf", "-1.0", "1e300"])
+def test_coding__analysis_at_a_rate_that_is_none__refused(tmp_path: Path, rate: str) -> None:
+    """Found by hostile files: NaN ended in a traceback as speech was rendered."""
+    path = tmp_path / "coding.toml"
+    text = (EXAMPLES / "coding.toml").read_text(encoding="utf-8")
+    path.write_text(text.replace("analysis_hz = 16000.0", f"analysis_hz = {rate}"), encoding="utf-8")
+    one_line(lambda: read_coding(path), "analysis_hz is")

@@ -120,13 +120,29 @@ def _naive(path: Path) -> object:
     return json.loads(path.read_bytes())
 
 
+def _require_whole_is_read(reader: Reader, folder: Path, found: Found) -> None:
+    """Count it as a fault where the reader or its command refuses the file as it was written."""
+    (folder / "bad").mkdir(exist_ok=True)
+    for one in folder.iterdir():
+        if one.name.startswith("reference"):
+            shutil.copy(one, folder / "bad")
+    path = folder / reader.file
+    works = [
+        partial(_in_function, reader.read, path),
+        *[partial(_by_command, reader.command, path)] * bool(reader.command),
+    ]
+    for work in works:
+        status, said, *_ = _run(work, folder / "log")
+        if status not in (0, 1):
+            found.faults.append(f"the whole file: status {status}: {said[-300:]}")
+
+
 def judge(reader: Reader, folder: Path, count: int, seed: int, broken: bool, contents: tuple[bytes, ...]) -> Found:
     """Give a reader its hostile files."""
     rng, found = random.Random(f"{seed} {reader.file}"), Found()
     good, bad, read = (folder / reader.file).read_bytes(), folder / "bad", _naive if broken else reader.read
     own = range(count - BY_COMMAND, count) if reader.command else range(0)
-    if reader.file == "token.txt":
-        own = range(count)
+    _require_whole_is_read(reader, folder, found)
     for number in range(count):
         shutil.rmtree(bad, ignore_errors=True)
         bad.mkdir()

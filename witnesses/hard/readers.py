@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -18,6 +19,7 @@ import soundfile
 
 import tactuator
 from tactuator.api.doing import thresholds
+from tactuator.cli.experiment.serve import _operator_token
 from tactuator.corpus.journal import open_journal
 from tactuator.experiment.language.words import read_words
 from tactuator.experiment.protocol.file import read_any_protocol
@@ -97,17 +99,16 @@ READERS = (
     Reader("bench.csv", _record, "identify {} --input drive --output encoder --time t --out o.json"),
     Reader("record.h5", _record, "identify {} --out o.json"),
     Reader("record.mat", _record, "identify {} --out o.json"),
-    Reader("record.wav", _record, "identify {} --out o.json"),
-    Reader("record.flac", _record),
+    Reader("record.wav", read_record, "identify {} --out o.json"),
+    Reader("record.flac", read_record),
     Reader("reference.wav", content_sha256, "play {} --controller controller.json"),
     Reader("reference.json", _scale, "play bad/reference.wav --controller controller.json"),
     Reader("reference.h5", content_sha256, "play {} --controller controller.json"),
     Reader("curve.csv", read_curve, "experiment thresholds --store lab.db --reference {}"),
-    Reader("loss.csv", read_relative_curve, "experiment simulate --procedure curve --runs 1 --trials 5 --truth {}"),
+    Reader("loss.csv", read_relative_curve, "experiment simulate --procedure curve --runs 2 --trials 5 --truth {}"),
     Reader("confusion.csv", read_matrix, "experiment information --matrix {}"),
     Reader("pairs.csv", read_pairs, "calibrate {}"),
     Reader("model.json", read_model),
-    Reader("responses.csv", read_responses),
     Reader("responses.h5", read_responses),
     Reader("sheet.csv", read_foreign_response, "identify {} --out o.json"),
     Reader("display.toml", read_display, "record {} --out o.h5 --duration-s 1"),
@@ -121,7 +122,7 @@ READERS = (
     Reader("lab.db", thresholds, "experiment thresholds --store {}"),
     Reader("coding.toml", read_coding, "render speech.wav --controller controller.json --coding {} --out o.wav"),
     Reader("environment.json", _environment),
-    Reader("token.txt", lambda path: None, "experiment serve --store lab.db --operator-token-file {} --port 1"),
+    Reader("token.txt", _operator_token),
     Reader("pair.pem", _certificate),
     *(
         Reader(f"speech.{kind}", scan_speech, "render {} --controller controller.json --out o.wav" * (kind != "rf64"))
@@ -135,6 +136,8 @@ def make_files(folder: Path, display: Path, short: str) -> None:
     os.chdir(folder)
     for name in ("bench.csv", "curve.csv", "loss.csv", "confusion.csv", "pairs.csv", "sheet.csv", "coding.toml"):
         (folder / name).write_bytes((EXAMPLES / name).read_bytes())
+    coding = (folder / "coding.toml").read_text(encoding="utf-8")
+    (folder / "coding.toml").write_text(re.sub("fingers = .*", 'fingers = ["index"]', coding), encoding="utf-8")
     (folder / "protocol.toml").write_text(short, encoding="utf-8")
     (folder / "identification.toml").write_bytes((EXAMPLES / "protocols/identification.toml").read_bytes())
     (folder / "display.toml").write_bytes(display.read_bytes())
@@ -168,7 +171,6 @@ def _by_the_program(folder: Path) -> None:
         "build controller.json --out image.tim",
         "identify bench.csv --input drive --output encoder --time t --out model.json",
         "measure --controller controller.json --frequency-hz 30,100 --longest-s 1 --out responses.h5",
-        "measure --controller controller.json --frequency-hz 30,100 --longest-s 1 --out responses.csv",
         "experiment observe protocol.toml --store lab.db --controller controller.json",
     ):
         subprocess.run([sys.executable, "-m", "tactuator", *line.split()], check=False, stdout=subprocess.DEVNULL)
