@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from timing import in_turn, of_program
 
 from tactuator.cli.verbs import VERBS
-from tactuator.display.controller import Controller
+from tactuator.model.controller import Controller
 from tactuator.paper import thresholds
 from tactuator.paper.controllers import paper_controller
 from tactuator.paper.plan import Plan, observers, paper_display

@@ -22,7 +22,7 @@ from timing import in_turn
 
 from tactuator.corpus.corpus import run_corpus
 from tactuator.corpus.workers import Here, LocalProcesses, Workers
-from tactuator.files.display import parse_display
+from tactuator.io.display import parse_display
 from tactuator.speech.coding.file import NAMED
 from tactuator.speech.job import RenderJob
 from tactuator.speech.synthesis import sample_path

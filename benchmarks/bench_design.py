@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from scipy import optimize
 
-from tactuator.display.description import Channel, Display, Threshold
-from tactuator.display.load import Load
-from tactuator.display.requirements import FeedbackRequirements
+from tactuator.model.description import Channel, Display, Threshold
+from tactuator.model.load import Load
+from tactuator.model.requirements import FeedbackRequirements
 from tactuator.perception.library import curve
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear

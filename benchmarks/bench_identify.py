@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from scipy import optimize, signal
 
-from tactuator.display.description import Channel, Display, Threshold
 from tactuator.identification.estimate.loops import recursive_least_squares
 from tactuator.identification.identify import identify
+from tactuator.model.description import Channel, Display, Threshold
 from tactuator.perception.library import curve
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.excitation import paper_mix

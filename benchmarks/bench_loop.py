@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from tactuator.display.controller import AntiWindup, ChannelController, Controller, Limits
-from tactuator.display.description import Channel, Display, Threshold
+from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.model.description import Channel, Display, Threshold
 from tactuator.perception.library import curve
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.runtime._core import ffi, lib

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from timing import in_turn, of_program
 
-from tactuator.display.description import Channel, Display, Threshold
-from tactuator.files.columns import read_columns
-from tactuator.files.record import write_record
+from tactuator.io.columns import read_columns
+from tactuator.io.record import write_record
+from tactuator.model.description import Channel, Display, Threshold
 from tactuator.perception.library import curve
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.excitation import paper_mix

@@ -19,8 +19,8 @@ import soundfile
 from scipy import signal
 from timing import in_turn
 
-from tactuator.display.controller import Controller
-from tactuator.files.display import parse_display
+from tactuator.io.display import parse_display
+from tactuator.model.controller import Controller
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.speech.coding.envelopes import DEFAULT
 from tactuator.speech.coding.file import NAMED

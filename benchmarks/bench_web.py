@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 from websockets.sync.client import ClientConnection, connect
 
-from tactuator.files.controller import write_controller
-from tactuator.files.display import parse_display
+from tactuator.io.controller import write_controller
+from tactuator.io.display import parse_display
 from tactuator.speech.waveforms import Component, WaveformSet, write_waveforms
 from tactuator.synthesis.design import design_controller
 

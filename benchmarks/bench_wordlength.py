@@ -8,8 +8,8 @@ from __future__ import annotations
 from bench_loop import paper_controller, paper_display
 from timing import in_turn
 
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
+from tactuator.model.controller import Controller
 from tactuator.wordlength.assessment import assess, holds
 from tactuator.wordlength.formats import FORMATS
 from tactuator.wordlength.resampled import at_rate

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from xdist.scheduler import LoadScopeScheduling
 
-from tactuator.display.controller import Controller
+from tactuator.model.controller import Controller
 from tests.three_fingers import three_finger_display
 
 pytest_plugins = ["tests.browser"]
@@ -28,7 +28,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 @pytest.fixture(scope="session")
 def controller() -> Controller:
     """A controller designed for a display with three fingers, once for all tests that play references."""
-    from tactuator.files.display import parse_display
+    from tactuator.io.display import parse_display
     from tactuator.synthesis.design import design_controller
 
     return design_controller(parse_display(three_finger_display()))

@@ -12,8 +12,8 @@ import numpy as np
 import soundfile
 from scipy import signal
 
-from tactuator.files.display import parse_display
-from tactuator.files.start.shipped import EXAMPLES
+from tactuator.io.display import parse_display
+from tactuator.io.start.shipped import EXAMPLES
 from tactuator.paper.plan import paper_display
 from tactuator.perception.library import curve
 from tactuator.rig.simulated import SimulatedRig

@@ -19,7 +19,7 @@ TASKS = {
     "wordlength": "number formats; loop, prefilter, verdict",
     "identification": "a model with its uncertainty, from a record",
     "runtime": "the core's binding: image, safety, simulation",
-    "files": "read and write; the nouns; L, S, T and margins",
+    "io": "read and write; the nouns; L, S, T and margins",
     "perception": "curves and levels; systems, stimuli, spectra",
     "arrays": "types of arrays; the tree of errors; helper processes",
 }

@@ -17,18 +17,45 @@
     │       └── SoundGap       a run on a sound card had a gap (rig/sound)
     └── StoreFault     2   the database of an experiment cannot be read or written
 
-Every message is one line: what was got, and what is allowed.
+An error is data: where it is (outermost first), which key, what was got and what is allowed. `str` makes the sentence
+of them, one line, and it is the only place that does; nothing reads a sentence.
 """
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Self
 
 
 class TactuatorError(Exception):
-    """An error with a message of one line for the person who asked; `exit_status` is the command line's."""
+    """An error for the person who asked; `exit_status` is the command line's.
+
+    got: what is wrong, with the value. allowed: what would be taken instead. where: file, table or object, outermost
+    first. key: the parameter at fault, by its name in the file or the call.
+    """
 
     exit_status = 2
 
+    def __init__(self, got: str, allowed: str = "", *, where: tuple[str, ...] = (), key: str = "") -> None:
+        super().__init__(got)
+        self.got, self.allowed, self.where, self.key = got, allowed, where, key
+
+    def within(self, *where: str) -> Self:
+        """Return the same error, told to lie within `where`, outermost first."""
+        self.where = (*where, *self.where)
+        return self
+
+    def __str__(self) -> str:
+        sentence = ": ".join([*self.where, f"{self.key} is {self.got}" if self.key else self.got])
+        return f"{sentence}; allowed: {self.allowed}" if self.allowed else sentence
+
+    def document(self) -> Mapping[str, Any]:
+        """Return the error as data, for a page."""
+        return {"where": list(self.where), "key": self.key, "got": self.got, "allowed": self.allowed}
+
 
 class BadInput(TactuatorError, ValueError):
-    """Input that cannot be used; the message tells what was got and what is allowed."""
+    """Input that cannot be used."""
 
 
 class NoDesign(TactuatorError, ValueError):

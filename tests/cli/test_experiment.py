@@ -10,7 +10,7 @@ from tactuator.experiment.protocol.file import parse_identification
 from tactuator.experiment.session.identification_plan import block_trials
 from tactuator.experiment.store.lock import sessions_of
 from tactuator.experiment.store.store import Store
-from tactuator.files.controller import write_controller
+from tactuator.io.controller import write_controller
 from tests.experiment.session.apparatuses import PROTOCOL
 from tests.experiment.session.identifying import controller, items, protocol_text  # noqa: F401
 

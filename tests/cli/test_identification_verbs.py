@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactuator.cli.main import main
-from tactuator.files.controller import write_controller
+from tactuator.io.controller import write_controller
 from tests.measure.loops import controller, display
 
 DISPLAY = """

@@ -7,8 +7,8 @@ import pytest
 
 from tactuator.cli import main
 from tactuator.experiment.protocol.file import read_identification
-from tactuator.files.start.shipped import example_names
-from tactuator.files.start.template import DISPLAY_KINDS
+from tactuator.io.start.shipped import example_names
+from tactuator.io.start.template import DISPLAY_KINDS
 from tests.cli.refusals import refused
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tactuator.cli import main
-from tactuator.files.controller import read_controller
-from tactuator.files.display import read_display
+from tactuator.io.controller import read_controller
+from tactuator.io.display import read_display
 from tactuator.measure.noise import felt_noise
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.synthesis.verdict import judge

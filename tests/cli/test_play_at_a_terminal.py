@@ -10,8 +10,8 @@ import time
 import numpy as np
 import pytest
 
-from tactuator.files.controller import write_controller
-from tactuator.files.reference import ReferenceHead, write_reference
+from tactuator.io.controller import write_controller
+from tactuator.io.reference import ReferenceHead, write_reference
 from tests.rig.guard.guarded import designed
 
 LONGEST_S = 120.0

@@ -14,9 +14,9 @@ import pytest
 import soundfile
 
 from tactuator.cli import main
-from tactuator.files.controller import write_controller
-from tactuator.files.display import parse_display
-from tactuator.files.reference import open_reference
+from tactuator.io.controller import write_controller
+from tactuator.io.display import parse_display
+from tactuator.io.reference import open_reference
 from tactuator.speech.synthesis import sample_path
 from tactuator.synthesis.design import design_controller
 

@@ -17,8 +17,8 @@ from websockets.sync.client import connect
 from tactuator.console.app import build_console
 from tactuator.console.scope.host import RigHost
 from tactuator.console.workshop import Workshop
-from tactuator.files.controller import write_controller
-from tactuator.files.start.shipped import EXAMPLES
+from tactuator.io.controller import write_controller
+from tactuator.io.start.shipped import EXAMPLES
 from tests.console.pages import TOKEN
 from tests.console.views.dropped import dropped
 from tests.web.access import requesting

@@ -11,8 +11,8 @@ from tactuator.console.figures import channel_figures, settled_figures
 from tactuator.console.shaping.factors import LoopShape
 from tactuator.console.workshop import FILE, Workshop
 from tactuator.errors import BadInput
-from tactuator.files.controller import controller_text, read_controller
-from tactuator.files.start.shipped import EXAMPLES
+from tactuator.io.controller import controller_text, read_controller
+from tactuator.io.start.shipped import EXAMPLES
 from tactuator.report.controller_table import design_rows, finding_row
 
 ONE = (EXAMPLES / "display.toml").read_text("utf-8").partition('[[channel]]\nname = "thumb"')[0]

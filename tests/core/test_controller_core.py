@@ -10,8 +10,8 @@ from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 from scipy import signal
 
-from tactuator.display.controller import AntiWindup, ChannelController, Limits
 from tactuator.errors import BadInput
+from tactuator.model.controller import AntiWindup, ChannelController, Limits
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.coefficients import delta_coefficients_single
 from tactuator.runtime.conditioning import conditioning

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactuator.display.description import Converter
+from tactuator.model.description import Converter
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.tables import converter_table
 

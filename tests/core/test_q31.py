@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import signal
 
-from tactuator.display.controller import AntiWindup, Limits
 from tactuator.errors import BadInput
+from tactuator.model.controller import AntiWindup, Limits
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.conditioning import conditioning, reference_max
 from tactuator.runtime.image import build_image

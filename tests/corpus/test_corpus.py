@@ -22,8 +22,8 @@ from tactuator.corpus.journal import NAME as JOURNAL
 from tactuator.corpus.task import CorpusOutcome, CorpusTask
 from tactuator.corpus.workers import ATTEMPTS_MAX, DaskCluster, Here, LocalProcesses
 from tactuator.errors import BadInput, DeviceFault
-from tactuator.files.display import parse_display
-from tactuator.files.reference import content_sha256
+from tactuator.io.display import parse_display
+from tactuator.io.reference import content_sha256
 from tactuator.speech.coding.direct import DirectCoding
 from tactuator.speech.job import RenderJob
 from tactuator.synthesis.design import design_controller
@@ -156,9 +156,7 @@ def test_run_corpus__half_written_files_of_a_killed_worker__swept(job, corpus, t
 def test_run_corpus__killed_within_a_file__what_is_left_has_a_name_that_is_swept(job, corpus, tmp_path):
     out = tmp_path / "out"
     (out / "speaker0").mkdir(parents=True)
-    script = (
-        "import os, sys\nfrom tactuator.files.atomic import atomic_path\nwith atomic_path(sys.argv[1]): os._exit(1)"
-    )
+    script = "import os, sys\nfrom tactuator.io.atomic import atomic_path\nwith atomic_path(sys.argv[1]): os._exit(1)"
     subprocess.run([sys.executable, "-c", script, str(out / "speaker0/word0.wav")], check=False)
     assert len(list(out.rglob(".*"))) == 1
     run_corpus(corpus, out, job, Here())

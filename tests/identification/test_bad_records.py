@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.files.foreign_response import is_response, read_foreign_response
-from tactuator.files.record import read_record
 from tactuator.identification.identify import identify
+from tactuator.io.foreign_response import is_response, read_foreign_response
+from tactuator.io.record import read_record
 from tactuator.signals.record import Record
 from tests.identification.others import Plant, band_limited
 

@@ -10,12 +10,12 @@ import pytest
 from scipy import signal
 
 from tactuator.cli.main import main
-from tactuator.files.record import write_record
 from tactuator.identification.evidence.excitation import ExcitationReport
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
 from tactuator.identification.trust import distrusted
 from tactuator.identification.valid_range import valid_range
+from tactuator.io.record import write_record
 from tactuator.signals.record import Record
 from tests.identification.plants import PAPER, RATE_HZ
 

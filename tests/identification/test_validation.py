@@ -9,10 +9,10 @@ import pytest
 
 from tactuator.cli.main import main
 from tactuator.errors import BadInput
-from tactuator.files.record import write_record
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
 from tactuator.identification.validation import validate
+from tactuator.io.record import write_record
 from tactuator.signals.record import Record
 from tests.identification.motors import motor
 from tests.identification.others import Plant, band_limited

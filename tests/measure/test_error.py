@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactuator.display.verdict import Finding
 from tactuator.measure.error import error_db, response_verdict
+from tactuator.model.verdict import Finding
 from tactuator.signals.response import Response
 from tests.synthesis.displays import channel, of
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from tactuator.display.controller import Controller
-from tactuator.display.load import DERIVATIVES
-from tactuator.files.display import parse_display
+from tactuator.io.display import parse_display
 from tactuator.measure.prediction import ChannelPrediction
+from tactuator.model.controller import Controller
+from tactuator.model.load import DERIVATIVES
 from tactuator.signals.decibels import db
 from tactuator.speech.limiter.limits import channel_limits
 from tactuator.synthesis.design import design_controller

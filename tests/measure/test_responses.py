@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactuator.display.description import Converter
-from tactuator.display.verdict import Outcome
 from tactuator.errors import BadInput
 from tactuator.measure.error import response_verdict
 from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.stepped_sine import stepped_sine
+from tactuator.model.description import Converter
+from tactuator.model.verdict import Outcome
 from tactuator.rig.simulated import SimulatedRig
 from tests.measure.loops import RATE_HZ, controller, display, full, loop_response, quiet
 

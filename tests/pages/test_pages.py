@@ -11,8 +11,8 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_any_protocol
-from tactuator.files.atomic import atomic_path
-from tactuator.files.display import parse_display
+from tactuator.io.atomic import atomic_path
+from tactuator.io.display import parse_display
 from tactuator.synthesis import design
 from tools.pages.blocks import commands, read_page
 from tools.pages.run import PageFault, make_folder, run_page

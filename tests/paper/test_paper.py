@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactuator.display.requirements import Objectives
 from tactuator.measure.noise import noise_verdict
+from tactuator.model.requirements import Objectives
 from tactuator.paper.objectives import judge_objectives
 from tactuator.paper.plan import LEVELS_DB_SL, MAINS_HZ, RESPONSE_HZ, THRESHOLD_HZ
 from tactuator.paper.publication.comparison import comparison

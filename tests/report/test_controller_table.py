@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from tactuator.display.verdict import Finding, Outcome
+from tactuator.model.verdict import Finding, Outcome
 from tactuator.report.controller_table import design_rows, finding_row, remark_lines
 
 REPORT = {

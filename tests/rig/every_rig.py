@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, contextmanager
 
 import numpy as np
 
-from tactuator.display.description import Display
+from tactuator.model.description import Display
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board_rigs import emulated_rig, in_process_rig

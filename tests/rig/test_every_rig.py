@@ -6,9 +6,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.measure.multisine_response import multisine_response
+from tactuator.model.controller import Controller
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.files.reference import ReferenceHead, open_reference, write_reference
+from tactuator.io.reference import ReferenceHead, open_reference, write_reference
 from tactuator.rig.player import play_reference
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.trace import Trace

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactuator.files.reference import ReferenceHead, open_reference, write_reference
+from tactuator.io.reference import ReferenceHead, open_reference, write_reference
 from tactuator.rig.board.link import LinkClient, Mode, RigFault
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.player import play_reference

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.display.controller import AntiWindup, ChannelController, Controller, Limits
-from tactuator.display.description import Channel, Display, Environment, Threshold
-from tactuator.display.load import Load
+from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.model.description import Channel, Display, Environment, Threshold
+from tactuator.model.load import Load
 from tactuator.perception.library import curve
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.systems import ContinuousSystem

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import integrate
 
-from tactuator.display.description import Channel, Converter
-from tactuator.display.load import Load
 from tactuator.errors import BadInput
+from tactuator.model.description import Channel, Converter
+from tactuator.model.load import Load
 from tactuator.runtime.held_plant import held_plants
 from tactuator.runtime.simulation import Simulation
 from tactuator.signals.systems import ContinuousSystem

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from tactuator.display.controller import AntiWindup, ChannelController, Limits
-from tactuator.display.description import Channel, Converter, Environment
 from tactuator.errors import BadInput
+from tactuator.model.controller import AntiWindup, ChannelController, Limits
+from tactuator.model.description import Channel, Converter, Environment
 from tactuator.runtime.many_loops import KERNELS, Loop, ManyLoops, kernels_available
 from tactuator.runtime.simulation import SimulatedBlock, Simulation
 from tactuator.signals.systems import ContinuousSystem

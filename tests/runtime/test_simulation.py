@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from tactuator.display.description import Converter, Environment
 from tactuator.errors import BadInput
 from tactuator.loop.feedback import FeedbackLoop
+from tactuator.model.description import Converter, Environment
 from tactuator.runtime.simulation import Simulation
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.systems import SampledSystem

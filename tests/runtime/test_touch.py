@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy import linalg
 from scipy.signal import butter, sosfilt
 
-from tactuator.display.controller import ChannelController, Controller
-from tactuator.display.description import Environment
-from tactuator.display.load import Load
 from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.model.controller import ChannelController, Controller
+from tactuator.model.description import Environment
+from tactuator.model.load import Load
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import FORMATS, ImageRefusal, build_image, check_image
 from tactuator.runtime.many_loops import Loop, ManyLoops

@@ -7,7 +7,7 @@ import pytest
 import soundfile
 
 from tactuator.errors import BadInput
-from tactuator.files.reference import content_sha256, open_reference
+from tactuator.io.reference import content_sha256, open_reference
 from tactuator.speech.coding.direct import DirectCoding
 from tactuator.speech.coding.file import NAMED
 from tactuator.speech.job import RenderJob, render_file

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from tactuator.display.requirements import FeedbackRequirements
+from tactuator.model.requirements import FeedbackRequirements
 from tactuator.signals.systems import ContinuousSystem
 
 Array = np.ndarray[Any, np.dtype[np.float64]]

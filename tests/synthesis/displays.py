@@ -6,10 +6,10 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from tactuator.display.controller import Controller
-from tactuator.display.description import Channel, Display, Threshold
-from tactuator.display.load import Load
-from tactuator.display.requirements import FeedbackRequirements, PrefilterRequirements
+from tactuator.model.controller import Controller
+from tactuator.model.description import Channel, Display, Threshold
+from tactuator.model.load import Load
+from tactuator.model.requirements import FeedbackRequirements, PrefilterRequirements
 from tactuator.perception.library import curve
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis import paper

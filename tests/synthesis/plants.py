@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tactuator.display.requirements import FeedbackRequirements
+from tactuator.model.requirements import FeedbackRequirements
 from tactuator.signals.systems import ContinuousSystem
 
 KINDS = ("resonator", "integrator with a mode", "mode and antiresonance", "motor with dead time")

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactuator.display.controller import AntiWindup, Controller
-from tactuator.display.description import Converter
 from tactuator.errors import BadInput, NoDesign
 from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.model.controller import AntiWindup, Controller
+from tactuator.model.description import Converter
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.systems import ContinuousSystem, SampledSystem

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from tactuator.arrays import FloatArray
-from tactuator.display.verdict import Finding, Outcome
+from tactuator.model.verdict import Finding, Outcome
 from tactuator.synthesis.drawn_verdict import drawn_assumptions, judge_drawn
 from tactuator.synthesis.monte_carlo import DrawnPlants, monte_carlo
 from tests.synthesis.displays import paper_alone, paper_controller

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import pytest
 
-from tactuator.display.description import Display, Threshold
-from tactuator.display.requirements import FeedbackRequirements
 from tactuator.errors import NoDesign
+from tactuator.model.description import Display, Threshold
+from tactuator.model.requirements import FeedbackRequirements
 from tactuator.perception.library import curve
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller

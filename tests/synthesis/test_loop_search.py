@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactuator.display.description import Display
-from tactuator.display.requirements import FeedbackRequirements
 from tactuator.errors import NoDesign
-from tactuator.files.display import read_display
+from tactuator.io.display import read_display
 from tactuator.loop.feedback import FeedbackLoop
+from tactuator.model.description import Display
+from tactuator.model.requirements import FeedbackRequirements
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import plant_family

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactuator.display.controller import ChannelController
-from tactuator.display.description import Channel, Display
 from tactuator.errors import BadInput, NoDesign
 from tactuator.loop.feedback import FeedbackLoop
+from tactuator.model.controller import ChannelController
+from tactuator.model.description import Channel, Display
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.sections import backward_difference
 from tactuator.signals.systems import ContinuousSystem

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactuator.display.description import Channel, Threshold
 from tactuator.errors import BadInput
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.loop.stability import UnstableLoop
+from tactuator.model.description import Channel, Threshold
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.perception.library import curve
 from tactuator.signals.decibels import db

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactuator.display.verdict import Finding, Outcome
-from tactuator.files.display import read_display
+from tactuator.io.display import read_display
+from tactuator.model.verdict import Finding, Outcome
 from tactuator.signals.decibels import db
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.verdict import judge
-from tests.display.beams import Beam, drawn
+from tests.model.beams import Beam, drawn
 
 RATE_HZ, BAND_HZ = 8000.0, (8.0, 300.0)
 DENSE = np.geomspace(*BAND_HZ, 4000)

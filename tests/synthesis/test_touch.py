@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import ChannelController, Controller
-from tactuator.display.description import Channel, Display
-from tactuator.display.load import Load
-from tactuator.display.requirements import FeedbackRequirements
-from tactuator.display.touch import FeedForward, Touch
-from tactuator.display.verdict import Finding, Outcome
 from tactuator.errors import BadInput
-from tactuator.files.display import read_display
-from tactuator.files.start.shipped import EXAMPLES
+from tactuator.io.display import read_display
+from tactuator.io.start.shipped import EXAMPLES
 from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.model.controller import ChannelController, Controller
+from tactuator.model.description import Channel, Display
+from tactuator.model.load import Load
+from tactuator.model.requirements import FeedbackRequirements
+from tactuator.model.touch import FeedForward, Touch
+from tactuator.model.verdict import Finding, Outcome
 from tactuator.runtime.simulation import Simulation
 from tactuator.signals.decibels import db
 from tactuator.signals.systems import ContinuousSystem

@@ -15,11 +15,11 @@ from typing import Any
 from playwright.sync_api import Page, expect
 
 from tactuator.cli.main import main
-from tactuator.display.controller import Controller
 from tactuator.experiment.procedure.procedure import Placement
 from tactuator.experiment.protocol.file import read_protocol
 from tactuator.experiment.protocol.plan import plan_runs, run_seed
-from tactuator.files.controller import write_controller
+from tactuator.io.controller import write_controller
+from tactuator.model.controller import Controller
 from tests.experiment.session.apparatuses import response_of
 
 ASKED = ".choice[aria-disabled=false]"

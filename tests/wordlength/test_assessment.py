@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tactuator.display.controller import Controller, Limits
 from tactuator.errors import BadInput
+from tactuator.model.controller import Controller, Limits
 from tactuator.runtime.image import build_image
 from tactuator.runtime.q31 import VOLTS_FULL_SCALE
 from tactuator.signals.discretise import zero_order_hold

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactuator.display.controller import AntiWindup
 from tactuator.errors import BadInput
+from tactuator.model.controller import AntiWindup
 from tactuator.runtime.coefficients import delta_coefficients
 from tactuator.runtime.image import FORMATS, ImageRefusal, build_image, check_image
 from tactuator.signals.sections import sections_response

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tactuator.display.description import Display
+from tactuator.model.description import Display
 from tactuator.runtime.coefficients import delta_coefficients
 from tactuator.runtime.q31 import REFERENCE_FULL_SCALE, VOLTS_FULL_SCALE, full_scales
 from tactuator.signals.discretise import zero_order_hold

@@ -21,7 +21,7 @@ import soundfile
 from tactuator.corpus import corpus, task
 from tactuator.corpus.corpus import CorpusResult, run_corpus
 from tactuator.corpus.workers import Here
-from tactuator.files.display import read_display
+from tactuator.io.display import read_display
 from tactuator.speech.coding.direct import DirectCoding
 from tactuator.speech.job import RenderJob
 from tactuator.synthesis.design import design_controller

@@ -23,18 +23,18 @@ from tactuator.cli.experiment.serve import _operator_token
 from tactuator.corpus.journal import open_journal
 from tactuator.experiment.language.words import read_words
 from tactuator.experiment.protocol.file import read_any_protocol
-from tactuator.files.controller import read_controller
-from tactuator.files.curve import read_curve, read_relative_curve
-from tactuator.files.display import read_display
-from tactuator.files.foreign_response import read_foreign_response
-from tactuator.files.formats.environment import read_environment
-from tactuator.files.formats.text import read_content
-from tactuator.files.matrix import read_matrix
-from tactuator.files.model import read_model
-from tactuator.files.pairs import read_pairs
-from tactuator.files.record import read_record, write_record
-from tactuator.files.reference import ReferenceHead, content_sha256, write_reference
-from tactuator.files.response import read_responses
+from tactuator.io.controller import read_controller
+from tactuator.io.curve import read_curve, read_relative_curve
+from tactuator.io.display import read_display
+from tactuator.io.foreign_response import read_foreign_response
+from tactuator.io.formats.environment import read_environment
+from tactuator.io.formats.text import read_content
+from tactuator.io.matrix import read_matrix
+from tactuator.io.model import read_model
+from tactuator.io.pairs import read_pairs
+from tactuator.io.record import read_record, write_record
+from tactuator.io.reference import ReferenceHead, content_sha256, write_reference
+from tactuator.io.response import read_responses
 from tactuator.rig.boards import read_boards
 from tactuator.runtime.image import read_image_header
 from tactuator.signals.record import Record

@@ -19,7 +19,6 @@ from datetime import UTC, datetime, timedelta
 from functools import cache
 from pathlib import Path
 
-from tactuator.display.controller import Controller
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.detection_task import DetectionTask
@@ -27,6 +26,7 @@ from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.store.answer_records import Answer
 from tactuator.experiment.store.store import Store
+from tactuator.model.controller import Controller
 from tactuator.paper.controllers import paper_controller
 from tactuator.paper.plan import paper_display
 from tactuator.rig.simulated import SimulatedRig

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import ChannelController
-from tactuator.display.description import Channel, Display
+from tactuator.model.controller import ChannelController
+from tactuator.model.description import Channel, Display
 from tactuator.runtime._core import ffi
 from tactuator.runtime.tables import controller_table
 from tactuator.runtime.touch_table import touch_table

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import ChannelController
-from tactuator.display.description import Channel, Display
-from tactuator.display.touch import Touch
-from tactuator.files.display import read_display
+from tactuator.io.display import read_display
+from tactuator.model.controller import ChannelController
+from tactuator.model.description import Channel, Display
+from tactuator.model.touch import Touch
 from tactuator.synthesis.design import design_controller
 
 WINDOW_S = 0.1

@@ -12,7 +12,7 @@ import sys
 
 import numpy as np
 
-from tactuator.display.controller import ChannelController
+from tactuator.model.controller import ChannelController
 from witnesses.touch import felt
 from witnesses.touch.device import Device
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
+from tactuator.model.controller import Controller
 from tactuator.runtime._core import ffi, lib
 from tests.rig.guard.guarded import Guarded, adaptive
 from tests.rig.guard.test_guard_adversary import adversary, misbehaving, signs

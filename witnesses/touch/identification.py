@@ -15,8 +15,8 @@ import numpy as np
 from scipy import stats
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
 from tactuator.measure.finger.play import measure_finger
+from tactuator.model.controller import Controller
 from tactuator.rig.rig import DisplayRig, Rig
 from tactuator.rig.trace import Trace
 from witnesses.touch import felt

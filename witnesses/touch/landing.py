@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import ChannelController
+from tactuator.model.controller import ChannelController
 from witnesses.touch import felt
 from witnesses.touch.device import Device
 from witnesses.touch.sounds import SOUNDS, spoken

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.signal import butter, sosfilt
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
+from tactuator.model.controller import Controller
 from tactuator.speech.render import render_array
 from witnesses.touch import felt
 

@@ -19,18 +19,18 @@ from tactuator.api.nouns import (
 )
 from tactuator.api.result import promoted
 from tactuator.api.verdict import whole_verdict
-from tactuator.display.controller import Controller
-from tactuator.display.description import Display
-from tactuator.files import controller as controller_file
-from tactuator.files import curve as curve_file
-from tactuator.files import display as display_file
-from tactuator.files import model as model_file
-from tactuator.files import record as record_file
-from tactuator.files.pairs import read_pairs
-from tactuator.files.start.shipped import copy_examples
 from tactuator.identification import identify as identification
 from tactuator.identification.calibration import fit_line
 from tactuator.identification.fixed.value import Fixed
+from tactuator.io import controller as controller_file
+from tactuator.io import curve as curve_file
+from tactuator.io import display as display_file
+from tactuator.io import model as model_file
+from tactuator.io import record as record_file
+from tactuator.io.pairs import read_pairs
+from tactuator.io.start.shipped import copy_examples
+from tactuator.model.controller import Controller
+from tactuator.model.description import Display
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.record import Record
 from tactuator.synthesis.design import design_controller

@@ -16,14 +16,14 @@ from tactuator.api.measured import (
     StoreThresholds,
 )
 from tactuator.api.result import promoted
-from tactuator.display.controller import Controller
 from tactuator.experiment.result import thresholds as threshold_runs
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
-from tactuator.files.atomic import atomic_folder
-from tactuator.files.reference import open_reference
+from tactuator.io.atomic import atomic_folder
+from tactuator.io.reference import open_reference
 from tactuator.measure.noise import felt_noise
 from tactuator.measure.stepped_sine import stepped_sine
+from tactuator.model.controller import Controller
 from tactuator.paper.plan import Plan, paper_display
 from tactuator.paper.publication.comparison import comparison
 from tactuator.paper.publication.publish import OWN_NAMES, publish

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tactuator.api.result import Result, lines_of, told
-from tactuator.display.description import Display
 from tactuator.experiment.result.thresholds import MeasuredThreshold
-from tactuator.files.atomic import atomic_path
-from tactuator.files.response import write_responses
+from tactuator.io.atomic import atomic_path
+from tactuator.io.response import write_responses
 from tactuator.measure.error import error_db
 from tactuator.measure.noise import FeltNoise
+from tactuator.model.description import Display
 from tactuator.rig.player import Played
 from tactuator.signals.response import Response
 

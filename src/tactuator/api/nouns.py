@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tactuator.api.result import Result, lines_of, told
-from tactuator.display.controller import Controller
-from tactuator.display.description import Display
-from tactuator.display.document import display_document
-from tactuator.display.plant_model import PlantModel
-from tactuator.display.verdict import Verdict
-from tactuator.files.controller import write_controller
-from tactuator.files.model import write_identified
 from tactuator.identification.calibration import Calibration
 from tactuator.identification.result import Identification
+from tactuator.io.controller import write_controller
+from tactuator.io.model import write_identified
+from tactuator.model.controller import Controller
+from tactuator.model.description import Display
+from tactuator.model.document import display_document
+from tactuator.model.plant_model import PlantModel
+from tactuator.model.verdict import Verdict
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.decibels import db
 from tactuator.signals.record import Record

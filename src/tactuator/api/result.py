@@ -29,11 +29,11 @@ class Result:
 
     def lines(self) -> Lines:
         """Return what `plot` draws; raises BadInput where there is nothing to draw."""
-        raise BadInput(f"{type(self).__name__} has nothing to draw; allowed: to_dict()")
+        raise BadInput(f"{type(self).__name__} has nothing to draw", "to_dict()")
 
     def columns(self) -> Mapping[str, Any]:
         """Return the table's columns of equal length, units in the names; raises BadInput where it is no table."""
-        raise BadInput(f"{type(self).__name__} is no table; allowed: to_dict()")
+        raise BadInput(f"{type(self).__name__} is no table", "to_dict()")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result in JSON's own types (infinite and undefined numbers as None)."""
@@ -47,7 +47,7 @@ class Result:
         try:
             pandas = import_module("pandas")
         except ImportError:
-            raise BadInput("pandas is not installed; allowed: pip install pandas, or to_dict()") from None
+            raise BadInput("pandas is not installed", "pip install pandas, or to_dict()") from None
         return pandas.DataFrame({name: np.asarray(values) for name, values in columns.items()})
 
     def plot(self, ax: Axes | None = None) -> Axes:

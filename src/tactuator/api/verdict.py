@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from tactuator.display.controller import Controller
-from tactuator.display.description import Display
-from tactuator.display.verdict import Verdict, verdict_of
+from tactuator.model.controller import Controller
+from tactuator.model.description import Display
+from tactuator.model.verdict import Verdict, verdict_of
 from tactuator.synthesis.drawn_verdict import drawn_assumptions, judge_drawn
 from tactuator.synthesis.monte_carlo import DrawnPlants
 from tactuator.synthesis.verdict import judge

@@ -8,10 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from tactuator.cli.answer import working
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
-from tactuator.files.controller import read_controller
-from tactuator.files.display import read_display
+from tactuator.io.controller import read_controller
+from tactuator.io.display import read_display
+from tactuator.model.controller import Controller
 
 
 def chosen_controller(display: Path | None, controller: Path | None) -> Controller:
@@ -27,10 +27,10 @@ def chosen_controller(display: Path | None, controller: Path | None) -> Controll
         try:
             made.require_runs(shown)
         except BadInput as error:
-            raise BadInput(f"{controller} was not designed for {display}: {error}") from None
+            raise error.within(f"{controller} was not designed for {display}") from None
         return replace(made, display=shown)
     if display is None:
-        raise BadInput("neither --display nor --controller; allowed: one of them")
+        raise BadInput("neither --display nor --controller", "one of them")
     from tactuator.synthesis.design import design_controller  # its solvers take a second to load
 
     with working("designing a controller"):
@@ -44,8 +44,8 @@ def require_stable(controller: Controller, load: str = "none") -> None:
     unstable = unstable_channels(controller, load)
     if unstable:
         raise BadInput(
-            f"the display's models call the loop of {', '.join(unstable)} unstable (load {load!r}); "
-            "allowed: a controller whose loop is stable there"
+            f"the display's models call the loop of {', '.join(unstable)} unstable (load {load!r})",
+            "a controller whose loop is stable there",
         )
 
 

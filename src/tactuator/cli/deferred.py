@@ -58,4 +58,4 @@ def _look_for(name: str, paths: Path | Sequence[Path] | None) -> None:
         try:
             path.stat()
         except OSError as error:
-            raise BadInput(f"{name} {path}: {error.strerror}; allowed: one that can be read") from None
+            raise BadInput(f"{name} {path}: {error.strerror}", "one that can be read") from None

@@ -110,7 +110,7 @@ def needed_verbs(arguments: Sequence[str]) -> Sequence[str]:
         return () if "--version" in arguments else VERBS
     if first in VERBS:
         if first in PARTS and len(arguments) == 1:
-            raise BadInput(f"{first}: no part of it is named; allowed: {', '.join(_parts_of(first))}")
+            raise BadInput(f"{first}: no part of it is named", f"{', '.join(_parts_of(first))}")
         return (first,)
     likely = get_close_matches(first, VERBS, n=1)
     meant = f"did you mean {likely[0]!r}? " if likely else ""

@@ -41,7 +41,7 @@ def checked_request(requests: TypeAdapter[Asked], text: str) -> Asked:
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(str(part) for part in first["loc"]) or "message"
-        raise BadInput(f"{where}: {first['msg']}; allowed: a request of the console's page") from None
+        raise BadInput(f"{where}: {first['msg']}", "a request of the console's page") from None
 
 
 def number_of(text: str) -> int | None:

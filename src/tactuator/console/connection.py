@@ -20,7 +20,7 @@ from tactuator.console.shaping.factors import LoopShape, shape_of
 from tactuator.console.shaping.moved_point import with_point_at
 from tactuator.console.workshop import Workshop
 from tactuator.errors import TactuatorError
-from tactuator.files.controller import controller_text
+from tactuator.io.controller import controller_text
 from tactuator.web.sockets import first_to_end, receive_text, send
 
 _DEFECT = "a defect of the console, which the server's log tells; what is in the page is still there"

@@ -30,13 +30,13 @@ class Drawer:
         """Keep a file and return its key. Raises BadInput for a name that is none, or a file that is too long."""
         plain = name.replace("\\", "/").rpartition("/")[2].strip()
         if not plain or plain.startswith(".") or len(plain) > _LONGEST_NAME or not plain.isprintable():
-            raise BadInput(f"a file named {name[:60]!r}; allowed: a name of 1 to {_LONGEST_NAME} characters")
+            raise BadInput(f"a file named {name[:60]!r}", f"a name of 1 to {_LONGEST_NAME} characters")
         key, place = self.place()
         try:
             await _written(place / plain, blocks)
         except OSError as error:
             shutil.rmtree(place, ignore_errors=True)
-            raise BadInput(f"{plain} cannot be kept: {error.strerror or error}; allowed: one that fits") from None
+            raise BadInput(f"{plain} cannot be kept: {error.strerror or error}", "one that fits") from None
         except BaseException:
             shutil.rmtree(place, ignore_errors=True)
             raise
@@ -46,7 +46,7 @@ class Drawer:
     def path(self, key: str) -> Path:
         """Return the file of a key. Raises BadInput for one that is not there (any more)."""
         if key not in self._files:
-            raise BadInput("that file is not on the server any more; allowed: drop it again")
+            raise BadInput("that file is not on the server any more", "drop it again")
         return self._files[key]
 
     def place(self) -> tuple[str, Path]:
@@ -91,5 +91,5 @@ async def _written(path: Path, blocks: AsyncIterator[bytes]) -> None:
         async for block in blocks:
             length += len(block)
             if length > BYTES_MAX:
-                raise BadInput(f"{path.name} has more than {BYTES_MAX // 2**20} MB; allowed: a shorter file")
+                raise BadInput(f"{path.name} has more than {BYTES_MAX // 2**20} MB", "a shorter file")
             file.write(block)

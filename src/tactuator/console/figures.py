@@ -8,8 +8,8 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from tactuator.console.chart.bench import Bench
-from tactuator.display.controller import ChannelController, Controller
-from tactuator.display.verdict import Finding, Verdict, verdict_of
+from tactuator.model.controller import ChannelController, Controller
+from tactuator.model.verdict import Finding, Verdict, verdict_of
 from tactuator.report.controller_table import FINDING_COLUMNS, design_rows, finding_row
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.design import assemble

@@ -15,13 +15,13 @@ from tactuator.console.drawer import Drawer
 from tactuator.console.figures import channel_controller
 from tactuator.console.shaping.factors import Factor, LoopShape
 from tactuator.console.shaping.taken_apart import taken_apart
-from tactuator.display.controller import ChannelController, Controller
-from tactuator.display.description import Display
 from tactuator.errors import BadInput
-from tactuator.files.display import parse_display, read_display
-from tactuator.files.formats.text import parse_toml, read_text
-from tactuator.files.start.shipped import EXAMPLES, example_names
+from tactuator.io.display import parse_display, read_display
+from tactuator.io.formats.text import parse_toml, read_text
+from tactuator.io.start.shipped import EXAMPLES, example_names
 from tactuator.loop.feedback import FeedbackLoop
+from tactuator.model.controller import ChannelController, Controller
+from tactuator.model.description import Display
 from tactuator.signals.decibels import db
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.design import design_channel
@@ -74,10 +74,8 @@ class Workshop:
         if key.startswith(_EXAMPLE) and name in example_names() and name.endswith(".toml"):
             return EXAMPLES / name
         if key.startswith(_TEXT):
-            raise BadInput(
-                "that text of a display is not on the server any more; allowed: open it from the view Display"
-            )
-        raise BadInput(f"display {key!r}; allowed: {FILE} where one was named, or an example's key")
+            raise BadInput("that text of a display is not on the server any more", "open it from the view Display")
+        raise BadInput(f"display {key!r}", f"{FILE} where one was named, or an example's key")
 
     def text(self, key: str) -> str:
         """Return the text of a display's file, or the one that was written on the page."""
@@ -128,7 +126,7 @@ class Workshop:
             display = self.display(key)
             described = display.channel(channel)
             if described.feedback.structure == "none":
-                raise BadInput(f"channel {channel!r} has no loop (structure is none); allowed: a channel with one")
+                raise BadInput(f"channel {channel!r} has no loop (structure is none)", "a channel with one")
             made = bench(display, described)
             _keep(self._benches, (key, channel), made, _BENCHES)
         return made
@@ -209,7 +207,7 @@ class Workshop:
             elif channel.name in shapes:
                 made.append(self.made(key, channel.name, shapes[channel.name]))
             else:
-                raise BadInput(f"channel {channel.name!r} has no loop yet; allowed: a loop for every channel")
+                raise BadInput(f"channel {channel.name!r} has no loop yet", "a loop for every channel")
         return Controller(display, tuple(made), __version__)
 
 

@@ -17,7 +17,7 @@ from tactuator.corpus.journal import open_journal
 from tactuator.corpus.task import CorpusOutcome, CorpusTask
 from tactuator.corpus.workers import Workers
 from tactuator.errors import BadInput
-from tactuator.files.atomic import sweep_half_written, write_text
+from tactuator.io.atomic import sweep_half_written, write_text
 from tactuator.speech.coding.file import coding_document
 from tactuator.speech.job import RenderJob
 
@@ -99,7 +99,7 @@ def _make(out: Path) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise BadInput(f"{out} cannot be made: {error.strerror}; allowed: a folder that can be written") from None
+        raise BadInput(f"{out} cannot be made: {error.strerror}", "a folder that can be written") from None
 
 
 @contextmanager
@@ -110,7 +110,7 @@ def _alone_in(out: Path) -> Iterator[None]:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield
     except BlockingIOError:
-        raise BadInput(f"{out}: another run writes into it; allowed: one at a time") from None
+        raise BadInput(f"{out}: another run writes into it", "one at a time") from None
     finally:
         os.close(handle)
 

@@ -28,7 +28,7 @@ def find_items(folder: str | Path, out: str | Path, ending: str = ".wav") -> tup
     """
     folder, out = Path(folder), Path(out)
     if not folder.is_dir():
-        raise BadInput(f"{folder} is not a folder; allowed: a folder of speech files")
+        raise BadInput(f"{folder} is not a folder", "a folder of speech files")
     inside = out.resolve()
     found = sorted(
         path.relative_to(folder).as_posix()
@@ -36,7 +36,7 @@ def find_items(folder: str | Path, out: str | Path, ending: str = ".wav") -> tup
         if path.suffix.lower() in ENDINGS and not path.name.startswith(".") and inside not in path.resolve().parents
     )
     if not found:
-        raise BadInput(f"{folder} holds no speech file; allowed: files ending in {', '.join(ENDINGS)}")
+        raise BadInput(f"{folder} holds no speech file", f"files ending in {', '.join(ENDINGS)}")
     plain = {source: Path(source).with_suffix(ending).as_posix() for source in found}
     taken = Counter(plain.values())
     return tuple(Item(s, plain[s] if taken[plain[s]] == 1 else s + ending) for s in found)

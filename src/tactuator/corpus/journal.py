@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from tactuator.errors import BadInput
-from tactuator.files.formats.text import parse_finite_json
+from tactuator.io.formats.text import parse_finite_json
 
 NAME = "journal.jsonl"
 
@@ -30,9 +30,7 @@ class Journal:
             self._file.write(json.dumps({"item": item, **entry}, sort_keys=True, allow_nan=False) + "\n")
             self._file.flush()
         except OSError as error:
-            raise BadInput(
-                f"{self._file.name}: cannot be written ({error.strerror}); allowed: a disk with room"
-            ) from None
+            raise BadInput(f"{self._file.name}: cannot be written ({error.strerror})", "a disk with room") from None
         self.finished[item] = dict(entry)
 
 
@@ -45,7 +43,7 @@ def open_journal(folder: Path, parameters: Mapping[str, Any]) -> Iterator[Journa
     head = json.dumps({"parameters": parameters}, sort_keys=True, allow_nan=False)
     lines = path.read_text(encoding="utf-8", errors="replace").split("\n") if path.is_file() else []
     if path.exists() and not path.is_file():
-        raise BadInput(f"{path} is a folder, a pipe or a device; allowed: a file, or none yet")
+        raise BadInput(f"{path} is a folder, a pipe or a device", "a file, or none yet")
     finished: dict[str, dict[str, Any]] = {}
     if lines and lines[0] == head:
         for line in lines[1:-1]:  # a whole line ends in a newline: what follows the last one was cut off
@@ -60,7 +58,7 @@ def open_journal(folder: Path, parameters: Mapping[str, Any]) -> Iterator[Journa
                 journal.add(item, entry)
             yield journal
     except OSError as error:
-        raise BadInput(f"{path}: cannot be written ({error.strerror}); allowed: a folder that can be written") from None
+        raise BadInput(f"{path}: cannot be written ({error.strerror})", "a folder that can be written") from None
 
 
 def _entry(line: str) -> dict[str, Any] | None:

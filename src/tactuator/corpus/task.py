@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from tactuator.corpus.items import file_sha256, written_sha256
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
-from tactuator.files.controller import parse_controller
+from tactuator.io.controller import parse_controller
+from tactuator.model.controller import Controller
 from tactuator.speech.coding.coding import Coding
 from tactuator.speech.coding.file import parse_coding
 from tactuator.speech.job import RenderJob, render_file

@@ -43,7 +43,7 @@ class LocalProcesses:
 
     def __init__(self, count: int | None = None) -> None:
         if count is not None and count < 1:
-            raise BadInput(f"{count} workers; allowed: one or more")
+            raise BadInput(f"{count} workers", "one or more")
         self.count = (os.cpu_count() or 1) if count is None else count
 
     def outcomes(self, tasks: Sequence[CorpusTask]) -> Iterator[CorpusOutcome]:
@@ -106,7 +106,7 @@ class DaskCluster:
         try:
             import distributed  # noqa: PLC0415  (an extra)
         except ImportError:
-            raise BadInput("dask.distributed is not installed; allowed: pip install 'tactuator[batch]'") from None
+            raise BadInput("dask.distributed is not installed", "pip install 'tactuator[batch]'") from None
         self._distributed = distributed
         for name in ("distributed", "distributed.client"):
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what happens is told in a line of ours
@@ -119,7 +119,7 @@ class DaskCluster:
         if refused:
             # the client that failed ends here: collected while another one starts, it would wait for that one's lock
             gc.collect()
-            raise BadInput(f"no Dask scheduler at {address!r} ({refused}); allowed: the address of one that runs")
+            raise BadInput(f"no Dask scheduler at {address!r} ({refused})", "the address of one that runs")
 
     def outcomes(self, tasks: Sequence[CorpusTask]) -> Iterator[CorpusOutcome]:
         """Yield one outcome for every task, as the tasks are done; the scheduler gives a killed worker's tasks to
@@ -129,7 +129,7 @@ class DaskCluster:
             yield from self._outcomes(tasks)
         except (self._distributed.client.FutureCancelledError, CancelledError, OSError):
             raise DeviceFault(
-                f"the Dask scheduler at {self._address!r} has ended; allowed: the command again; it keeps what is done"
+                f"the Dask scheduler at {self._address!r} has ended", "the command again; it keeps what is done"
             ) from None
 
     def _outcomes(self, tasks: Sequence[CorpusTask]) -> Iterator[CorpusOutcome]:

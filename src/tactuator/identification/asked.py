@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactuator.display.load import DERIVATIVES
 from tactuator.errors import BadInput
 from tactuator.identification.fixed.value import Fixed, contradiction
 from tactuator.identification.forms.known import Known
 from tactuator.identification.spectral.hold import HOLDS
+from tactuator.model.load import DERIVATIVES
 
 
 @dataclass(frozen=True)
@@ -30,21 +30,21 @@ class Asked:
 
     def __post_init__(self) -> None:
         if self.order is not None and not 1 <= self.order <= 8:
-            raise BadInput(f"order {self.order}; allowed: 1 to 8")
+            raise BadInput(f"order {self.order}", "1 to 8")
         if self.quantity not in DERIVATIVES:
-            raise BadInput(f"quantity {self.quantity!r}; allowed: {', '.join(DERIVATIVES)}")
+            raise BadInput(f"quantity {self.quantity!r}", f"{', '.join(DERIVATIVES)}")
         if self.hold not in ("auto", *HOLDS):
-            raise BadInput(f"hold {self.hold!r}; allowed: auto, {', '.join(HOLDS)}")
+            raise BadInput(f"hold {self.hold!r}", f"auto, {', '.join(HOLDS)}")
         most = self.order if self.order is not None else 8
         if self.zeros is not None and not DERIVATIVES[self.quantity] <= self.zeros <= most:
-            raise BadInput(f"{self.zeros} zeros; allowed: {DERIVATIVES[self.quantity]} to {most}")
+            raise BadInput(f"{self.zeros} zeros", f"{DERIVATIVES[self.quantity]} to {most}")
         if not 0 <= self.integrators <= most:
-            raise BadInput(f"{self.integrators} integrators; allowed: 0 to {most}")
+            raise BadInput(f"{self.integrators} integrators", f"0 to {most}")
         if self.delay_s is not None and not 0.0 <= self.delay_s < np.inf:
-            raise BadInput(f"a dead time of {self.delay_s:g} s; allowed: zero or more")
+            raise BadInput(f"a dead time of {self.delay_s:g} s", "zero or more")
         against = contradiction(self.fixed, self.order, self.zeros, self.integrators, DERIVATIVES[self.quantity])
         if against is not None:
-            raise BadInput(f"{against}; allowed: values that do not contradict each other or the form")
+            raise BadInput(f"{against}", "values that do not contradict each other or the form")
 
     def known(self, ratio: float) -> Known:
         """Return what this says of the form of responses in units of `ratio`; a velocity has a zero at s = 0."""

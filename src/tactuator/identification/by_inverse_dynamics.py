@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactuator.display.plant_model import PlantModel
 from tactuator.identification.by_prediction import Prepared, usual_band
 from tactuator.identification.estimate.friction import Friction
 from tactuator.identification.estimate.inverse_dynamics import Motor, motor_estimate
 from tactuator.identification.evidence.residuals import ResidualTests
 from tactuator.identification.result import BetweenSamples, Identification
+from tactuator.model.plant_model import PlantModel
 
 _RULES = 0.1
 """Coulomb level over the command's deviation from which on friction rules a record."""

@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.load import DERIVATIVES
-from tactuator.display.plant_model import Excess, PlantModel
 from tactuator.errors import BadInput
 from tactuator.identification.estimate.friction import Friction, seen_presliding
 from tactuator.identification.estimate.recursive import identify_recursively
@@ -23,6 +21,8 @@ from tactuator.identification.fixed.value import Fixed
 from tactuator.identification.result import Identification
 from tactuator.identification.selection import Candidate
 from tactuator.identification.valid_range import valid_range_of
+from tactuator.model.load import DERIVATIVES
+from tactuator.model.plant_model import Excess, PlantModel
 from tactuator.signals.record import Record
 
 _BENT = 4.0
@@ -196,7 +196,7 @@ def recursive(common: Prepared, forgetting: float) -> Identification:
     order = common.order or 2
     integrated = DERIVATIVES[common.quantity]
     if integrated >= order:
-        raise BadInput(f"order {order} for a {common.quantity} by least squares; allowed: {integrated + 1} or more")
+        raise BadInput(f"order {order} for a {common.quantity} by least squares", f"{integrated + 1} or more")
     estimate = identify_recursively(
         samples.command, samples.position, samples.rate_hz, poles=order, zeros=integrated, forgetting=forgetting
     )

@@ -9,7 +9,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from tactuator.arrays import FloatArray
-from tactuator.display.plant_model import Excess, PlantModel
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
 from tactuator.identification.fixed.standing import FixedAgainstOwn, cancelled, disagrees, exact, said_of_disagreement
@@ -19,6 +18,7 @@ from tactuator.identification.spectral.likelihood import SpectralFit, informatio
 from tactuator.identification.spectral.lines import LocalResponse
 from tactuator.identification.spectral.search import TIE, Choice, choose, propose
 from tactuator.identification.spectral.uncertainty import left_over, log_slopes, moved, physical
+from tactuator.model.plant_model import Excess, PlantModel
 from tactuator.signals.frequency_response import FrequencyResponse
 
 _STEPS = 40
@@ -95,14 +95,14 @@ def _identify_response(given: FrequencyResponse, asked: Asked, note: Callable[[s
     local, rate_hz, scale = _prepared(given)
     delay_s = 0.0 if given.phase_rad is None and asked.delay_s is None else asked.delay_s
     if by_magnitude and asked.fixed:
-        raise BadInput("fixed values with a magnitude without phase; allowed: with a response of both, or a record")
+        raise BadInput("fixed values with a magnitude without phase", "with a response of both, or a record")
     known = replace(asked, delay_s=delay_s).known(1.0)
     problem = Starter(local, rate_hz, "band-limited", scale).problem
 
     def best_of(wanted: Known, near: Sequence[SpectralFit] = ()) -> Choice:
         fits = propose(local, rate_hz, scale, ("band-limited",), wanted, note, near={"band-limited": near})
         if not fits["band-limited"]:
-            raise BadInput("no model of the form asked for fits the response; allowed: another order, or more zeros")
+            raise BadInput("no model of the form asked for fits the response", "another order, or more zeros")
         # forms beside the best one are tried from it: a pole and a zero that all but cancel go together
         return choose(problem.given, fits["band-limited"], "band-limited", wanted, weight=problem.weight)
 

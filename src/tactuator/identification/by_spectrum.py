@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.plant_model import Excess, PlantModel
 from tactuator.identification.by_prediction import Prepared, usual_band
 from tactuator.identification.estimate.loops import dahl_state
 from tactuator.identification.estimate.refined import Samples
@@ -39,6 +38,7 @@ from tactuator.identification.spectral.uncertainty import (
     response_of_rows,
 )
 from tactuator.identification.valid_range import moved_range, valid_range
+from tactuator.model.plant_model import Excess, PlantModel
 
 _TABLE = 120
 _FLOOR = 5e-4

@@ -65,21 +65,21 @@ def fit_line(
     kept = _kept_pairs(x, y)
     if kept.sum() < max(4, 0.75 * x.size):
         bad = ", ".join(label for label, keep in zip(labels, kept, strict=True) if not keep)
-        raise BadInput(f"{x.size - kept.sum()} of {x.size} pairs are off the line ({bad}); allowed: a quarter at most")
+        raise BadInput(f"{x.size - kept.sum()} of {x.size} pairs are off the line ({bad})", "a quarter at most")
     return _line(x, y, kept, gauge_error_mm, labels)
 
 
 def _check_pairs(x: NDArray[np.float64], y: NDArray[np.float64], labels: list[str]) -> None:
     if x.ndim != 1 or x.shape != y.shape or len(labels) != x.size:
-        raise BadInput(f"{x.size} displacements, {y.size} voltages, {len(labels)} names; allowed: as many of each")
+        raise BadInput(f"{x.size} displacements, {y.size} voltages, {len(labels)} names", "as many of each")
     if x.size < 4:
-        raise BadInput(f"{x.size} pairs; allowed: 4 or more")
+        raise BadInput(f"{x.size} pairs", "4 or more")
     for label, xk, yk in zip(labels, x, y, strict=True):
         if not (abs(xk) <= _LARGEST and abs(yk) <= _LARGEST):
-            raise BadInput(f"{label} is ({xk:g} mm, {yk:g} V); allowed: finite numbers up to {_LARGEST:g}")
+            raise BadInput(f"{label} is ({xk:g} mm, {yk:g} V)", f"finite numbers up to {_LARGEST:g}")
     if np.ptp(x) <= _SMALLEST or np.ptp(y) <= _SMALLEST:
         what = "displacement" if np.ptp(x) <= _SMALLEST else "voltage"
-        raise BadInput(f"every {what} is the same; allowed: pairs that span a range")
+        raise BadInput(f"every {what} is the same", "pairs that span a range")
 
 
 def _kept_pairs(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -122,7 +122,7 @@ def _line(
     centre, spread = x[kept].mean(), np.sum((x[kept] - x[kept].mean()) ** 2)
     true_spread = spread - kept.sum() * gauge_error_mm**2
     if true_spread <= 0.5 * spread:
-        raise BadInput(f"gauge_error_mm is {gauge_error_mm:g}; allowed: small against the displacements' own spread")
+        raise BadInput(f"gauge_error_mm is {gauge_error_mm:g}", "small against the displacements' own spread")
     gain *= spread / true_spread
     offset = float(y[kept].mean() - gain * centre)
     residual = y - offset - gain * x

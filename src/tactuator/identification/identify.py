@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from tactuator.display.load import DERIVATIVES
 from tactuator.errors import BadInput
 from tactuator.identification import by_spectrum
 from tactuator.identification.asked import Asked
@@ -23,6 +22,7 @@ from tactuator.identification.result import BetweenSamples, Identification
 from tactuator.identification.selection import choose_structure
 from tactuator.identification.spectral.hold import HOLDS, Hold
 from tactuator.identification.trust import distrusted
+from tactuator.model.load import DERIVATIVES
 from tactuator.signals.record import Record
 
 LONGEST = 1_000_000
@@ -57,11 +57,11 @@ def _identify(
     records: Sequence[Record], method: str, forgetting: float, note: Callable[[str], None], asked: Asked
 ) -> Identification:
     if method not in METHODS:
-        raise BadInput(f"method {method!r}; allowed: {', '.join(METHODS)}")
+        raise BadInput(f"method {method!r}", f"{', '.join(METHODS)}")
     if method != "refined" and len(records) > 1:
-        raise BadInput(f"{len(records)} records with the method {method!r}; allowed: several with 'refined' alone")
+        raise BadInput(f"{len(records)} records with the method {method!r}", "several with 'refined' alone")
     if method != "refined" and asked.fixed:
-        raise BadInput(f"fixed values with the method {method!r}; allowed: with 'refined' alone")
+        raise BadInput(f"fixed values with the method {method!r}", "with 'refined' alone")
     common = _prepared(records, asked)
     if method == "rls":
         return distrusted(recursive(common, forgetting), common)
@@ -113,13 +113,13 @@ def _require_alike(records: Sequence[Record]) -> None:
     first = records[0]
     for k, one in enumerate(records[1:], start=2):
         if abs(one.rate_hz / first.rate_hz - 1.0) > 1e-6:
-            raise BadInput(f"record {k} has {one.rate_hz:g} Hz, the first {first.rate_hz:g} Hz; allowed: one rate")
+            raise BadInput(f"record {k} has {one.rate_hz:g} Hz, the first {first.rate_hz:g} Hz", "one rate")
         units = [(record.command_unit, record.position_unit) for record in (first, one)]
         if units[0] != units[1]:
-            raise BadInput(f"record {k} is in {units[1]}, the first in {units[0]}; allowed: the same units")
+            raise BadInput(f"record {k} is in {units[1]}, the first in {units[0]}", "the same units")
         said = [record.about.get("hold") for record in (first, one)]
         if said[0] != said[1]:
-            raise BadInput(f"record {k} says hold {said[1]}, the first {said[0]}; allowed: the same")
+            raise BadInput(f"record {k} says hold {said[1]}, the first {said[0]}", "the same")
 
 
 def _liveliest(record: Record, most: int) -> tuple[slice, tuple[str, ...]]:
@@ -147,8 +147,10 @@ def _shortened(common: Prepared) -> Prepared:
 
 def _by_prediction(common: Prepared, asked: Asked, note: Callable[[str], None]) -> Identification:
     if not asked.is_free or (asked.order or 1) > 6 or asked.hold == "band-limited":
-        raise BadInput("zeros, integrators, a dead time, more than six poles or a band-limited command; allowed: none "
-                       "of these with the method 'prediction'")  # fmt: skip
+        raise BadInput(
+            "zeros, integrators, a dead time, more than six poles or a band-limited command",
+            "none of these with the method 'prediction'",
+        )
     common = _shortened(common)
     found = choose_structure(
         common.samples,

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.plant_model import PlantModel
 from tactuator.identification.estimate.friction import Friction
 from tactuator.identification.evidence.distortion import Distortion
 from tactuator.identification.evidence.empirical import EmpiricalResponse
@@ -15,6 +14,7 @@ from tactuator.identification.evidence.excitation import ExcitationReport
 from tactuator.identification.evidence.residuals import ResidualTests
 from tactuator.identification.fixed.standing import FixedAgainstOwn
 from tactuator.identification.selection import Candidate
+from tactuator.model.plant_model import PlantModel
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.plant_model import PlantModel
 from tactuator.identification.estimate.refined import Samples
 from tactuator.identification.spectral.lines import Spectrum, spectrum
+from tactuator.model.plant_model import PlantModel
 
 _WIDEST_DB, _WIDEST_RAD = 3.0, 0.345
 """Half-widths of the band, 3 dB and as much of the phase (20 degrees), beyond which the model says nothing."""

@@ -9,7 +9,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.display.plant_model import PlantModel
 from tactuator.errors import BadInput
 from tactuator.identification.by_spectrum import residual_tests
 from tactuator.identification.estimate.inverse_dynamics import motor_estimate, motor_prediction
@@ -25,6 +24,7 @@ from tactuator.identification.spectral.noise import weights
 from tactuator.identification.spectral.of_model import fit_of_model
 from tactuator.identification.spectral.record_residual import Residual, line_residual
 from tactuator.identification.spectral.uncertainty import response_of_rows
+from tactuator.model.plant_model import PlantModel
 from tactuator.signals.record import Record
 
 _LEAST_SHARE = 0.8
@@ -58,7 +58,7 @@ def validate(found: Identification, record: Record, name: str = "") -> Validatio
     units = (record.command_unit, record.position_unit)
     if units != (model.command_unit, model.position_unit):
         own = _units(model.command_unit, model.position_unit)
-        raise BadInput(f"{called} is in {_units(*units)}, the model in {own}; allowed: the same units")
+        raise BadInput(f"{called} is in {_units(*units)}, the model in {own}", "the same units")
     remarks = (*record.remarks, *check_record(record))
     if model.method == "inverse dynamics":
         return _validate_motor(found, record, called, remarks)
@@ -170,7 +170,7 @@ def _validate_motor(found: Identification, record: Record, name: str, remarks: t
         record.command, record.position, record.rate_hz, theta, model.valid_hz[1], is_held=is_held
     )
     if wanted.size < _FEWEST:
-        raise BadInput(f"in {name} the motor hardly moves; allowed: a record with motion of its own")
+        raise BadInput(f"in {name} the motor hardly moves", "a record with motion of its own")
     left = wanted - predicted
     spread = float(np.sum((wanted - wanted.mean()) ** 2))
     unexplained = float(left @ left) / max(spread, 1e-300)

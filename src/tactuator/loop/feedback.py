@@ -44,9 +44,7 @@ class FeedbackLoop:
     def require_stable(self) -> None:
         """Raise UnstableLoop unless the closed loop is stable."""
         if not self.is_stable:
-            raise UnstableLoop(
-                "the closed loop is unstable: it has no margins and no steady response; allowed: a stable one"
-            )
+            raise UnstableLoop("the closed loop is unstable: it has no margins and no steady response", "a stable one")
 
     def open_response(self, frequency_hz: ArrayLike) -> ComplexArray:
         """Return the open-loop response L at `frequency_hz` (hertz, any shape)."""

@@ -26,7 +26,7 @@ def closed_roots(zeros: ComplexArray, poles: ComplexArray, gain: float) -> Compl
     """
     order = poles.size
     if zeros.size > order:
-        raise BadInput(f"the open loop has {zeros.size} zeros and {order} poles; allowed: no more zeros than poles")
+        raise BadInput(f"the open loop has {zeros.size} zeros and {order} poles", "no more zeros than poles")
     if order == 0:
         return np.empty(0, dtype=np.complex128)
     poles, zeros = _ordered(poles), _ordered(zeros)
@@ -50,7 +50,7 @@ def closed_roots(zeros: ComplexArray, poles: ComplexArray, gain: float) -> Compl
             path[index], direct = 1.0 / unit, 0.0
     through = 1.0 + gain * direct
     if abs(through) < 1e-12:
-        raise BadInput("the loop's direct gain is -1, so that it has no solution; allowed: any other")
+        raise BadInput("the loop's direct gain is -1, so that it has no solution", "any other")
     return np.asarray(np.linalg.eigvals(a - np.outer(b, path) * (gain / through)))
 
 
@@ -70,7 +70,7 @@ def closed_poles(open_loop: System) -> ComplexArray:
         zeros: ComplexArray = open_loop.zeros - np.complex128(1.0)
         return closed_roots(zeros, poles, open_loop.gain)
     if open_loop.delay_s > 0.0:
-        raise BadInput(f"a loop with {open_loop.delay_s:g} s of dead time has no finite list of poles; allowed: none")
+        raise BadInput(f"a loop with {open_loop.delay_s:g} s of dead time has no finite list of poles", "none")
     return closed_roots(open_loop.zeros, open_loop.poles, open_loop.gain)
 
 
@@ -92,7 +92,7 @@ def _right_half_plane_roots(open_loop: ContinuousSystem) -> int:
     and tends to one; its phase turns by -pi for every root as the frequency goes from 0 to infinity.
     """
     if open_loop.zeros.size >= open_loop.poles.size:
-        raise BadInput("a loop with dead time needs more poles than zeros; allowed: a strictly proper open loop")
+        raise BadInput("a loop with dead time needs more poles than zeros", "a strictly proper open loop")
     sizes = np.abs(np.append(open_loop.poles, open_loop.zeros))
     floor = np.min(sizes[sizes > 0.0], initial=1.0 / open_loop.delay_s) * 1e-3
     substitute = -np.maximum(np.abs(open_loop.poles), floor)

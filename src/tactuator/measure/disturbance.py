@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
-from tactuator.display.description import Channel
-from tactuator.display.load import DERIVATIVES
 from tactuator.errors import BadInput
+from tactuator.model.controller import Controller
+from tactuator.model.description import Channel
+from tactuator.model.load import DERIVATIVES
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
@@ -102,7 +102,7 @@ def disturbance(
     """
     described = controller.display.channel(channel)
     if excursion_mm <= 0.0:
-        raise BadInput(f"excursion {excursion_mm:g} mm; allowed: a positive number")
+        raise BadInput(f"excursion {excursion_mm:g} mm", "a positive number")
     plant = zero_order_hold(model or described.plant, rig.rate_hz)
     bench = _Bench(rig, port, rig.channels.index(channel), described, plant, excursion_mm)
     loop = _Loop(controller, channel, plant)

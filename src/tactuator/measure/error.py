@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
-from tactuator.display.description import Display
-from tactuator.display.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.model.controller import Controller
+from tactuator.model.description import Display
+from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.signals.decibels import db
 from tactuator.signals.response import Response
 from tactuator.synthesis.family import sampled_plant

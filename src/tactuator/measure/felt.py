@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.measure.band_levels import LONG_FRAME_S, SHORT_FRAME_S, BandAnalysis, BandFrames, Chunker
 from tactuator.measure.prediction import ChannelPrediction
+from tactuator.model.controller import Controller
 
 Levels = NDArray[np.floating[Any]]
 Sink = Callable[[NDArray[np.float64]], None]
@@ -124,8 +124,7 @@ class FeltComparison:
         reference, displacement = np.asarray(asked, dtype=float), np.asarray(displacement_mm, dtype=float)
         if reference.shape != displacement.shape or reference.ndim != 2 or reference.shape[1] != len(self._names):
             raise BadInput(
-                f"asked has shape {reference.shape}, displacement {displacement.shape}; "
-                f"allowed: both (n, {len(self._names)})"
+                f"asked has shape {reference.shape}, displacement {displacement.shape}", f"both (n, {len(self._names)})"
             )
         if reference.size:
             self._peak = max(self._peak, float(np.max(np.abs(reference))))

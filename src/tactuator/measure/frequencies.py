@@ -54,13 +54,14 @@ def _tone(hertz: float, mains_hz: float | None, band_hz: Band) -> float:
             return side
     raise BadInput(
         f"{hertz:g} Hz lies beside {line:g} Hz of mains, and nothing within 2 % of it is {_KEEP_OFF_HZ:g} Hz off and "
-        f"inside the band; allowed: {' or '.join(f'{side:g} Hz' for side in sorted(sides))}, or no mains"
+        f"inside the band",
+        f"{' or '.join(f'{side:g} Hz' for side in sorted(sides))}, or no mains",
     )
 
 
 def _require_inside(hertz: float, band_hz: Band) -> None:
     if not band_hz[0] <= hertz <= band_hz[1]:
-        raise BadInput(f"{hertz:g} Hz; allowed: {band_hz[0]:g} to {band_hz[1]:g} Hz, the band")
+        raise BadInput(f"{hertz:g} Hz", f"{band_hz[0]:g} to {band_hz[1]:g} Hz, the band")
 
 
 def multisine_lines(
@@ -93,9 +94,7 @@ def multisine_lines(
             return period, bins
         worst = int(bad[np.argmax(off[bad])])
         missed = f"{asked[worst]:g} Hz would be played as {played[worst]:g} Hz"
-    raise BadInput(
-        f"multisine: {missed}; allowed: a longer time, frequencies further apart or off mains, or the stepped sine"
-    )
+    raise BadInput(f"multisine: {missed}", "a longer time, frequencies further apart or off mains, or the stepped sine")
 
 
 def sweep_lines(
@@ -120,5 +119,5 @@ def sweep_lines(
             if inside.all():
                 break
     if found is None or found[1].size == 0:
-        raise BadInput(f"two periods of {wanted[0]:g} Hz within {longest_s:g} s; allowed: a longer time")
+        raise BadInput(f"two periods of {wanted[0]:g} Hz within {longest_s:g} s", "a longer time")
     return found

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.display.controller import Controller
 from tactuator.measure.felt import FeltComparison, FeltReport
+from tactuator.model.controller import Controller
 from tactuator.rig.rig import Rig
 from tactuator.rig.touchable import TouchableRig
 

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.display.description import Channel, Display
-from tactuator.display.load import DERIVATIVES
-from tactuator.display.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.errors import BadInput
 from tactuator.measure.sensor_noise import SensorNoise, sensor_noise
+from tactuator.model.description import Channel, Display
+from tactuator.model.load import DERIVATIVES
+from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.rig.rig import Rig
 from tactuator.rig.sensing import require_sensors
 from tactuator.signals.bands import third_octave_bands
@@ -81,7 +81,7 @@ def felt_noise(
     least 3 s, for a resolution of 1 Hz.
     """
     if duration_s < 3.0:
-        raise BadInput(f"duration {duration_s:g} s; allowed: 3 s or more")
+        raise BadInput(f"duration {duration_s:g} s", "3 s or more")
     require_sensors(rig, display_channels(display, rig))
     silent = np.zeros((round((settle_s + duration_s) * rig.rate_hz), len(rig.channels)))
     trace = rig.play(silent)

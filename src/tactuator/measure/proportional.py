@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactuator.display.controller import AntiWindup, ChannelController, Controller, Limits
-from tactuator.display.description import Channel, Display
 from tactuator.errors import BadInput
 from tactuator.loop.feedback import FeedbackLoop
+from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.model.description import Channel, Display
 from tactuator.synthesis.family import UNLOADED, plant_family
 
 
@@ -18,7 +18,7 @@ def proportional_controller(display: Display, gain: float) -> Controller:
     gain: volts of command per volt of y, positive.
     """
     if not (np.isfinite(gain) and gain > 0.0):
-        raise BadInput(f"proportional gain is {gain:g}; allowed: a positive number")
+        raise BadInput(f"proportional gain is {gain:g}", "a positive number")
     return Controller(display, tuple(_channel(channel, gain) for channel in display.channels), "proportional probe")
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.description import Channel
+from tactuator.model.description import Channel
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.lockin import lock_in, mains_multiples
 from tactuator.signals.spectra import power_spectrum

@@ -99,15 +99,15 @@ def check_asked(
     """Return the channels to measure. Raises BadInput for what cannot be measured or should not be felt."""
     check_level(level_db_sl)
     if not (confidence_db > 0.0 and longest_s > 0.0):
-        raise BadInput(f"confidence {confidence_db:g} dB within {longest_s:g} s; allowed: both positive")
+        raise BadInput(f"confidence {confidence_db:g} dB within {longest_s:g} s", "both positive")
     names = tuple(rig.channels if channels is None else channels)
     for name in names:
         if name not in rig.channels:
-            raise BadInput(f"channel {name!r} is not there; allowed: {', '.join(rig.channels)}")
+            raise BadInput(f"channel {name!r} is not there", f"{', '.join(rig.channels)}")
     require_sensors(rig, names)
     frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
     if frequency.size == 0 or not (np.min(frequency) > 0.0 and np.max(frequency) < 0.45 * rig.rate_hz):
-        raise BadInput(f"frequencies {frequency.tolist()} Hz; allowed: above 0, below {0.45 * rig.rate_hz:g} Hz")
+        raise BadInput(f"frequencies {frequency.tolist()} Hz", f"above 0, below {0.45 * rig.rate_hz:g} Hz")
     return names
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from tactuator.display.controller import Controller
-from tactuator.display.description import Display
+from tactuator.model.controller import Controller
+from tactuator.model.description import Display
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.synthesis import paper
 from tactuator.synthesis.design import design_controller

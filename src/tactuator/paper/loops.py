@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tactuator.display.description import Channel, Display
 from tactuator.loop.feedback import FeedbackLoop
 from tactuator.loop.margins import Margins, margins
+from tactuator.model.description import Channel, Display
 from tactuator.signals.discretise import bilinear
 from tactuator.synthesis import paper
 from tactuator.synthesis.family import sampled_plant

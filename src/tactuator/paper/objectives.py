@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from tactuator.display.controller import Controller
-from tactuator.display.verdict import Finding, Verdict, compared, verdict_of
 from tactuator.measure.noise import noise_verdict
+from tactuator.model.controller import Controller
+from tactuator.model.verdict import Finding, Verdict, compared, verdict_of
 from tactuator.paper.noise import NoiseProbe
 from tactuator.paper.plan import Plan
 from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint

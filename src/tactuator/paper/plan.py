@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tactuator.display.description import Display
 from tactuator.experiment.simulated.observer import Observer
-from tactuator.files.display import read_display
+from tactuator.io.display import read_display
+from tactuator.model.description import Display
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.perception.psychometric import Psychometric, Weibull
 

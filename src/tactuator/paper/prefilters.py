@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.description import Channel, Display
 from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.model.description import Channel, Display
 from tactuator.paper.loops import sampled_loop
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear

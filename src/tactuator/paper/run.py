@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactuator.display.controller import Controller
-from tactuator.display.verdict import Verdict
 from tactuator.identification.calibration import Calibration
+from tactuator.model.controller import Controller
+from tactuator.model.verdict import Verdict
 from tactuator.paper.calibration import calibrate
 from tactuator.paper.controllers import paper_controller, reshaped_controller
 from tactuator.paper.loops import PaperLoop, paper_loop

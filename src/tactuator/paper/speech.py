@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tactuator.display.controller import Controller
 from tactuator.measure.felt import FeltReport
 from tactuator.measure.listening import compare_felt
+from tactuator.model.controller import Controller
 from tactuator.paper.plan import Plan, Progress
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.speech.limiter.limiter import FingerLimiting

@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.result.group_curve import group_curve
 from tactuator.experiment.result.thresholds import MeasuredThreshold, thresholds
@@ -27,6 +26,7 @@ from tactuator.experiment.simulated.sitting import run_study
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.helper_process import begin_helper, helper_context
+from tactuator.model.controller import Controller
 from tactuator.paper.plan import THRESHOLD_HZ, Plan, Progress, observers
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.rig.simulated import SimulatedRig

@@ -48,30 +48,28 @@ class ThresholdCurve:
         frequency, level = self.frequency_hz, self.level_db_re_1um
         where = f"threshold curve {self.name!r}"
         if self.provenance not in get_args(Provenance):
-            raise BadInput(f"{where}: provenance {self.provenance!r}; allowed: {', '.join(get_args(Provenance))}")
+            raise BadInput(f"{where}: provenance {self.provenance!r}", f"{', '.join(get_args(Provenance))}")
         if frequency.ndim != 1 or frequency.shape != level.shape:
-            raise BadInput(f"{where}: {frequency.size} frequencies and {level.size} levels; allowed: as many of each")
+            raise BadInput(f"{where}: {frequency.size} frequencies and {level.size} levels", "as many of each")
         if frequency.size < 3:
-            raise BadInput(f"{where}: {frequency.size} points; allowed: three or more")
+            raise BadInput(f"{where}: {frequency.size} points", "three or more")
         if not (np.all(np.isfinite(frequency)) and np.all(np.isfinite(level))):
             raise BadInput(f"{where}: a frequency or level is not a finite number")
         if np.any(frequency <= 0.0):
-            raise BadInput(f"{where}: frequency {frequency.min():g} Hz; allowed: positive")
+            raise BadInput(f"{where}: frequency {frequency.min():g} Hz", "positive")
         self._check_order()
         errors = self.standard_error_db
         if errors is not None and errors.shape != frequency.shape:
-            raise BadInput(f"{where}: {errors.size} standard errors for {frequency.size} points; allowed: one each")
+            raise BadInput(f"{where}: {errors.size} standard errors for {frequency.size} points", "one each")
 
     def _check_order(self) -> None:
         steps = np.diff(self.frequency_hz)
         if np.any(steps == 0.0):
             twice = self.frequency_hz[1:][steps == 0.0][0]
-            raise BadInput(f"threshold curve {self.name!r}: {twice:g} Hz stands twice; allowed: each frequency once")
+            raise BadInput(f"threshold curve {self.name!r}: {twice:g} Hz stands twice", "each frequency once")
         if np.any(steps < 0.0):
             late = self.frequency_hz[1:][steps < 0.0][0]
-            raise BadInput(
-                f"threshold curve {self.name!r}: {late:g} Hz is out of order; allowed: ascending frequencies"
-            )
+            raise BadInput(f"threshold curve {self.name!r}: {late:g} Hz is out of order", "ascending frequencies")
 
     def level_db_re_1um_at(self, frequency_hz: ArrayLike) -> FloatArray:
         """Return the threshold level (dB re 1 um peak) at `frequency_hz` (any shape, zero allowed)."""

@@ -31,7 +31,7 @@ def curve_names() -> tuple[str, ...]:
 def curve(name: str) -> ThresholdCurve:
     """Return the curve of that name. Raises BadInput, with the names that there are, for another."""
     if name not in _SHIPPED:
-        raise BadInput(f"threshold curve {name!r} is not in the library; allowed: {', '.join(_SHIPPED)}")
+        raise BadInput(f"threshold curve {name!r} is not in the library", f"{', '.join(_SHIPPED)}")
     filename, provenance, source = _SHIPPED[name]
     text = files("tactuator.perception").joinpath("data", filename).read_text(encoding="utf-8")
     rows = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]

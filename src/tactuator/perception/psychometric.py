@@ -73,7 +73,7 @@ class MaxOfM:
     def __post_init__(self) -> None:
         _positive("exponent of d'", self.exponent)
         if self.intervals < 2:
-            raise BadInput(f"max-of-m with {self.intervals} intervals; allowed: 2 or more")
+            raise BadInput(f"max-of-m with {self.intervals} intervals", "2 or more")
 
     def d_prime(self, level_db: ArrayLike, at_threshold: ArrayLike) -> FloatArray:
         """Return d' at `level_db` re threshold."""
@@ -109,8 +109,8 @@ class Psychometric:
     def __post_init__(self) -> None:
         if not 0.0 <= self.guess < self.target < 1.0 - self.lapse <= 1.0:
             raise BadInput(
-                f"psychometric function: guess {self.guess:g}, target {self.target:g}, lapse {self.lapse:g}; "
-                "allowed: 0 <= guess < target < 1 - lapse <= 1"
+                f"psychometric function: guess {self.guess:g}, target {self.target:g}, lapse {self.lapse:g}",
+                "0 <= guess < target < 1 - lapse <= 1",
             )
 
     @property
@@ -140,4 +140,4 @@ def _max_of_m_table(intervals: int) -> tuple[FloatArray, FloatArray]:
 
 def _positive(what: str, value: float) -> None:
     if not (np.isfinite(value) and value > 0.0):
-        raise BadInput(f"{what} is {value:g}; allowed: a positive number")
+        raise BadInput(f"{what} is {value:g}", "a positive number")

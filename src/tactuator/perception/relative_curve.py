@@ -25,11 +25,11 @@ class RelativeCurve:
     def __post_init__(self) -> None:
         frequency, level = self.frequency_hz, self.level_db_sl
         if frequency.ndim != 1 or frequency.shape != level.shape or frequency.size < 1:
-            raise BadInput(f"curve {self.name!r}: {frequency.size} frequencies, {level.size} levels; allowed: as many")
+            raise BadInput(f"curve {self.name!r}: {frequency.size} frequencies, {level.size} levels", "as many")
         if not (np.all(np.isfinite(frequency)) and np.all(np.isfinite(level))):
-            raise BadInput(f"curve {self.name!r}: a number is not finite; allowed: finite frequencies and levels")
+            raise BadInput(f"curve {self.name!r}: a number is not finite", "finite frequencies and levels")
         if frequency[0] <= 0.0 or np.any(np.diff(frequency) <= 0.0):
-            raise BadInput(f"curve {self.name!r}: frequencies are not in order; allowed: positive, strictly ascending")
+            raise BadInput(f"curve {self.name!r}: frequencies are not in order", "positive, strictly ascending")
 
     def level_db_sl_at(self, frequency_hz: ArrayLike) -> NDArray[np.float64]:
         """Return the level in dB SL at `frequency_hz`, of any shape."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from tactuator.display.controller import ChannelController
-from tactuator.display.verdict import Finding
+from tactuator.model.controller import ChannelController
+from tactuator.model.verdict import Finding
 
 FINDING_COLUMNS = ("objective", "channel", "outcome", "found", "allowed", "frequency", "load")
 _ROWS: Mapping[str, tuple[str, ...]] = {

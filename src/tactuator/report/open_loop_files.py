@@ -9,13 +9,13 @@ from typing import Any
 
 import soundfile
 
-from tactuator.display.document import display_document
-from tactuator.files.atomic import atomic_path, write_text
-from tactuator.files.controller import write_controller
-from tactuator.files.model import write_model
-from tactuator.files.record import write_record
+from tactuator.io.atomic import atomic_path, write_text
+from tactuator.io.controller import write_controller
+from tactuator.io.model import write_model
+from tactuator.io.record import write_record
 from tactuator.measure.open_loop.chain import Calibrated, CalibrationRequest, NoEqualiser
 from tactuator.measure.open_loop.take_away import equaliser_document, impulse_response, response_document
+from tactuator.model.document import display_document
 from tactuator.report.open_loop_page import open_loop_page
 from tactuator.signals.record import Record
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from tactuator import __version__
-from tactuator.display.controller import Controller
 from tactuator.measure.open_loop.chain import Calibrated, CalibratedChannel, CalibrationRequest
 from tactuator.measure.open_loop.flatness import Flatness
+from tactuator.model.controller import Controller
 
 _ENDS = {
     "asked": "the end of what was asked",

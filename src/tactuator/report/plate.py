@@ -13,7 +13,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from tactuator.errors import BadInput
-from tactuator.files.atomic import atomic_folder, write_text
+from tactuator.io.atomic import atomic_folder, write_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Plate:
     def __post_init__(self) -> None:
         lengths = {name: len(column) for name, column in self.table.items()}
         if len(set(lengths.values())) > 1:
-            raise BadInput(f"columns of {self.name} have {lengths} rows; allowed: as many in each")
+            raise BadInput(f"columns of {self.name} have {lengths} rows", "as many in each")
 
     def svg(self) -> str:
         """Return the figure as SVG text: the same figure gives the same bytes, and looks the same with any fonts.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tactuator.display.description import Display
+from tactuator.model.description import Display
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.transport.emulator import emulator

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tactuator.errors import BadInput
-from tactuator.files.formats.text import parse_toml, read_text
+from tactuator.io.formats.text import parse_toml, read_text
 
 CHECKOUT = Path(__file__).resolve().parents[3]
 _PACKED = Path(__file__).resolve().parents[1] / "sources"
@@ -56,7 +56,7 @@ def read_boards(firmware: Path) -> dict[str, Board]:
             tables = parse_toml(read_text(path))
             found.update({name: Board(name=name, folder=path.parent.name, **keys) for name, keys in tables.items()})
         except (BadInput, TypeError) as error:
-            raise BadInput(f"{path}: {error}; allowed: a table for each board, with the keys of Board") from error
+            raise BadInput(f"{path}: {error}", "a table for each board, with the keys of Board") from error
     return found
 
 
@@ -68,5 +68,5 @@ def find_board(name: str) -> Board:
     if not BOARDS:
         raise BadInput(NO_SOURCES)
     if name not in BOARDS:
-        raise BadInput(f"board {name!r} is not known; allowed: {', '.join(BOARDS)}")
+        raise BadInput(f"board {name!r} is not known", f"{', '.join(BOARDS)}")
     return BOARDS[name]

@@ -36,10 +36,10 @@ class Finger(ABC):
         """
         force = np.atleast_1d(np.asarray(force_v))
         if force.dtype.kind not in "fiub":
-            raise BadInput(f"force holds {force.dtype}; allowed: (n,), finite volts of command")
+            raise BadInput(f"force holds {force.dtype}", "(n,), finite volts of command")
         force = force.astype(np.float64)
         if force.ndim != 1 or not np.all(np.isfinite(force)):
-            raise BadInput(f"force has shape {force.shape}; allowed: (n,), finite volts of command")
+            raise BadInput(f"force has shape {force.shape}", "(n,), finite volts of command")
         pressed = np.zeros(max(force.size, self._pressed_v.size))
         pressed[: self._pressed_v.size] = self._pressed_v
         pressed[: force.size] += force
@@ -52,7 +52,7 @@ class Finger(ABC):
     def detach(self, feeler: Feeler) -> None:
         """Take a feeler off again. Raises BadInput if it is not attached."""
         if feeler not in self._feelers:
-            raise BadInput("that feeler is not attached to this finger port; allowed: one that is")
+            raise BadInput("that feeler is not attached to this finger port", "one that is")
         self._feelers.remove(feeler)
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tactuator.display.description import Display
 from tactuator.errors import BadInput
+from tactuator.model.description import Display
 from tactuator.rig.board_rigs import emulated_rig, in_process_rig, serial_rig
 from tactuator.rig.boards import BOARDS
 from tactuator.rig.rig import Rig
@@ -36,4 +36,4 @@ def open_rig(spec: str, display: Display, seed: int = 0) -> Rig:
         return serial_rig(rest, display, seed)
     if kind == "sound":
         return sound_rig(rest, display)
-    raise BadInput(f"rig {spec!r} is not known; allowed: {rig_names()}")
+    raise BadInput(f"rig {spec!r} is not known", f"{rig_names()}")

@@ -57,7 +57,7 @@ class PacedRig(WrappedRig):
     def finger(self, channel: str) -> Finger:
         """Return the finger port of a channel; BadInput where the display is real."""
         if not isinstance(self._rig, TouchableRig):
-            raise BadInput("this display is real: a finger goes onto it by hand; allowed: a simulated display")
+            raise BadInput("this display is real: a finger goes onto it by hand", "a simulated display")
         return self._rig.finger(channel)
 
     def play(self, reference: ArrayLike) -> Trace:

@@ -10,7 +10,7 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.files.reference import ReferenceFile
+from tactuator.io.reference import ReferenceFile
 from tactuator.perception.levels import COMFORT_DB_SL
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import from_db
@@ -49,9 +49,7 @@ def check_reference(reference: ReferenceFile, rig: Rig) -> tuple[int, ...]:
     peak = max((float(np.abs(block).max()) for block in reference.blocks()), default=0.0)
     if peak > COMFORT_TOLERANCE * float(from_db(COMFORT_DB_SL)):
         level = 20.0 * np.log10(peak)
-        raise BadInput(
-            f"{reference.path}: peak at {level:.1f} dB SL; allowed: comfort, {COMFORT_DB_SL:g} dB SL at most"
-        )
+        raise BadInput(f"{reference.path}: peak at {level:.1f} dB SL", f"comfort, {COMFORT_DB_SL:g} dB SL at most")
     return tuple(head.channels.index(name) for name in rig.channels)
 
 

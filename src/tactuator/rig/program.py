@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from tactuator.errors import BadInput
-from tactuator.files.atomic import atomic_path
+from tactuator.io.atomic import atomic_path
 from tactuator.rig.boards import CHECKOUT, NO_SOURCES, ROOT, Board, find_board
 
 COMPILER = "arm-none-eabi-gcc"
@@ -48,7 +48,7 @@ def build_firmware(name: str, emulated: bool = True, flags: tuple[str, ...] = ()
     """
     board = find_board(name)
     if not emulated and not board.is_real:
-        raise BadInput(f"board {name!r} is the emulator's alone; allowed: one with a program for the board itself")
+        raise BadInput(f"board {name!r} is the emulator's alone", "one with a program for the board itself")
     files = sources(board, emulated)
     kind = "emulated" if emulated else "silicon"
     program = _cache() / f"{name}-{kind}-{_digest(board, files, flags)}.elf"
@@ -83,16 +83,14 @@ def _compile(board: Board, files: list[Path], flags: tuple[str, ...], program: P
         Path(beside).unlink(missing_ok=True)
         said = done.stderr.splitlines()
         first = next((line for line in said if "overflowed" in line or "error:" in line), "the compiler failed")
-        raise BadInput(
-            f"firmware for {board.name} does not compile: {first.strip()}; allowed: sources that do, and that fit"
-        )
+        raise BadInput(f"firmware for {board.name} does not compile: {first.strip()}", "sources that do, and that fit")
     Path(beside).replace(program)
 
 
 def form_of(out: Path) -> str:
     """Return what objcopy calls the form that a program's name ends in, "" for ELF. Raises BadInput for another."""
     if out.suffix not in FORMS:
-        raise BadInput(f"{out.name}: a program's name ends in {out.suffix!r}; allowed: {', '.join(FORMS)}")
+        raise BadInput(f"{out.name}: a program's name ends in {out.suffix!r}", f"{', '.join(FORMS)}")
     return FORMS[out.suffix]
 
 
@@ -111,7 +109,7 @@ def write_program(built: Path, out: Path, form: str) -> None:
         done = subprocess.run(command, check=False, capture_output=True, text=True)
         if done.returncode != 0:
             said = done.stderr.strip().rpartition(": ")[2] or "objcopy failed"
-            raise BadInput(f"{out} cannot be written: {said}; allowed: a place with room")
+            raise BadInput(f"{out} cannot be written: {said}", "a place with room")
 
 
 def memory_used(built: Path) -> tuple[int, int]:
@@ -124,7 +122,7 @@ def memory_used(built: Path) -> tuple[int, int]:
 
 def _require(tool: str) -> None:
     if shutil.which(tool) is None:
-        raise BadInput(f"{tool} is missing; allowed: install it with `make install-boards`")
+        raise BadInput(f"{tool} is missing", "install it with `make install-boards`")
 
 
 def _command(board: Board, files: list[Path], program: str) -> list[str]:

@@ -8,8 +8,8 @@ from typing import Protocol, Self, runtime_checkable
 
 from numpy.typing import ArrayLike
 
-from tactuator.display.controller import Controller
-from tactuator.display.description import Display
+from tactuator.model.controller import Controller
+from tactuator.model.description import Display
 from tactuator.rig.trace import Trace
 
 

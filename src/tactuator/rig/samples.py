@@ -23,8 +23,7 @@ def take_reference(reference: FloatArray) -> FloatArray:
     own = _taken(reference, _ROUNDED_MAX)
     if own is None:
         raise BadInput(
-            "the reference is not finite or beyond 60 dB SL; "
-            f"allowed: finite, at most {REFERENCE_MAX:g} threshold units"
+            "the reference is not finite or beyond 60 dB SL", f"finite, at most {REFERENCE_MAX:g} threshold units"
         )
     return own
 
@@ -33,7 +32,7 @@ def take_command(command_v: FloatArray) -> FloatArray:
     """Return a checked copy of a command of any shape, contiguous, volts. Raises BadInput for what is not finite."""
     own = _taken(command_v, _SINGLE_MAX)
     if own is None:
-        raise BadInput("the command is not finite; allowed: volts")
+        raise BadInput("the command is not finite", "volts")
     return own
 
 

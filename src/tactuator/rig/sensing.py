@@ -25,6 +25,6 @@ def require_sensors(rig: Rig, names: Iterable[str]) -> None:
     for name in names:
         if name in deaf:
             raise BadInput(
-                f"channel {name!r} has no sensor, and there is nothing to measure with; allowed: an input of the card "
-                "([sound] input), or `play`, which needs none"
+                f"channel {name!r} has no sensor, and there is nothing to measure with",
+                "an input of the card ([sound] input), or `play`, which needs none",
             )

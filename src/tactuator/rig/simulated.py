@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
-from tactuator.display.description import Display
 from tactuator.errors import BadInput
+from tactuator.model.controller import Controller
+from tactuator.model.description import Display
 from tactuator.rig.finger import Finger, let_feel, take_forces
 from tactuator.rig.rig import DisplayRig
 from tactuator.rig.samples import take_command, take_reference
@@ -105,7 +105,7 @@ class SimulatedRig(DisplayRig):
     def finger(self, channel: str) -> FingerPort:
         """Return the finger port of a channel. Raises BadInput if there is none of that name."""
         if channel not in self.channels:
-            raise BadInput(f"channel {channel!r} is not there; allowed: {', '.join(self.channels)}")
+            raise BadInput(f"channel {channel!r} is not there", f"{', '.join(self.channels)}")
         return self._ports[self.channels.index(channel)]
 
     def _taken(self, take: Callable[[FloatArray], FloatArray], samples: ArrayLike, name: str) -> FloatArray:

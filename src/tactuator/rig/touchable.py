@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
-from tactuator.display.description import Channel
 from tactuator.errors import BadInput
+from tactuator.model.description import Channel
 from tactuator.rig.finger import Finger
 from tactuator.rig.rig import Rig
 
@@ -28,7 +28,7 @@ class TouchableRig(Rig, Protocol):
 def touchable(rig: Rig, name: str) -> TouchableRig:
     """Return the rig, on which a simulated subject can sit. Raises BadInput where the display is real."""
     if not isinstance(rig, TouchableRig):
-        raise BadInput(f"simulated subjects at {name}; allowed: at a rig whose display is simulated")
+        raise BadInput(f"simulated subjects at {name}", "at a rig whose display is simulated")
     for channel in rig.channels:
         rig.finger(channel)
     return rig
@@ -43,7 +43,7 @@ def usual_load(channels: Sequence[Channel]) -> str:
     if not any(names):
         return "none"
     if not common:
-        raise BadInput("no load is on every channel; allowed: --load with the name of one")
+        raise BadInput("no load is on every channel", "--load with the name of one")
     return "finger" if "finger" in common else common[0]
 
 

@@ -35,7 +35,7 @@ class Trace:
             return
         for name in ("reference", "command_v", "position_v", "saturated"):
             if getattr(self, name).shape != shape:
-                raise BadInput(f"trace: {name} has shape {getattr(self, name).shape}; allowed: {shape}")
+                raise BadInput(f"trace: {name} has shape {getattr(self, name).shape}", f"{shape}")
 
     def __len__(self) -> int:
         return int(self.reference.shape[0])
@@ -59,7 +59,7 @@ class Trace:
     def channel(self, name: str) -> int:
         """Return the column of a channel. Raises BadInput if there is none of that name."""
         if name not in self.channels:
-            raise BadInput(f"trace: channel {name!r} is not there; allowed: {', '.join(self.channels)}")
+            raise BadInput(f"trace: channel {name!r} is not there", f"{', '.join(self.channels)}")
         return self.channels.index(name)
 
 

@@ -36,7 +36,7 @@ def delta_coefficients_single(sos: ArrayLike, most: int, name: str) -> NDArray[n
     """
     exact = delta_coefficients(sos)
     if exact.shape[0] > most:
-        raise BadInput(f"{name} has {exact.shape[0]} sections; allowed: at most {most}")
+        raise BadInput(f"{name} has {exact.shape[0]} sections", f"at most {most}")
     if np.any(np.abs(exact) > float(np.finfo(np.float32).max)):
-        raise BadInput(f"{name} has a coefficient of {np.max(np.abs(exact)):g}; allowed: what single precision holds")
+        raise BadInput(f"{name} has a coefficient of {np.max(np.abs(exact)):g}", "what single precision holds")
     return exact.astype(np.float32)

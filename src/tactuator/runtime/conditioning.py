@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactuator.display.controller import ChannelController
+from tactuator.model.controller import ChannelController
 from tactuator.signals.decibels import from_db
 
 CONDITIONING_MAX = 1e6

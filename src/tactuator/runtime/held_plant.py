@@ -14,9 +14,9 @@ from functools import lru_cache
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.description import Channel
-from tactuator.display.load import DERIVATIVES
 from tactuator.errors import BadInput
+from tactuator.model.description import Channel
+from tactuator.model.load import DERIVATIVES
 from tactuator.signals.exponential import matrix_exponential
 from tactuator.signals.systems import ContinuousSystem
 
@@ -73,7 +73,7 @@ def held_plants(channel: Channel, rate_hz: float) -> HeldPlants:
     forms = [_canonical(channel, plant) for plant in plants]
     order = max(form.den.size - 1 for form in forms)
     if not 1 <= order <= ORDER_MAX:
-        raise BadInput(f"channel {channel.name!r}: its plant is of order {order} here; allowed: 1 to {ORDER_MAX}")
+        raise BadInput(f"channel {channel.name!r}: its plant is of order {order} here", f"1 to {ORDER_MAX}")
     _check_shared_numerator(channel, forms)
     samples = channel.plant.delay_s * rate_hz
     whole = math.floor(samples + 1e-9)
@@ -86,8 +86,8 @@ def held_plants(channel: Channel, rate_hz: float) -> HeldPlants:
 def _canonical(channel: Channel, plant: ContinuousSystem) -> _Canonical:
     if not plant.is_proper:
         raise BadInput(
-            f"channel {channel.name!r}: plant has {plant.zeros.size} zeros and {plant.poles.size} poles; "
-            "allowed: no more zeros than poles"
+            f"channel {channel.name!r}: plant has {plant.zeros.size} zeros and {plant.poles.size} poles",
+            "no more zeros than poles",
         )
     derivatives = DERIVATIVES[channel.quantity]
     at_origin = np.flatnonzero(plant.zeros == 0.0)[:derivatives]
@@ -102,7 +102,7 @@ def _canonical(channel: Channel, plant: ContinuousSystem) -> _Canonical:
 def _check_shared_numerator(channel: Channel, forms: list[_Canonical]) -> None:
     for form in forms[1:]:
         if form.sensor.shape != forms[0].sensor.shape or not np.allclose(form.sensor, forms[0].sensor, rtol=1e-6):
-            raise BadInput(f"channel {channel.name!r}: a load moves the plant's zeros; allowed: loads at the finger")
+            raise BadInput(f"channel {channel.name!r}: a load moves the plant's zeros", "loads at the finger")
 
 
 def _typical_pole(forms: list[_Canonical]) -> float:

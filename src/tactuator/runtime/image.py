@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.display.controller import ChannelController, Controller
 from tactuator.errors import BadInput
+from tactuator.model.controller import ChannelController, Controller
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.coefficients import FEEDBACK_SECTIONS_MAX, PREFILTER_SECTIONS_MAX, delta_coefficients_single
 from tactuator.runtime.conditioning import conditioning, reference_max
@@ -93,7 +93,7 @@ def build_image(controller: Controller, number_format: str) -> bytes:
     hold, or more channels and sections than a board has.
     """
     if number_format not in _FORMAT_CODES:
-        raise BadInput(f"format is {number_format!r}; allowed: {', '.join(FORMATS)}")
+        raise BadInput(f"format is {number_format!r}", f"{', '.join(FORMATS)}")
     if not 1 <= controller.delay_samples <= lib.TACT_BOARD_DELAY_MAX:
         raise BadInput(
             f"delay_samples is {controller.delay_samples}; allowed on a board: 1 to {lib.TACT_BOARD_DELAY_MAX}"
@@ -145,8 +145,8 @@ def read_image_header(image: bytes) -> ImageHeader:
         raise BadInput(f"image: {REASONS[refusal]}")
     if not (0.0 < rate_hz < float("inf") and 1 <= delay <= lib.TACT_BOARD_DELAY_MAX):
         raise BadInput(
-            f"image: it is for {rate_hz:g} Hz and a delay of {delay}; "
-            f"allowed: above 0 Hz, a delay of 1 to {lib.TACT_BOARD_DELAY_MAX}"
+            f"image: it is for {rate_hz:g} Hz and a delay of {delay}",
+            f"above 0 Hz, a delay of 1 to {lib.TACT_BOARD_DELAY_MAX}",
         )
     number_format: Format = "float32" if code == _FORMAT_CODES["float32"] else "q31"
     (crc,) = struct.unpack_from("<I", image, len(image) - 4)
@@ -189,7 +189,7 @@ def _q31_channel(channel: ChannelController, rate_hz: float) -> bytes:
         first, second = (q31_row((gain,), bits=30) for gain in channel.anti_windup.gains)
         third = q31_conditioning(conditioning(channel))
     except BadInput as error:
-        raise BadInput(f"{where}: {error}") from None
+        raise error.within(f"{where}") from None
     most = min(2**31 - 1, round(2**31 * reference_max(channel) / REFERENCE_FULL_SCALE))
     mantissas, shifts = zip(*((mantissa, shift) for (mantissa,), shift in (first, second, third)), strict=True)
     gains = struct.pack("<iiiiBBBB", *mantissas, most, *shifts, 0)

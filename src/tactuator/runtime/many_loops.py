@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.display.controller import ChannelController
-from tactuator.display.description import Channel
 from tactuator.errors import BadInput
+from tactuator.model.controller import ChannelController
+from tactuator.model.description import Channel
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.simulation import SimulatedBlock, block_samples, check_arithmetic, empty_block
 from tactuator.runtime.tables import controller_table, display_table
@@ -60,11 +60,11 @@ class ManyLoops:
 
     def __init__(self, loops: Sequence[Loop], rate_hz: float, delay_samples: int, kernel: str = "widest") -> None:
         if not loops:
-            raise BadInput("no loop; allowed: one or more")
+            raise BadInput("no loop", "one or more")
         if kernel not in kernels_available():
             raise BadInput(f"kernel {kernel!r}; allowed on this processor: {', '.join(kernels_available())}")
         if not 0 <= delay_samples <= lib.TACT_DELAY_MAX:
-            raise BadInput(f"delay_samples is {delay_samples}; allowed: 0 to {lib.TACT_DELAY_MAX}")
+            raise BadInput(f"delay_samples is {delay_samples}", f"0 to {lib.TACT_DELAY_MAX}")
         self.rate_hz = rate_hz
         self._kernel = KERNELS[kernel]
         self._displays: dict[int, tuple[Any, list[Any], tuple[str | None, ...]]] = {}
@@ -119,7 +119,7 @@ class ManyLoops:
 
     def _fill(self, index: int, loop: Loop, delay_samples: int) -> None:
         if not 0 <= loop.seed < 2**32:
-            raise BadInput(f"seed is {loop.seed}; allowed: 0 to {2**32 - 1}")
+            raise BadInput(f"seed is {loop.seed}", f"0 to {2**32 - 1}")
         if id(loop.channel) not in self._displays:
             self._displays[id(loop.channel)] = display_table(loop.channel, self.rate_hz)
         if id(loop.controller) not in self._controllers:
@@ -128,13 +128,11 @@ class ManyLoops:
             self._touches[id(loop.controller)] = touch if touch.feedback_count else ffi.NULL
         table, plants, loads = self._displays[id(loop.channel)]
         if delay_samples == 0 and any(plant.sensor_direct for plant in plants[0]):
-            raise BadInput(
-                f"channel {loop.channel.name!r}: the plant answers at once; allowed: delay_samples 1 or more"
-            )
+            raise BadInput(f"channel {loop.channel.name!r}: the plant answers at once", "delay_samples 1 or more")
         if loop.load not in loads:
             raise BadInput(
-                f"channel {loop.channel.name!r}: load {loop.load!r} is not described; "
-                f"allowed: {', '.join(name or 'none' for name in loads)}"
+                f"channel {loop.channel.name!r}: load {loop.load!r} is not described",
+                f"{', '.join(name or 'none' for name in loads)}",
             )
         into = self._loops[index]
         into.display, into.controller = table, self._controllers[id(loop.controller)]
@@ -156,7 +154,7 @@ class ManyLoops:
         if force_v is not None:
             force = block_samples(force_v, len(self), "force")
             if force.shape[0] != inputs.shape[0]:
-                raise BadInput(f"force has {force.shape[0]} samples; allowed: {inputs.shape[0]}, as the reference has")
+                raise BadInput(f"force has {force.shape[0]} samples", f"{inputs.shape[0]}, as the reference has")
             forces = ffi.from_buffer("double[]", force)
         lib.tact_lanes_play(
             self._kernel,

@@ -55,7 +55,7 @@ def q31_row(values: tuple[float, ...], bits: int = 31) -> tuple[tuple[int, ...],
     """Return the mantissas within 2^bits and the shift that they share. Raises BadInput for a value of 256 or more."""
     largest = max(abs(value) for value in values)
     if not largest < 2.0 ** (bits - _EXTRA_BITS - SHIFT_MIN):
-        raise BadInput(f"a coefficient of {largest:g} is too large for Q31; allowed: below 256 (float32 holds it)")
+        raise BadInput(f"a coefficient of {largest:g} is too large for Q31", "below 256 (float32 holds it)")
     shift = SHIFT_MAX
     if largest > 0.0:
         shift = min(SHIFT_MAX, bits - _EXTRA_BITS - math.frexp(largest)[1])

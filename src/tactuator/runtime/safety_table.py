@@ -9,8 +9,8 @@ from enum import IntEnum
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.description import Converter
 from tactuator.errors import BadInput
+from tactuator.model.description import Converter
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.coefficients import delta_coefficients_single
 from tactuator.runtime.image import sealed
@@ -173,7 +173,7 @@ def check_safety(content: bytes, channels_max: int) -> SafetyRefusal:
 def _channel_bytes(channel: ChannelSafety) -> bytes:
     converter, observer = channel.converter, channel.observer
     if np.shape(channel.weighting_sos)[0] != lib.TACT_WEIGHTING_COUNT:
-        raise BadInput(f"weighting has {len(channel.weighting_sos)} sections; allowed: {lib.TACT_WEIGHTING_COUNT}")
+        raise BadInput(f"weighting has {len(channel.weighting_sos)} sections", f"{lib.TACT_WEIGHTING_COUNT}")
     sections = delta_coefficients_single(channel.weighting_sos, lib.TACT_WEIGHTING_COUNT, "weighting")
     return (
         struct.pack("<iiff", converter.bits, converter.polarity, converter.range_v, converter.offset_v)

@@ -8,8 +8,8 @@ from __future__ import annotations
 import struct
 from typing import Any
 
-from tactuator.display.description import Display
 from tactuator.errors import BadInput
+from tactuator.model.description import Display
 from tactuator.runtime._core import lib
 from tactuator.runtime.image import sealed
 from tactuator.runtime.tables import display_table

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
-from tactuator.display.description import Display
 from tactuator.errors import BadInput
+from tactuator.model.controller import Controller
+from tactuator.model.description import Display
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.tables import controller_table, display_table
 from tactuator.runtime.touch_table import touch_table
@@ -51,7 +51,7 @@ class Simulation:
 
     def __init__(self, display: Display, seed: int = 0) -> None:
         if not 0 <= seed < 2**32:
-            raise BadInput(f"seed is {seed}; allowed: 0 to {2**32 - 1}")
+            raise BadInput(f"seed is {seed}", f"0 to {2**32 - 1}")
         self.display = display
         self._keep: list[Any] = []
         self._loads: list[tuple[str | None, ...]] = []
@@ -60,7 +60,7 @@ class Simulation:
             table, keep, loads = display_table(channel, display.rate_hz)
             if display.delay_samples == 0 and any(plant.sensor_direct for plant in keep[0]):
                 raise BadInput(
-                    f"channel {channel.name!r}: the plant answers at once and delay_samples is 0; allowed: 1 or more"
+                    f"channel {channel.name!r}: the plant answers at once and delay_samples is 0", "1 or more"
                 )
             self._keep += [table, *keep]
             self._loads.append(loads)
@@ -95,7 +95,7 @@ class Simulation:
         if load not in self._loads[channel]:
             allowed = ", ".join(name or "none" for name in self._loads[channel])
             name = self.display.channels[channel].name
-            raise BadInput(f"channel {name!r}: load {load!r} is not described; allowed: {allowed}")
+            raise BadInput(f"channel {name!r}: load {load!r} is not described", f"{allowed}")
         self._loops[channel].display_state.touched = self._loads[channel].index(load)
 
     def play(self, reference: ArrayLike, force_v: ArrayLike | None = None) -> SimulatedBlock:
@@ -103,7 +103,7 @@ class Simulation:
         fingers, in volts of command.
         """
         if not self._controllers:
-            raise BadInput("no controller is loaded; allowed: load one before playing a reference")
+            raise BadInput("no controller is loaded", "load one before playing a reference")
         return self._run(lib.tact_closed_loop_play, reference, "reference", force_v)
 
     def drive(self, command_v: ArrayLike, force_v: ArrayLike | None = None) -> SimulatedBlock:
@@ -117,7 +117,7 @@ class Simulation:
     def restore(self, state: SimulationState) -> None:
         """Go on from a state that this simulation saved, with the controller that is loaded now."""
         if len(state.loops) != ffi.sizeof(self._loops):
-            raise BadInput("the state is another simulation's; allowed: one that this simulation saved")
+            raise BadInput("the state is another simulation's", "one that this simulation saved")
         pointers = [(loop.controller, loop.display, loop.touch) for loop in self._loops]
         ffi.buffer(self._loops)[:] = state.loops
         for loop, (controller, display, touch) in zip(self._loops, pointers, strict=True):
@@ -131,7 +131,7 @@ class Simulation:
         if force_v is not None:
             force = block_samples(force_v, count, "force")
             if force.shape != inputs.shape:
-                raise BadInput(f"force has {force.shape[0]} samples; allowed: {inputs.shape[0]}, as the {name} has")
+                raise BadInput(f"force has {force.shape[0]} samples", f"{inputs.shape[0]}, as the {name} has")
             forces = ffi.from_buffer("double[]", force)
         block, trace = empty_block(inputs.shape[0], count)
         step(self._loops, count, ffi.from_buffer("double[]", inputs), forces, trace, inputs.shape[0])
@@ -169,12 +169,12 @@ def block_samples(samples: ArrayLike, channels: int, name: str) -> FloatArray:
     try:
         array = np.asarray(samples)
     except ValueError:
-        raise BadInput(f"{name} has rows of unequal length; allowed: (samples, {channels})") from None
+        raise BadInput(f"{name} has rows of unequal length", f"(samples, {channels})") from None
     if array.ndim == 1 and channels == 1:
         array = array[:, None]
     if array.ndim != 2 or array.shape[1] != channels:
-        raise BadInput(f"{name} has shape {array.shape}; allowed: (samples, {channels})")
+        raise BadInput(f"{name} has shape {array.shape}", f"(samples, {channels})")
     if array.dtype.kind not in "fiub":
-        raise BadInput(f"{name} holds {array.dtype}; allowed: real numbers")
+        raise BadInput(f"{name} holds {array.dtype}", "real numbers")
     whole = np.ascontiguousarray(array, dtype=np.float64)
     return whole if whole.flags.aligned else whole.copy()

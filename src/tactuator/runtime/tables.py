@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.display.controller import ChannelController
-from tactuator.display.description import Channel, Converter
 from tactuator.errors import BadInput
+from tactuator.model.controller import ChannelController
+from tactuator.model.description import Channel, Converter
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.held_plant import HeldPlant, held_plants
 from tactuator.runtime.image import CHANNEL_HEAD, float32_channel
@@ -45,7 +45,7 @@ def controller_table(controller: ChannelController) -> Any:
     table.command_max_v, table.command_min_v = command_v, -command_v
     if not lib.tact_controller_is_valid(table):
         where = f"controller, channel {controller.name!r}: "
-        raise BadInput(f"{where}command_v is {controller.limits.command_v:g}; allowed: a positive number of volts")
+        raise BadInput(f"{where}command_v is {controller.limits.command_v:g}", "a positive number of volts")
     return table
 
 
@@ -64,7 +64,7 @@ def display_table(channel: Channel, rate_hz: float) -> tuple[Any, list[Any], tup
         _fill_plant(table, plant)
     if held.dead_time >= lib.TACT_DEAD_TIME_MAX:
         raise BadInput(
-            f"channel {channel.name!r}: dead time is {held.dead_time} samples; allowed: below {lib.TACT_DEAD_TIME_MAX}"
+            f"channel {channel.name!r}: dead time is {held.dead_time} samples", f"below {lib.TACT_DEAD_TIME_MAX}"
         )
     display = ffi.new("tact_display *")
     display.plants, display.plant_count = plants, len(held.plants)
@@ -93,7 +93,7 @@ def _fill_hum(hum: Any, channel: Channel, rate_hz: float) -> None:
     environment = channel.environment
     lines = [(f, a) for f, a in zip(environment.hum_hz, environment.hum_v_peak, strict=True) if a > 0.0]
     if len(lines) > lib.TACT_HUM_MAX:
-        raise BadInput(f"channel {channel.name!r}: {len(lines)} lines of hum; allowed: at most {lib.TACT_HUM_MAX}")
+        raise BadInput(f"channel {channel.name!r}: {len(lines)} lines of hum", f"at most {lib.TACT_HUM_MAX}")
     hum.count = len(lines)
     for i, (frequency_hz, amplitude_v) in enumerate(lines):
         angle = 2.0 * np.pi * frequency_hz / rate_hz

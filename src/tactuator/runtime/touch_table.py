@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import ChannelController
-from tactuator.display.touch import FeedForward
 from tactuator.errors import BadInput
+from tactuator.model.controller import ChannelController
+from tactuator.model.touch import FeedForward
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.coefficients import FEEDBACK_SECTIONS_MAX, delta_coefficients_single
 from tactuator.signals.exponential import matrix_exponential
@@ -30,15 +30,15 @@ def touch_figures(channel: ChannelController, rate_hz: float, place: int) -> Tab
         return None
     where = f"controller, channel {channel.name!r}: touch: "
     if channel.feedback_sos is None:
-        raise BadInput(f"{where}there is no feedback; allowed: a controller with a loop")
+        raise BadInput(f"{where}there is no feedback", "a controller with a loop")
     if len(model.hum_hz) > lib.TACT_TOUCH_HUM_MAX:
-        raise BadInput(f"{where}{len(model.hum_hz)} lines of hum; allowed: at most {lib.TACT_TOUCH_HUM_MAX}")
+        raise BadInput(f"{where}{len(model.hum_hz)} lines of hum", f"at most {lib.TACT_TOUCH_HUM_MAX}")
     sections = delta_coefficients_single(channel.feedback_sos, FEEDBACK_SECTIONS_MAX, f"{where}feedback")
     if not 1 <= model.turns <= 255:
-        raise BadInput(f"{where}turns is {model.turns}; allowed: 1 to 255")
+        raise BadInput(f"{where}turns is {model.turns}", "1 to 255")
     figures = _figures(model, 1.0 / rate_hz)
     if not all(np.all(np.abs(value) <= float(np.finfo(np.float32).max)) for value in figures.values()):
-        raise BadInput(f"{where}a figure is beyond single precision; allowed: what it holds")
+        raise BadInput(f"{where}a figure is beyond single precision", "what it holds")
     angles = 2.0 * np.pi * np.array(model.hum_hz, dtype=np.float64) * model.turns / rate_hz
     return {
         "feedback": sections,
@@ -159,5 +159,5 @@ def touch_table(channel: ChannelController, rate_hz: float, place: int) -> Any:
     for name in (*VECTORS, *SCALARS):
         setattr(table, name, figures[name].tolist())
     if not lib.tact_touch_settle(table):
-        raise BadInput(f"controller, channel {channel.name!r}: touch: its counts cannot be run; allowed: as designed")
+        raise BadInput(f"controller, channel {channel.name!r}: touch: its counts cannot be run", "as designed")
     return table

@@ -23,7 +23,7 @@ def third_octave_bands(low_hz: float, high_hz: float) -> tuple[Band, ...]:
     Raises BadInput unless 0 < low_hz <= high_hz.
     """
     if not 0.0 < low_hz <= high_hz:
-        raise BadInput(f"band {low_hz}..{high_hz} Hz; allowed: 0 < low <= high")
+        raise BadInput(f"band {low_hz}..{high_hz} Hz", "0 < low <= high")
     first = int(np.ceil(10.0 * np.log10(low_hz / 1000.0 / 1.02)))
     last = int(np.floor(10.0 * np.log10(high_hz / 1000.0 * 1.02)))
     half = 10.0 ** (1.0 / 20.0)

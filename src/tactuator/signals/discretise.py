@@ -24,9 +24,7 @@ def zero_order_hold(system: ContinuousSystem, rate_hz: float) -> SampledSystem:
     space. Raises BadInput for an improper system.
     """
     if not system.is_proper:
-        raise BadInput(
-            f"plant has {system.zeros.size} zeros and {system.poles.size} poles; allowed: no more zeros than poles"
-        )
+        raise BadInput(f"plant has {system.zeros.size} zeros and {system.poles.size} poles", "no more zeros than poles")
     samples = system.delay_s * rate_hz
     whole = math.floor(samples + 1e-9)
     fraction = max(0.0, samples - whole)
@@ -136,11 +134,11 @@ def bilinear(system: ContinuousSystem, rate_hz: float) -> SampledSystem:
         raise BadInput(f"dead time is {delay:g} samples; allowed for a bilinear transform: a whole number of them")
     if not system.is_proper:
         raise BadInput(
-            f"system has {system.zeros.size} zeros and {system.poles.size} poles; allowed: no more zeros than poles"
+            f"system has {system.zeros.size} zeros and {system.poles.size} poles", "no more zeros than poles"
         )
     twice = 2.0 * rate_hz
     if np.any(system.poles == twice) or np.any(system.zeros == twice):
-        raise BadInput(f"a root lies at s = {twice:g} rad/s, twice the rate; allowed: any other place")
+        raise BadInput(f"a root lies at s = {twice:g} rad/s, twice the rate", "any other place")
     zeros = (twice + system.zeros) / (twice - system.zeros)
     poles = (twice + system.poles) / (twice - system.poles)
     gain = system.gain * np.real(np.prod(twice - system.zeros) / np.prod(twice - system.poles))

@@ -15,7 +15,7 @@ def sample_count(duration_s: float, rate_hz: float) -> int:
     """Return the number of samples in `duration_s` at `rate_hz`. Raises BadInput unless there is at least one."""
     count = round(duration_s * rate_hz) if np.isfinite(duration_s) and np.isfinite(rate_hz) else 0
     if count < 1:
-        raise BadInput(f"{duration_s:g} s at {rate_hz:g} Hz is no sample; allowed: one or more")
+        raise BadInput(f"{duration_s:g} s at {rate_hz:g} Hz is no sample", "one or more")
     return count
 
 
@@ -55,9 +55,7 @@ def noise(duration_s: float, rate_hz: float, band_hz: tuple[float, float], rng: 
     frequency = np.fft.rfftfreq(count, 1.0 / rate_hz)
     inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
     if not np.any(inside):
-        raise BadInput(
-            f"no line of {duration_s:g} s lies within {band_hz[0]:g}..{band_hz[1]:g} Hz; allowed: a longer record"
-        )
+        raise BadInput(f"no line of {duration_s:g} s lies within {band_hz[0]:g}..{band_hz[1]:g} Hz", "a longer record")
     spectrum = np.where(inside, rng.standard_normal(frequency.size) + 1j * rng.standard_normal(frequency.size), 0.0)
     samples = np.fft.irfft(spectrum, count)
     deviation = float(np.std(samples))
@@ -79,7 +77,7 @@ def sinusoids(
 def log_chirp(duration_s: float, rate_hz: float, low_hz: float, high_hz: float) -> FloatArray:
     """Return a sinusoid whose frequency rises from low_hz to high_hz, the same time for each octave."""
     if not 0.0 < low_hz < high_hz <= rate_hz / 2.0:
-        raise BadInput(f"chirp from {low_hz:g} to {high_hz:g} Hz at {rate_hz:g} Hz; allowed: 0 < low < high <= rate/2")
+        raise BadInput(f"chirp from {low_hz:g} to {high_hz:g} Hz at {rate_hz:g} Hz", "0 < low < high <= rate/2")
     time = np.arange(sample_count(duration_s, rate_hz)) / rate_hz
     growth = np.log(high_hz / low_hz) / duration_s
     swept: FloatArray = np.sin(2.0 * np.pi * low_hz * np.expm1(growth * time) / growth)
@@ -127,9 +125,7 @@ def plan_amplitude(
     """
     samples = np.asarray(shape, dtype=np.float64)
     if travel_v <= 0.0 or command_range_v <= 0.0 or not np.any(samples):
-        raise BadInput(
-            f"travel {travel_v:g} V, range {command_range_v:g} V; allowed: both positive, and a shape that moves"
-        )
+        raise BadInput(f"travel {travel_v:g} V, range {command_range_v:g} V", "both positive, and a shape that moves")
     position = periodic_response(np.append(samples, np.zeros(samples.size)), rate_hz, plant)
     reached = float(np.max(np.abs(position)))
     by_range = command_range_v / float(np.max(np.abs(samples)))

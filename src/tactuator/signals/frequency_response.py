@@ -30,11 +30,11 @@ class FrequencyResponse:
 
     def __post_init__(self) -> None:
         if self.frequency_hz.size < 4:
-            raise BadInput(f"a response at {self.frequency_hz.size} frequencies; allowed: 4 or more")
+            raise BadInput(f"a response at {self.frequency_hz.size} frequencies", "4 or more")
         if np.any(np.diff(self.frequency_hz) <= 0.0) or self.frequency_hz[0] <= 0.0:
-            raise BadInput("the response's frequencies do not ascend from above zero; allowed: ones that do")
+            raise BadInput("the response's frequencies do not ascend from above zero", "ones that do")
         if np.any(self.magnitude <= 0.0):
-            raise BadInput("a magnitude of the response is zero or below; allowed: above zero (dB: in a column _db)")
+            raise BadInput("a magnitude of the response is zero or below", "above zero (dB: in a column _db)")
 
     def value(self) -> NDArray[np.complex128]:
         """Return the complex response, (m,); of magnitudes alone that of least phase."""

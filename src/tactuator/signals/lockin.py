@@ -18,9 +18,9 @@ class LockIn:
         """Raise BadInput for frequencies outside 0 .. rate/2 or more unknowns than samples."""
         frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
         if np.any(frequency <= 0.0) or np.any(frequency >= rate_hz / 2.0):
-            raise BadInput(f"lock-in at {frequency.tolist()} Hz; allowed: between 0 and {rate_hz / 2.0:g} Hz")
+            raise BadInput(f"lock-in at {frequency.tolist()} Hz", f"between 0 and {rate_hz / 2.0:g} Hz")
         if count < 2 * frequency.size + 2:
-            raise BadInput(f"{count} samples for {frequency.size} frequencies; allowed: more samples than unknowns")
+            raise BadInput(f"{count} samples for {frequency.size} frequencies", "more samples than unknowns")
         self._turn = -2j * np.pi * frequency / rate_hz
         angle = 2.0 * np.pi * np.outer(np.arange(count), frequency) / rate_hz
         ramp = np.linspace(-1.0, 1.0, count)[:, None]

@@ -83,9 +83,7 @@ def place_lines(
     for hertz in np.sort(np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))):
         free = odd[~np.isin(odd, chosen)]
         if free.size == 0 or not 0.0 < hertz < rate_hz / 2.0:
-            raise BadInput(
-                f"no free line for {hertz:g} Hz in a period of {period / rate_hz:g} s; allowed: a longer period"
-            )
+            raise BadInput(f"no free line for {hertz:g} Hz in a period of {period / rate_hz:g} s", "a longer period")
         chosen.append(int(free[np.argmin(np.abs(free * spacing - hertz))]))
     return np.array(sorted(chosen), dtype=np.int64)
 
@@ -107,7 +105,7 @@ def multisine(
     """
     lines = np.asarray(bins, dtype=np.int64)
     if lines.size == 0 or lines.min() < 1 or lines.max() >= period // 2 or np.unique(lines).size != lines.size:
-        raise BadInput(f"lines {lines.tolist()} of a period of {period}; allowed: each once, 1 to {period // 2 - 1}")
+        raise BadInput(f"lines {lines.tolist()} of a period of {period}", f"each once, 1 to {period // 2 - 1}")
     peaks = np.broadcast_to(np.asarray(amplitude, dtype=np.float64), lines.shape).copy()
     phase = rng.uniform(0.0, 2.0 * np.pi, lines.size)
     best, best_peak = phase, np.inf
@@ -138,12 +136,12 @@ class Periods:
     def __post_init__(self) -> None:
         if self.period < 8 or self.repeats < 2 or self.realisations < 1:
             raise BadInput(
-                f"{self.realisations} realisations of {self.repeats} periods of {self.period} samples; allowed: 1 or "
-                "more of 2 or more of 8 or more"
+                f"{self.realisations} realisations of {self.repeats} periods of {self.period} samples",
+                "1 or more of 2 or more of 8 or more",
             )
         lines = self.lines
         if lines.size < 1 or lines[0] < 1 or lines[-1] >= self.period / 2 or np.any(np.diff(lines) <= 0):
-            raise BadInput(f"excited lines of a period of {self.period} samples; allowed: ascending, below half of it")
+            raise BadInput(f"excited lines of a period of {self.period} samples", "ascending, below half of it")
 
     @property
     def samples(self) -> int:
@@ -185,10 +183,10 @@ def periods_of(about: Mapping[str, str], samples: int) -> Periods | None:
         lines = np.array([int(one) for one in about[_KEYS[3]].split()], dtype=np.int64)
     except ValueError:
         found = ", ".join(f"{key} {about[key][:20]!r}" for key in _KEYS)
-        raise BadInput(f"record: {found}; allowed: whole numbers") from None
+        raise BadInput(f"record: {found}", "whole numbers") from None
     made = Periods(period, repeats, realisations, lines)
     if made.samples > samples:
-        raise BadInput(f"record: {samples} samples, its periods need {made.samples}; allowed: as many or more")
+        raise BadInput(f"record: {samples} samples, its periods need {made.samples}", "as many or more")
     return made
 
 
@@ -217,8 +215,8 @@ def odd_lines(band_hz: tuple[float, float], rate_hz: float, period: int, count: 
     kept = [line for place, line in enumerate(chosen) if place not in silent]
     if len(kept) < 8:
         raise BadInput(
-            f"a period of {period / rate_hz:.4g} s has {len(kept)} odd lines from {band_hz[0]:g} to {band_hz[1]:g} Hz; "
-            "allowed: 8 or more (a longer record, fewer periods or realisations)"
+            f"a period of {period / rate_hz:.4g} s has {len(kept)} odd lines from {band_hz[0]:g} to {band_hz[1]:g} Hz",
+            "8 or more (a longer record, fewer periods or realisations)",
         )
     return np.array(kept, dtype=np.int64)
 

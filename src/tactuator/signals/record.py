@@ -31,20 +31,18 @@ class Record:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0.0):
-            raise BadInput(f"record: rate is {self.rate_hz} Hz; allowed: a positive number")
+            raise BadInput(f"record: rate is {self.rate_hz} Hz", "a positive number")
         if self.command.ndim != 1 or self.command.shape != self.position.shape:
-            raise BadInput(
-                f"record: command {self.command.shape}, position {self.position.shape}; allowed: one shape (n,)"
-            )
+            raise BadInput(f"record: command {self.command.shape}, position {self.position.shape}", "one shape (n,)")
         if self.reference is not None and (
             self.reference.shape != self.command.shape or not np.all(np.isfinite(self.reference))
         ):
-            raise BadInput(f"record: reference {self.reference.shape}; allowed: numbers, {self.command.shape}")
+            raise BadInput(f"record: reference {self.reference.shape}", f"numbers, {self.command.shape}")
         for name in ("command", "position"):
             bad = np.flatnonzero(~np.isfinite(getattr(self, name)))
             if bad.size:
                 raise BadInput(
-                    f"record: {name} is not a number in {bad.size} samples, first in sample {bad[0]}; allowed: none"
+                    f"record: {name} is not a number in {bad.size} samples, first in sample {bad[0]}", "none"
                 )
 
     def part(self, piece: slice) -> Record:

@@ -44,7 +44,7 @@ class Response:
         shape = self.frequency_hz.shape
         for name in ("amplitude_v", "reference", "confidence_db", "noise_v", "distortion_v", "saturated", "reached"):
             if getattr(self, name).shape != shape:
-                raise BadInput(f"response: {name} has shape {getattr(self, name).shape}; allowed: {shape}")
+                raise BadInput(f"response: {name} has shape {getattr(self, name).shape}", f"{shape}")
 
     @property
     def magnitude_v(self) -> FloatArray:

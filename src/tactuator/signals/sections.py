@@ -33,11 +33,11 @@ def check_sections(sos: ArrayLike) -> FloatArray:
     """Return `sos` as a float array of shape (n, 6), rows b0, b1, b2, a0, a1, a2. Raises BadInput if it is not one."""
     sections = np.asarray(sos, dtype=np.float64)
     if sections.ndim != 2 or sections.shape[1] != 6:
-        raise BadInput(f"sections have shape {sections.shape}; allowed: (n, 6), rows b0, b1, b2, a0, a1, a2")
+        raise BadInput(f"sections have shape {sections.shape}", "(n, 6), rows b0, b1, b2, a0, a1, a2")
     if not np.all(np.isfinite(sections)):
         raise BadInput("sections hold a number that is not finite")
     if np.any(sections[:, 3] == 0.0):
-        raise BadInput("a section has a0 = 0; allowed: any other number")
+        raise BadInput("a section has a0 = 0", "any other number")
     return sections
 
 

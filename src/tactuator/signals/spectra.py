@@ -52,6 +52,6 @@ def power_spectrum(values: ArrayLike, rate_hz: float, resolution_hz: float = 1.0
     data = np.asarray(values, dtype=np.float64)
     length = round(rate_hz / resolution_hz)
     if data.ndim != 1 or data.size < length:
-        raise BadInput(f"{data.size} samples for a resolution of {resolution_hz:g} Hz; allowed: {length} or more")
+        raise BadInput(f"{data.size} samples for a resolution of {resolution_hz:g} Hz", f"{length} or more")
     frequency, density = signal.welch(data, rate_hz, window="hann", nperseg=length, detrend="constant")
     return PowerSpectrum(frequency, density, 1.0 + 1.2 * (data.size / length - 1.0))

@@ -42,7 +42,7 @@ def _polynomial(values: ArrayLike, name: str) -> FloatArray:
         raise BadInput(f"{name} must be a list of finite numbers; got {values!r}")
     coefficients = np.trim_zeros(coefficients, "f")
     if coefficients.size == 0:
-        raise BadInput(f"{name} is zero; allowed: a polynomial with a coefficient that is not")
+        raise BadInput(f"{name} is zero", "a polynomial with a coefficient that is not")
     return coefficients
 
 
@@ -72,7 +72,7 @@ class _System:
         object.__setattr__(self, "zeros", _roots(self.zeros, "zeros"))
         object.__setattr__(self, "poles", _roots(self.poles, "poles"))
         if not np.isfinite(self.gain):
-            raise BadInput(f"gain is {self.gain}; allowed: a finite number")
+            raise BadInput(f"gain is {self.gain}", "a finite number")
         object.__setattr__(self, "gain", float(self.gain))
 
     def _key(self) -> tuple[Any, ...]:
@@ -110,7 +110,7 @@ class ContinuousSystem(_System):
     def __post_init__(self) -> None:
         self._settle()
         if not (np.isfinite(self.delay_s) and self.delay_s >= 0.0):
-            raise BadInput(f"delay_s is {self.delay_s}; allowed: zero or more seconds")
+            raise BadInput(f"delay_s is {self.delay_s}", "zero or more seconds")
 
     @classmethod
     def from_polynomials(cls, num: ArrayLike, den: ArrayLike, delay_s: float = 0.0) -> ContinuousSystem:
@@ -120,7 +120,7 @@ class ContinuousSystem(_System):
         try:
             return cls(np.roots(numerator), np.roots(denominator), float(gain), delay_s)
         except np.linalg.LinAlgError:
-            raise BadInput("num or den has coefficients too far apart for a computer; allowed: fewer decades") from None
+            raise BadInput("num or den has coefficients too far apart for a computer", "fewer decades") from None
 
     def polynomials(self) -> tuple[FloatArray, FloatArray]:
         """Return (num, den) in descending powers of s, den monic: for printing and files, not for computing with."""
@@ -173,9 +173,9 @@ class SampledSystem(_System):
     def __post_init__(self) -> None:
         self._settle()
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0.0):
-            raise BadInput(f"rate_hz is {self.rate_hz}; allowed: a positive number of hertz")
+            raise BadInput(f"rate_hz is {self.rate_hz}", "a positive number of hertz")
         if int(self.delay_samples) != self.delay_samples or self.delay_samples < 0:
-            raise BadInput(f"delay_samples is {self.delay_samples}; allowed: 0, 1, 2, ...")
+            raise BadInput(f"delay_samples is {self.delay_samples}", "0, 1, 2, ...")
 
     @classmethod
     def from_sections(cls, sos: ArrayLike, rate_hz: float, delay_samples: int = 0) -> SampledSystem:

@@ -12,11 +12,11 @@ import numpy as np
 
 from tactuator import __version__
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
-from tactuator.files.reference import ReferenceHead, ReferenceWriter, check_suffix, write_reference
+from tactuator.io.reference import ReferenceHead, ReferenceWriter, check_suffix, write_reference
 from tactuator.measure.felt import FeltComparison, FeltReport
 from tactuator.measure.listening import SETTLE_S, felt_of
+from tactuator.model.controller import Controller
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.speech.coding.coding import Coding
 from tactuator.speech.coding.file import coding_document
@@ -99,7 +99,7 @@ def render_file(
         if path is not None:
             check_suffix(path)
     if felt_out is not None and felt_out.resolve() == out.resolve():
-        raise BadInput(f"--felt and --out are both {out}; allowed: two files")
+        raise BadInput(f"--felt and --out are both {out}", "two files")
     controller = job.controller
     with ExitStack() as stack:
         making = stack.enter_context(rendering(speech, controller, job.coding, job.level_db_sl, out.parent))

@@ -46,7 +46,7 @@ class LevelMeter:
         """
         powers = np.concatenate(self._powers) if self._powers else np.zeros((0, 1))
         if not len(powers):
-            raise BadInput(f"shorter than one frame; allowed: {1e3 * FRAME_S:g} ms or longer")
+            raise BadInput("shorter than one frame", f"{1e3 * FRAME_S:g} ms or longer")
         best = max(_active_power(channel) for channel in powers.T)
         with np.errstate(divide="ignore"):
             return float(10.0 * np.log10(2.0 * best))

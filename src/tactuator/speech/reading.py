@@ -15,7 +15,7 @@ import soundfile
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.files.formats.sound import require_whole, without_remarks
+from tactuator.io.formats.sound import require_whole, without_remarks
 
 BLOCK_FRAMES = 1 << 16
 SHORTEST_S = 0.1
@@ -65,18 +65,16 @@ def scan_speech(path: str | Path) -> SpeechFile:
             _check_header(path, rate, frames, channels)
             read, mean, low, high = _scan_samples(path, file)
     except soundfile.LibsndfileError as error:
-        raise BadInput(
-            f"{path}: not readable as sound ({_reason(error)}); allowed: WAV, FLAC, Ogg, AIFF, ..."
-        ) from None
+        raise BadInput(f"{path}: not readable as sound ({_reason(error)})", "WAV, FLAC, Ogg, AIFF, ...") from None
     if read != frames:
-        raise BadInput(f"{path}: truncated, {read} of {frames} frames are there; allowed: a whole file")
+        raise BadInput(f"{path}: truncated, {read} of {frames} frames are there", "a whole file")
     peak = max(high - mean, mean - low)
     if peak < SMALLEST_SWING:
         silent = "silent" if channels == 1 else f"silent once its {channels} channels are mixed"
         what = silent if abs(mean) < SMALLEST_SWING else f"constant at {mean:.4g} of full scale (DC)"
-        raise BadInput(f"{path}: {what}; allowed: a signal with a peak of at least {SMALLEST_SWING:g} about its mean")
+        raise BadInput(f"{path}: {what}", f"a signal with a peak of at least {SMALLEST_SWING:g} about its mean")
     if peak > LARGEST_SWING:
-        raise BadInput(f"{path}: a peak of {peak:.3g} times full scale; allowed: up to {LARGEST_SWING:g}")
+        raise BadInput(f"{path}: a peak of {peak:.3g} times full scale", f"up to {LARGEST_SWING:g}")
     return SpeechFile(path, rate, frames, channels, encoding, mean, peak, _notes(channels, mean, peak))
 
 
@@ -97,25 +95,23 @@ def _reason(error: soundfile.LibsndfileError) -> str:
 
 def _check_bytes(path: Path) -> None:
     if not path.is_file():
-        raise BadInput(f"{path}: {'a folder' if path.is_dir() else 'no such file'}; allowed: a sound file")
+        raise BadInput(f"{path}: {'a folder' if path.is_dir() else 'no such file'}", "a sound file")
     try:
         size = path.stat().st_size
         require_whole(path)
     except BadInput as error:
-        raise BadInput(f"{path}: {error}") from None
+        raise error.within(f"{path}") from None
     except OSError as error:
-        raise BadInput(f"{path}: cannot be read ({error.strerror}); allowed: a readable sound file") from None
+        raise BadInput(f"{path}: cannot be read ({error.strerror})", "a readable sound file") from None
     if size == 0:
-        raise BadInput(f"{path}: empty, 0 bytes; allowed: a sound file")
+        raise BadInput(f"{path}: empty, 0 bytes", "a sound file")
 
 
 def _check_header(path: Path, rate: int, frames: int, channels: int) -> None:
     if not LOWEST_RATE_HZ <= rate <= HIGHEST_RATE_HZ:
-        raise BadInput(f"{path}: sampled at {rate} Hz; allowed: {LOWEST_RATE_HZ} to {HIGHEST_RATE_HZ} Hz")
+        raise BadInput(f"{path}: sampled at {rate} Hz", f"{LOWEST_RATE_HZ} to {HIGHEST_RATE_HZ} Hz")
     if frames < SHORTEST_S * rate:
-        raise BadInput(
-            f"{path}: {frames} frames, {1e3 * frames / rate:.4g} ms; allowed: {1e3 * SHORTEST_S:g} ms or longer"
-        )
+        raise BadInput(f"{path}: {frames} frames, {1e3 * frames / rate:.4g} ms", f"{1e3 * SHORTEST_S:g} ms or longer")
 
 
 def _mono(file: soundfile.SoundFile, block_frames: int) -> Iterator[FloatArray]:
@@ -133,7 +129,7 @@ def _scan_samples(path: Path, file: soundfile.SoundFile) -> tuple[int, float, fl
         if not np.isfinite(total):
             bad = np.flatnonzero(~np.isfinite(block))
             at = (read + int(bad[0])) / file.samplerate if bad.size else read / file.samplerate
-            raise BadInput(f"{path}: a sample at {at:.3f} s is not a finite number; allowed: finite samples")
+            raise BadInput(f"{path}: a sample at {at:.3f} s is not a finite number", "finite samples")
         low, high, read = min(low, float(block.min())), max(high, float(block.max())), read + len(block)
     return read, total / max(read, 1), low, high
 

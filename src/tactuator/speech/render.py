@@ -14,8 +14,8 @@ from typing import IO
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
+from tactuator.model.controller import Controller
 from tactuator.perception.levels import check_level
 from tactuator.speech.coding.coding import Coding
 from tactuator.speech.coding.direct import DirectCoding
@@ -109,11 +109,11 @@ def rendering(
                 meter.push(block if len(placement) == 1 else block @ placement)
                 frames += len(block)
         except OSError as error:
-            raise BadInput(f"{path}: no room to work in ({error.strerror}); allowed: a disk with room") from None
+            raise BadInput(f"{path}: no room to work in ({error.strerror})", "a disk with room") from None
         level = meter.level_db()
         if level < QUIETEST_DB:
             raise BadInput(
-                f"{path}: coding {coding.kind!r} leaves {level:.0f} dB re full scale of it; allowed: {QUIETEST_DB:g} dB"
+                f"{path}: coding {coding.kind!r} leaves {level:.0f} dB re full scale of it", f"{QUIETEST_DB:g} dB"
             )
         gain = float(10.0 ** ((level_db_sl - level) / 20.0))
         yield Rendering(speech, controller, level_db_sl, gain, frames, coded, placement, Limiter(controller))
@@ -123,7 +123,7 @@ def _room(workspace: str | Path | None) -> IO[bytes]:
     try:
         return tempfile.TemporaryFile(dir=workspace)
     except OSError as error:
-        raise BadInput(f"{workspace}: {error.strerror}; allowed: a folder that can be written") from None
+        raise BadInput(f"{workspace}: {error.strerror}", "a folder that can be written") from None
 
 
 def render_array(

@@ -30,7 +30,7 @@ def resampling_kernel(rate_in_hz: int, rate_out_hz: int, pass_hz: float) -> tupl
     """
     slower = min(rate_in_hz, rate_out_hz)
     if not 0.0 < pass_hz < 0.5 * slower:
-        raise BadInput(f"a pass band to {pass_hz:g} Hz does not fit into {slower} Hz; allowed: below {0.5 * slower:g}")
+        raise BadInput(f"a pass band to {pass_hz:g} Hz does not fit into {slower} Hz", f"below {0.5 * slower:g}")
     common = gcd(rate_in_hz, rate_out_hz)
     up, down = rate_out_hz // common, rate_in_hz // common
     inner_hz = float(rate_in_hz * up)

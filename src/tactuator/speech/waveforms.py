@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
-from tactuator.files.reference import ReferenceHead, write_reference
+from tactuator.io.reference import ReferenceHead, write_reference
+from tactuator.model.controller import Controller
 from tactuator.perception.levels import check_level
 from tactuator.signals.stimuli import ramps
 from tactuator.speech.coding.coding import place
@@ -35,7 +35,7 @@ class Component:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.frequency_hz <= 300.0:
-            raise BadInput(f"component {self.name!r}: {self.frequency_hz:g} Hz; allowed: above 0 to 300 Hz")
+            raise BadInput(f"component {self.name!r}: {self.frequency_hz:g} Hz", "above 0 to 300 Hz")
         check_level(self.level_db_sl)
 
 
@@ -56,12 +56,12 @@ class WaveformSet:
     def __post_init__(self) -> None:
         if not 2.0 * self.ramp_s <= self.duration_s <= LONGEST_S or self.ramp_s < 0.0:
             raise BadInput(
-                f"waveforms of {self.duration_s:g} s with ramps of {self.ramp_s:g} s; "
-                f"allowed: {LONGEST_S:g} s at most, ramps of half of it at most"
+                f"waveforms of {self.duration_s:g} s with ramps of {self.ramp_s:g} s",
+                f"{LONGEST_S:g} s at most, ramps of half of it at most",
             )
         names = [component.name for component in self.components]
         if not names or len(set(names)) != len(names) or not self.fingers:
-            raise BadInput(f"waveforms of components {', '.join(names)}; allowed: each once, one or more, and fingers")
+            raise BadInput(f"waveforms of components {', '.join(names)}", "each once, one or more, and fingers")
 
     def labels(self) -> dict[str, tuple[tuple[Component, ...], tuple[str, ...]]]:
         """Return the label of every waveform, such as KC-index, with its components and fingers."""
@@ -79,7 +79,7 @@ class WaveformSet:
         """
         labels = self.labels()
         if label not in labels:
-            raise BadInput(f"waveform {label!r}; allowed: {', '.join(labels)}")
+            raise BadInput(f"waveform {label!r}", f"{', '.join(labels)}")
         components, where = labels[label]
         count = round(self.duration_s * rate_hz)
         time = np.arange(count) / rate_hz

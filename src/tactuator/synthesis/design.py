@@ -14,11 +14,11 @@ from threadpoolctl import threadpool_limits
 
 from tactuator import __version__
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import AntiWindup, ChannelController, Controller, Limits
-from tactuator.display.description import Channel, Display
-from tactuator.display.touch import FeedForward
 from tactuator.errors import BadInput, NoDesign
 from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.model.description import Channel, Display
+from tactuator.model.touch import FeedForward
 from tactuator.signals.bands import third_octave_bands
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear
@@ -83,7 +83,7 @@ def _designed(display: Display, channel: Channel, poles: int | None, error_db: f
     if display.touch.adaptive:
         require_adaptive(display, channel, is_looped=channel.feedback.structure != "none")
     if poles is not None and error_db is not None:
-        raise BadInput(f"poles {poles} and an error of {error_db:g} dB are both asked for; allowed: one of them")
+        raise BadInput(f"poles {poles} and an error of {error_db:g} dB are both asked for", "one of them")
     family = plant_family(channel, display.rate_hz, display.delay_samples)
     count = poles if poles is not None else None if error_db is not None else channel.prefilter.poles
     serves = _SERVES * display.objectives.flatness_db if error_db is None else error_db

@@ -16,8 +16,8 @@ import numpy as np
 from scipy import special
 
 from tactuator.arrays import FloatArray
-from tactuator.display.description import Channel, Display
-from tactuator.display.verdict import Finding, Outcome, rests_on
+from tactuator.model.description import Channel, Display
+from tactuator.model.verdict import Finding, Outcome, rests_on
 from tactuator.synthesis.family import UNLOADED
 from tactuator.synthesis.monte_carlo import QUANTILES, DrawnPlants
 from tactuator.synthesis.verdict import unsure

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.display.description import Channel, Environment
 from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.model.description import Channel, Environment
 from tactuator.signals.decibels import db
 from tactuator.synthesis.friction_loss import dahl_harmonic
 

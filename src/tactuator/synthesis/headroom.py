@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.display.description import Channel
-from tactuator.display.load import DERIVATIVES
 from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.model.description import Channel
+from tactuator.model.load import DERIVATIVES
 from tactuator.signals.decibels import db
 
 BINDING = ("travel", "command", "comfort")

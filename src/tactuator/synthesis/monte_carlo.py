@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.display.controller import ChannelController, Controller
-from tactuator.display.description import Channel, Display
-from tactuator.display.load import DERIVATIVES, Load
 from tactuator.errors import BadInput
 from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.model.controller import ChannelController, Controller
+from tactuator.model.description import Channel, Display
+from tactuator.model.load import DERIVATIVES, Load
 from tactuator.signals.decibels import db
 from tactuator.synthesis.family import UNLOADED, sampled_plant
 from tactuator.synthesis.touch import fed_push
@@ -81,9 +81,9 @@ def monte_carlo(
     """Return what becomes of `count` plants of every channel and load; mode_shift: relative standard deviation of the
     frequency of each lightly damped pole and zero pair. Raises BadInput for a count or a shift that cannot be."""
     if not 1 <= count <= _MOST:
-        raise BadInput(f"--monte-carlo is {count}; allowed: 1 to {_MOST}")
+        raise BadInput(f"--monte-carlo is {count}", f"1 to {_MOST}")
     if not 0.0 <= mode_shift < 0.3:
-        raise BadInput(f"a shift of modes of {mode_shift:g}; allowed: 0 to 0.3")
+        raise BadInput(f"a shift of modes of {mode_shift:g}", "0 to 0.3")
     display = controller.display
     return [
         _drawn_plants(controller.channel(channel.name), channel, display, load, count, rng, mode_shift)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactuator.display.description import KNOWN_EDGE, Channel
 from tactuator.errors import BadInput
+from tactuator.model.description import KNOWN_EDGE, Channel
 from tactuator.signals.systems import ContinuousSystem
 
 
@@ -24,7 +24,8 @@ def require_suitable(channel: Channel, rate_hz: float) -> None:
     if channel.feedback.structure == "integrator-lead-lag" and np.any(channel.plant.zeros == 0.0):
         raise BadInput(
             f"channel {channel.name!r}: the plant gives nothing at rest (a zero at s = 0), where an integrator would "
-            'run away; allowed: structure = "none", or a plant of displacement'
+            "run away",
+            'structure = "none", or a plant of displacement',
         )
 
 
@@ -41,24 +42,21 @@ def _require_known(channel: Channel) -> None:
 
 def _require_sound(plant: ContinuousSystem, where: str, looped: bool) -> None:
     if plant.gain == 0.0:
-        raise BadInput(f"{where} has zero gain; allowed: a plant that moves")
+        raise BadInput(f"{where} has zero gain", "a plant that moves")
     if not plant.is_proper:
         raise BadInput(
-            f"{where} is improper ({plant.zeros.size} zeros, {plant.poles.size} poles); "
-            "allowed: no more zeros than poles"
+            f"{where} is improper ({plant.zeros.size} zeros, {plant.poles.size} poles)", "no more zeros than poles"
         )
     if not looped and not plant.is_stable:
         worst = plant.poles[np.argmax(plant.poles.real)]
         raise BadInput(
-            f"{where} runs away without a loop (a pole at {worst:.4g} rad/s); "
-            'allowed: every pole left of the axis, or structure = "integrator-lead-lag"'
+            f"{where} runs away without a loop (a pole at {worst:.4g} rad/s)",
+            'every pole left of the axis, or structure = "integrator-lead-lag"',
         )
     at_low = plant.gain * float(np.real(np.prod(-plant.zeros[plant.zeros != 0.0])))
     at_low /= float(np.real(np.prod(-plant.poles[plant.poles != 0.0])))
     if looped and plant.is_stable and at_low < 0.0:
-        raise BadInput(
-            f"{where} has a negative gain at rest ({at_low:.4g}); allowed: a positive one, with polarity = -1"
-        )
+        raise BadInput(f"{where} has a negative gain at rest ({at_low:.4g})", "a positive one, with polarity = -1")
 
 
 def _require_below_nyquist(plant: ContinuousSystem, where: str, rate_hz: float) -> None:
@@ -66,6 +64,6 @@ def _require_below_nyquist(plant: ContinuousSystem, where: str, rate_hz: float) 
     fastest_hz = float(np.max(np.abs(pairs), initial=0.0)) / (2.0 * np.pi)
     if fastest_hz >= 0.5 * rate_hz:
         raise BadInput(
-            f"{where} has a pole pair at {fastest_hz:.4g} Hz, above half the rate; "
-            f"allowed: below {0.5 * rate_hz:g} Hz, or a higher rate_hz"
+            f"{where} has a pole pair at {fastest_hz:.4g} Hz, above half the rate",
+            f"below {0.5 * rate_hz:g} Hz, or a higher rate_hz",
         )

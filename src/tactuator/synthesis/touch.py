@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.display.description import Channel, Display
-from tactuator.display.load import Load
-from tactuator.display.touch import PREVIEW_MAX, FeedForward
 from tactuator.errors import BadInput
 from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.model.description import Channel, Display
+from tactuator.model.load import Load
+from tactuator.model.touch import PREVIEW_MAX, FeedForward
 from tactuator.signals.decibels import db, from_db
 from tactuator.synthesis.family import UNLOADED
 
@@ -42,21 +42,21 @@ def require_adaptive(display: Display, channel: Channel, *, is_looped: bool) -> 
     where = f"channel {channel.name!r}: [touch] adaptive, "
     plant = channel.plant
     if not is_looped:
-        raise BadInput(f"{where}and no loop (structure is 'none'); allowed: a loop, which knows the position")
+        raise BadInput(f"{where}and no loop (structure is 'none')", "a loop, which knows the position")
     if not channel.loads:
-        raise BadInput(f"{where}and no load is described (loads); allowed: one to design for")
+        raise BadInput(f"{where}and no load is described (loads)", "one to design for")
     if channel.quantity != "displacement" or plant.zeros.size or plant.poles.size != 2:
         raise BadInput(
-            f"{where}and a plant of {plant.poles.size} poles and {plant.zeros.size} zeros to a {channel.quantity}; "
-            "allowed: 2 poles, no zero, displacement"
+            f"{where}and a plant of {plant.poles.size} poles and {plant.zeros.size} zeros to a {channel.quantity}",
+            "2 poles, no zero, displacement",
         )
     if not np.all(plant.poles.real <= 0.0):
-        raise BadInput(f"{where}and an unstable plant; allowed: poles that do not grow")
+        raise BadInput(f"{where}and an unstable plant", "poles that do not grow")
     delay = display.delay_samples + round(plant.delay_s * display.rate_hz)
     if not 1 <= delay <= PREVIEW_MAX:
         raise BadInput(
-            f"{where}and {delay} samples from command to reading; allowed: 1 to {PREVIEW_MAX}, which is what the "
-            "model looks ahead"
+            f"{where}and {delay} samples from command to reading",
+            f"1 to {PREVIEW_MAX}, which is what the model looks ahead",
         )
     return delay
 

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.display.controller import ChannelController, Controller
-from tactuator.display.description import Channel, Display
-from tactuator.display.objectives import OF_THE_LOOP
-from tactuator.display.touch import FeedForward
-from tactuator.display.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.loop.margins import margins
+from tactuator.model.controller import ChannelController, Controller
+from tactuator.model.description import Channel, Display
+from tactuator.model.objectives import OF_THE_LOOP
+from tactuator.model.touch import FeedForward
+from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.signals.bands import third_octave_bands
 from tactuator.signals.decibels import db
 from tactuator.synthesis.family import UNLOADED, Member, plant_family

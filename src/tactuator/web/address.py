@@ -37,18 +37,18 @@ class Address:
     def __post_init__(self) -> None:
         if self.certificate is None:
             if self.key is not None:
-                raise BadInput("a TLS key without a certificate; allowed: both, or a certificate with its key")
+                raise BadInput("a TLS key without a certificate", "both, or a certificate with its key")
             return
         for file in (self.certificate, self.key):
             if file is not None and file.is_fifo() and file.parent != Path("/dev/fd"):
-                raise BadInput(f"TLS file {file} is a pipe; allowed: a file in PEM form")
+                raise BadInput(f"TLS file {file} is a pipe", "a file in PEM form")
         try:
             # without a password of ours OpenSSL would ask at the terminal
             ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(self.certificate, self.key, password="")
         except (OSError, ValueError) as error:
             reason = error.strerror if isinstance(error, FileNotFoundError) else "they are no pair without a password"
             files = f"{self.certificate}" if self.key is None else f"{self.certificate} and {self.key}"
-            raise BadInput(f"TLS files {files}: {reason}; allowed: a certificate and its key in PEM form") from None
+            raise BadInput(f"TLS files {files}: {reason}", "a certificate and its key in PEM form") from None
 
     def listen(self) -> socket.socket:
         """Return the socket that listens there. Raises BadInput where that cannot be."""

@@ -172,7 +172,7 @@ class Lab:
 
     def _check(self, session: int) -> None:
         if all(row.id != session for row in self._rows):
-            raise BadInput(f"session {session} is not of this study; allowed: {[row.id for row in self._rows]}")
+            raise BadInput(f"session {session} is not of this study", f"{[row.id for row in self._rows]}")
 
     async def stop(self) -> None:
         """Stop at once what plays; the rig is put to rest with no session at it."""

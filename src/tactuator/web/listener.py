@@ -44,13 +44,13 @@ def listener(host: str, port: int) -> Listener:
     once (TCP_NODELAY) only on sockets that say they are TCP; without it each message waits 40 ms for the one before.
     """
     if not 0 <= port <= 65535:
-        raise BadInput(f"port {port}; allowed: 0 to 65535")
+        raise BadInput(f"port {port}", "0 to 65535")
     made = Listener(socket.AF_INET6 if ":" in host else socket.AF_INET)
     made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         made.bind((host, port))
     except OSError as error:
         made.close()
-        raise BadInput(f"address {host}, port {port}: {error.strerror or error}; allowed: one that is free") from None
+        raise BadInput(f"address {host}, port {port}: {error.strerror or error}", "one that is free") from None
     made.listen(_BACKLOG)
     return made

@@ -118,7 +118,7 @@ class OperatorPage:
 
     async def _day(self, day: Day) -> None:
         if all(row.id != day.session for row in self.lab.sessions):
-            raise BadInput(f"session {day.session} is not of this study; allowed: one that is")
+            raise BadInput(f"session {day.session} is not of this study", "one that is")
         study = self.lab.study
         await self.lab.work(lambda: study.set_day(day.session, day.skin_temperature_c, day.preload_n))
 
@@ -239,5 +239,5 @@ def _run(one: RunTally) -> dict[str, Any]:
 
 def _session(command: Command) -> int:
     if command.session is None:
-        raise BadInput(f"{command.type} without a session; allowed: with one")
+        raise BadInput(f"{command.type} without a session", "with one")
     return command.session

@@ -34,7 +34,7 @@ async def receive_text(socket: WebSocket) -> str:
         raise WebSocketDisconnect(frame.get("code", 1005))
     text = frame.get("text")
     if text is None:
-        raise BadInput("message: a binary frame; allowed: text")
+        raise BadInput("message: a binary frame", "text")
     return str(text)
 
 

@@ -272,7 +272,7 @@ class SubjectTab:
             return presented.answer(answer)
         before = presented.session.already(message.run, message.number)
         if before is None:
-            raise BadInput(f"answer to trial {message.number} of run {message.run}; allowed: to the trial that stands")
+            raise BadInput(f"answer to trial {message.number} of run {message.run}", "to the trial that stands")
         return before
 
     async def _save_or_report(self, job: Callable[[], None]) -> None:

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.display.controller import Controller
-from tactuator.display.description import Display
 from tactuator.errors import BadInput
+from tactuator.model.controller import Controller
+from tactuator.model.description import Display
 from tactuator.runtime.coefficients import delta_coefficients
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
@@ -66,14 +66,13 @@ def require_safe(controller: Controller, loads: str) -> FormatReport:
     wanted = tuple(each for each in FORMATS if each.loads == loads)
     if not wanted:
         allowed = ", ".join(each.loads for each in FORMATS if each.loads)
-        raise BadInput(f"format is {loads!r}; allowed: {allowed}")
+        raise BadInput(f"format is {loads!r}", f"{allowed}")
     report = assess(controller, wanted)[0]
     if report.refused is not None:
         raise BadInput(report.refused)
     if not report.safe:
         raise BadInput(
-            f"format {loads} is not safe for this controller ({_figures(report)}); "
-            "allowed: what `wordlength` calls safe"
+            f"format {loads} is not safe for this controller ({_figures(report)})", "what `wordlength` calls safe"
         )
     return report
 

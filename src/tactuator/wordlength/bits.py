@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
+from tactuator.model.controller import Controller
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.systems import SampledSystem

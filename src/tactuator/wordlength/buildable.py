@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactuator.display.controller import Controller
-from tactuator.display.verdict import Finding, Outcome
 from tactuator.errors import BadInput
+from tactuator.model.controller import Controller
+from tactuator.model.verdict import Finding, Outcome
 from tactuator.runtime.image import CHANNELS_MAX, FORMATS, build_image
 from tactuator.wordlength.assessment import ERROR_MAX_DB, FormatReport, require_safe
 

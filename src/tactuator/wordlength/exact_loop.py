@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.description import Channel, Display
+from tactuator.model.description import Channel, Display
 from tactuator.runtime._core import ffi, lib
 from tactuator.signals.discretise import held_state_space
 from tactuator.wordlength.roundoff import double_step, run_loop, whole_delay

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
+from tactuator.model.controller import Controller
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import build_image
 from tactuator.runtime.q31 import REFERENCE_FULL_SCALE, VOLTS_FULL_SCALE, q31_cascade
@@ -123,7 +123,7 @@ def _core(controller: Controller, index: int, loads: str) -> Callable[[], Step]:
     shape = (controller.rate_hz, controller.delay_samples, len(controller.channels))
     refusal = lib.tact_image_parse(parsed, ffi.from_buffer(image), len(image), *shape)
     if refusal:
-        raise BadInput(f"the core refuses the image ({refusal}); allowed: one that `build` makes")
+        raise BadInput(f"the core refuses the image ({refusal})", "one that `build` makes")
 
     def start() -> Step:
         single = loads == "float32"

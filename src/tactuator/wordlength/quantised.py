@@ -52,7 +52,7 @@ def quantised_rows(sos: ArrayLike, form: Form, bits: int | None, rate_hz: float)
         num, den = _product(sections[:, :3]), _product(sections[:, 3:])
         num, den = num / den[0], np.append(1.0, rounded(den[1:] / den[0], bits))
         return np.concatenate([in_difference(rounded(num, bits)), in_difference(den)[1:]])[None, :]
-    raise BadInput(f"form {form!r}; allowed: {', '.join(FORMS)}")
+    raise BadInput(f"form {form!r}", f"{', '.join(FORMS)}")
 
 
 def in_difference(coefficients: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import ChannelController, Controller
+from tactuator.model.controller import ChannelController, Controller
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 

@@ -13,7 +13,7 @@ from operator import mul
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.description import Channel, Display
+from tactuator.model.description import Channel, Display
 from tactuator.signals.discretise import held_state_space
 
 Step = Callable[[float, float], float]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tactuator.files.controller import read_controller, write_controller
+from tactuator.io.controller import read_controller, write_controller
 from tests.runtime.paper_display import changed, channel, controller, display, louder
 
 

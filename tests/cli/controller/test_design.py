@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tactuator.cli import main
-from tactuator.files.controller import read_controller
+from tactuator.io.controller import read_controller
 
 STATED = """
 [environment]

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from tactuator.cli import main
-from tactuator.files.controller import write_controller
+from tactuator.io.controller import write_controller
 from tests.rig.guard.guarded import designed
 
 

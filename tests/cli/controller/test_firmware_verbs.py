@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from tactuator.cli import main
-from tactuator.display.description import Display
-from tactuator.files.controller import write_controller
+from tactuator.io.controller import write_controller
+from tactuator.model.description import Display
 from tactuator.rig import program
 from tactuator.rig.board_check.period_check import PeriodCheck
 from tactuator.rig.board_check.period_cost import PeriodCost

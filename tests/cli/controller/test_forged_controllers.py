@@ -10,10 +10,10 @@ import pytest
 
 from tactuator.api.verdict import whole_verdict
 from tactuator.cli import main
-from tactuator.display.controller import Controller
-from tactuator.display.verdict import Outcome
 from tactuator.errors import BadInput
-from tactuator.files.controller import parse_controller
+from tactuator.io.controller import parse_controller
+from tactuator.model.controller import Controller
+from tactuator.model.verdict import Outcome
 from tactuator.wordlength.buildable import built
 from tests.cli.controller.forged import forged, resealed
 from tests.synthesis.displays import paper_controller, three_finger_controller

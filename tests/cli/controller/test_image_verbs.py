@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tactuator.cli import main
-from tactuator.display.controller import Limits
-from tactuator.files.controller import read_controller, write_controller
+from tactuator.io.controller import read_controller, write_controller
+from tactuator.model.controller import Limits
 from tactuator.runtime.image import sealed
 from tests.cli.controller.controller_files import paper_file, spoilt, unstable
 from tests.cli.refusals import refused

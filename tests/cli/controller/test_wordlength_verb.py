@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from tactuator.cli import main
-from tactuator.display.controller import Limits
-from tactuator.files.controller import read_controller, write_controller
+from tactuator.io.controller import read_controller, write_controller
+from tactuator.model.controller import Limits
 from tactuator.wordlength.formats import FORMATS
 from tests.cli.controller.controller_files import paper_file, spoilt, unstable
 from tests.cli.refusals import refused

@@ -15,14 +15,14 @@ import pytest
 
 from tactuator.cli import main
 from tactuator.cli.sound import calibrate_display
-from tactuator.display.document import display_document
 from tactuator.errors import BadInput
-from tactuator.files.curve import read_curve, write_curve
-from tactuator.files.record import read_record
-from tactuator.files.start.shipped import EXAMPLES
+from tactuator.io.curve import read_curve, write_curve
+from tactuator.io.record import read_record
+from tactuator.io.start.shipped import EXAMPLES
 from tactuator.measure.open_loop.chain import KnownChannel, NoEqualiser
 from tactuator.measure.open_loop.model import Followed
 from tactuator.measure.open_loop.probe import Heard, Level, Wave
+from tactuator.model.document import display_document
 from tactuator.report.open_loop_files import toml_text
 from tactuator.rig import open as rigs
 from tactuator.rig.sound import audio_thread, library

@@ -6,7 +6,7 @@ import pytest
 from tactuator.console.held_rig.generator import MOST_DB_SL, RAMP_S, Generator
 from tactuator.console.held_rig.generator import GeneratorWave as Wave
 from tactuator.errors import BadInput
-from tactuator.files.reference import ReferenceHead, write_reference
+from tactuator.io.reference import ReferenceHead, write_reference
 
 RATE = 4000.0
 

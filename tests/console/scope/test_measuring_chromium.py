@@ -12,9 +12,9 @@ from tactuator.cli.main import main
 from tactuator.console.app import build_console
 from tactuator.console.scope.host import RigHost
 from tactuator.console.workshop import FILE, Workshop
-from tactuator.files.controller import read_controller, write_controller
-from tactuator.files.reference import ReferenceHead, write_reference
-from tactuator.files.start.shipped import EXAMPLES
+from tactuator.io.controller import read_controller, write_controller
+from tactuator.io.reference import ReferenceHead, write_reference
+from tactuator.io.start.shipped import EXAMPLES
 from tactuator.rig.board.link import Mode
 from tests.console.held_rig.board_at_port import board_at_port
 from tests.console.pages import TOKEN, go, saved_by, tab_to, watched_page
@@ -166,7 +166,7 @@ def measure(page, tmp_path):
 def test_server__killed_in_mid_measurement__board_rests_page_says_so_and_its_points_can_be_saved(
     page, display, tmp_path
 ):
-    from tactuator.files.display import read_display
+    from tactuator.io.display import read_display
     from tactuator.synthesis.design import design_controller
 
     write_controller(tmp_path / "controller.json", design_controller(read_display(display)))

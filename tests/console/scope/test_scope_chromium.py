@@ -6,8 +6,8 @@ import pytest
 
 from tactuator.console.app import build_console
 from tactuator.console.workshop import Workshop
-from tactuator.files.controller import read_controller
-from tactuator.files.record import read_record
+from tactuator.io.controller import read_controller
+from tactuator.io.record import read_record
 from tests.console.pages import TOKEN, address_of, opened_page, tab_to
 from tests.console.test_accessibility_chromium import AXE, faults
 from tests.web.server import served

@@ -7,7 +7,7 @@ import pytest
 from tactuator.console.app import build_console
 from tactuator.console.scope.host import RigHost
 from tactuator.console.workshop import Workshop
-from tactuator.files.controller import write_controller
+from tactuator.io.controller import write_controller
 from tests.console.pages import TOKEN
 from tests.console.study.studies import Studies, answered, link, loaded
 from tests.console.views.dropped import dropped

@@ -10,8 +10,8 @@ from tactuator.cli.main import main
 from tactuator.console.views.prefilter import PersonalCurve, PrefilterFitted, PrefilterSaved
 from tactuator.console.workshop import FILE, Workshop
 from tactuator.errors import BadInput
-from tactuator.files.controller import read_controller
-from tactuator.files.start.shipped import EXAMPLES
+from tactuator.io.controller import read_controller
+from tactuator.io.start.shipped import EXAMPLES
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.synthesis.family import sampled_plant
 from tests.console.pages import console_page, go, saved_by, tab_to

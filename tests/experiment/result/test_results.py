@@ -17,7 +17,7 @@ from tactuator.experiment.session.clock import SystemClock
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
-from tactuator.files.curve import read_curve, write_curve
+from tactuator.io.curve import read_curve, write_curve
 from tactuator.perception.library import curve
 from tactuator.perception.relative_curve import RelativeCurve
 from tactuator.report.plates.felt.psychometric import psychometric_plate

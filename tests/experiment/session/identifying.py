@@ -13,7 +13,7 @@ from tactuator.experiment.session.respondent import run_session
 from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.store import answer_records
 from tactuator.experiment.store.store import Store
-from tactuator.files.display import parse_display
+from tactuator.io.display import parse_display
 from tactuator.rig.open import open_rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.speech.waveforms import Component, WaveformSet, write_waveforms

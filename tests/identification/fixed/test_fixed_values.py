@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from tactuator.display.plant_model import Excess
 from tactuator.identification.asked import Asked
 from tactuator.identification.by_response import identify_response
 from tactuator.identification.fixed.value import Fixed
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
+from tactuator.model.plant_model import Excess
 from tactuator.report.identification_table import identification_rows
 from tactuator.signals.frequency_response import FrequencyResponse
 from tactuator.signals.record import Record

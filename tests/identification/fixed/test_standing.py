@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from tactuator.display.plant_model import PlantModel
 from tactuator.identification.fixed.standing import FixedAgainstOwn, said_of_disagreement
 from tactuator.identification.fixed.value import Fixed
+from tactuator.model.plant_model import PlantModel
 
 
 def model(num: list[float], den: list[float]) -> PlantModel:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.display.controller import Controller
+from tactuator.model.controller import Controller
 from tactuator.rig.rig import ClosingRig
 from tactuator.rig.trace import Trace
 from tests.measure.loops import RATE_HZ

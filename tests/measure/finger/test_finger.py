@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.measure.finger.estimate import (
     CANNOT_TELL,
@@ -19,6 +18,7 @@ from tactuator.measure.finger.estimate import (
 )
 from tactuator.measure.finger.impedance import finger_impedance, plan_play
 from tactuator.measure.finger.play import measure_finger
+from tactuator.model.controller import Controller
 from tests.measure.finger.rig_of_equations import EquationsRig, Figures
 from tests.measure.loops import controller, display
 

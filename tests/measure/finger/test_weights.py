@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from tactuator.cli.main import main
-from tactuator.display.load import Load
-from tactuator.files.controller import write_controller
-from tactuator.files.start.shipped import EXAMPLES
+from tactuator.io.controller import write_controller
+from tactuator.io.start.shipped import EXAMPLES
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.measure.finger.weights import settle_weights
+from tactuator.model.load import Load
 from tactuator.rig.rig import WrappedRig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.synthesis.family import plant_family

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactuator.display.description import Display
-from tactuator.files.curve import resolve_curve
-from tactuator.files.display import parse_display, with_curve
+from tactuator.io.curve import resolve_curve
+from tactuator.io.display import parse_display, with_curve
+from tactuator.model.description import Display
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.rig.sound.demo.exciter import Exciter, RunningExciter
 from tactuator.rig.sound.rig import SoundRig

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
-from tactuator.files.display import read_display
+from tactuator.io.display import read_display
 from tactuator.measure.open_loop.flatness import _groups
 from tactuator.measure.open_loop.model import follow, near_band
 from tactuator.measure.open_loop.probe import broadband, find_level, hear
 from tactuator.measure.open_loop.take_away import equaliser_document, impulse_response
 from tactuator.measure.open_loop.usable import usable_band
+from tactuator.model.controller import Controller
 from tactuator.report.open_loop_files import toml_text
 from tactuator.rig.sensing import require_sensors
 from tactuator.rig.sound.demo.exciter import Exciter
@@ -132,7 +132,7 @@ def test_impulse_response__of_sections__has_their_response():
 
 
 def test_toml__of_a_display__is_read_as_the_same(tmp_path: Path):
-    from tactuator.display.document import display_document
+    from tactuator.model.document import display_document
 
     display = exciter_display(EXCITER, ("a", 'b "quoted" µ'))
     made: Controller = flat_controller(display)

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactuator.display.controller import Controller
-from tactuator.display.description import Display
-from tactuator.display.touch import Touch
 from tactuator.measure.finger.weights import settle_weights
+from tactuator.model.controller import Controller
+from tactuator.model.description import Display
+from tactuator.model.touch import Touch
 from tactuator.rig.board.commissioning import ADAPTIVE_DB, safety_table
 from tactuator.rig.board_rigs import in_process_rig, simulated_board_rig
 from tactuator.rig.transport.transport import InProcess

@@ -8,8 +8,8 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from tactuator.display.controller import Controller
 from tactuator.errors import DeviceFault, TactuatorError
+from tactuator.model.controller import Controller
 from tactuator.rig.board.frames import Frame, FrameReader, Request, frame_bytes
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tactuator.display.controller import Controller
+from tactuator.model.controller import Controller
 from tactuator.rig.board_check.period_cost import count_instructions
 from tests.rig.guard.guarded import adaptive, designed
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tactuator.display.controller import Controller
 from tactuator.errors import TactuatorError
+from tactuator.model.controller import Controller
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board_check.period_check import STRETCH_TICKS, check_period
 from tactuator.rig.board_rigs import simulated_board_rig

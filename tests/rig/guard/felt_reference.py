@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from tactuator.display.controller import Controller
+from tactuator.model.controller import Controller
 
 SIZE, TAIL = 1 << 15, 8000
 Samples = NDArray[np.float64]

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.display.controller import Controller
-from tactuator.display.description import Display
-from tactuator.display.touch import Touch
+from tactuator.model.controller import Controller
+from tactuator.model.description import Display
+from tactuator.model.touch import Touch
 from tactuator.paper.plan import paper_display
 from tactuator.rig.board.finger import SENSOR_FAULTS
 from tactuator.rig.board.frames import Request

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tactuator.display.controller import ChannelController, Controller
+from tactuator.model.controller import ChannelController, Controller
 from tactuator.rig.board.link import Mode
 from tests.rig.guard.felt_reference import FeltReference
 from tests.rig.guard.guarded import SENSORS, Guarded, adaptive, designed

@@ -16,7 +16,6 @@ import numpy as np
 from sqlalchemy import select
 
 from tactuator.cli import main
-from tactuator.display.controller import Controller
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.clock import SystemClock
@@ -28,9 +27,10 @@ from tactuator.experiment.store import schema
 from tactuator.experiment.store.answer_records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.trial import Trial
-from tactuator.files.controller import write_controller
-from tactuator.files.display import parse_display
-from tactuator.files.start.shipped import EXAMPLES
+from tactuator.io.controller import write_controller
+from tactuator.io.display import parse_display
+from tactuator.io.start.shipped import EXAMPLES
+from tactuator.model.controller import Controller
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.demo.exciter import Exciter
 from tactuator.rig.sound.demo.server import simulated_card

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactuator.display.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.rig.sound.demo.server import simulated_card
 from tests.rig.sound.through_portaudio import RATE_HZ, delay_of, opened
 

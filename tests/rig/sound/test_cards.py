@@ -71,7 +71,7 @@ def test_open_rig__other_rate_than_the_displays__is_refused():
 
 
 def test_open_rig__display_with_a_loop_or_without_wiring__is_refused():
-    from tactuator.files.display import parse_display
+    from tactuator.io.display import parse_display
 
     with pytest.raises(BadInput, match=r"allowed: a table \[sound\] with output_full_scale_v"):
         open_rig("sound:any", parse_display(three_finger_display()))

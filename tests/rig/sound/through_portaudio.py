@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tactuator.errors import DeviceFault
-from tactuator.files.display import parse_display
+from tactuator.io.display import parse_display
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.cards import list_cards
 from tactuator.rig.sound.demo.exciter import SUBSTEPS, Exciter

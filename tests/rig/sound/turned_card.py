@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from tactuator.display.controller import AntiWindup, ChannelController, Controller, Limits
-from tactuator.display.description import Display
-from tactuator.files.display import parse_display
+from tactuator.io.display import parse_display
+from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.model.description import Display
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.rig.sound.rows import CardRows
 from tactuator.runtime._core import ffi, lib

@@ -38,7 +38,7 @@ def run(
     address goes to standard error.
     """
     if rig is not None and display is None:
-        raise BadInput("a rig without a display; allowed: `tactuator console DISPLAY.toml --rig simulated`")
+        raise BadInput("a rig without a display", "`tactuator console DISPLAY.toml --rig simulated`")
     address = Address(host, port, tuple(allowed_host or ()), tls_certificate, tls_key)
     # a program that is cut off leaves its semaphores to the tracker of them, which deletes them without a word then
     sys.warnoptions.append("ignore:resource_tracker:UserWarning")

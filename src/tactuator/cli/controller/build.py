@@ -8,8 +8,8 @@ from rich.console import Group
 
 from tactuator.cli.answer import answer, working, written
 from tactuator.cli.controller.image import image_rows, image_table
-from tactuator.files.atomic import atomic_path
-from tactuator.files.controller import read_controller
+from tactuator.io.atomic import atomic_path
+from tactuator.io.controller import read_controller
 from tactuator.runtime.image import read_image_header
 from tactuator.wordlength.buildable import built
 

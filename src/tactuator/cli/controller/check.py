@@ -14,10 +14,10 @@ from rich.text import Text
 
 from tactuator.api.verdict import whole_verdict
 from tactuator.cli.answer import answer, shown, working
-from tactuator.display.verdict import Outcome, Verdict
 from tactuator.experiment.result.tables import ResultTable
-from tactuator.files.controller import read_controller
-from tactuator.files.display import read_display
+from tactuator.io.controller import read_controller
+from tactuator.io.display import read_display
+from tactuator.model.verdict import Outcome, Verdict
 from tactuator.report.controller_table import FINDING_COLUMNS, finding_row, remark_lines
 from tactuator.synthesis.monte_carlo import DrawnPlants
 from tactuator.synthesis.monte_carlo import monte_carlo as draw_plants

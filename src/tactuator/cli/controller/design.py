@@ -11,12 +11,12 @@ from rich.table import Table
 from tactuator.api.verdict import whole_verdict
 from tactuator.cli.answer import answer, working, written
 from tactuator.cli.controller.check import verdict_table
-from tactuator.display.controller import ChannelController, Controller
-from tactuator.display.description import Display
-from tactuator.display.verdict import Outcome, Verdict
-from tactuator.files.controller import write_controller
-from tactuator.files.curve import resolve_curve
-from tactuator.files.display import read_display, with_curve
+from tactuator.io.controller import write_controller
+from tactuator.io.curve import resolve_curve
+from tactuator.io.display import read_display, with_curve
+from tactuator.model.controller import ChannelController, Controller
+from tactuator.model.description import Display
+from tactuator.model.verdict import Outcome, Verdict
 from tactuator.report.controller_table import design_rows
 from tactuator.report.formula import printed_factors
 from tactuator.signals.systems import SampledSystem

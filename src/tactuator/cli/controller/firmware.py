@@ -13,10 +13,10 @@ from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress, shown, working, written
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.experiment.result.tables import ResultTable
-from tactuator.files.controller import read_controller
+from tactuator.io.controller import read_controller
+from tactuator.model.controller import Controller
 from tactuator.paper.plan import paper_display
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board_check.period_check import check_period
@@ -120,7 +120,7 @@ def acknowledge(rig: str, as_json: bool) -> None:
 
 def _require_board(rig: str) -> None:
     if not rig.startswith("board:"):
-        raise BadInput(f"rig {rig!r} is no connected board; allowed: board:PORT or board:URL")
+        raise BadInput(f"rig {rig!r} is no connected board", "board:PORT or board:URL")
 
 
 def _streaming_table(found: StreamingCheck) -> Table:

@@ -9,8 +9,8 @@ from rich.table import Table
 
 from tactuator.cli.answer import answer
 from tactuator.errors import BadInput
-from tactuator.files.controller import read_controller
-from tactuator.files.formats.text import read_content
+from tactuator.io.controller import read_controller
+from tactuator.io.formats.text import read_content
 from tactuator.runtime.image import REASONS, ImageHeader, ImageRefusal, check_image, read_image_header
 
 
@@ -20,7 +20,7 @@ def run(file: Path, controller: Path | None, as_json: bool) -> None:
     try:
         header = read_image_header(content)
     except BadInput as error:
-        raise BadInput(f"{file}: {error}") from None
+        raise error.within(f"{file}") from None
     result: dict[str, object] = {
         "image": str(file),
         "bytes": len(content),
@@ -56,7 +56,7 @@ def _read(file: Path) -> bytes:
     try:
         return read_content(file)
     except BadInput as error:
-        raise BadInput(f"image {file}: {error}; allowed: a file that `build` wrote") from None
+        raise BadInput(f"image {file}: {error}", "a file that `build` wrote") from None
 
 
 def image_rows(size: int, header: ImageHeader) -> dict[str, str]:

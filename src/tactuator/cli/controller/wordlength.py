@@ -10,10 +10,10 @@ from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress, working, written
-from tactuator.display.controller import Controller
-from tactuator.display.description import HIGHEST_RATE_HZ
 from tactuator.errors import BadInput
-from tactuator.files.controller import read_controller
+from tactuator.io.controller import read_controller
+from tactuator.model.controller import Controller
+from tactuator.model.description import HIGHEST_RATE_HZ
 from tactuator.wordlength.assessment import FormatReport, assess, recommended
 from tactuator.wordlength.bits import controller_bits
 from tactuator.wordlength.formats import FORMATS
@@ -26,7 +26,7 @@ def run(controller: Path, rate: float | None, number_format: str | None, figures
     """Say which number formats are safe for a controller, and recommend the smallest."""
     names = [each.name for each in FORMATS]
     if number_format is not None and number_format not in names:
-        raise BadInput(f"format is {number_format!r}; allowed: {', '.join(names)}")
+        raise BadInput(f"format is {number_format!r}", f"{', '.join(names)}")
     made = read_controller(controller)
     if rate is not None:
         made = at_rate(made, rate)

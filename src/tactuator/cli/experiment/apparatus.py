@@ -27,7 +27,7 @@ def opened_apparatus(
     `open_rig` do.
     """
     if speed is not None and not speed > 0.0:
-        raise BadInput(f"speed {speed:g}; allowed: a positive number, 1 being real time")
+        raise BadInput(f"speed {speed:g}", "a positive number, 1 being real time")
     paper = display is None and controller is None
     loaded = paper_controller(paper_display()) if paper else chosen_controller(display, controller)
     with open_rig(rig, loaded.display, seed) as opened:

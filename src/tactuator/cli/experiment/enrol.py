@@ -35,7 +35,7 @@ def run(
     """Add a subject to a study of the store, or a further visit of one, and show the links of all visits."""
     given = [group, participant_id, skin_temperature_c, fact or None]
     if visit and any(one is not None for one in given):
-        raise BadInput("--visit with facts of a new subject; allowed: --visit alone, for a subject who is enrolled")
+        raise BadInput("--visit with facts of a new subject", "--visit alone, for a subject who is enrolled")
     database = Store(store, must_exist=True)
     try:
         with sessions_of(store), database.begin() as connection:
@@ -70,7 +70,7 @@ def correct(
     """Write correct data of a subject or a visit; what stood there stays in the store and in exports."""
     part = _part(code, group, participant_id, skin_temperature_c, [])
     if preload_n is not None and not 0.0 <= preload_n < float("inf"):
-        raise BadInput(f"subject: preload_n is {preload_n:g}; allowed: a number of 0 or more")
+        raise BadInput(f"subject: preload_n is {preload_n:g}", "a number of 0 or more")
     facts = dict(pairs("--fact", "NAME=VALUE", fact or [], empty=True))
     values = (None if group is None else part.group, part.participant_id, facts)
     correction = Correction(*values, visit, part.skin_temperature_c, preload_n)
@@ -105,4 +105,4 @@ def _part(
         first = error.errors()[0]
         name = ".".join(str(one) for one in first["loc"])
         allowed = ", ".join(get_args(Group)) if name == "group" else first["msg"]
-        raise BadInput(f"subject: {name} is {first['input']!r}; allowed: {allowed}") from None
+        raise BadInput(f"subject: {name} is {first['input']!r}", f"{allowed}") from None

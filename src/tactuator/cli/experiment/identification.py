@@ -30,7 +30,7 @@ from tactuator.experiment.store.lock import sessions_of
 from tactuator.experiment.store.opening import opened_store
 from tactuator.experiment.store.run_records import Sitting
 from tactuator.experiment.store.store import Store
-from tactuator.files.matrix import read_matrix
+from tactuator.io.matrix import read_matrix
 
 
 def identify_items(
@@ -68,7 +68,7 @@ def identify_items(
 def _subject(protocol: IdentificationProtocol, subject: str | None) -> str:
     codes = [one.code for one in protocol.subject]
     if subject is None and len(codes) > 1:
-        raise BadInput(f"{len(codes)} subjects are in the protocol; allowed: --subject with one of {', '.join(codes)}")
+        raise BadInput(f"{len(codes)} subjects are in the protocol", f"--subject with one of {', '.join(codes)}")
     return codes[0] if subject is None else subject
 
 
@@ -83,7 +83,7 @@ def transfer(
 ) -> None:
     """Estimate information transfer in five ways, one with an interval, from a store's studies or any matrix."""
     if (store is None) == (matrix is None):
-        raise BadInput("--store and --matrix; allowed: one of the two")
+        raise BadInput("--store and --matrix", "one of the two")
     rng = np.random.default_rng(seed)
     if matrix is not None:
         named = read_matrix(matrix)
@@ -95,7 +95,7 @@ def transfer(
         )
         return
     if seconds is not None:
-        raise BadInput("--seconds with --store; allowed: with --matrix, since a store knows its stimuli's durations")
+        raise BadInput("--seconds with --store", "with --matrix, since a store knows its stimuli's durations")
     assert store is not None
     database = Store(store, must_exist=True)
     try:

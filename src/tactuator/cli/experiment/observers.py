@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tactuator.errors import BadInput
-from tactuator.files.curve import read_relative_curve
+from tactuator.io.curve import read_relative_curve
 from tactuator.perception.relative_curve import RelativeCurve
 
 
@@ -22,7 +22,7 @@ def lapses_of(given: Sequence[str]) -> dict[str, float]:
         try:
             found[code] = float(text)
         except ValueError:
-            raise BadInput(f"--lapse {code}={text}; allowed: SUBJECT=RATE with a number") from None
+            raise BadInput(f"--lapse {code}={text}", "SUBJECT=RATE with a number") from None
     return found
 
 
@@ -35,9 +35,9 @@ def pairs(option: str, form: str, given: Sequence[str], empty: bool = False) -> 
     for text in given:
         code, equals, value = text.partition("=")
         if not (code and equals and (value or empty)):
-            raise BadInput(f"{option} {text!r}; allowed: {form}")
+            raise BadInput(f"{option} {text!r}", f"{form}")
         found.append((code, value))
     if len({code for code, _ in found}) != len(found):
         name = form.partition("=")[0].lower()
-        raise BadInput(f"{option} twice for a {name}; allowed: each {name} once")
+        raise BadInput(f"{option} twice for a {name}", f"each {name} once")
     return found

@@ -18,7 +18,7 @@ from tactuator.experiment.result.tables import threshold_table
 from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold, names_of_people, thresholds
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
-from tactuator.files.curve import resolve_curve, write_curve
+from tactuator.io.curve import resolve_curve, write_curve
 from tactuator.report.plates.felt.psychometric import psychometric_plate
 from tactuator.report.plates.felt.thresholds import PersonThresholds, thresholds_plate
 
@@ -42,14 +42,12 @@ def results(
     finally:
         store.close()
     if not runs:
-        raise BadInput(f"store {store_path} has no run of group {group!r}; allowed: a group that took part")
+        raise BadInput(f"store {store_path} has no run of group {group!r}", "a group that took part")
     with working(f"refitting {len(runs)} runs"):
         found = thresholds(runs)
     names = sorted({run.run.curve for run in runs})
     if reference is None and len(names) > 1:
-        raise BadInput(
-            f"runs stand on the curves {', '.join(names)}; allowed: --reference to name the one to extend by"
-        )
+        raise BadInput(f"runs stand on the curves {', '.join(names)}", "--reference to name the one to extend by")
     original = resolve_curve(reference or names[0])
     across, refused = _across(found, runs, original, keep_flagged)
     if across is not None and curve_out is not None:

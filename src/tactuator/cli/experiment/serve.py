@@ -20,7 +20,7 @@ from tactuator.experiment.session.studies import open_study, task_of
 from tactuator.experiment.store.cells import Found
 from tactuator.experiment.store.lock import sessions_of
 from tactuator.experiment.store.opening import opened_store
-from tactuator.files.formats.text import read_text
+from tactuator.io.formats.text import read_text
 from tactuator.web.address import Address
 from tactuator.web.app import build_app
 from tactuator.web.lab import Lab
@@ -76,12 +76,12 @@ def _operator_token(path: Path | None) -> str:
     try:
         given = os.environ.get(TOKEN_VARIABLE) if path is None else read_text(path).partition("\n")[0].strip()
     except BadInput as error:
-        raise BadInput(f"token file {path}: {error}; allowed: a text file") from None
+        raise BadInput(f"token file {path}: {error}", "a text file") from None
     if given is None:
         return secrets.token_urlsafe(_SHORTEST_TOKEN)
     if len(given) < _SHORTEST_TOKEN or not given.isascii() or not given.isprintable() or " " in given:
         raise BadInput(
-            f"the operator's token has {len(given)} characters; allowed: {_SHORTEST_TOKEN} or more, ASCII, no space"
+            f"the operator's token has {len(given)} characters", f"{_SHORTEST_TOKEN} or more, ASCII, no space"
         )
     return given
 

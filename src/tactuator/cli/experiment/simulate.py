@@ -14,7 +14,7 @@ from tactuator.experiment.procedure.quest_plus import QuestPlusRule
 from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule
 from tactuator.experiment.simulated.curve_quality import CurveQuality, simulate_curve
 from tactuator.experiment.simulated.procedure_quality import PROCEDURES, Setting, simulate
-from tactuator.files.curve import read_relative_curve
+from tactuator.io.curve import read_relative_curve
 from tactuator.perception.relative_curve import RelativeCurve
 
 
@@ -35,10 +35,10 @@ def run(
     """Run a procedure many times against a Weibull observer and say how good its estimates are."""
     setting = Setting(runs, _slope_range(slope), lapse, start_db, seed, guess, drift_db, loud_share)
     if procedure != "curve" and truth is not None:
-        raise BadInput(f"--truth with {procedure}; allowed: with curve")
+        raise BadInput(f"--truth with {procedure}", "with curve")
     if procedure in PROCEDURES:
         if trials is not None:
-            raise BadInput(f"--trials {trials} with {procedure}; allowed: with quest-plus and curve")
+            raise BadInput(f"--trials {trials} with {procedure}", "with quest-plus and curve")
         with working(f"{runs} runs"):
             result: Any = simulate(PROCEDURES[procedure], setting)
     elif procedure == "quest-plus":
@@ -48,7 +48,7 @@ def run(
         people = None if truth is None else read_relative_curve(truth)
         result = _curve(WholeCurveRule(trials=150 if trials is None else trials), setting, people)
     else:
-        raise BadInput(f"procedure {procedure!r}; allowed: {', '.join([*PROCEDURES, 'quest-plus', 'curve'])}")
+        raise BadInput(f"procedure {procedure!r}", f"{', '.join([*PROCEDURES, 'quest-plus', 'curve'])}")
     figures = plain(result)
     assert isinstance(figures, dict)
     answer(figures, as_json, _table(f"{procedure}, {runs} runs", figures))
@@ -65,7 +65,7 @@ def _slope_range(text: str) -> tuple[float, float]:
     try:
         return float(low), float(high or low)
     except ValueError:
-        raise BadInput(f"slope {text!r}; allowed: a number, or LOW:HIGH") from None
+        raise BadInput(f"slope {text!r}", "a number, or LOW:HIGH") from None
 
 
 def _table(title: str, figures: dict[str, Any]) -> Table:

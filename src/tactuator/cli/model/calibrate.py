@@ -10,8 +10,8 @@ from rich.table import Table
 
 from tactuator.cli.answer import answer
 from tactuator.errors import BadInput
-from tactuator.files.pairs import read_pairs
 from tactuator.identification.calibration import Calibration, fit_line
+from tactuator.io.pairs import read_pairs
 from tactuator.report.identification_table import with_error
 
 

@@ -15,15 +15,15 @@ from rich.table import Table
 from tactuator.cli.answer import answer, progress, written
 from tactuator.cli.model.identify_document import document, response_document
 from tactuator.errors import BadInput
-from tactuator.files.foreign_response import is_response, read_foreign_response
-from tactuator.files.model import write_identified
-from tactuator.files.record import read_record
 from tactuator.identification.asked import Asked
 from tactuator.identification.by_response import ResponseFit, identify_response
 from tactuator.identification.fixed.value import Fixed
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
 from tactuator.identification.validation import validated
+from tactuator.io.foreign_response import is_response, read_foreign_response
+from tactuator.io.model import write_identified
+from tactuator.io.record import read_record
 from tactuator.report.identification_table import identification_rows, response_rows
 from tactuator.signals.record import Record
 
@@ -57,7 +57,7 @@ def run(
     asked = Asked(order, zeros, integrators, delay_s, hold, quantity, friction, fixed)
     if is_response(records[0]):
         if len(records) > 1 or validate:
-            raise BadInput("a frequency response beside other files; allowed: one response by itself")
+            raise BadInput("a frequency response beside other files", "one response by itself")
         deliver_response(records[0], asked, out, as_json)
         return
 
@@ -122,7 +122,7 @@ def part_of(record: Record, from_s: float | None, to_s: float | None) -> Record:
         return record
     first, last = from_s or 0.0, record.duration_s if to_s is None else to_s
     if not 0.0 <= first < last <= record.duration_s + 1.0 / record.rate_hz:
-        raise BadInput(f"from {first:g} s to {last:g} s; allowed: ascending, within 0 .. {record.duration_s:g} s")
+        raise BadInput(f"from {first:g} s to {last:g} s", f"ascending, within 0 .. {record.duration_s:g} s")
     piece = slice(round(first * record.rate_hz), round(last * record.rate_hz))
     about = record.about | {"from_s": f"{first:g}", "to_s": f"{last:g}"}
     return replace(record.part(piece), about=about)

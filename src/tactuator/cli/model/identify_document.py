@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from tactuator.display.plant_model import PlantModel
 from tactuator.identification.by_response import ResponseFit
 from tactuator.identification.evidence.distortion import Distortion
 from tactuator.identification.fixed.standing import FixedAgainstOwn
 from tactuator.identification.result import Identification, Validation, resonances
+from tactuator.model.plant_model import PlantModel
 
 DELAY_SAYS = (
     "delay_s is everything between the command and the position as recorded, the laboratory's converters and filters "

@@ -13,10 +13,10 @@ from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer, working, written
-from tactuator.display.description import Channel
 from tactuator.errors import BadInput
-from tactuator.files.display import read_display
-from tactuator.files.record import write_record
+from tactuator.io.display import read_display
+from tactuator.io.record import write_record
+from tactuator.model.description import Channel
 from tactuator.rig.open import open_rig
 from tactuator.rig.rig import Rig
 from tactuator.rig.sensing import require_sensors
@@ -103,7 +103,7 @@ def planned(
     plant.
     """
     if excitation not in EXCITATIONS:
-        raise BadInput(f"excitation {excitation!r}; allowed: {', '.join(EXCITATIONS)}")
+        raise BadInput(f"excitation {excitation!r}", f"{', '.join(EXCITATIONS)}")
     rng = np.random.default_rng(seed)
     low, high = channel.threshold.band_hz
     travel_v = _travel_v(channel, travel_share)
@@ -138,7 +138,7 @@ def planned_multisine(
     periods, realisations = many
     travel_v = _travel_v(channel, travel_share)
     if periods < 3 or realisations < 1:
-        raise BadInput(f"{realisations} realisations of {periods} periods; allowed: 1 or more of 3 or more")
+        raise BadInput(f"{realisations} realisations of {periods} periods", "1 or more of 3 or more")
     rng = np.random.default_rng(seed)
     low, high = channel.threshold.band_hz
     period = sample_count(duration_s / (periods * realisations), rate_hz)
@@ -154,5 +154,5 @@ def planned_multisine(
 def _travel_v(channel: Channel, share: float) -> float:
     """Return a share of the channel's travel, volts of position. Raises BadInput unless it is above 0, at most 1."""
     if not 0.0 < share <= 1.0:
-        raise BadInput(f"travel share is {share:g}; allowed: above 0, at most 1")
+        raise BadInput(f"travel share is {share:g}", "above 0, at most 1")
     return share * channel.travel_mm * channel.sensor_gain_v_per_mm

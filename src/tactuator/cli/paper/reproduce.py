@@ -8,7 +8,7 @@ from rich.console import Group
 from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
-from tactuator.files.atomic import atomic_folder
+from tactuator.io.atomic import atomic_folder
 from tactuator.paper.plan import Plan, Progress, paper_display
 from tactuator.paper.publication.comparison import comparison
 from tactuator.paper.publication.publish import OWN_NAMES, publish

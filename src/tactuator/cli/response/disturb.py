@@ -34,7 +34,7 @@ def run(
     with open_rig(rig, made.display, seed) as opened:
         finger = getattr(opened, "finger", None)
         if finger is None:
-            raise BadInput(f"rig {rig!r} has no finger port to press at; allowed: one that has")
+            raise BadInput(f"rig {rig!r} has no finger port to press at", "one that has")
         opened.load(made)
         rng = np.random.default_rng(seed)
         for name in names:

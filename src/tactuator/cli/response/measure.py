@@ -14,16 +14,16 @@ from rich.console import Group
 from tactuator.cli.answer import answer, progress, shown, working, written
 from tactuator.cli.chosen import ask_for_load, chosen_controller, require_stable
 from tactuator.cli.controller.check import verdict_table
-from tactuator.display.controller import Controller
-from tactuator.display.verdict import Outcome
 from tactuator.errors import BadInput
 from tactuator.experiment.result.tables import ResultTable
-from tactuator.files.response import write_responses
+from tactuator.io.response import write_responses
 from tactuator.measure.error import error_db, expected_level_db_sl, response_verdict
 from tactuator.measure.finger.weights import Learnt, settle_weights
 from tactuator.measure.frequencies import over_the_band
 from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.stepped_sine import stepped_sine
+from tactuator.model.controller import Controller
+from tactuator.model.verdict import Outcome
 from tactuator.rig.open import open_rig
 from tactuator.rig.rig import Rig
 from tactuator.rig.touchable import touch_all
@@ -53,7 +53,7 @@ def run(
 ) -> None:
     """Measure the response, off mains; exit status 1 if it is not flat, or the confidence was not reached."""
     if method not in METHODS:
-        raise BadInput(f"method {method!r}; allowed: {', '.join(METHODS)}")
+        raise BadInput(f"method {method!r}", f"{', '.join(METHODS)}")
     made = chosen_controller(display, controller)
     require_stable(made, load)
     band_hz = _common_band(made, channel)
@@ -136,7 +136,7 @@ def frequencies(text: str) -> Frequencies:
     try:
         return np.array([float(cell) for cell in text.split(",") if cell.strip()], dtype=np.float64)
     except ValueError:
-        raise BadInput(f"frequencies {text!r}; allowed: numbers of hertz with commas between") from None
+        raise BadInput(f"frequencies {text!r}", "numbers of hertz with commas between") from None
 
 
 def document(responses: Sequence[Response], made: Controller) -> dict[str, Any]:

@@ -15,11 +15,11 @@ from tactuator.cli.answer import answer, working
 from tactuator.cli.chosen import ask_for_load, chosen_controller, require_stable
 from tactuator.cli.controller.check import verdict_table
 from tactuator.cli.response.measure import frequencies
-from tactuator.display.controller import Controller
-from tactuator.display.verdict import Outcome
-from tactuator.files.formats.environment import write_environment
+from tactuator.io.formats.environment import write_environment
 from tactuator.measure.noise import FeltNoise, felt_noise, noise_verdict
 from tactuator.measure.proportional import proportional_controller, unstable_channels
+from tactuator.model.controller import Controller
+from tactuator.model.verdict import Outcome
 from tactuator.rig.open import open_rig
 from tactuator.rig.touchable import touch_all
 

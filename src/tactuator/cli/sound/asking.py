@@ -15,4 +15,4 @@ def asked_number(question: str) -> float:
     try:
         return float(line)
     except ValueError:
-        raise BadInput(f"{line.strip()!r} was typed; allowed: a number") from None
+        raise BadInput(f"{line.strip()!r} was typed", "a number") from None

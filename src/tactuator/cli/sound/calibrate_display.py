@@ -13,11 +13,11 @@ from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
 from tactuator.cli.response.measure import frequencies
-from tactuator.display.description import Display
 from tactuator.errors import BadInput, NoDesign
-from tactuator.files.curve import resolve_curve
-from tactuator.files.display import read_display, with_curve
+from tactuator.io.curve import resolve_curve
+from tactuator.io.display import read_display, with_curve
 from tactuator.measure.open_loop.chain import Calibrated, CalibrationRequest, NoEqualiser, calibrate
+from tactuator.model.description import Display
 from tactuator.report.open_loop_files import FILES, write_calibrated, write_measured
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.rig import SoundRig
@@ -47,7 +47,7 @@ def run(
 def deliver(described: Display, rig: str, out: Path, asked: CalibrationRequest, seed: int, as_json: bool) -> None:
     """Calibrate, write and print; exit status 1 where it is not felt flat."""
     if not rig.startswith("sound:"):
-        raise BadInput(f"rig {rig!r}; allowed: sound:DEVICE[@RATE], a display without loop on a sound card")
+        raise BadInput(f"rig {rig!r}", "sound:DEVICE[@RATE], a display without loop on a sound card")
     with open_rig(rig, described, seed) as opened, progress() as bars:
         assert isinstance(opened, SoundRig)
         task = bars.add_task("calibrating", total=None)
@@ -84,7 +84,7 @@ def _band(described: Display, text: str) -> tuple[float, float]:
         return max(low for low, _ in bands), min(high for _, high in bands)
     values = frequencies(text)
     if values.size != 2 or not 0.0 < values[0] < values[1]:
-        raise BadInput(f"band {text!r}; allowed: two frequencies, low,high")
+        raise BadInput(f"band {text!r}", "two frequencies, low,high")
     return float(values[0]), float(values[1])
 
 

@@ -17,7 +17,7 @@ from tactuator.rig.sound.loopback import measure_delay, wire_display
 def run(device: str, rate_hz: float, output: int, input_number: int, level: float, as_json: bool) -> None:
     """Measure the delay from an output to an input through a wire, and whether it stays: latency_samples of [sound]."""
     if input_number < 1:
-        raise BadInput(f"input {input_number}; allowed: the input to which the wire leads, counted from 1")
+        raise BadInput(f"input {input_number}", "the input to which the wire leads, counted from 1")
     display = wire_display(rate_hz, output, input_number)
     with open_rig(f"sound:{device}", display) as rig, working("listening to the wire"):
         found = measure_delay(rig, level, np.random.default_rng(0))

@@ -34,7 +34,7 @@ def run(
 ) -> None:
     """Render a corpus: restartable, with a manifest; exit status 1 if a file failed."""
     if workers is not None and scheduler is not None:
-        raise BadInput("--workers with --scheduler; allowed: one of them, since a cluster has its own")
+        raise BadInput("--workers with --scheduler", "one of them, since a cluster has its own")
     chosen = coding_of(coding)
     job = RenderJob(chosen_controller(display, controller), chosen, level, felt, seed)
     with ExitStack() as stack:

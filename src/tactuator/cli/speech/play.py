@@ -16,7 +16,7 @@ from rich.table import Table
 
 from tactuator.cli.answer import answer, progress
 from tactuator.cli.chosen import chosen_controller
-from tactuator.files.reference import open_reference
+from tactuator.io.reference import open_reference
 from tactuator.rig.open import open_rig
 from tactuator.rig.player import Played, Wish, play_reference
 from tactuator.rig.sound.rig import SoundRig

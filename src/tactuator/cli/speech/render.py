@@ -30,7 +30,7 @@ def run(
 ) -> None:
     """Code speech onto the fingers, set its level in dB SL, keep the display's limits, write the reference."""
     if figures is not None and felt is None:
-        raise BadInput("--figures without --felt; allowed: both, since they show what was felt")
+        raise BadInput("--figures without --felt", "both, since they show what was felt")
     chosen = coding_of(coding)
     job = RenderJob(chosen_controller(display, controller), chosen, level, felt is not None, seed)
     with progress() as bars:

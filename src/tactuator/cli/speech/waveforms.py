@@ -11,7 +11,7 @@ from rich.table import Table
 
 from tactuator.cli.answer import answer, working, written
 from tactuator.cli.chosen import chosen_controller
-from tactuator.files.atomic import atomic_folder, write_text
+from tactuator.io.atomic import atomic_folder, write_text
 from tactuator.speech.waveforms import CUTANEOUS, KINESTHETIC, MIDDLE, WaveformSet, WrittenWaveform, write_waveforms
 
 PROTOCOL = "protocol.toml"

@@ -8,9 +8,9 @@ from typing import Any
 
 from tactuator.cli.answer import answer
 from tactuator.errors import BadInput
-from tactuator.files.model import read_model
-from tactuator.files.start.shipped import copy_examples, write_all
-from tactuator.files.start.template import (
+from tactuator.io.model import read_model
+from tactuator.io.start.shipped import copy_examples, write_all
+from tactuator.io.start.template import (
     DISPLAY_KINDS,
     display_template,
     protocol_items,
@@ -27,7 +27,7 @@ def run(
     """Write a commented display file (and a protocol) to start from, or copy out the examples."""
     if examples is not None:
         if like is not None or model is not None or protocol is not None:
-            raise BadInput("--examples with another option; allowed: --examples alone, since it copies everything")
+            raise BadInput("--examples with another option", "--examples alone, since it copies everything")
         written = [str(path) for path in copy_examples(examples)]
         said = f"{len(written)} files written into {examples}; {examples / 'README.md'} says what each is"
         answer({"written": written}, as_json, said)
@@ -37,9 +37,9 @@ def run(
         contents[out.parent / _PROTOCOL] = protocol_template(protocol).encode()
     for path in contents:
         if path.exists():
-            raise BadInput(f"{path} is there already; allowed: --out with a name that is free")
+            raise BadInput(f"{path} is there already", "--out with a name that is free")
     if not out.parent.is_dir():
-        raise BadInput(f"{out.parent} is not a folder; allowed: --out in a folder that is there")
+        raise BadInput(f"{out.parent} is not a folder", "--out in a folder that is there")
     if protocol is not None:
         contents |= {out.parent / name: content for name, content in protocol_items(protocol).items()}
     write_all(contents)

@@ -9,7 +9,7 @@ import typer
 
 from tactuator.cli.deferred import Verbs, does
 from tactuator.cli.options import AsJson
-from tactuator.files.start.template import DISPLAY_KINDS, PROTOCOL_KINDS
+from tactuator.io.start.template import DISPLAY_KINDS, PROTOCOL_KINDS
 
 
 @does("start.init:run", reads=["model"])

@@ -8,7 +8,7 @@ import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.console.chart.transient import padded, states_of
-from tactuator.display.description import Channel, Display
+from tactuator.model.description import Channel, Display
 from tactuator.synthesis.family import Member, plant_family
 
 _POINTS = 240

@@ -11,9 +11,9 @@ import numpy as np
 from scipy import signal
 
 from tactuator.arrays import FloatArray
-from tactuator.display.description import Display
 from tactuator.errors import BadInput
-from tactuator.files.reference import ReferenceFile, open_reference
+from tactuator.io.reference import ReferenceFile, open_reference
+from tactuator.model.description import Display
 from tactuator.perception.levels import COMFORT_DB_SL, LOWEST_DB_SL
 from tactuator.signals.decibels import db, from_db
 
@@ -98,14 +98,14 @@ class Generator:
             )
         unknown = [name for name in wave.channels if name not in self._names]
         if unknown or not wave.channels:
-            raise BadInput(f"channels {', '.join(unknown) or 'none'}; allowed: {', '.join(self._names)}")
+            raise BadInput(f"channels {', '.join(unknown) or 'none'}", f"{', '.join(self._names)}")
         top = 0.45 * self._display.rate_hz
         asked = {"tone": [wave.frequency_hz], "sweep": [wave.frequency_hz, wave.to_hz]}.get(wave.kind, [])
         for value in asked:
             if not 0.0 < value <= top:
-                raise BadInput(f"frequency {value:g} Hz; allowed: above 0, up to {top:g} Hz")
+                raise BadInput(f"frequency {value:g} Hz", f"above 0, up to {top:g} Hz")
         if wave.kind == "sweep" and not (0.1 <= wave.sweep_s <= 600.0 and wave.to_hz != wave.frequency_hz):
-            raise BadInput("sweep; allowed: between two frequencies, in 0.1 to 600 s")
+            raise BadInput("sweep", "between two frequencies, in 0.1 to 600 s")
         if wave.kind == "file":
             self._opened(wave)
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from tactuator.arrays import FloatArray
 from tactuator.console.held_rig.generator import GeneratorWave
-from tactuator.display.controller import Controller
+from tactuator.model.controller import Controller
 from tactuator.rig.trace import Trace
 
 Mode = Literal["idle", "live", "measuring", "presenting", "fault", "gone"]

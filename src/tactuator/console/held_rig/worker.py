@@ -24,9 +24,9 @@ from tactuator.console.held_rig.presenting import presented
 from tactuator.console.held_rig.sender import Sender
 from tactuator.console.held_rig.waiting import WaitingOrders
 from tactuator.console.held_rig.watched import RigHalted, WatchedRig
-from tactuator.display.controller import Controller
-from tactuator.display.description import Display
 from tactuator.errors import BadInput, TactuatorError
+from tactuator.model.controller import Controller
+from tactuator.model.description import Display
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.open import open_rig
 from tactuator.rig.paced import PacedRig
@@ -176,9 +176,9 @@ class RigWorker:
     def _live(self) -> None:
         """Play the generator and tell every sample until another order comes, then come to rest."""
         if self._rig is None:
-            raise BadInput("the rig has gone; allowed: open it again")
+            raise BadInput("the rig has gone", "open it again")
         if not self._standing.loaded:
-            raise BadInput("no controller is loaded; allowed: load one before playing a reference")
+            raise BadInput("no controller is loaded", "load one before playing a reference")
         if self._standing.mode == "fault" and self._controller is not None:
             self._load(orders.LoadOrder(self._controller))
         self._halt.clear()
@@ -238,7 +238,7 @@ class RigWorker:
         match order:
             case orders.GenerateOrder():
                 if self._standing.mode != "live" and order.wave is not None:
-                    raise BadInput("the rig is not live; allowed: start it before the generator")
+                    raise BadInput("the rig is not live", "start it before the generator")
                 self._generator.ask(order.wave)
                 self._say(wave=order.wave)
             case orders.TouchOrder():
@@ -250,7 +250,7 @@ class RigWorker:
 
     def _finger(self, channel: str) -> Any:
         if not isinstance(self._rig, PacedRig):
-            raise BadInput("this display is real: a finger goes onto it by hand; allowed: a simulated display")
+            raise BadInput("this display is real: a finger goes onto it by hand", "a simulated display")
         return self._rig.finger(channel)
 
     def _tell_samples(self, trace: Trace) -> None:

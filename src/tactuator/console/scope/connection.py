@@ -97,7 +97,7 @@ class RigConnection:
                 controls.reserved()
                 return {}
             if self._host.standing.mode != "gone":
-                raise BadInput("the rig is there, and an experiment has it; allowed: opening one that has gone")
+                raise BadInput("the rig is there, and an experiment has it", "opening one that has gone")
         elif not isinstance(request, messages.Simple) or request.do not in _FOR_ANYBODY:
             controls.require(self)
         if isinstance(request, messages.Simple) and request.do in ("take", "give"):

@@ -33,9 +33,9 @@ class Controls:
         page has the controls, or another experiment.
         """
         if self.reserved is not None:
-            raise BadInput("an experiment has the rig; allowed: end that one first")
+            raise BadInput("an experiment has the rig", "end that one first")
         if self.holder is not None:
-            raise BadInput("another page has the controls of the rig; allowed: take them over, and begin then")
+            raise BadInput("another page has the controls of the rig", "take them over, and begin then")
         self.reserved = stop
         self.tell_all()
 
@@ -76,11 +76,11 @@ class Controls:
         """Raise BadInput where the page watches, or an experiment has the rig."""
         self._require_no_experiment()
         if self.holder is not page:
-            raise BadInput("this page watches; allowed: take over the controls first")
+            raise BadInput("this page watches", "take over the controls first")
 
     def _require_no_experiment(self) -> None:
         if self.reserved is not None:
-            raise BadInput("an experiment has the rig; allowed: watching, stopping it, or ending it in its view")
+            raise BadInput("an experiment has the rig", "watching, stopping it, or ending it in its view")
 
     def tell_all(self) -> None:
         """Tell every page where things stand."""

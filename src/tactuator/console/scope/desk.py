@@ -17,11 +17,11 @@ from tactuator.console.scope.host import RigHost
 from tactuator.console.scope.samples import SIGNALS
 from tactuator.console.shaping.factors import shape_of
 from tactuator.console.workshop import FILE, Workshop
-from tactuator.display.controller import Controller
-from tactuator.display.description import Display
 from tactuator.errors import BadInput
-from tactuator.files.controller import read_controller
+from tactuator.io.controller import read_controller
 from tactuator.measure.frequencies import over_the_band
+from tactuator.model.controller import Controller
+from tactuator.model.description import Display
 from tactuator.synthesis.design import design_controller
 
 _CURVE_POINTS = 120
@@ -125,7 +125,7 @@ class Desk:
         start = max(0, request.end - round(request.span_s * rate_hz))
         rows = self._host.samples.rows(start, request.end)
         if not len(rows):
-            raise BadInput("those samples are not kept any more; allowed: the last 60 s")
+            raise BadInput("those samples are not kept any more", "the last 60 s")
         held = rows[:, [len(self.channels) * k + column for k in range(len(SIGNALS))]].astype(np.float64)
         time_s = np.arange(len(rows)) / rate_hz
         written = io.StringIO()
@@ -135,7 +135,7 @@ class Desk:
     def loaded_controller(self) -> Controller:
         """Return the controller that is loaded. Raises BadInput while there is none."""
         if self._controller is None or not self._host.standing.loaded:
-            raise BadInput("no controller is loaded; allowed: load one first")
+            raise BadInput("no controller is loaded", "load one first")
         return self._controller
 
     @property

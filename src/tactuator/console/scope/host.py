@@ -15,8 +15,8 @@ from tactuator.console.held_rig import orders
 from tactuator.console.held_rig.worker import hold_rig
 from tactuator.console.scope.levels import Felt, Levels
 from tactuator.console.scope.samples import ScopeSamples
-from tactuator.display.description import Display
 from tactuator.errors import BadInput, DeviceFault
+from tactuator.model.description import Display
 
 KEPT_S = 60.0
 _ENDED = "the process that holds the rig has ended; allowed: open the rig again"

@@ -9,7 +9,7 @@ from scipy import fft
 
 from tactuator.arrays import FloatArray
 from tactuator.console.scope.samples import SIGNALS, Rows, ScopeSamples
-from tactuator.display.description import Channel, Display
+from tactuator.model.description import Channel, Display
 from tactuator.signals.decibels import db
 
 SECONDS = 1.0

@@ -56,9 +56,7 @@ class ScopeSamples:
         Raises BadInput for a number that was there already, and for another shape.
         """
         if rows.ndim != 2 or rows.shape[1] != self.series or first < self.end:
-            raise BadInput(
-                f"rows of shape {rows.shape} from {first} on; allowed: (n, {self.series}), from {self.end} on"
-            )
+            raise BadInput(f"rows of shape {rows.shape} from {first} on", f"(n, {self.series}), from {self.end} on")
         with self._lock:
             missing = first - self.end
             self.lost += missing

@@ -83,9 +83,7 @@ class LoopShape:
                 poles += np.exp(np.array(less) / rate_hz).tolist()
                 gain *= at_rest(less, rate_hz) / at_rest(more, rate_hz)
         if len(zeros) > len(poles):
-            raise BadInput(
-                f"the controller has {len(zeros)} zeros and {len(poles)} poles; allowed: no more zeros than poles"
-            )
+            raise BadInput(f"the controller has {len(zeros)} zeros and {len(poles)} poles", "no more zeros than poles")
         return SampledSystem(np.array(zeros), np.array(poles), gain, rate_hz)
 
     def document(self) -> dict[str, object]:
@@ -97,9 +95,9 @@ class LoopShape:
 
     def _check(self, rate_hz: float) -> None:
         if len(self.factors) > FACTORS_MAX:
-            raise BadInput(f"the controller has {len(self.factors)} factors; allowed: up to {FACTORS_MAX}")
+            raise BadInput(f"the controller has {len(self.factors)} factors", f"up to {FACTORS_MAX}")
         if self.sign not in (-1, 1):
-            raise BadInput(f"the controller's sign is {self.sign}; allowed: 1 or -1")
+            raise BadInput(f"the controller's sign is {self.sign}", "1 or -1")
         _within("gain_db", self.gain_db, -_GAIN_DB, _GAIN_DB)
         for factor in self.factors:
             for name, value in zip(PARAMETERS[factor.kind], factor.values, strict=True):
@@ -111,7 +109,7 @@ def shape_of(document: Mapping[str, object]) -> LoopShape:
     """Return the shape of plain values. Raises BadInput for a kind that is not known or a value that is no number."""
     listed = document.get("factors")
     if not isinstance(listed, list):
-        raise BadInput(f"factors is {listed!r}; allowed: a list of factors")
+        raise BadInput(f"factors is {listed!r}", "a list of factors")
     sign = document.get("sign", 1)
     return LoopShape(_number(document, "gain_db"), tuple(_factor(one) for one in listed), 1 if sign == 1 else -1)
 
@@ -123,20 +121,20 @@ def at_rest(roots: list[complex], rate_hz: float) -> float:
 
 def _factor(entry: object) -> Factor:
     if not isinstance(entry, dict) or not isinstance(kind := entry.get("kind"), str) or kind not in PARAMETERS:
-        raise BadInput(f"factor {entry!r}; allowed: one of {', '.join(PARAMETERS)}")
+        raise BadInput(f"factor {entry!r}", f"one of {', '.join(PARAMETERS)}")
     return Factor(kind, tuple(_number(entry, name) for name in PARAMETERS[kind]))
 
 
 def _number(entry: Mapping[str, object], name: str) -> float:
     value = entry.get(name)
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
-        raise BadInput(f"{name} is {value!r}; allowed: a finite number")
+        raise BadInput(f"{name} is {value!r}", "a finite number")
     return float(value)
 
 
 def _within(name: str, value: float, low: float, high: float) -> None:
     if not low <= value <= high:
-        raise BadInput(f"{name} is {value:g}; allowed: {low:g} to {high:g}")
+        raise BadInput(f"{name} is {value:g}", f"{low:g} to {high:g}")
 
 
 def _pair(hz: float, damping: float) -> list[complex]:

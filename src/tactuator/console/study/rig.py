@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from tactuator.console.held_rig import orders
 from tactuator.console.scope.host import RigHost
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput, DeviceFault, TimingMissed
+from tactuator.model.controller import Controller
 from tactuator.rig.finger import Finger
 from tactuator.rig.rig import DisplayRig
 from tactuator.rig.trace import Trace, join_traces
@@ -57,7 +57,7 @@ class ConsoleRig(DisplayRig):
 
     def finger(self, channel: str) -> Finger:
         """Raise BadInput: the finger ports are those of another process."""
-        raise BadInput(f"the finger port of {channel} is the console's; allowed: a touch in the scope")
+        raise BadInput(f"the finger port of {channel} is the console's", "a touch in the scope")
 
     def load(self, controller: Controller) -> None:
         """Make the controller the one that runs. Raises BadInput if it is not for this rig."""
@@ -76,7 +76,7 @@ class ConsoleRig(DisplayRig):
         Raises DeviceFault with its reason where the rig stopped, or has gone; TimingMissed where it may be tried again.
         """
         if self._controller is None:
-            raise BadInput("no controller is loaded; allowed: load one before playing a reference")
+            raise BadInput("no controller is loaded", "load one before playing a reference")
         if self._host.standing.loaded != self._controller.content_hash:
             self._host.order(orders.LoadOrder(self._controller))  # the rig was opened anew
         number = next(self._numbers)
@@ -96,7 +96,7 @@ class ConsoleRig(DisplayRig):
 
     def drive(self, command_v: ArrayLike) -> Trace:
         """Raise BadInput: an experiment plays through the controller only."""
-        raise BadInput("the console's rig is not driven without its controller; allowed: playing a reference")
+        raise BadInput("the console's rig is not driven without its controller", "playing a reference")
 
     def rest(self) -> None:
         """End what plays, and return when the output is at rest, or the rig has gone. Raises DeviceFault where its
@@ -129,7 +129,7 @@ class ConsoleRig(DisplayRig):
             except queue.Empty:
                 raise DeviceFault(f"the rig's process has told nothing for {patience_s:g} s") from None
             if told is None:
-                raise DeviceFault("the process that holds the rig has ended; allowed: open the rig again")
+                raise DeviceFault("the process that holds the rig has ended", "open the rig again")
             if told.number == number:
                 yield told
                 if told.over:

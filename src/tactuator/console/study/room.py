@@ -18,7 +18,6 @@ from tactuator.console.study.messages import BeginStudy, ExportStudy
 from tactuator.console.study.rig import ConsoleRig
 from tactuator.console.views.experiment import together
 from tactuator.console.workshop import Workshop
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.experiment.export.export import export
 from tactuator.experiment.protocol.file import read_any_protocol
@@ -29,6 +28,7 @@ from tactuator.experiment.session.studies import open_study, task_of
 from tactuator.experiment.store.lock import sessions_of
 from tactuator.experiment.store.opening import opened_store
 from tactuator.experiment.store.store import Store
+from tactuator.model.controller import Controller
 from tactuator.web.lab import Lab
 from tactuator.web.study_pages import StudyPages
 
@@ -67,7 +67,7 @@ class StudyRoom:
         """Begin or resume a study with the controller that is loaded. Raises BadInput as `experiment serve` refuses."""
         async with self._changing:
             if self._running is not None:
-                raise BadInput(f"the study {self._running.name!r} is open; allowed: end it first")
+                raise BadInput(f"the study {self._running.name!r} is open", "end it first")
             controller = self._desk.loaded_controller()
             self._controls.reserve(self._stop)
             try:

@@ -11,11 +11,11 @@ from pydantic import BaseModel, Field, StringConstraints
 from tactuator.console.asked import Answer, Name, ViewRequest
 from tactuator.console.views.toml_places import line_of, literal, with_literal
 from tactuator.console.workshop import Workshop
-from tactuator.display.description import Channel, Display
 from tactuator.errors import BadInput, TactuatorError
-from tactuator.files.display_schema import SHARED_TABLES, ChannelOwnKeys, DisplayKeys, ObjectivesKeys
-from tactuator.files.formats.text import parse_toml, read_text
-from tactuator.files.start.template import display_template
+from tactuator.io.display_schema import SHARED_TABLES, ChannelOwnKeys, DisplayKeys, ObjectivesKeys
+from tactuator.io.formats.text import parse_toml, read_text
+from tactuator.io.start.template import display_template
+from tactuator.model.description import Channel, Display
 
 Text = Annotated[str, StringConstraints(max_length=60_000)]
 _CHANNELS_SHOWN = 64

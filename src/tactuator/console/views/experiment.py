@@ -15,7 +15,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.export.export import FORMS
 from tactuator.experiment.protocol.file import read_any_protocol
 from tactuator.experiment.protocol.identification import IdentificationProtocol
-from tactuator.files.start.shipped import EXAMPLES, example_names
+from tactuator.io.start.shipped import EXAMPLES, example_names
 
 STORE = "lab.db"
 _EXAMPLE = "example:"
@@ -82,6 +82,6 @@ def together(drawer: Drawer, protocol: str, files: tuple[str, ...]) -> Path:
     _, place = drawer.place()
     for one in (path, *(drawer.path(key) for key in files)):
         if (place / one.name).exists():
-            raise BadInput(f"two files named {one.name}; allowed: one of each name")
+            raise BadInput(f"two files named {one.name}", "one of each name")
         shutil.copyfile(one, place / one.name)
     return place / path.name

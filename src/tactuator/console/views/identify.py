@@ -13,17 +13,17 @@ from pydantic import Field
 from tactuator.arrays import FloatArray
 from tactuator.console.asked import Answer, Finite, Name, ViewRequest
 from tactuator.console.workshop import Workshop
-from tactuator.display.plant_model import PlantModel
 from tactuator.errors import BadInput
-from tactuator.files.columns import read_columns
-from tactuator.files.foreign_response import is_response, read_foreign_response
-from tactuator.files.model import identified_text
-from tactuator.files.record import read_record
 from tactuator.identification.asked import Asked
 from tactuator.identification.by_response import identify_response
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
 from tactuator.identification.validation import validated
+from tactuator.io.columns import read_columns
+from tactuator.io.foreign_response import is_response, read_foreign_response
+from tactuator.io.model import identified_text
+from tactuator.io.record import read_record
+from tactuator.model.plant_model import PlantModel
 from tactuator.report.identification_table import identification_rows, response_rows
 from tactuator.signals.record import Record
 from tactuator.signals.spectra import power_spectrum
@@ -107,7 +107,7 @@ class IdentifyModel(_OfRecord):
     def _of_response(self, path: Path) -> Answer:
         """Return the model of a frequency response, and how far it departs from each point."""
         if self.validate_on:
-            raise BadInput("a frequency response beside other files; allowed: one response by itself")
+            raise BadInput("a frequency response beside other files", "one response by itself")
         given = read_foreign_response(path)
         found = identify_response(given, Asked(order=self.order, zeros=self.zeros, hold=self.hold))
         model, value = found.model, given.value()

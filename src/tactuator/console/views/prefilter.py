@@ -15,11 +15,11 @@ from tactuator.arrays import FloatArray
 from tactuator.console.asked import Answer, Finite, Name, ViewRequest
 from tactuator.console.figures import verdict_rows
 from tactuator.console.workshop import Workshop
-from tactuator.display.description import Channel
-from tactuator.files.controller import controller_text
-from tactuator.files.curve import curve_text, read_curve
-from tactuator.files.display import with_curve
+from tactuator.io.controller import controller_text
+from tactuator.io.curve import curve_text, read_curve
+from tactuator.io.display import with_curve
 from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.model.description import Channel
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.design import design_controller

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 
 from tactuator.errors import BadInput
-from tactuator.files.formats.text import parse_toml
+from tactuator.io.formats.text import parse_toml
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([\w.]+)\s*\]\]?\s*(?:#.*)?$")
 _KEY = re.compile(r"^(\s*(\w+)\s*=\s*)(.*)$")
@@ -54,7 +54,7 @@ def with_literal(text: str, table: str, place: int, key: str, value: str) -> str
     except BadInput:
         one = False
     if not one:
-        raise BadInput(f"{key}: {value!r} is no value; allowed: a number, a text in quotes, or a list in brackets")
+        raise BadInput(f"{key}: {value!r} is no value", "a number, a text in quotes, or a list in brackets")
     lines = text.splitlines()
     last = None
     for name, index, number, found in _lines(text):

@@ -13,7 +13,7 @@ from tactuator.experiment.export.rows import Exported, exported
 from tactuator.experiment.export.tasks import participants
 from tactuator.experiment.export.writing import label, lines, table_text, write_json
 from tactuator.experiment.store.store import Store
-from tactuator.files.atomic import atomic_folder
+from tactuator.io.atomic import atomic_folder
 
 _OWN_NAMES = frozenset(
     [
@@ -30,7 +30,7 @@ def export(store: Store, folder: Path, form: str) -> int:
     Raises BadInput for another form or a store without a response.
     """
     if form not in FORMS:
-        raise BadInput(f"format {form!r}; allowed: {', '.join(FORMS)}")
+        raise BadInput(f"format {form!r}", f"{', '.join(FORMS)}")
     all_of_it = exported(store)
     names = {label(str(row["subject"])) for row in all_of_it.subjects.rows}
     own = _OWN_NAMES | {f"sub-{one}" for one in names | {one.label for one in participants(all_of_it)}}

@@ -71,7 +71,7 @@ def exported(store: Store) -> Exported:
     with store.read() as connection:
         trials = _trials(connection)
         if not trials.rows:
-            raise BadInput(f"store {store.path} has no response; allowed: one with at least one")
+            raise BadInput(f"store {store.path} has no response", "one with at least one")
         intervals, events = _intervals(connection), _events(connection)
         subjects, settings = _subjects(connection), _settings(connection)
     return Exported(trials, intervals, events, subjects, _thresholds(store), settings)

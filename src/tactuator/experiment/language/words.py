@@ -11,7 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from tactuator.errors import BadInput
-from tactuator.files.formats.text import parse_toml, read_text
+from tactuator.io.formats.text import parse_toml, read_text
 
 _SOURCE_LANGUAGE = "en"
 _TEXT_LENGTH_MAX = 400
@@ -43,9 +43,7 @@ def shipped_languages() -> tuple[str, ...]:
 def shipped_words(language: str) -> Words:
     """Return the words of a language that comes with the package; BadInput for another."""
     if language not in shipped_languages():
-        raise BadInput(
-            f"language {language!r}; allowed: {', '.join(shipped_languages())}, or a language_file of one's own"
-        )
+        raise BadInput(f"language {language!r}", f"{', '.join(shipped_languages())}, or a language_file of one's own")
     text = files("tactuator.experiment.language").joinpath(f"{language}.toml").read_text(encoding="utf-8")
     return Words(language, _flat(tomllib.loads(text)))
 
@@ -58,9 +56,9 @@ def read_words(path: Path, language: str) -> Words:
     try:
         found = _flat(parse_toml(read_text(path)))
     except RecursionError:
-        raise BadInput(f"language file {path}: tables too deep; allowed: TOML as the shipped files are") from None
+        raise BadInput(f"language file {path}: tables too deep", "TOML as the shipped files are") from None
     except BadInput as error:
-        raise BadInput(f"language file {path}: {error}; allowed: TOML as the shipped files are") from None
+        raise BadInput(f"language file {path}: {error}", "TOML as the shipped files are") from None
     amiss = difference(found, shipped_words(_SOURCE_LANGUAGE).texts)
     if amiss is not None:
         raise BadInput(f"language file {path}: {amiss}")

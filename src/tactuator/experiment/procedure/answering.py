@@ -31,11 +31,11 @@ class Answering:
 
     def __post_init__(self) -> None:
         if not self.slopes or min(self.slopes) <= 0.0 or len(self.lapses) != len(self.lapse_shares):
-            raise BadInput("answering: slopes, lapses or shares; allowed: positive slopes, a share for every lapse")
+            raise BadInput("answering: slopes, lapses or shares", "positive slopes, a share for every lapse")
         if not 0.0 <= self.guess < self.target < 1.0 - max(self.lapses):
             raise BadInput(
-                f"answering: guess {self.guess:g}, target {self.target:g}, lapses up to {max(self.lapses):g}; "
-                "allowed: 0 <= guess < target < 1 - lapse"
+                f"answering: guess {self.guess:g}, target {self.target:g}, lapses up to {max(self.lapses):g}",
+                "0 <= guess < target < 1 - lapse",
             )
 
     def psi(self, level_db: FloatArray, slope: FloatArray, lapse: FloatArray) -> FloatArray:

@@ -55,7 +55,7 @@ class Practice:
     def record(self, correct: bool) -> None:
         """Count the outcome. Raises BadInput once practice is over."""
         if self.placement() is None:
-            raise BadInput(f"the run was over after {self.trials} trials; allowed: no further response")
+            raise BadInput(f"the run was over after {self.trials} trials", "no further response")
         self.outcomes.append(correct)
 
     def estimate(self) -> Estimate | None:

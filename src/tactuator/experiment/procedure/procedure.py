@@ -63,7 +63,7 @@ class FixedTrials:
 
     def _count(self) -> None:
         if self.is_over:
-            raise BadInput(f"the run was over after {self._trials} trials; allowed: no further response")
+            raise BadInput(f"the run was over after {self._trials} trials", "no further response")
         self._trials += 1
 
 

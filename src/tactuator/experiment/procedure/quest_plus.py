@@ -48,22 +48,20 @@ class QuestPlusRule:
 
     def __post_init__(self) -> None:
         if self.trials < 1:
-            raise BadInput(f"QUEST+: {self.trials} trials; allowed: 1 or more")
+            raise BadInput(f"QUEST+: {self.trials} trials", "1 or more")
         if not (self.step_db > 0.0 and self.low_db_sl + self.step_db < self.high_db_sl):
             raise BadInput(
-                f"QUEST+: levels {self.low_db_sl:g} to {self.high_db_sl:g} dB SL in steps of {self.step_db:g}; "
-                "allowed: two or more ascending levels"
+                f"QUEST+: levels {self.low_db_sl:g} to {self.high_db_sl:g} dB SL in steps of {self.step_db:g}",
+                "two or more ascending levels",
             )
         if len(self.slopes) != len(self.slope_weights) or not self.lapses or min(self.slopes) <= 0.0:
-            raise BadInput(
-                "QUEST+: slopes, slope_weights or lapses; allowed: positive slopes, as many weights, a lapse"
-            )
+            raise BadInput("QUEST+: slopes, slope_weights or lapses", "positive slopes, as many weights, a lapse")
         if not self.expected_sd_db > 0.0:
-            raise BadInput(f"QUEST+: expected_sd_db is {self.expected_sd_db:g}; allowed: a positive number of dB")
+            raise BadInput(f"QUEST+: expected_sd_db is {self.expected_sd_db:g}", "a positive number of dB")
         if self.aim not in ("threshold", "parameters"):
-            raise BadInput(f"QUEST+: aim {self.aim!r}; allowed: threshold, parameters")
+            raise BadInput(f"QUEST+: aim {self.aim!r}", "threshold, parameters")
         if not (0.0 <= self.guess < self.target < 1.0 - max(self.lapses)):
-            raise BadInput(f"QUEST+: guess {self.guess:g}, target {self.target:g}; allowed: guess < target < 1 - lapse")
+            raise BadInput(f"QUEST+: guess {self.guess:g}, target {self.target:g}", "guess < target < 1 - lapse")
 
 
 class Tables:

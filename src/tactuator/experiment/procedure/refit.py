@@ -94,9 +94,9 @@ def refit(
     outcomes = np.atleast_2d(np.asarray(correct, dtype=np.bool_))
     fewest = int(np.min(np.sum(np.isfinite(levels), axis=1), initial=_MINIMUM_TRIALS))
     if fewest < _MINIMUM_TRIALS:
-        raise BadInput(f"refit of a run of {fewest} trials; allowed: {_MINIMUM_TRIALS} or more")
+        raise BadInput(f"refit of a run of {fewest} trials", f"{_MINIMUM_TRIALS} or more")
     if not 0.0 < coverage < 1.0:
-        raise BadInput(f"coverage {coverage:g}; allowed: between 0 and 1")
+        raise BadInput(f"coverage {coverage:g}", "between 0 and 1")
     parts = [
         _refit_batch(levels[first : first + _BATCH_RUNS], outcomes[first : first + _BATCH_RUNS], prior, coverage)
         for first in range(0, levels.shape[0], _BATCH_RUNS)

@@ -44,21 +44,21 @@ class UpDownRule:
 
     def __post_init__(self) -> None:
         if min(self.down, self.up) < 1:
-            raise BadInput(f"up-down rule: {self.down}-down-{self.up}-up; allowed: 1 or more of each")
+            raise BadInput(f"up-down rule: {self.down}-down-{self.up}-up", "1 or more of each")
         if not self.steps_db or min(self.steps_db) <= 0.0:
-            raise BadInput(f"up-down rule: steps_db {list(self.steps_db)}; allowed: one or more positive steps")
+            raise BadInput(f"up-down rule: steps_db {list(self.steps_db)}", "one or more positive steps")
         if not 1 <= self.averaged <= self.reversals:
-            raise BadInput(f"up-down rule: averages {self.averaged} of {self.reversals} reversals; allowed: 1 to all")
+            raise BadInput(f"up-down rule: averages {self.averaged} of {self.reversals} reversals", "1 to all")
         if self.average not in ("reversals", "mid-runs"):
-            raise BadInput(f"up-down rule: average {self.average!r}; allowed: reversals, mid-runs")
+            raise BadInput(f"up-down rule: average {self.average!r}", "reversals, mid-runs")
         if self.average == "mid-runs" and self.averaged < 2:
-            raise BadInput(f"up-down rule: mid-runs of {self.averaged} reversals; allowed: 2 or more")
+            raise BadInput(f"up-down rule: mid-runs of {self.averaged} reversals", "2 or more")
         if not self.floor_db_sl < self.ceiling_db_sl:
             raise BadInput(
                 f"up-down rule: floor {self.floor_db_sl:g} dB SL is not below the ceiling {self.ceiling_db_sl:g}"
             )
         if self.trial_limit < 1:
-            raise BadInput(f"up-down rule: trial_limit is {self.trial_limit}; allowed: 1 or more")
+            raise BadInput(f"up-down rule: trial_limit is {self.trial_limit}", "1 or more")
 
     @property
     def target(self) -> float:
@@ -112,9 +112,7 @@ class UpDown:
     def __post_init__(self) -> None:
         rule = self.rule
         if not rule.floor_db_sl <= self.start_db_sl <= rule.ceiling_db_sl:
-            raise BadInput(
-                f"start level {self.start_db_sl:g} dB SL; allowed: {rule.floor_db_sl:g} to {rule.ceiling_db_sl:g}"
-            )
+            raise BadInput(f"start level {self.start_db_sl:g} dB SL", f"{rule.floor_db_sl:g} to {rule.ceiling_db_sl:g}")
         self.level_db_sl = self.start_db_sl
 
     @property
@@ -147,7 +145,7 @@ class UpDown:
     def record(self, correct: bool) -> None:
         """Move the level by the outcome. Raises BadInput once the run is over."""
         if self.finished:
-            raise BadInput(f"the run was over after {self.trials} trials; allowed: no further response")
+            raise BadInput(f"the run was over after {self.trials} trials", "no further response")
         self.levels.append(self.level_db_sl)
         self.outcomes.append(bool(correct))
         self._streak = max(self._streak, 0) + 1 if correct else min(self._streak, 0) - 1

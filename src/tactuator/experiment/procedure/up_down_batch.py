@@ -37,7 +37,7 @@ def run_tracks(rule: UpDownRule, start_db_sl: FloatArray, probability: Probabili
     Raises BadInput for a rule that does not average reversals.
     """
     if rule.average != "reversals":
-        raise BadInput(f"batch of up-down tracks: average {rule.average!r}; allowed: reversals")
+        raise BadInput(f"batch of up-down tracks: average {rule.average!r}", "reversals")
     state = _State(rule, start_db_sl)
     levels, outcomes = list[FloatArray](), list[NDArray[np.bool_]]()
     numbers = np.arange(start_db_sl.size)

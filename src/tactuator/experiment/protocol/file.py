@@ -12,7 +12,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.identification import IdentificationProtocol
 from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.protocol.study import StudyProtocol
-from tactuator.files.formats.text import parse_toml, read_text
+from tactuator.io.formats.text import parse_toml, read_text
 
 _P = TypeVar("_P", bound=StudyProtocol)
 _IDENTIFICATION_TABLES = {"identification", "item", "block"}
@@ -69,14 +69,14 @@ def _text(path: str | Path) -> str:
     try:
         return read_text(Path(path))
     except BadInput as error:
-        raise BadInput(f"protocol {path}: {error}; allowed: a TOML file that can be read") from None
+        raise BadInput(f"protocol {path}: {error}", "a TOML file that can be read") from None
 
 
 def _document(text: str, where: str) -> dict[str, Any]:
     try:
         return parse_toml(text)
     except BadInput as error:
-        raise BadInput(f"protocol {where}: {error}; allowed: TOML") from None
+        raise BadInput(f"protocol {where}: {error}", "TOML") from None
 
 
 def _kind(document: dict[str, Any]) -> type[StudyProtocol]:
@@ -86,7 +86,7 @@ def _kind(document: dict[str, Any]) -> type[StudyProtocol]:
 def _of_kind(text: str, where: str, form: type[_P]) -> _P:
     document = _document(text, where)
     if _kind(document) is not form:
-        raise BadInput(f"protocol {where} has the tables {', '.join(document) or 'none'}; allowed: {_KINDS[form]}")
+        raise BadInput(f"protocol {where} has the tables {', '.join(document) or 'none'}", f"{_KINDS[form]}")
     return _parsed(document, where, form)
 
 

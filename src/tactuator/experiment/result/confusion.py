@@ -64,7 +64,7 @@ def identification_results(
                     results += _matrix_results(connection, row.id, protocol, rng, draws)
     if not results and not abx:
         wanted = "identification study" if study is None else f"identification study {study!r}"
-        raise BadInput(f"store {store.path}: no answers of any {wanted}; allowed: a store with test blocks answered")
+        raise BadInput(f"store {store.path}: no answers of any {wanted}", "a store with test blocks answered")
     return results, abx
 
 

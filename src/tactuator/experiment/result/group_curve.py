@@ -57,7 +57,7 @@ def group_curve(
     frequency_hz = np.array(sorted({one.frequency_hz for one in kept}))
     if frequency_hz.size < 3:
         without = f", {len(left_out)} thresholds left out for their flags" if left_out else ""
-        raise BadInput(f"a curve of {frequency_hz.size} measured frequencies{without}; allowed: three or more")
+        raise BadInput(f"a curve of {frequency_hz.size} measured frequencies{without}", "three or more")
     rows = [_mean([one for one in kept if one.frequency_hz == frequency]) for frequency in frequency_hz.tolist()]
     level, error = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
     count = [row[2] for row in rows]

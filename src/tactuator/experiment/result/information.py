@@ -94,12 +94,12 @@ def confusion_counts(matrix: ArrayLike) -> NDArray[np.int64]:
     """
     values = np.asarray(matrix, dtype=np.float64)
     if values.ndim != 2 or values.shape[1] < 2:
-        raise BadInput(f"confusion matrix has shape {values.shape}; allowed: (stimuli, responses), two or more of each")
+        raise BadInput(f"confusion matrix has shape {values.shape}", "(stimuli, responses), two or more of each")
     if not np.all(np.isfinite(values)) or np.any(values < 0.0) or np.any(values != np.round(values)):
-        raise BadInput("confusion matrix holds a number that is not a count; allowed: 0, 1, 2, ...")
+        raise BadInput("confusion matrix holds a number that is not a count", "0, 1, 2, ...")
     presented = values.sum(axis=1) > 0.0
     if presented.sum() < 2:
-        raise BadInput(f"confusion matrix: {presented.sum()} stimuli were presented; allowed: two or more")
+        raise BadInput(f"confusion matrix: {presented.sum()} stimuli were presented", "two or more")
     return values.astype(np.int64)
 
 
@@ -157,9 +157,9 @@ def information(
     """
     counts = confusion_counts(matrix)
     if not 0.0 < confidence < 1.0 or draws < 100:
-        raise BadInput(f"confidence {confidence:g}, {draws} draws; allowed: between 0 and 1, and 100 or more")
+        raise BadInput(f"confidence {confidence:g}, {draws} draws", "between 0 and 1, and 100 or more")
     if seconds_per_stimulus is not None and not seconds_per_stimulus > 0.0:
-        raise BadInput(f"{seconds_per_stimulus:g} seconds a stimulus; allowed: a positive number")
+        raise BadInput(f"{seconds_per_stimulus:g} seconds a stimulus", "a positive number")
     estimates = {name: InformationEstimate(float(bits)) for name, bits in all_estimates(counts).items()}
     why = _no_interval(counts)
     if why is None:

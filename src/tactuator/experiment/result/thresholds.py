@@ -203,7 +203,7 @@ def _whole_curve(run: StoredRun, procedure: WholeCurve) -> list[MeasuredThreshol
     kinds, seen = catch_kinds(run), played(run)
     own = kinds != "blank"
     if not own.any():
-        raise BadInput(f"run {run.run.id} has no trial of its procedure; allowed: a run with trials")
+        raise BadInput(f"run {run.run.id} has no trial of its procedure", "a run with trials")
     levels, hertz = run.levels_db_sl[own], run.frequency_hz[own]
     curve = curve_run(procedure.rule, hertz, levels, run.correct[own])
     order = np.argsort(run.frequency_hz, kind="stable")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tactuator.display.controller import Controller
-from tactuator.display.description import Channel
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.plan import ALL_FINGERS
 from tactuator.experiment.store.run_records import ApparatusRecord
 from tactuator.experiment.trial.timing import Timing
+from tactuator.model.controller import Controller
+from tactuator.model.description import Channel
 from tactuator.rig.paced import Paced
 from tactuator.rig.rig import Rig
 from tactuator.rig.touchable import TouchableRig
@@ -30,7 +30,7 @@ class Apparatus:
             if finger in (channel.finger, ALL_FINGERS):
                 return channel
         fingers = ", ".join(channel.finger for channel in self.controller.display.channels)
-        raise BadInput(f"finger {finger!r} is not on the display; allowed: {fingers}")
+        raise BadInput(f"finger {finger!r} is not on the display", f"{fingers}")
 
     def record(self, finger: str) -> ApparatusRecord:
         """Return the description of the apparatus that is stored with a run on that finger."""

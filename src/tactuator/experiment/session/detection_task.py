@@ -47,8 +47,8 @@ def keep_off_mains(frequency_hz: float, mains_hz: float, timing: Timing) -> None
     clearance = timing.clearance_hz(frequency_hz)
     if abs(frequency_hz - line) < clearance:
         raise BadInput(
-            f"{frequency_hz:g} Hz is {abs(frequency_hz - line):.3g} Hz from the mains line at {line:g} Hz; "
-            f"allowed: {clearance:.3g} Hz or more, the bandwidth of {timing.duration_s(frequency_hz):g} s"
+            f"{frequency_hz:g} Hz is {abs(frequency_hz - line):.3g} Hz from the mains line at {line:g} Hz",
+            f"{clearance:.3g} Hz or more, the bandwidth of {timing.duration_s(frequency_hz):g} s",
         )
 
 
@@ -66,11 +66,11 @@ class DetectionTask:
             low, high = self.apparatus.channel(finger).threshold.band_hz
             for frequency in protocol.conditions.frequencies_hz:
                 if not low <= frequency <= high:
-                    raise BadInput(f"{frequency:g} Hz on finger {finger!r}; allowed: {low:g} to {high:g} Hz")
+                    raise BadInput(f"{frequency:g} Hz on finger {finger!r}", f"{low:g} to {high:g} Hz")
         if protocol.marks is not None:
             protocol.marks.build().end(rig.rate_hz, rig.channels)
         if protocol.masker is not None and protocol.masker.channel not in (None, *rig.channels):
-            raise BadInput(f"masker: channel {protocol.masker.channel!r}; allowed: {', '.join(rig.channels)}")
+            raise BadInput(f"masker: channel {protocol.masker.channel!r}", f"{', '.join(rig.channels)}")
 
     @property
     def question(self) -> Question:
@@ -240,7 +240,7 @@ class DetectionCourse:
         """Record the outcome of the trial that stands, which moves the procedure on."""
         trial = self.trial()
         if trial is None or trial.placement is None:
-            raise BadInput("the run is over; allowed: a response to a trial that stands")
+            raise BadInput("the run is over", "a response to a trial that stands")
         correct = trial.judge(response)
         own = SIGNAL in trial.stimuli
         self._outcomes.append((trial.placement.level_db_sl, correct))

@@ -45,12 +45,10 @@ def books_of(connection: Connection, name: str | None, tokens: Tokens, now: date
     """
     names = study_records.study_names(connection)
     if name is None and len(names) != 1:
-        raise BadInput(
-            f"the store has {len(names)} studies; allowed: --study with one of: {', '.join(names) or 'none'}"
-        )
+        raise BadInput(f"the store has {len(names)} studies", f"--study with one of: {', '.join(names) or 'none'}")
     study = study_records.study_by_name(connection, names[0] if name is None else name)
     if study is None:
-        raise BadInput(f"study {name!r} is not in the store; allowed: {', '.join(names) or 'none: it is empty'}")
+        raise BadInput(f"study {name!r} is not in the store", f"{', '.join(names) or 'none: it is empty'}")
     newest = study_records.versions(connection, study)[-1]
     return Books(study, parse_any_protocol(newest.toml), tokens, now)
 
@@ -59,9 +57,9 @@ def enrol(connection: Connection, books: Books, part: SubjectPart) -> None:
     """Add a subject with a session for each visit. Raises BadInput for one that is there, or facts not allowed."""
     known = study_records.subjects(connection, books.study)
     if any(part.code == one.code for one in known):
-        raise BadInput(f"subject {part.code!r} is enrolled already; allowed: a code that is not taken")
+        raise BadInput(f"subject {part.code!r} is enrolled already", "a code that is not taken")
     if part.participant_id is not None and any(part.participant_id == one.participant_id for one in known):
-        raise BadInput(f"participant id {part.participant_id!r} is another subject's; allowed: one that is not taken")
+        raise BadInput(f"participant id {part.participant_id!r} is another subject's", "one that is not taken")
     try:
         facts = books.protocol.facts(part.demographics)
     except ValueError as error:
@@ -77,7 +75,7 @@ def add_visit(connection: Connection, books: Books, subject: str) -> None:
     """Add a further visit of the subject of that code. Raises BadInput where there is none."""
     rows = [row for row in study_records.sessions(connection, books.study) if row.subject_code == subject]
     if not rows:
-        raise BadInput(f"subject {subject!r} is not in the study; allowed: one that is enrolled")
+        raise BadInput(f"subject {subject!r} is not in the study", "one that is enrolled")
     who = next(one for one in study_records.subjects(connection, books.study) if one.code == subject)
     token = books.tokens(subject, rows[-1].visit + 1)
     study_records.add_session(connection, books.protocol, who, token, books.now)
@@ -106,17 +104,17 @@ def correct(connection: Connection, books: Books, code: str, correction: Correct
     differs from what is there.
     """
     if not reason.strip():
-        raise BadInput("no reason; allowed: one in words, which is kept with the correction")
+        raise BadInput("no reason", "one in words, which is kept with the correction")
     rows = [row for row in study_records.sessions(connection, books.study) if row.subject_code == code]
     if not rows:
-        raise BadInput(f"subject {code!r} is not in the study; allowed: one that is enrolled")
+        raise BadInput(f"subject {code!r} is not in the study", "one that is enrolled")
     found = _of_subject(connection, books, rows[0], correction)
     day = {"skin_temperature_c": correction.skin_temperature_c, "preload_n": correction.preload_n}
     asked = {name: value for name, value in day.items() if value is not None}
     if asked or correction.visit is not None:
         found += change_day(connection, _visit(rows, code, correction.visit), asked)
     if not found:
-        raise BadInput(f"nothing of subject {code!r} differs from what is there; allowed: another value")
+        raise BadInput(f"nothing of subject {code!r} differs from what is there", "another value")
     for session, change in found:
         note(connection, session, "correction", reason.strip(), books.now, subject=rows[0].subject_id, change=change)
     return [change for _, change in found]
@@ -139,7 +137,7 @@ def _of_subject(
     group, others = correction.group, study_records.subjects(connection, books.study)
     outside = correction.participant_id
     if outside is not None and any(one.participant_id == outside and one.id != row.subject_id for one in others):
-        raise BadInput(f"participant id {outside!r} is another subject's; allowed: one that is not taken")
+        raise BadInput(f"participant id {outside!r} is another subject's", "one that is not taken")
     found = []
     if group is not None and group != row.subject_group:
         found.append(Change("subject_group", row.subject_group, group))
@@ -161,10 +159,10 @@ def _of_subject(
 
 def _visit(rows: list[Found], code: str, visit: int | None) -> Found:
     if visit is None and len(rows) > 1:
-        raise BadInput(f"data of a day of subject {code!r}, who has {len(rows)} visits; allowed: with the visit")
+        raise BadInput(f"data of a day of subject {code!r}, who has {len(rows)} visits", "with the visit")
     row = next((one for one in rows if one.visit == (visit or 1)), None)
     if row is None:
-        raise BadInput(f"visit {visit} of subject {code!r} is not planned; allowed: 1 to {len(rows)}")
+        raise BadInput(f"visit {visit} of subject {code!r} is not planned", f"1 to {len(rows)}")
     return row
 
 

@@ -13,7 +13,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.identification import IdentificationProtocol
 from tactuator.experiment.store import schema
-from tactuator.files.reference import content_sha256, open_reference
+from tactuator.io.reference import content_sha256, open_reference
 from tactuator.rig.player import check_reference
 from tactuator.rig.rig import Rig
 
@@ -44,7 +44,7 @@ def load_items(protocol: IdentificationProtocol, beside: Path, rig: Rig) -> Mapp
         path = beside / item.file
         reference = open_reference(path)
         if not 0.0 < reference.duration_s <= LONGEST_S:
-            raise BadInput(f"item {item.label!r}: {reference.duration_s:g} s; allowed: above 0, {LONGEST_S:g} at most")
+            raise BadInput(f"item {item.label!r}: {reference.duration_s:g} s", f"above 0, {LONGEST_S:g} at most")
         columns = check_reference(reference, rig)
         samples = np.concatenate(list(reference.blocks()))[:, columns]
         items[item.label] = LoadedItem(item.label, item.file, samples, reference.duration_s, content_sha256(path))
@@ -59,7 +59,7 @@ def keep_items(
     for row in stored:
         if row.label in items and items[row.label].sha256 != row.sha256:
             raise BadInput(
-                f"item {row.label!r} is not what it was when the study began; allowed: the same files, or a new study"
+                f"item {row.label!r} is not what it was when the study began", "the same files, or a new study"
             )
     known = {row.label for row in stored}
     stimuli = [
@@ -85,4 +85,4 @@ def _refuse_taken_keys(connection: Connection, study: int, keys: Sequence[str]) 
     taken = set(connection.execute(select(options.c.key).where(options.c.study_id == study)).scalars())
     for key in keys:
         if key in taken:
-            raise BadInput(f"key {key!r} is another item's of this study; allowed: one that none has had")
+            raise BadInput(f"key {key!r} is another item's of this study", "one that none has had")

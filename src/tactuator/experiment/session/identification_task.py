@@ -97,7 +97,7 @@ class IdentificationTask:
         rng = np.random.default_rng(self.protocol.study.seed)
         matrices, abx = session_results(store, self.protocol, session, rng)
         if not matrices and not abx:
-            raise BadInput("the session's test blocks have no answers yet; allowed: results after some")
+            raise BadInput("the session's test blocks have no answers yet", "results after some")
         words, tables = self.words, list[ResultTable]()
         for one in matrices:
             title = words("results.information")
@@ -180,7 +180,7 @@ class BlockCourse:
         """Record the response to the trial that stands. Raises BadInput when the block is over."""
         trial = self.trial()
         if trial is None:
-            raise BadInput("the block is over; allowed: a response to a trial that stands")
+            raise BadInput("the block is over", "a response to a trial that stands")
         trial.judge(response)
         self._responses.append(response)
 

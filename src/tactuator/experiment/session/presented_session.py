@@ -77,14 +77,14 @@ class PresentedSession:
         response that was pressed before it was asked for.
         """
         if self.pending is None:
-            raise BadInput("no trial waits for an answer; allowed: an answer after its trial")
+            raise BadInput("no trial waits for an answer", "an answer after its trial")
         played = self.pending[1]
         if answer.received_s is not None and played.ended_s is not None and answer.received_s < played.ended_s:
             early_s = played.ended_s - answer.received_s
-            raise BadInput(f"answer {early_s:.3f} s before its last interval had ended; allowed: after it")
+            raise BadInput(f"answer {early_s:.3f} s before its last interval had ended", "after it")
         shown_ms, pressed_ms = answer.client_shown_ms, answer.client_pressed_ms
         if shown_ms is not None and pressed_ms is not None and pressed_ms < shown_ms:
-            raise BadInput(f"answer {shown_ms - pressed_ms:g} ms before it was asked for; allowed: after that")
+            raise BadInput(f"answer {shown_ms - pressed_ms:g} ms before it was asked for", "after that")
         acknowledged = self.session.answer(played, answer)
         self.pending = None
         return acknowledged

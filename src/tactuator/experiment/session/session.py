@@ -71,7 +71,7 @@ class Session:
             going = next((run for run in runs if run.state == "running"), None)
             answers = [] if going is None else answer_records.answers(connection, going.id)
         if pinned not in (None, self.version):
-            raise BadInput(f"session {self.id} began under another version of the protocol; allowed: that one")
+            raise BadInput(f"session {self.id} began under another version of the protocol", "that one")
         self._rested_since_s = self.clock.monotonic_s() - (0.0 if last is None else max(self._since_s(last), 0.0))
         self._states = {run.position: run.state for run in runs}
         self._tally = {run.position: tallies.get(run.id, (0, 0)) for run in runs}
@@ -185,7 +185,7 @@ class Session:
         """
         upcoming = self.upcoming
         if self.stage != "trial" or upcoming is None:
-            raise BadInput(f"session is at {self.stage!r}; allowed: a trial only where one is due")
+            raise BadInput(f"session is at {self.stage!r}", "a trial only where one is due")
         running = self._running
         if running is None:
             running = self._begin(upcoming, self._attempts(upcoming.position))
@@ -226,7 +226,7 @@ class Session:
         running = self._running
         number = played.trial.number
         if running is None or number != running.course.trials:
-            raise BadInput(f"answer to trial {number}; allowed: to the trial that stands")
+            raise BadInput(f"answer to trial {number}", "to the trial that stands")
         correct = played.trial.judge(answer.response)
         with self.store.begin() as connection:
             answer_records.save_answer(connection, running.row, played, answer)
@@ -290,13 +290,13 @@ class Session:
     def decline(self) -> None:
         """End the session before it began, as the subject did not agree. Raises BadInput once there is consent."""
         if self.stage != "consent":
-            raise BadInput(f"session is at {self.stage!r}; allowed: declining where consent is asked for")
+            raise BadInput(f"session is at {self.stage!r}", "declining where consent is asked for")
         self._end("declined", "before the first trial")
 
     def withdraw(self, keep: bool) -> None:
         """End the subject's part for good; keep: the answers so far may be used. Raises BadInput if it has ended."""
         if self._ended is not None:
-            raise BadInput(f"session has ended ({self._ended}); allowed: leaving one that goes on")
+            raise BadInput(f"session has ended ({self._ended})", "leaving one that goes on")
         running = self._running
         if running is not None:
             with self.store.begin() as connection:
@@ -315,7 +315,7 @@ class Session:
         """End a break. Raises BadInput before the break has lasted as long as it has to."""
         left_s = self.break_left_s
         if left_s > 0.0:
-            raise BadInput(f"break: {left_s:.0f} s are left; allowed: going on after them")
+            raise BadInput(f"break: {left_s:.0f} s are left", "going on after them")
         self.note("break", "over", self.trials)
         self._since_break = 0
 
@@ -333,7 +333,7 @@ class Session:
             self._give_up_held(self.held)
             return
         if self._running is None:
-            raise BadInput("no run goes on; allowed: stopping one that does")
+            raise BadInput("no run goes on", "stopping one that does")
         with self.store.begin() as connection:
             run_records.end_run(connection, self._running.row, "stopped", self.clock.utc())
         self._leave_run("stopped")

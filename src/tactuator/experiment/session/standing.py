@@ -64,7 +64,7 @@ def replay(course: Course, run: int, answers: Sequence[Found]) -> None:
     for row in answers:
         trial = course.trial()
         if trial is None or not _is_stored(trial, row):
-            raise BadInput(f"run {run}, trial {row.number}: the store does not replay; allowed: its own protocol")
+            raise BadInput(f"run {run}, trial {row.number}: the store does not replay", "its own protocol")
         course.record(row.response)
 
 

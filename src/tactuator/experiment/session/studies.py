@@ -128,14 +128,14 @@ class Study:
         try:
             taken = SubjectPart(code=row.subject_code, participant_id=participant_id).participant_id
         except ValidationError:
-            raise BadInput("participant id; allowed: 1 to 64 letters, digits, dots, dashes or underscores") from None
+            raise BadInput("participant id", "1 to 64 letters, digits, dots, dashes or underscores") from None
         with self.store.begin() as connection:
             mine = study_records.session(connection, row.id).participant_id
             if mine == taken:
                 return
             known = study_records.subjects(connection, self.id)
             if mine is not None or any(one.participant_id == taken for one in known):
-                raise BadInput("this link is another participant's; allowed: one's own")
+                raise BadInput("this link is another participant's", "one's own")
             study_records.change_subject(connection, row.subject_id, participant_id=participant_id)
 
 
@@ -177,8 +177,8 @@ def _version(connection: Connection, task: SessionTask, text: str, clock: Clock,
     same = next((row for row in rows if row.toml == text), None)
     if same is not None and same is not rows[-1]:
         raise BadInput(
-            f"protocol is version {same.number} of study {name!r}, which stands at {rows[-1].number}; allowed: the "
-            "newest version, or one that was never there"
+            f"protocol is version {same.number} of study {name!r}, which stands at {rows[-1].number}",
+            "the newest version, or one that was never there",
         )
     if same is not None:
         return study, int(same.id)
@@ -186,8 +186,8 @@ def _version(connection: Connection, task: SessionTask, text: str, clock: Clock,
         before = parse_any_protocol(rows[-1].toml)
         if before.apart_from_subjects() != task.protocol.apart_from_subjects():
             raise BadInput(
-                f"study {name!r} stands at version {rows[-1].number} of its protocol, and this one says something "
-                "else; allowed: that version, --amend with the reason for another, or another name"
+                f"study {name!r} stands at version {rows[-1].number} of its protocol, and this one says something else",
+                "that version, --amend with the reason for another, or another name",
             )
         amend = "subjects"
     note(connection, None, "amended", f"{name}: version {rows[-1].number + 1} at {stamp(now)}: {amend}", now)
@@ -202,10 +202,10 @@ def open_session(study: Study, subject: str, visit: int | None = None, sitting: 
     rows = [row for row in study.sessions() if row.subject_code == subject]
     if not rows:
         codes = ", ".join(dict.fromkeys(row.subject_code for row in study.sessions()))
-        raise BadInput(f"subject {subject!r} is not in the study; allowed: {codes or 'one that is enrolled'}")
+        raise BadInput(f"subject {subject!r} is not in the study", f"{codes or 'one that is enrolled'}")
     if visit is not None:
         rows = [row for row in rows if row.visit == visit]
         if not rows:
-            raise BadInput(f"visit {visit} of subject {subject!r} is not planned; allowed: one that is")
+            raise BadInput(f"visit {visit} of subject {subject!r} is not planned", "one that is")
     opened = [study.session(row, sitting) for row in rows]
     return next((one for one in opened if one.stage not in ("done", "ended")), opened[-1])

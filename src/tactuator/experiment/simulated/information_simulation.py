@@ -18,8 +18,8 @@ def uniform_error_matrices(
     """
     if stimuli < 2 or not 0.0 <= error <= 1.0 or trials_per_stimulus < 1 or runs < 1:
         raise BadInput(
-            f"{stimuli} stimuli, errors {error:g}, {trials_per_stimulus} trials, {runs} runs; "
-            "allowed: two or more, a share from 0 to 1, one or more, one or more"
+            f"{stimuli} stimuli, errors {error:g}, {trials_per_stimulus} trials, {runs} runs",
+            "two or more, a share from 0 to 1, one or more, one or more",
         )
     chances = np.full((stimuli, stimuli), error / (stimuli - 1))
     np.fill_diagonal(chances, 1.0 - error)

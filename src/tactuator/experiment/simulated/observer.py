@@ -33,7 +33,7 @@ class Observer:
     def __post_init__(self) -> None:
         bias = self.interval_bias
         if bias is not None and (len(bias) < 2 or min(bias) < 0.0 or sum(bias) <= 0.0):
-            raise BadInput(f"observer {self.name!r}: interval_bias {list(bias)}; allowed: weights >= 0, not all zero")
+            raise BadInput(f"observer {self.name!r}: interval_bias {list(bias)}", "weights >= 0, not all zero")
 
     def respond(self, felt_db_re_1um: ArrayLike, frequency_hz: float, trial: int, rng: np.random.Generator) -> int:
         """Return the index of the interval picked; felt_db_re_1um: (m,) level of each; trial: counted from 0."""

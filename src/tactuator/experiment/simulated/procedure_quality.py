@@ -49,16 +49,16 @@ class Setting:
 
     def __post_init__(self) -> None:
         if self.runs < 2:
-            raise BadInput(f"{self.runs} runs; allowed: 2 or more")
+            raise BadInput(f"{self.runs} runs", "2 or more")
         if not 0.0 < self.slope[0] <= self.slope[1]:
-            raise BadInput(f"slope {self.slope[0]:g} to {self.slope[1]:g}; allowed: positive, ascending")
+            raise BadInput(f"slope {self.slope[0]:g} to {self.slope[1]:g}", "positive, ascending")
         if not -40.0 <= self.start_db <= 60.0:
-            raise BadInput(f"start {self.start_db:g} dB above the threshold; allowed: -40 to 60")
+            raise BadInput(f"start {self.start_db:g} dB above the threshold", "-40 to 60")
         Psychometric(Weibull(self.slope[0]), lapse=self.lapse)
         if not (0.0 <= self.guessed <= 1.0 and abs(self.drift_db) <= 60.0 and 0.0 <= self.loud_share <= 0.5):
             raise BadInput(
-                f"guess {self.guessed:g}, drift {self.drift_db:g} dB, loud share {self.loud_share:g}; "
-                "allowed: 0 to 1, -60 to 60 dB, 0 to 0.5"
+                f"guess {self.guessed:g}, drift {self.drift_db:g} dB, loud share {self.loud_share:g}",
+                "0 to 1, -60 to 60 dB, 0 to 0.5",
             )
 
     def drifted_db(self, trial: NDArray[np.intp] | int, trials: float) -> FloatArray:
@@ -106,7 +106,7 @@ def simulate(procedure: UpDownRule | QuestPlusRule, setting: Setting) -> Quality
     own = tracks.estimates_db_sl - truth.threshold
     own = own[np.isfinite(own)]
     if own.size < 2:
-        raise BadInput("not one run came to its end; allowed: a trial limit that lets runs end")
+        raise BadInput("not one run came to its end", "a trial limit that lets runs end")
     levels, correct, loud = _with_loud(tracks, truth, setting, rng)
     again = refit(levels, correct, RefitPrior())
     error = again.threshold_db

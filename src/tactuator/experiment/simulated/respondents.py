@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.description import Display
 from tactuator.errors import BadInput
 from tactuator.experiment.session.identification_plan import ABX_RESPONSES, asked_label
 from tactuator.experiment.session.respondent import Respondent
 from tactuator.experiment.session.standing import Acknowledged
 from tactuator.experiment.store.answer_records import PlayedTrial
 from tactuator.experiment.trial.trial import Trial
+from tactuator.model.description import Display
 from tactuator.rig.touchable import TouchableRig
 from tactuator.signals.bands import third_octave_bands
 
@@ -30,7 +30,7 @@ class ErringRespondent(Respondent):
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.error <= 1.0:
-            raise BadInput(f"error rate {self.error:g}; allowed: 0 to 1")
+            raise BadInput(f"error rate {self.error:g}", "0 to 1")
 
     def respond(self, trial: Trial) -> str:
         """Return the right answer or, at the error rate, another."""

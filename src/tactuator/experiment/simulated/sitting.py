@@ -71,7 +71,7 @@ def with_truths(
     """
     strangers = sorted((set(truths) | set(lapses)) - set(codes))
     if strangers:
-        raise BadInput(f"truth of {', '.join(strangers)}; allowed: of the protocol's subjects {', '.join(codes)}")
+        raise BadInput(f"truth of {', '.join(strangers)}", f"of the protocol's subjects {', '.join(codes)}")
     found = []
     for code, observer in zip(codes, observers, strict=True):
         if code in truths:
@@ -105,7 +105,7 @@ def run_study(
     """
     rig = touchable(apparatus.rig, apparatus.name)
     if len(observers) != len(protocol.subject):
-        raise BadInput(f"{len(observers)} observers for {len(protocol.subject)} subjects; allowed: as many")
+        raise BadInput(f"{len(observers)} observers for {len(protocol.subject)} subjects", "as many")
     task = DetectionTask(protocol, apparatus)
     mark = protocol_hash(text)[:12]
     study = open_study(store, task, text, clock, lambda code, visit: f"simulated-{mark}-{code}-{visit}")

@@ -20,7 +20,7 @@ def sessions_of(store: str | Path) -> Iterator[None]:
     """
     path = Path(f"{store}.lock")
     if not path.parent.is_dir():
-        raise BadInput(f"store {store}: its folder is not there; allowed: a place in a folder that exists")
+        raise BadInput(f"store {store}: its folder is not there", "a place in a folder that exists")
     handle = _locked(path, store)
     try:
         yield
@@ -35,9 +35,7 @@ def _locked(path: Path, store: str | Path) -> int:
         try:
             handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         except OSError as error:
-            raise BadInput(
-                f"store {store}: {path.name}: {error.strerror}; allowed: a folder that can be written"
-            ) from None
+            raise BadInput(f"store {store}: {path.name}: {error.strerror}", "a folder that can be written") from None
         try:
             _lock(handle, store)
             with suppress(FileNotFoundError):
@@ -54,7 +52,7 @@ def _lock(handle: int, store: str | Path) -> None:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         who = os.read(handle, 200).decode(errors="replace").strip() or "another process"
-        raise BadInput(f"store {store}: its sessions are run by {who}; allowed: one at a time") from None
+        raise BadInput(f"store {store}: its sessions are run by {who}", "one at a time") from None
     os.ftruncate(handle, 0)
     with suppress(OSError):  # a full disk: it is locked all the same, by "another process"
         os.pwrite(handle, f"process {os.getpid()} on {os.uname().nodename}\n".encode(), 0)

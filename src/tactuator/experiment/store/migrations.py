@@ -26,7 +26,7 @@ def migrate(engine: Engine, upto: int = len(STEPS)) -> int:
     """
     had = version(engine)
     if had > len(STEPS):
-        raise BadInput(f"store has schema version {had}; allowed: up to {len(STEPS)} (a later tactuator wrote it)")
+        raise BadInput(f"store has schema version {had}", f"up to {len(STEPS)} (a later tactuator wrote it)")
     for number in range(had, upto):
         _apply(engine, STEPS[number], number + 1)
     return had
@@ -55,9 +55,7 @@ def version(engine: Engine) -> int:
     names = inspect(engine).get_table_names()
     if "schema_version" not in names:
         if names:
-            raise BadInput(
-                f"store holds the tables {', '.join(names)}; allowed: one that tactuator made, or a new file"
-            )
+            raise BadInput(f"store holds the tables {', '.join(names)}", "one that tactuator made, or a new file")
         return 0
     with engine.connect() as connection:
         return int(connection.execute(select(schema.schema_version.c.version)).scalar_one())

@@ -44,9 +44,9 @@ class Store:
     def __init__(self, path: str | Path, must_exist: bool = False, durable: bool = True) -> None:
         self.path = Path(path)
         if must_exist and not self.path.is_file():
-            raise BadInput(f"store {path} is not there; allowed: the file of an experiment's database")
+            raise BadInput(f"store {path} is not there", "the file of an experiment's database")
         if not self.path.parent.is_dir():
-            raise BadInput(f"store {path}: its folder is not there; allowed: a place in a folder that exists")
+            raise BadInput(f"store {path}: its folder is not there", "a place in a folder that exists")
         if not must_exist:
             with suppress(OSError):  # what keeps it from being made is told by SQLite
                 os.close(os.open(self.path, os.O_CREAT | os.O_CLOEXEC, 0o600))
@@ -58,14 +58,14 @@ class Store:
             migrate(self.engine)
         except _DAMAGED as error:
             self.engine.dispose()
-            raise BadInput(f"store {path}: {_reason(error)}; allowed: a sound SQLite database") from None
+            raise BadInput(f"store {path}: {_reason(error)}", "a sound SQLite database") from None
 
     def _check(self) -> None:
         with self.engine.connect() as connection:
             found = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
         if found != "ok":
             reason = " ".join(str(found).split())
-            raise BadInput(f"store {self.path} is damaged ({reason}); allowed: a sound SQLite database")
+            raise BadInput(f"store {self.path} is damaged ({reason})", "a sound SQLite database")
 
     @contextmanager
     def begin(self) -> Iterator[Connection]:

@@ -88,7 +88,7 @@ def detection_runs(store: Store, state: str = "done", session: int | None = None
             runs += [_stored(sessions, protocols, row, trials, intervals) for row in part]
     if not found:
         where = f"store {store.path}" if session is None else "the session"
-        raise BadInput(f"{where} has no {state} run; allowed: one with at least one")
+        raise BadInput(f"{where} has no {state} run", "one with at least one")
     return runs
 
 

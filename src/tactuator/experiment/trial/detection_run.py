@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.display.description import Channel
 from tactuator.experiment.procedure.procedure import Estimate, Procedure
 from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
 from tactuator.experiment.trial.matched_filter import amplitude
@@ -18,6 +17,7 @@ from tactuator.experiment.trial.presenter import PlayedInterval, Presentation, P
 from tactuator.experiment.trial.stimulus import Masker, ToneInterval
 from tactuator.experiment.trial.timing import Timing
 from tactuator.experiment.trial.trial import ForcedChoice, IntervalRecord, Trial, trial_rng
+from tactuator.model.description import Channel
 from tactuator.signals.decibels import db
 
 

@@ -34,13 +34,13 @@ class Marks:
 
     def __post_init__(self) -> None:
         if not self.level_db_sl <= COMFORT_DB_SL:
-            raise BadInput(f"marks: level_db_sl is {self.level_db_sl:g}; allowed: {COMFORT_DB_SL:g} at most")
+            raise BadInput(f"marks: level_db_sl is {self.level_db_sl:g}", f"{COMFORT_DB_SL:g} at most")
         for key in ("frequency_hz", "tap_s"):
             if not getattr(self, key) > 0.0:
-                raise BadInput(f"marks: {key} is {getattr(self, key):g}; allowed: a positive number")
+                raise BadInput(f"marks: {key} is {getattr(self, key):g}", "a positive number")
         for key in ("tap_s", "pause_s", "after_s"):
             if not 0.0 <= getattr(self, key) <= _LONGEST_S:
-                raise BadInput(f"marks: {key} is {getattr(self, key):g}; allowed: 0 to {_LONGEST_S:g} s")
+                raise BadInput(f"marks: {key} is {getattr(self, key):g}", f"0 to {_LONGEST_S:g} s")
 
     def before(self, interval: int, silence_s: float, rate_hz: float, channels: Sequence[str]) -> FloatArray:
         """Return what precedes an interval (from 0), (n, channels) in threshold units.
@@ -70,7 +70,7 @@ class Marks:
 
     def _placed(self, wave: FloatArray, channels: Sequence[str]) -> FloatArray:
         if self.channel not in channels:
-            raise BadInput(f"marks: channel {self.channel!r} is not on the rig; allowed: {', '.join(channels)}")
+            raise BadInput(f"marks: channel {self.channel!r} is not on the rig", f"{', '.join(channels)}")
         placed = np.zeros((wave.size, len(channels)))
         placed[:, list(channels).index(self.channel)] = wave
         return placed

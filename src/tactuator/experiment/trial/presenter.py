@@ -79,7 +79,7 @@ class Presenter:
 
     def __post_init__(self) -> None:
         if self.channel not in self.rig.channels:
-            raise BadInput(f"channel {self.channel!r} is not on the rig; allowed: {', '.join(self.rig.channels)}")
+            raise BadInput(f"channel {self.channel!r} is not on the rig", f"{', '.join(self.rig.channels)}")
 
     @property
     def column(self) -> int:
@@ -123,7 +123,7 @@ class Presenter:
         onsets: list[int] = []
         for interval, reference in enumerate(references):
             if reference.ndim != 2 or reference.shape[1] != len(self.rig.channels):
-                raise BadInput(f"reference of shape {reference.shape}; allowed: (samples, {len(self.rig.channels)})")
+                raise BadInput(f"reference of shape {reference.shape}", f"(samples, {len(self.rig.channels)})")
             parts.append(self._before(interval, lead_s if interval == 0 else gap_s))
             onsets.append(sum(map(len, parts)))
             parts.append(reference)

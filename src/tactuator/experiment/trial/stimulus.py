@@ -31,11 +31,11 @@ class Masker:
 
     def __post_init__(self) -> None:
         if self.kind not in ("tone", "noise"):
-            raise BadInput(f"masker: kind {self.kind!r}; allowed: tone, noise")
+            raise BadInput(f"masker: kind {self.kind!r}", "tone, noise")
         if not self.frequency_hz > 0.0:
-            raise BadInput(f"masker: frequency_hz is {self.frequency_hz:g}; allowed: a positive number")
+            raise BadInput(f"masker: frequency_hz is {self.frequency_hz:g}", "a positive number")
         if not self.level_db_sl <= COMFORT_DB_SL:
-            raise BadInput(f"masker: level_db_sl is {self.level_db_sl:g}; allowed: {COMFORT_DB_SL:g} at most")
+            raise BadInput(f"masker: level_db_sl is {self.level_db_sl:g}", f"{COMFORT_DB_SL:g} at most")
 
     def wave(self, count: int, rate_hz: float, ramp_s: float, rng: np.random.Generator) -> FloatArray:
         """Return the masker's signal, shape (count,), in threshold units."""
@@ -62,7 +62,7 @@ class ToneInterval:
 
     def __post_init__(self) -> None:
         if self.level_db_sl is not None and self.level_db_sl > COMFORT_DB_SL + 1e-9:
-            raise BadInput(f"stimulus of {self.level_db_sl:g} dB SL; allowed: {COMFORT_DB_SL:g} at most")
+            raise BadInput(f"stimulus of {self.level_db_sl:g} dB SL", f"{COMFORT_DB_SL:g} at most")
 
     def wave(self, rate_hz: float, timing: Timing) -> FloatArray:
         """Return the interval's signal, shape (n,), in threshold units."""

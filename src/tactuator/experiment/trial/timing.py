@@ -29,13 +29,13 @@ class Timing:
         for key in ("stimulus_s", "periods"):
             value = getattr(self, key)
             if not (np.isfinite(value) and value > 0.0):
-                raise BadInput(f"timing: {key} is {value:g}; allowed: a positive number")
+                raise BadInput(f"timing: {key} is {value:g}", "a positive number")
         for key in ("ramp_s", "gap_s", "lead_s", "feedback_s"):
             value = getattr(self, key)
             if not (np.isfinite(value) and value >= 0.0):
-                raise BadInput(f"timing: {key} is {value:g}; allowed: zero or more")
+                raise BadInput(f"timing: {key} is {value:g}", "zero or more")
         if 2.0 * self.ramp_s > self.stimulus_s:
-            raise BadInput(f"timing: ramps of {self.ramp_s:g} s in {self.stimulus_s:g} s; allowed: half of it at most")
+            raise BadInput(f"timing: ramps of {self.ramp_s:g} s in {self.stimulus_s:g} s", "half of it at most")
 
     def duration_s(self, frequency_hz: float) -> float:
         """Return the duration of one interval at that frequency."""

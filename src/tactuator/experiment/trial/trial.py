@@ -29,12 +29,12 @@ class Trial:
 
     def __post_init__(self) -> None:
         if self.correct not in self.responses:
-            raise BadInput(f"trial: correct response {self.correct!r}; allowed: {', '.join(self.responses)}")
+            raise BadInput(f"trial: correct response {self.correct!r}", f"{', '.join(self.responses)}")
 
     def judge(self, response: str) -> bool:
         """Return whether the response is right. Raises BadInput if it is not among the allowed ones."""
         if response not in self.responses:
-            raise BadInput(f"response {response!r}; allowed: {', '.join(self.responses)}")
+            raise BadInput(f"response {response!r}", f"{', '.join(self.responses)}")
         return response == self.correct
 
 
@@ -71,7 +71,7 @@ class ForcedChoice:
 
     def __post_init__(self) -> None:
         if not 2 <= self.intervals <= 9:
-            raise BadInput(f"forced choice among {self.intervals} intervals; allowed: 2 to 9")
+            raise BadInput(f"forced choice among {self.intervals} intervals", "2 to 9")
 
     @property
     def guess(self) -> float:

@@ -51,9 +51,9 @@ def recursive_least_squares(
     values = _double(output)
     count, n = rows.shape
     if not 0.0 < forgetting <= 1.0:
-        raise BadInput(f"forgetting is {forgetting:g}; allowed: above 0, at most 1")
+        raise BadInput(f"forgetting is {forgetting:g}", "above 0, at most 1")
     if not (1 <= n <= lib.TACT_RLS_MAX and every >= 1):
-        raise BadInput(f"{n} parameters, history every {every}; allowed: 1 to {lib.TACT_RLS_MAX}, 1 or more")
+        raise BadInput(f"{n} parameters, history every {every}", f"1 to {lib.TACT_RLS_MAX}, 1 or more")
     theta, m = np.zeros(n), np.eye(n) * start_variance
     theta_history, variance_history = np.zeros((count // every, n)), np.zeros((count // every, n))
     cost = np.zeros(1)
@@ -73,7 +73,7 @@ def run_states(difference: FloatArray, now: FloatArray, following: FloatArray, d
     n = b0.size
     out, x = np.empty((u.size, n)), np.zeros(n)
     if lib.tact_states_run(n, _pointer(d), _pointer(b0), _pointer(b1), u.size, _pointer(u), _pointer(x), _pointer(out)):
-        raise BadInput(f"{n} states; allowed: 1 to {lib.TACT_STATES_MAX}")
+        raise BadInput(f"{n} states", f"1 to {lib.TACT_STATES_MAX}")
     return out
 
 

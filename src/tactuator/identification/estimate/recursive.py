@@ -67,9 +67,9 @@ def identify_recursively(
     """
     u, y = np.asarray(command, dtype=np.float64), np.asarray(position, dtype=np.float64)
     if u.shape != y.shape or u.ndim != 1 or u.size < 50:
-        raise BadInput(f"command {u.shape}, position {y.shape}; allowed: one shape (n,), 50 samples or more")
+        raise BadInput(f"command {u.shape}, position {y.shape}", "one shape (n,), 50 samples or more")
     if not (0 <= zeros < poles <= 6):
-        raise BadInput(f"{poles} poles and {zeros} zeros; allowed: 1 to 6 poles, fewer zeros")
+        raise BadInput(f"{poles} poles and {zeros} zeros", "1 to 6 poles, fewer zeros")
     corner = _corner(u, y, rate_hz)
     filter_polynomial = np.real(np.poly(np.full(poles, -corner)))
     every = max(1, u.size // history)
@@ -121,7 +121,7 @@ def _regression(
     column_size, goal_size = np.sqrt(np.mean(columns**2, axis=0)), float(np.sqrt(np.mean(goal**2)))
     column_size[column_size == 0.0] = 1.0
     if goal_size == 0.0:
-        raise BadInput("the position does not move; allowed: a record of something that moves")
+        raise BadInput("the position does not move", "a record of something that moves")
     return columns / column_size, goal / goal_size, column_size / goal_size
 
 

@@ -29,7 +29,7 @@ class Structure:
 
     def __post_init__(self) -> None:
         if not (1 <= self.poles <= 6 and self.integrated <= self.zeros <= self.poles):
-            raise BadInput(f"{self.poles} poles, {self.zeros} zeros; allowed: 1 to 6 poles, no more zeros than poles")
+            raise BadInput(f"{self.poles} poles, {self.zeros} zeros", "1 to 6 poles, no more zeros than poles")
 
     @property
     def numerator_count(self) -> int:

@@ -23,16 +23,16 @@ _OFTEN = 0.005
 def check_record(record: Record) -> tuple[str, ...]:
     """Return remarks on a record; BadInput where it cannot be used at all."""
     if record.command.size < FEWEST:
-        raise BadInput(f"the record has {record.command.size} samples; allowed: {FEWEST} or more")
+        raise BadInput(f"the record has {record.command.size} samples", f"{FEWEST} or more")
     for name in ("command", "position"):
         values = getattr(record, name)
         if np.ptp(values) <= 1e-12 * max(float(np.max(np.abs(values))), 1e-300):
-            raise BadInput(f"the {name} is constant ({values[0]:g}); allowed: one that moves")
+            raise BadInput(f"the {name} is constant ({values[0]:g})", "one that moves")
     remarks = []
     for name in ("position", "command"):
         clipped = clipped_share(getattr(record, name))
         if clipped > 0.2 and name == "position":
-            raise BadInput(f"{100.0 * clipped:.0f} % of the position is clipped; allowed: 20 % at most")
+            raise BadInput(f"{100.0 * clipped:.0f} % of the position is clipped", "20 % at most")
         if clipped > 0.0:
             remarks.append(f"{name} is clipped in {100.0 * clipped:.2g} % of the samples: its converter was saturated")
     return tuple(remarks)
@@ -108,6 +108,6 @@ def check_length(poles_rad_s: NDArray[np.inexact[Any]], slow_error: float, durat
     if integrates:
         return (f"the slowest pole cannot be told from an integrator in {duration_s:.3g} s",)
     raise BadInput(
-        f"the record lasts {duration_s:.3g} s, the slowest time constant {1.0 / max(slowest, 1e-300):.3g} s; allowed: "
-        "a record that is longer"
+        f"the record lasts {duration_s:.3g} s, the slowest time constant {1.0 / max(slowest, 1e-300):.3g} s",
+        "a record that is longer",
     )

@@ -67,11 +67,11 @@ def require_excitation(report: ExcitationReport) -> None:
     """Refuse to identify what was not excited."""
     if report.order < report.needed:
         raise BadInput(
-            f"the command excites order {report.order}, the model has {report.needed} parameters; allowed: a command "
-            f"of order {report.needed} or more (steps, noise, several sinusoids)"
+            f"the command excites order {report.order}, the model has {report.needed} parameters",
+            f"a command of order {report.needed} or more (steps, noise, several sinusoids)",
         )
     if not report.sufficient:
         raise BadInput(
-            f"the record cannot tell the model's {report.needed} parameters apart (condition {report.condition:.1g}); "
-            f"allowed: a livelier command, or a lower order"
+            f"the record cannot tell the model's {report.needed} parameters apart (condition {report.condition:.1g})",
+            "a livelier command, or a lower order",
         )

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from tactuator.display.plant_model import PlantModel
 from tactuator.identification.fixed.value import Fixed
 from tactuator.identification.forms.form import Form
 from tactuator.identification.spectral.search import Choice
+from tactuator.model.plant_model import PlantModel
 
 _BEHIND = 3.0
 """Difference of Bayes' criterion from which on a model without the values is better: a known pole that a zero has to

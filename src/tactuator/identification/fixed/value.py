@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactuator.display.plant_model import PlantModel
 from tactuator.errors import BadInput
 from tactuator.identification.forms.form import MOST_POLES, Pin, Section
+from tactuator.model.plant_model import PlantModel
 
 NAMES = ("gain", "stiffness", "mass", "pole", "resonance", "num_sK", "den_sK")
 _COEFFICIENT = re.compile(r"(num|den)_s([0-8])")
@@ -35,15 +35,15 @@ class Fixed:
 
     def __post_init__(self) -> None:
         if self.name not in NAMES[:5] and not _COEFFICIENT.fullmatch(self.name):
-            raise BadInput(f"fixed {self.name!r}; allowed: {', '.join(NAMES)}")
+            raise BadInput(f"fixed {self.name!r}", f"{', '.join(NAMES)}")
         if not (math.isfinite(self.value) and math.isfinite(self.q)):
-            raise BadInput(f"fixed {self}; allowed: a finite number")
+            raise BadInput(f"fixed {self}", "a finite number")
         if self.name == "gain" and self.value == 0.0:
-            raise BadInput(f"fixed {self}; allowed: other than zero")
+            raise BadInput(f"fixed {self}", "other than zero")
         if self.name != "gain" and not self.name.startswith("num") and self.value <= 0.0:
-            raise BadInput(f"fixed {self}; allowed: above zero (poles lie in the left half plane)")
+            raise BadInput(f"fixed {self}", "above zero (poles lie in the left half plane)")
         if self.name == "resonance" and self.q <= 0.0:
-            raise BadInput(f"fixed {self}; allowed: a Q above zero, resonance=HERTZ,Q")
+            raise BadInput(f"fixed {self}", "a Q above zero, resonance=HERTZ,Q")
 
     def __str__(self) -> str:
         return f"{self.name}={self.value:g}" + (f",{self.q:g}" if self.name == "resonance" else "")
@@ -58,7 +58,7 @@ class Fixed:
         except ValueError:
             numbers = []
         if not equals or len(numbers) != (2 if name.strip() == "resonance" else 1):
-            raise BadInput(f"fixed {text!r}; allowed: NAME=VALUE or resonance=HERTZ,Q, names: {', '.join(NAMES)}")
+            raise BadInput(f"fixed {text!r}", f"NAME=VALUE or resonance=HERTZ,Q, names: {', '.join(NAMES)}")
         return cls(name.strip(), *numbers)
 
     @property

@@ -49,10 +49,10 @@ class Form:
     def __post_init__(self) -> None:
         if not (1 <= self.poles <= MOST_POLES and self.integrators >= 0 and self.free >= 0):
             raise BadInput(
-                f"{self.poles} poles, {self.poles - self.free} of them known; allowed: 1 to {MOST_POLES}, no more known"
+                f"{self.poles} poles, {self.poles - self.free} of them known", f"1 to {MOST_POLES}, no more known"
             )
         if not self.origin_zeros <= self.zeros <= self.poles:
-            raise BadInput(f"{self.zeros} zeros for {self.poles} poles; allowed: {self.origin_zeros} to {self.poles}")
+            raise BadInput(f"{self.zeros} zeros for {self.poles} poles", f"{self.origin_zeros} to {self.poles}")
 
     @property
     def free(self) -> int:

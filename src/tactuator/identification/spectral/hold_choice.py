@@ -163,8 +163,8 @@ def _local(taken: tuple[Spectrum, ...], rate_hz: float) -> LocalResponse:
     local = join_local([local_response(one, 0.47 * rate_hz) for one in taken])
     if local.frequency_hz.size < 4:
         raise BadInput(
-            f"the record shows its response at {local.frequency_hz.size} frequencies; allowed: 4 or more (a longer "
-            "record, or a command with more lines)"
+            f"the record shows its response at {local.frequency_hz.size} frequencies",
+            "4 or more (a longer record, or a command with more lines)",
         )
     power = local.excitation
     return local.at(power > max(_SILENT * float(np.median(power)), _NOTHING * float(np.max(power))))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactuator.display.plant_model import PlantModel
 from tactuator.identification.forms.form import Form, ladder, numerator_polynomial, sections_of
 from tactuator.identification.spectral.hold import Grid, Hold
 from tactuator.identification.spectral.likelihood import SpectralFit
+from tactuator.model.plant_model import PlantModel
 
 
 def fit_of_model(model: PlantModel, rate_hz: float, hold: Hold, gain: float) -> SpectralFit:

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.display.plant_model import Excess
 from tactuator.identification.forms.form import (
     Form,
     denominator_polynomial,
@@ -20,6 +19,7 @@ from tactuator.identification.spectral.hold import Grid, response_columns
 from tactuator.identification.spectral.likelihood import SpectralFit, information, nonlinear_slopes
 from tactuator.identification.spectral.lines import LocalResponse, Spectrum
 from tactuator.identification.spectral.search import Choice
+from tactuator.model.plant_model import Excess
 
 _LEAST_WEIGHT = 14.0
 """Difference of the criterion beyond which a form does not count (odds of 1 : 1100)."""

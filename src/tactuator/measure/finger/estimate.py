@@ -13,7 +13,7 @@ import numpy as np
 from scipy import optimize, stats
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.display.load import Load
+from tactuator.model.load import Load
 
 ONE, CHAIN, NEITHER, CANNOT_TELL = "one", "chain", "neither", "cannot tell"
 FELT_ALIKE_DB = 0.25

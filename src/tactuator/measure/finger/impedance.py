@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.display.description import Channel
 from tactuator.errors import BadInput
+from tactuator.model.description import Channel
 from tactuator.perception.levels import check_level
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import from_db
@@ -90,7 +90,7 @@ def plan_play(
     count = (int(seconds * rate_hz / (REPEATS * period)) - 1) // 2
     if count < _FEWEST:
         least = (2 * _FEWEST + 1) * REPEATS * _PERIOD_S
-        raise BadInput(f"{seconds:g} s for both states; allowed: {least:g} s or more")
+        raise BadInput(f"{seconds:g} s for both states", f"{least:g} s or more")
     lines = odd_lines(band_hz, rate_hz, period, _LINES, rng)
     peak = float(from_db(level_db_sl))
     waves = [multisine(rate_hz, period, lines, peak, rng).one_period() for _ in range(count)]
@@ -116,7 +116,7 @@ def play_plan(rig: Rig, plan: FingerPlan, channels: Sequence[Channel]) -> Finger
             for values in (trace.command_v, trace.position_v)
         )
         if not np.all(np.abs(command) > 0.0):
-            raise BadInput(f"channel {channel.name!r}: no command was put out; allowed: a rig that plays")
+            raise BadInput(f"channel {channel.name!r}: no command was put out", "a rig that plays")
         spectra.append((command, position))
         end_v = channel.converter.range_v - 1.5 * channel.converter.step_v
         ended.append(bool(np.max(np.abs(trace.position_v[:, column])) >= end_v))
@@ -131,7 +131,7 @@ def finger_impedance(channel: Channel, plan: FingerPlan, free: ComplexArray, tou
     Raises BadInput for a channel whose sensor does not give the displacement.
     """
     if channel.quantity != "displacement":
-        raise BadInput(f"channel {channel.name!r} measures the {channel.quantity}; allowed: the displacement")
+        raise BadInput(f"channel {channel.name!r} measures the {channel.quantity}", "the displacement")
     f = plan.frequency_hz
     hold = np.sinc(f / plan.rate_hz) * np.exp(-2j * np.pi * f * (0.5 / plan.rate_hz + channel.plant.delay_s))
     return np.asarray(channel.plant.gain * hold * (1.0 / touched - 1.0 / free))

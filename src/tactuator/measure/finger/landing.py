@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
-from tactuator.display.description import Channel
+from tactuator.model.controller import Controller
+from tactuator.model.description import Channel
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.decibels import db, from_db
 

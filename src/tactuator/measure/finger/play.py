@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput
 from tactuator.loop.feedback import FeedbackLoop
 from tactuator.measure.finger.estimate import FingerEstimate, estimate_finger
 from tactuator.measure.finger.impedance import finger_impedance, plan_play, play_plan
+from tactuator.model.controller import Controller
 from tactuator.rig.rig import Rig
 from tactuator.rig.sensing import require_sensors
 from tactuator.synthesis.family import plant_family
@@ -37,7 +37,7 @@ def measure_finger(
     names = tuple(channels or rig.channels)
     for name in names:
         if name not in rig.channels:
-            raise BadInput(f"channel {name!r} is not there; allowed: {', '.join(rig.channels)}")
+            raise BadInput(f"channel {name!r} is not there", f"{', '.join(rig.channels)}")
     columns = [rig.channels.index(name) for name in names]
     display = controller.display
     own = [display.channels[column] for column in columns]
@@ -65,6 +65,6 @@ def _loop(controller: Controller, column: int) -> FeedbackLoop:
     own, display = controller.channels[column], controller.display
     feedback = own.feedback(controller.rate_hz)
     if feedback is None:
-        raise BadInput(f"channel {own.name!r} has no loop, so that its command does not tell; allowed: one with a loop")
+        raise BadInput(f"channel {own.name!r} has no loop, so that its command does not tell", "one with a loop")
     channel = display.channels[column]
     return FeedbackLoop(feedback, plant_family(channel, display.rate_hz, display.delay_samples)[0].sampled)

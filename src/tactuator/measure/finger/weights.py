@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
+from tactuator.model.controller import Controller
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import from_db
 from tactuator.signals.multisine import multisine, odd_lines

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactuator.display.controller import Controller
-from tactuator.display.description import Channel, Display
 from tactuator.errors import BadInput, NoDesign
 from tactuator.measure.open_loop.flatness import Flatness, felt_flatness
 from tactuator.measure.open_loop.model import Followed, follow, plant_of_levels
 from tactuator.measure.open_loop.probe import Heard, Level, broadband, find_level, hear
 from tactuator.measure.open_loop.usable import UsableBand, usable_band
 from tactuator.measure.prediction import ChannelPrediction
+from tactuator.model.controller import Controller
+from tactuator.model.description import Channel, Display
 from tactuator.rig.sensing import require_sensors
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.rig.sound.rows import SoundGap

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.description import Channel
-from tactuator.display.plant_model import PlantModel
-from tactuator.display.response_plant import plant_of_response
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
 from tactuator.identification.by_response import identify_response
 from tactuator.measure.open_loop.probe import Heard
+from tactuator.model.description import Channel
+from tactuator.model.plant_model import PlantModel
+from tactuator.model.response_plant import plant_of_response
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.frequency_response import FrequencyResponse

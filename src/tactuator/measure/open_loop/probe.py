@@ -8,9 +8,9 @@ import numpy as np
 from scipy import signal
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.display.description import Channel
-from tactuator.display.load import DERIVATIVES
 from tactuator.errors import BadInput
+from tactuator.model.description import Channel
+from tactuator.model.load import DERIVATIVES
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db
 
@@ -160,11 +160,12 @@ def _require_own(rig: Rig, name: str, heard: Heard, level_db: float) -> None:
     own = rig.channels.index(name)
     if loudest != own and heard.others_v[loudest] > 3.0 * heard.others_v[own]:
         raise BadInput(
-            f"channel {name!r} is answered by the sensor of {rig.channels[loudest]!r}; allowed: wires as the display "
-            "file says (output and input in [sound])"
+            f"channel {name!r} is answered by the sensor of {rig.channels[loudest]!r}",
+            "wires as the display file says (output and input in [sound])",
         )
     if level_db < _LEAST_DB:
         raise BadInput(
             f"channel {name!r}: its sensor does not hear {heard.volts:.3g} V at its output ({level_db:.0f} dB above "
-            "the noise); allowed: a sensor and an actuator that are connected, or a larger range_v"
+            "the noise)",
+            "a sensor and an actuator that are connected, or a larger range_v",
         )

@@ -8,8 +8,8 @@ import numpy as np
 from scipy import signal
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import ChannelController, Controller
 from tactuator.measure.prediction import ChannelPrediction
+from tactuator.model.controller import ChannelController, Controller
 from tactuator.signals.decibels import db
 
 _QUIET, _LONGEST_S, _FADE = 1e-4, 1.0, 0.1

@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.description import Channel
-from tactuator.display.load import DERIVATIVES
 from tactuator.errors import BadInput
+from tactuator.model.description import Channel
+from tactuator.model.load import DERIVATIVES
 from tactuator.signals.decibels import db
 from tactuator.signals.systems import ContinuousSystem
 
@@ -49,14 +49,15 @@ def usable_band(
     stretches = [(first, last - 1) for first, last in list(pairwise(edges))[::2]]
     if not stretches:
         raise BadInput(
-            f"channel {channel.name!r} reaches {float(np.max(reach)):.1f} dB SL at most; allowed: a lower level than "
-            f"{level_db_sl:g} dB SL, or more volts"
+            f"channel {channel.name!r} reaches {float(np.max(reach)):.1f} dB SL at most",
+            f"a lower level than {level_db_sl:g} dB SL, or more volts",
         )
     first, last = (int(index) for index in max(stretches, key=lambda ends: ends[1] - ends[0]))
     if frequency[last] < np.sqrt(2.0) * frequency[first]:
         raise BadInput(
             f"channel {channel.name!r} reaches {level_db_sl:g} dB SL from {frequency[first]:.4g} to "
-            f"{frequency[last]:.4g} Hz only; allowed: half an octave or more (a lower level, or more volts)"
+            f"{frequency[last]:.4g} Hz only",
+            "half an octave or more (a lower level, or more volts)",
         )
 
     def end(index: int, outermost: int) -> str:

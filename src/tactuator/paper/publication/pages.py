@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tactuator import __version__
-from tactuator.display.verdict import Finding, Objective
+from tactuator.model.verdict import Finding, Objective
 from tactuator.paper.publication.comparison import comparison
 from tactuator.paper.response import LOADED, UNLOADED, worst_error_db
 from tactuator.paper.run import PaperStudy

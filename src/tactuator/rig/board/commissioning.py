@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactuator.display.description import Channel, Display
+from tactuator.model.description import Channel, Display
 from tactuator.runtime.safety_table import (
     NEVER,
     NEVER_TICKS,

@@ -28,7 +28,7 @@ class BoardFinger(Finger):
         """Put a load of the display file on, by name; None takes it off."""
         if load not in self._loads:
             allowed = ", ".join(name or "none" for name in self._loads)
-            raise BadInput(f"load {load!r} is not described; allowed: {allowed}")
+            raise BadInput(f"load {load!r} is not described", f"{allowed}")
         self._client.must(Request.TOUCH, struct.pack("<BB", self._channel, self._loads.index(load)))
 
     def break_sensor(self, what: str, value: float = math.nan) -> None:
@@ -40,7 +40,7 @@ class BoardFinger(Finger):
         Raises BadInput for another fault, and where a value is missing.
         """
         if what not in SENSOR_FAULTS:
-            raise BadInput(f"sensor fault {what!r}; allowed: {', '.join(SENSOR_FAULTS)}")
+            raise BadInput(f"sensor fault {what!r}", f"{', '.join(SENSOR_FAULTS)}")
         if math.isnan(value) and what in SENSOR_FAULTS[SENSOR_FAULTS.index("offset") :]:
-            raise BadInput(f"sensor fault {what!r} without a value; allowed: a number")
+            raise BadInput(f"sensor fault {what!r} without a value", "a number")
         self._client.must(Request.BREAK, struct.pack("<BBf", self._channel, SENSOR_FAULTS.index(what), value))

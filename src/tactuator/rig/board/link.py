@@ -170,7 +170,7 @@ class LinkClient:
             if answer is not None:
                 with understood(request):
                     return RequestOutcome(answer.payload[0]), answer.payload[1:]
-        raise LinkDown(f"the board does not answer ({request.name.lower()}); allowed: a board that runs the firmware")
+        raise LinkDown(f"the board does not answer ({request.name.lower()})", "a board that runs the firmware")
 
     def _answer(self, request: Request, timeout_s: float, begun: int | None) -> Frame | None:
         """Return the answer; None where none comes in time, or where the board has begun after `begun` times."""
@@ -202,7 +202,7 @@ class LinkClient:
         """Return the status that the board reports."""
         outcome, payload = self.ask(Request.STATUS)
         if outcome is not RequestOutcome.DONE or len(payload) != Status.LAYOUT.size:
-            raise BadInput(f"the board's link is of another version ({outcome.name.lower()}); allowed: version 1")
+            raise BadInput(f"the board's link is of another version ({outcome.name.lower()})", "version 1")
         with understood(Request.STATUS):
             return Status.parse(payload)
 
@@ -225,7 +225,7 @@ class LinkClient:
                 raise BadInput(_refusal(kind, answer[0]))
         if outcome is RequestOutcome.BAD_PAYLOAD:
             raise BadInput(f"image: {REASONS[ImageRefusal.CHECKSUM]}")
-        raise BadInput("the board takes no image or table now; allowed: in OFF, and an image after its safety table")
+        raise BadInput("the board takes no image or table now", "in OFF, and an image after its safety table")
 
     def start(self, run: int, source: int, drives: bool, holds: bool) -> None:
         """Bring the board from ARMED to RUNNING."""

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
-from tactuator.display.description import Display
 from tactuator.errors import BadInput, DeviceFault
+from tactuator.model.controller import Controller
+from tactuator.model.description import Display
 from tactuator.rig.board.commissioning import SILENCE_S, safety_table, soft_ticks
 from tactuator.rig.board.finger import BoardFinger
 from tactuator.rig.board.frames import Request
@@ -70,7 +70,7 @@ class BoardRig(DisplayRig):
         status = client.status()
         if status.channels < len(display.channels):
             raise BadInput(
-                f"the board has {status.channels} channels; the display has {len(display.channels)}; allowed: no more"
+                f"the board has {status.channels} channels; the display has {len(display.channels)}", "no more"
             )
         self._waits, self._lead_s = waits and status.allows_hold, lead_s
         self._run, self._at, self._drives, self._loaded = status.run, 0, False, False
@@ -125,7 +125,7 @@ class BoardRig(DisplayRig):
         """
         self._require_image()
         if not 0.0 <= duration_s <= LONGEST_S:
-            raise BadInput(f"tones for {duration_s:g} s; allowed: up to {LONGEST_S:g} s")
+            raise BadInput(f"tones for {duration_s:g} s", f"up to {LONGEST_S:g} s")
         soft, count = self._soft_ticks, round(duration_s * self.rate_hz)
         payloads = stimulus_payloads(tones, self.channels, self.rate_hz, soft)
         self._arm()
@@ -164,14 +164,14 @@ class BoardRig(DisplayRig):
         Raises BadInput if there is none of that name, or the display is real.
         """
         if not self._fingers:
-            raise BadInput("this display is real: a finger goes onto it by hand; allowed: a simulated display")
+            raise BadInput("this display is real: a finger goes onto it by hand", "a simulated display")
         if channel not in self.channels:
-            raise BadInput(f"channel {channel!r} is not there; allowed: {', '.join(self.channels)}")
+            raise BadInput(f"channel {channel!r} is not there", f"{', '.join(self.channels)}")
         return self._fingers[self.channels.index(channel)]
 
     def _require_image(self) -> None:
         if not self._loaded:
-            raise BadInput("no controller is loaded; allowed: load one before playing a reference")
+            raise BadInput("no controller is loaded", "load one before playing a reference")
 
     # -- what a board is besides --------------------------------------------------------------------------------------
 
@@ -256,7 +256,7 @@ class BoardRig(DisplayRig):
                 return status
             if not self._waits or attempt > _PROMPT_TRIES:
                 self._sleep(0.002)
-        raise BadInput("the board does not come to rest; allowed: a board whose timer runs")
+        raise BadInput("the board does not come to rest", "a board whose timer runs")
 
     def _begin(self, drives: bool) -> None:
         """Begin a run of the kind that is wanted and wait until its soft start is over."""

@@ -162,8 +162,8 @@ class BoardStream:
         self._idle += self._waits
         if self._idle > _IDLE_READS:
             raise DeviceFault(
-                f"the board stands at tick {self._tick} of its run and has been given rows to {self.end}; allowed: one "
-                "that plays them"
+                f"the board stands at tick {self._tick} of its run and has been given rows to {self.end}",
+                "one that plays them",
             )
 
     def _look(self) -> int:
@@ -172,9 +172,7 @@ class BoardStream:
         if status.mode is Mode.FAULT:
             raise RigFault(status.fault, status.fault_channel)
         if status.mode is not Mode.RUNNING:
-            raise BadInput(
-                f"the board is {status.mode.name}: somebody has stopped it; allowed: one that nobody else uses"
-            )
+            raise BadInput(f"the board is {status.mode.name}: somebody has stopped it", "one that nobody else uses")
         self._tick = status.tick
         return status.stream_end
 

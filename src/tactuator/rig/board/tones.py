@@ -36,13 +36,13 @@ class BoardTone:
     def __post_init__(self) -> None:
         if not (self.frequency_hz > 0.0 and abs(self.amplitude) <= REFERENCE_MAX):
             raise BadInput(
-                f"tone of {self.frequency_hz:g} Hz at {self.amplitude:g} threshold units; "
-                f"allowed: above 0 Hz, at most {REFERENCE_MAX:g} (60 dB SL)"
+                f"tone of {self.frequency_hz:g} Hz at {self.amplitude:g} threshold units",
+                f"above 0 Hz, at most {REFERENCE_MAX:g} (60 dB SL)",
             )
         if not (0.0 <= self.start_s <= LONGEST_S and 0.0 <= 2.0 * self.ramp_s <= self.duration_s <= LONGEST_S):
             raise BadInput(
-                f"tone from {self.start_s:g} s for {self.duration_s:g} s with ramps of {self.ramp_s:g} s; "
-                f"allowed: from 0 s on, ramps of at most half of it, up to {LONGEST_S:g} s"
+                f"tone from {self.start_s:g} s for {self.duration_s:g} s with ramps of {self.ramp_s:g} s",
+                f"from 0 s on, ramps of at most half of it, up to {LONGEST_S:g} s",
             )
 
     def wave(self, count: int, rate_hz: float) -> FloatArray:
@@ -77,12 +77,12 @@ def stimulus_payloads(
     """
     unknown = sorted(set(tones) - set(channels))
     if unknown:
-        raise BadInput(f"channel {unknown[0]!r} is not there; allowed: {', '.join(channels)}")
+        raise BadInput(f"channel {unknown[0]!r} is not there", f"{', '.join(channels)}")
     payloads = []
     for index, name in enumerate(channels):
         mine = tones.get(name, ())
         if len(mine) > TONES_MAX:
-            raise BadInput(f"{len(mine)} tones on channel {name!r}; allowed: at most {TONES_MAX}")
+            raise BadInput(f"{len(mine)} tones on channel {name!r}", f"at most {TONES_MAX}")
         payloads.append(bytes([index, len(mine)]) + b"".join(tone.content(rate_hz, first) for tone in mine))
     return payloads
 
@@ -107,7 +107,7 @@ def read_run(
         if status.mode is Mode.FAULT:
             raise RigFault(status.fault, status.fault_channel)
         if status.mode is not Mode.RUNNING or status.run != run:
-            raise BadInput("the board plays this run no more; allowed: one that nobody else uses")
+            raise BadInput("the board plays this run no more", "one that nobody else uses")
         if status.tick <= got:
             sleep(_STATUS_POLL_S)
             continue

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput, DeviceFault
+from tactuator.model.controller import Controller
 from tactuator.rig.board.commissioning import safety_table
 from tactuator.rig.board.frames import Request
 from tactuator.rig.board.link import RigFault, understood
@@ -75,7 +75,7 @@ def check_period(
     Raises BadInput for fewer ticks than one, and for a board that holds another display's table.
     """
     if ticks < 1:
-        raise BadInput(f"ticks is {ticks}; allowed: 1 or more")
+        raise BadInput(f"ticks is {ticks}", "1 or more")
     _require_table(target, controller)
     tally, difference = _Tally(), ""
     for number_format in formats:
@@ -99,7 +99,7 @@ def _require_table(target: BoardRig, controller: Controller) -> None:
     (wanted,) = struct.unpack("<I", safety_bytes(safety_table(controller.display))[-4:])
     if target.status().safety_crc != wanted:
         raise BadInput(
-            "the board holds the safety table of another display; allowed: the display that it was commissioned with"
+            "the board holds the safety table of another display", "the display that it was commissioned with"
         )
 
 

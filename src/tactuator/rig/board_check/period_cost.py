@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
+from tactuator.model.controller import Controller
 from tactuator.rig.board.commissioning import soft_ticks
 from tactuator.rig.board.frames import Request
 from tactuator.rig.board.link import STIMULUS, STREAM, LinkClient, understood

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput, DeviceFault
+from tactuator.model.controller import Controller
 from tactuator.rig.board.commissioning import soft_ticks
 from tactuator.rig.board.frames import Request, RequestOutcome
 from tactuator.rig.board.link import LinkClient, understood
@@ -64,7 +64,7 @@ def count_cycles(
     """
     status = rig.status()
     if status.allows_hold:
-        raise BadInput(f"{status.name} has a simulated display; allowed: without --rig, where instructions are counted")
+        raise BadInput(f"{status.name} has a simulated display", "without --rig, where instructions are counted")
     counter = _Counter(rig.client, round(seconds * controller.rate_hz), controller.rate_hz, clock, sleep)
     rig.off()
     counter.begin()
@@ -114,7 +114,7 @@ class _Counter:
             if most:
                 return least, most, total
             self._sleep(_POLL_S)
-        raise DeviceFault(f"the board has not made {self.periods} periods; allowed: one whose timer goes")
+        raise DeviceFault(f"the board has not made {self.periods} periods", "one whose timer goes")
 
     def read_while(self, rig: BoardRig, rows: FloatArray) -> tuple[int, int, int]:
         """Return what is counted while the rows (n, channels) play: from where their trace begins to come."""
@@ -126,7 +126,7 @@ class _Counter:
     def _ask(self, periods: int) -> tuple[int, int, int]:
         outcome, answer = self._client.ask(Request.BENCH, struct.pack("<I", periods))
         if outcome is not RequestOutcome.DONE:
-            raise BadInput("the board has no counter of cycles; allowed: one that has, an STM32F405 say")
+            raise BadInput("the board has no counter of cycles", "one that has, an STM32F405 say")
         with understood(Request.BENCH):
             least, most, total, _ = _COUNTS.unpack(answer)
         return least, most, total

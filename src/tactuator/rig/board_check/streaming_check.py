@@ -11,8 +11,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.display.controller import Controller
 from tactuator.errors import BadInput, DeviceFault
+from tactuator.model.controller import Controller
 from tactuator.rig.board.commissioning import LATENESS_MAX, soft_ticks
 from tactuator.rig.board.link import LinkClient, RigFault
 from tactuator.rig.board.rig import BoardRig
@@ -87,9 +87,9 @@ def check_streaming(
     while by `clock` and `waited` host or emulator had no processor.
     """
     if instruction_ns not in [1 << shift for shift in range(11)]:
-        raise BadInput(f"{instruction_ns} ns an instruction; allowed: 1, 2, 4, ... {_LONGEST_NS}")
+        raise BadInput(f"{instruction_ns} ns an instruction", f"1, 2, 4, ... {_LONGEST_NS}")
     if not 1.0 <= duration_s * controller.rate_hz <= _LONGEST_S * controller.rate_hz:
-        raise BadInput(f"duration is {duration_s:g} s; allowed: one sample to {_LONGEST_S:g} s")
+        raise BadInput(f"duration is {duration_s:g} s", f"one sample to {_LONGEST_S:g} s")
     samples = round(duration_s * controller.rate_hz)
     shape = (samples, len(controller.channels))
     rows = (_RMS * np.random.default_rng(seed).standard_normal(shape)).astype(np.float32)
@@ -149,8 +149,8 @@ def _streamed(rig: BoardRig, rows: Rows, watch: HostWatch, is_slow: bool) -> tup
 def _not_judged(what: str, watch: HostWatch) -> NotJudged:
     share = 100.0 * watch.waited_share()
     return NotJudged(
-        f"not judged: {what}, and the host had no processor for {share:.0f} % of the time before; allowed: a machine "
-        f"with less else to do, and at most {INSTRUCTION_NS} ns an instruction"
+        f"not judged: {what}, and the host had no processor for {share:.0f} % of the time before",
+        f"a machine with less else to do, and at most {INSTRUCTION_NS} ns an instruction",
     )
 
 

@@ -54,7 +54,7 @@ def find_card(name: str, cards: Sequence[Card]) -> Card:
     several.
     """
     if not cards:
-        raise BadInput("there is no sound card; allowed: one that the system lists")
+        raise BadInput("there is no sound card", "one that the system lists")
     for matches in (
         [one for one in cards if name in (one.name, one.full_name)],
         [one for one in cards if name.lower() in one.full_name.lower()],
@@ -62,8 +62,8 @@ def find_card(name: str, cards: Sequence[Card]) -> Card:
         if len(matches) == 1:
             return matches[0]
         if matches:
-            raise BadInput(f"sound card {name!r} may be {_listed(matches)}; allowed: one of these names in full")
-    raise BadInput(f"there is no sound card {name!r}; allowed: {_listed(cards)}")
+            raise BadInput(f"sound card {name!r} may be {_listed(matches)}", "one of these names in full")
+    raise BadInput(f"there is no sound card {name!r}", f"{_listed(cards)}")
 
 
 def _listed(cards: Sequence[Card]) -> str:
@@ -80,5 +80,5 @@ def sound_name(spec: str) -> tuple[str, float | None]:
     except ValueError:
         return spec, None  # a device may have an @ in its name
     if not 0.0 < rate_hz < 1e6:
-        raise BadInput(f"sound card {spec!r}: a rate of {rate_hz:g} Hz; allowed: a positive number of hertz")
+        raise BadInput(f"sound card {spec!r}: a rate of {rate_hz:g} Hz", "a positive number of hertz")
     return name, rate_hz

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.description import Channel, Converter, Display, Threshold
-from tactuator.display.requirements import FeedbackRequirements
-from tactuator.display.sound_card import SoundCard, Wires
 from tactuator.errors import BadInput
-from tactuator.files.curve import resolve_curve
+from tactuator.io.curve import resolve_curve
+from tactuator.model.description import Channel, Converter, Display, Threshold
+from tactuator.model.requirements import FeedbackRequirements
+from tactuator.model.sound_card import SoundCard, Wires
 from tactuator.rig.rig import Rig
 from tactuator.rig.sensing import PartlyDeaf
 from tactuator.signals.systems import ContinuousSystem
@@ -32,7 +32,7 @@ def wire_display(rate_hz: float, output: int, input_number: int) -> Display:
     Raises BadInput for a rate below LEAST_RATE_HZ.
     """
     if not (np.isfinite(rate_hz) and rate_hz >= LEAST_RATE_HZ):
-        raise BadInput(f"a rate of {rate_hz:g} Hz; allowed: {LEAST_RATE_HZ:g} Hz or more, as the card has it")
+        raise BadInput(f"a rate of {rate_hz:g} Hz", f"{LEAST_RATE_HZ:g} Hz or more, as the card has it")
     sound = SoundCard((Wires(output, input_number, 1.0, 1.0),), lead_s=0.5)
     threshold = Threshold(resolve_curve("bolanowski-1988"), (1.0, min(300.0, rate_hz / 4.0)))
     channel = Channel(
@@ -65,7 +65,7 @@ def measure_delay(rig: Rig, level: float, rng: np.random.Generator) -> Delay:
     Raises BadInput for a level out of range, and where nothing of the bursts comes back.
     """
     if not 0.0 < level <= 0.9:
-        raise BadInput(f"level {level:g}; allowed: above 0, at most 0.9 of full scale")
+        raise BadInput(f"level {level:g}", "above 0, at most 0.9 of full scale")
     count = round(BURST_S * rig.rate_hz)
     found: list[int] = []
     gains: list[float] = []
@@ -103,8 +103,8 @@ def tone(rig: Rig, frequency_hz: float, level: float, duration_s: float) -> floa
     """
     if not (0.0 < level <= 0.9 and 1.0 <= frequency_hz <= 0.4 * rig.rate_hz and 1.0 <= duration_s <= 600.0):
         raise BadInput(
-            f"a tone of {frequency_hz:g} Hz at {level:g} for {duration_s:g} s; allowed: 1 to {0.4 * rig.rate_hz:g} Hz, "
-            "above 0 to 0.9 of full scale, 1 to 600 s"
+            f"a tone of {frequency_hz:g} Hz at {level:g} for {duration_s:g} s",
+            f"1 to {0.4 * rig.rate_hz:g} Hz, above 0 to 0.9 of full scale, 1 to 600 s",
         )
     time = np.arange(round(duration_s * rig.rate_hz)) / rig.rate_hz
     wave = level * np.sin(2.0 * np.pi * frequency_hz * time)
@@ -123,5 +123,5 @@ def full_scale_v(reading_v: float, level: float) -> float:
     that is not positive.
     """
     if not (np.isfinite(reading_v) and reading_v > 0.0):
-        raise BadInput(f"a reading of {reading_v:g} V rms; allowed: a positive number")
+        raise BadInput(f"a reading of {reading_v:g} V rms", "a positive number")
     return float(np.sqrt(2.0) * reading_v / level)

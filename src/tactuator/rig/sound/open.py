@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tactuator.display.description import Display
 from tactuator.errors import BadInput
+from tactuator.model.description import Display
 from tactuator.rig.sound.cards import find_card, list_cards, sound_name
 from tactuator.rig.sound.port import CardPort
 from tactuator.rig.sound.rig import PATIENT_S, SoundRig, sound_wiring
@@ -27,7 +27,8 @@ def sound_rig(spec: str, display: Display) -> SoundRig:
         if channel.feedback.structure != "none":
             raise BadInput(
                 f"channel {channel.name!r}: structure is {channel.feedback.structure!r}, and a loop through a sound "
-                'card answers tens of milliseconds late; allowed: structure = "none" in [feedback]'
+                "card answers tens of milliseconds late",
+                'structure = "none" in [feedback]',
             )
     cards = list_cards()
     out = find_card(name or card.device, cards)

@@ -6,10 +6,10 @@ import numpy as np
 from scipy import signal
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import ChannelController, Controller
-from tactuator.display.description import Channel
-from tactuator.display.load import DERIVATIVES
 from tactuator.errors import BadInput
+from tactuator.model.controller import ChannelController, Controller
+from tactuator.model.description import Channel
+from tactuator.model.load import DERIVATIVES
 from tactuator.perception.levels import COMFORT_DB_SL
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import bilinear, zero_order_hold
@@ -53,7 +53,7 @@ class OpenLoop:
         peak = float(np.max(np.abs(reference), initial=0.0))
         if peak > self._most:
             raise BadInput(
-                f"the reference reaches {float(db(peak)):.1f} dB SL; allowed: comfort, {self._comfort_db_sl:g} dB SL"
+                f"the reference reaches {float(db(peak)):.1f} dB SL", f"comfort, {self._comfort_db_sl:g} dB SL"
             )
         made = [channel.command(column) for channel, column in zip(self._channels, reference.T, strict=True)]
         wanted = np.column_stack([volts for volts, _ in made])
@@ -80,7 +80,8 @@ class _OpenChannel:
         if own.feedback_sos is not None:
             raise BadInput(
                 f"channel {own.name!r}: the controller closes a loop, and a sound card answers tens of milliseconds "
-                'late; allowed: structure = "none" in [feedback]'
+                "late",
+                'structure = "none" in [feedback]',
             )
         self._name, self._limits, self._travel_mm = own.name, own.limits, channel.travel_mm
         self._prefilter = own.prefilter_sos / own.prefilter_sos[:, 3:4]
@@ -102,8 +103,8 @@ class _OpenChannel:
         reach = float(np.max(np.abs(moved), initial=0.0))
         if reach > _ROUNDING * self._travel_mm:
             raise BadInput(
-                f"channel {self._name!r}: the reference moves it by {reach:.3g} mm by the display's model; "
-                f"allowed: its travel, {self._travel_mm:g} mm"
+                f"channel {self._name!r}: the reference moves it by {reach:.3g} mm by the display's model",
+                f"its travel, {self._travel_mm:g} mm",
             )
         return np.asarray(volts), np.asarray(volts != wanted)
 
@@ -119,8 +120,8 @@ def displacement_sections(channel: Channel, rate_hz: float) -> tuple[FloatArray,
     plant = channel.plant
     if not plant.is_stable:
         raise BadInput(
-            f"channel {channel.name!r}: its plant is not stable, and nothing holds its travel without a loop; "
-            "allowed: a stable plant"
+            f"channel {channel.name!r}: its plant is not stable, and nothing holds its travel without a loop",
+            "a stable plant",
         )
     still = ContinuousSystem(plant.zeros, plant.poles, plant.gain / channel.sensor_gain_v_per_mm)
     cascades = [_normalised(zero_order_hold(still, rate_hz).sections())]

@@ -94,5 +94,5 @@ def refusal(error: Exception, card: Card, rate_hz: float) -> BadInput | DeviceFa
     words = str(error.args[0]) if error.args else str(error)
     words = words.removeprefix("Error opening _StreamBase: ")  # a class that nobody outside knows
     if "sample rate" in words.lower():
-        return BadInput(f"sound card {card.full_name!r} does not run at {rate_hz:g} Hz; allowed: {card.rate_hz:g} Hz")
-    return DeviceFault(f"sound card {card.full_name!r} cannot be opened ({words}); allowed: one that nobody else holds")
+        return BadInput(f"sound card {card.full_name!r} does not run at {rate_hz:g} Hz", f"{card.rate_hz:g} Hz")
+    return DeviceFault(f"sound card {card.full_name!r} cannot be opened ({words})", "one that nobody else holds")

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
-from tactuator.display.description import Display
-from tactuator.display.sound_card import SoundCard, Wires
 from tactuator.errors import BadInput, DeviceFault
+from tactuator.model.controller import Controller
+from tactuator.model.description import Display
+from tactuator.model.sound_card import SoundCard, Wires
 from tactuator.rig.rig import DisplayRig
 from tactuator.rig.samples import take_command, take_reference
 from tactuator.rig.sound.open_loop import OpenLoop
@@ -114,7 +114,7 @@ class SoundRig(DisplayRig):
         Raises as `play` does.
         """
         if self._loop is None:
-            raise BadInput("no controller is loaded; allowed: load one before playing a reference")
+            raise BadInput("no controller is loaded", "load one before playing a reference")
         return self._begin(self._played(self._loop, blocks))
 
     def drive(self, command_v: ArrayLike) -> Trace:
@@ -223,7 +223,8 @@ class SoundRig(DisplayRig):
             if wires.input and count:
                 raise BadInput(
                     f"channel {name!r}: input {wires.input} of the card clips ({count} samples at full scale, "
-                    f"{wires.input_full_scale_v:g} V); allowed: a lower level, or less gain before the input"
+                    f"{wires.input_full_scale_v:g} V)",
+                    "a lower level, or less gain before the input",
                 )
 
 
@@ -264,7 +265,7 @@ def sound_wiring(display: Display) -> SoundCard:
     """Return the display's wiring. Raises BadInput where it has none."""
     if display.sound is None:
         raise BadInput(
-            f"display {display.name!r} does not say how it is wired to a sound card; "
-            "allowed: a table [sound] with output_full_scale_v (docs/sound.md)"
+            f"display {display.name!r} does not say how it is wired to a sound card",
+            "a table [sound] with output_full_scale_v (docs/sound.md)",
         )
     return display.sound

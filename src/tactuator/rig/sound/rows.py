@@ -32,7 +32,7 @@ class CardRows:
         self._rows.outputs, self._rows.inputs = outputs, inputs
         self._rows.decay = float(np.exp(-1.0 / (_DYING_S * rate_hz)))
         if not lib.tact_audio_reset(self._rows):
-            raise BadInput(f"a stream of {outputs} outputs and {inputs} inputs; allowed: 1 to 64, and 0 to 64")
+            raise BadInput(f"a stream of {outputs} outputs and {inputs} inputs", "1 to 64, and 0 to 64")
 
     @property
     def address(self) -> int:
@@ -112,8 +112,8 @@ class CardRows:
         ):
             if at != _NEVER:
                 raise SoundGap(
-                    f"{words} {at / self._rate_hz:.3f} s after the beginning, and what was recorded is not used; "
-                    "allowed: a run without gaps (larger buffers of the card, a larger lead_s in [sound], less load)"
+                    f"{words} {at / self._rate_hz:.3f} s after the beginning, and what was recorded is not used",
+                    "a run without gaps (larger buffers of the card, a larger lead_s in [sound], less load)",
                 )
 
     def _look(self) -> tuple[int, int, int]:

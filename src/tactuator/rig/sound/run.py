@@ -83,5 +83,5 @@ class CardRun:
         if self._silent_s > patience_s:
             self.alive = False
             raise CardGone(
-                f"the sound card has stopped: not a sample for {patience_s:g} s; allowed: a card that stays connected"
+                f"the sound card has stopped: not a sample for {patience_s:g} s", "a card that stays connected"
             )

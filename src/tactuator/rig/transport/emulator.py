@@ -30,7 +30,7 @@ def emulator_command(board: str, program: Path, counting: str | None, serial: st
     """
     found = find_board(board)
     if shutil.which(EMULATOR) is None:
-        raise BadInput(f"{EMULATOR} is missing; allowed: install it with `make install-boards`")
+        raise BadInput(f"{EMULATOR} is missing", "install it with `make install-boards`")
     clock = [] if counting is None else ["-icount", counting]
     return [
         EMULATOR, "-M", found.machine, "-display", "none", "-monitor", "none",
@@ -74,7 +74,7 @@ class _Emulated:
             except BlockingIOError:
                 continue
             except OSError:
-                raise LinkDown("the emulator has ended; allowed: one that runs") from None
+                raise LinkDown("the emulator has ended", "one that runs") from None
         self.sent += len(content)
 
     def receive(self, timeout_s: float) -> bytes:
@@ -120,7 +120,7 @@ class _Emulated:
 
     def _require_alive(self) -> None:
         if self._process is None or self._process.poll() is not None:
-            raise LinkDown("the emulator has ended; allowed: one that runs")
+            raise LinkDown("the emulator has ended", "one that runs")
 
     def _open_to(self, fifo: Path) -> int:
         """Return the FIFO to the board, once the emulator has opened its end."""
@@ -131,7 +131,7 @@ class _Emulated:
                 return os.open(fifo, os.O_WRONLY | os.O_NONBLOCK)
             except OSError:
                 time.sleep(0.005)
-        raise LinkDown(f"{_NO_LINK}; allowed: a board that starts")
+        raise LinkDown(f"{_NO_LINK}", "a board that starts")
 
 
 class Emulator(_Emulated):

@@ -22,21 +22,21 @@ class SerialPort:
         try:
             serial: Any = importlib.import_module("serial")
         except ImportError:
-            raise BadInput("pyserial is missing; allowed: install it with `pip install tactuator[board]`") from None
+            raise BadInput("pyserial is missing", "install it with `pip install tactuator[board]`") from None
         self._error: type[Exception] = serial.SerialException
         name, _, baud = url.partition("@")
         if baud and not (baud.isdecimal() and int(baud) > 0):
-            raise BadInput(f"port {url!r}: baud rate {baud!r}; allowed: a number, 2000000 say")
+            raise BadInput(f"port {url!r}: baud rate {baud!r}", "a number, 2000000 say")
         try:
             # the lock is the operating system's: two programs on one board would each take the other's answers
             self._port: Any = serial.serial_for_url(
                 name, int(baud or BAUD), timeout=_UART_POLL_S, write_timeout=2.0, exclusive=True
             )
         except ValueError as error:
-            raise BadInput(f"port {name!r} is none ({error}); allowed: a serial port or socket://host:port") from None
+            raise BadInput(f"port {name!r} is none ({error})", "a serial port or socket://host:port") from None
         except (serial.SerialException, OSError) as error:
             raise LinkDown(
-                f"port {name!r} cannot be opened ({error}); allowed: one that is there and free, or socket://host:port"
+                f"port {name!r} cannot be opened ({error})", "one that is there and free, or socket://host:port"
             ) from None
 
     def send(self, content: bytes) -> None:
@@ -64,4 +64,4 @@ class SerialPort:
             self._port.close()
 
     def _down(self, error: Exception) -> LinkDown:
-        return LinkDown(f"the port has vanished ({error}); allowed: a board that stays connected")
+        return LinkDown(f"the port has vanished ({error})", "a board that stays connected")

@@ -53,12 +53,12 @@ def connect(url: str) -> SocketLink:
     """
     host, _, port = url.removeprefix(SCHEME).rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
-        raise BadInput(f"port {url!r} cannot be opened; allowed: socket://host:port, with a port from 1 to 65535")
+        raise BadInput(f"port {url!r} cannot be opened", "socket://host:port, with a port from 1 to 65535")
     try:
         return SocketLink(socket.create_connection((host.strip("[]"), int(port)), _OPEN_TIMEOUT_S))
     except OSError as error:
-        raise LinkDown(f"port {url!r} cannot be opened ({error}); allowed: one where a board listens") from None
+        raise LinkDown(f"port {url!r} cannot be opened ({error})", "one where a board listens") from None
 
 
 def _down(why: str) -> LinkDown:
-    return LinkDown(f"the port has vanished ({why}); allowed: a board that stays connected")
+    return LinkDown(f"the port has vanished ({why})", "a board that stays connected")

@@ -159,7 +159,7 @@ class Program:
         if self._within_db is not None:
             within = self._solve(self._within_db)
             if within is None:
-                raise BadInput(f"no filter of {self.order} poles is within {self._within_db:g} dB; allowed: more poles")
+                raise BadInput(f"no filter of {self.order} poles is within {self._within_db:g} dB", "more poles")
             return within
         low, high = self._bracket()
         while high - low > _PRECISION * max(low, 0.05) and high >= _LEAST_DB:
@@ -172,7 +172,7 @@ class Program:
             found = self._solve(times * high + 0.002)
             if found is not None:
                 return found
-        raise BadInput(f"no filter of {self.order} poles was found; allowed: another number of poles")
+        raise BadInput(f"no filter of {self.order} poles was found", "another number of poles")
 
     def _bracket(self) -> tuple[float, float]:
         """Return an error that is impossible, or next to zero, and one that is possible, dB."""
@@ -180,8 +180,7 @@ class Program:
         while not self._seems_possible(high):
             if high >= _WIDEST_DB:
                 raise BadInput(
-                    f"no prefilter of {self.order} poles follows the curve within {_WIDEST_DB:g} dB; "
-                    "allowed: more poles"
+                    f"no prefilter of {self.order} poles follows the curve within {_WIDEST_DB:g} dB", "more poles"
                 )
             # before a solution has told the size of D, "impossible" may be rounding alone
             low = high if self._sized_by is not None else low

@@ -36,13 +36,11 @@ class BandsCoding:
         count = len(self.edges_hz) - 1
         if count < 1 or len(self.fingers) != count or len(self.gains_db) != count:
             raise BadInput(
-                f"bands coding: {len(self.edges_hz)} edges, {len(self.fingers)} fingers, {len(self.gains_db)} gains; "
-                "allowed: two edges or more, and for each band between them a list of fingers and a gain"
+                f"bands coding: {len(self.edges_hz)} edges, {len(self.fingers)} fingers, {len(self.gains_db)} gains",
+                "two edges or more, and for each band between them a list of fingers and a gain",
             )
         if any(high - low < self.transition_hz for low, high in zip(self.edges_hz, self.edges_hz[1:], strict=False)):
-            raise BadInput(
-                f"bands coding: edges {self.edges_hz} Hz; allowed: ascending, {self.transition_hz:g} Hz apart"
-            )
+            raise BadInput(f"bands coding: edges {self.edges_hz} Hz", f"ascending, {self.transition_hz:g} Hz apart")
 
     def signals(self, blocks: Iterable[FloatArray], rate_in_hz: int, rate_hz: int) -> Iterator[FloatArray]:
         """Yield mono blocks (n,) at `rate_in_hz` as blocks (m, bands) at `rate_hz`, in the file's own units."""

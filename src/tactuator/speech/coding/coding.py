@@ -36,6 +36,6 @@ def place(wanted: list[tuple[str, ...]], fingers: tuple[str, ...]) -> FloatArray
     for row, names in zip(matrix, wanted, strict=True):
         for name in fingers if "all" in names else names:
             if name not in fingers:
-                raise BadInput(f"finger {name!r} is not on the display; allowed: all, {', '.join(fingers)}")
+                raise BadInput(f"finger {name!r} is not on the display", f"all, {', '.join(fingers)}")
             row[fingers.index(name)] = 1.0
     return matrix

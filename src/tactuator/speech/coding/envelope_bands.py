@@ -35,13 +35,13 @@ class EnvelopeBand:
     def __post_init__(self) -> None:
         high = np.inf if self.high_hz is None else self.high_hz
         if not 0.0 <= self.low_hz < high or (self.low_hz == 0.0 and self.high_hz is None):
-            raise BadInput(f"envelope band {self.low_hz:g}..{high:g} Hz; allowed: 0 <= low < high, one edge at least")
+            raise BadInput(f"envelope band {self.low_hz:g}..{high:g} Hz", "0 <= low < high, one edge at least")
         if not 0.0 < self.carrier_hz <= 280.0:
-            raise BadInput(f"envelope carrier {self.carrier_hz:g} Hz; allowed: above 0, 280 at most")
+            raise BadInput(f"envelope carrier {self.carrier_hz:g} Hz", "above 0, 280 at most")
         if not 0.0 < self.smooth_hz <= 200.0 or self.order not in range(1, 9) or self.smooth_order not in range(1, 9):
             raise BadInput(
-                f"envelope smoothing {self.smooth_hz:g} Hz, orders {self.order} and {self.smooth_order}; "
-                "allowed: above 0 to 200 Hz, orders 1 to 8"
+                f"envelope smoothing {self.smooth_hz:g} Hz, orders {self.order} and {self.smooth_order}",
+                "above 0 to 200 Hz, orders 1 to 8",
             )
 
 
@@ -59,6 +59,6 @@ class Voicing:
     def __post_init__(self) -> None:
         if not 60.0 < self.low_hz < self.high_hz < 7000.0 or self.smooth_hz <= 0.0 or self.ratio <= 0.0:
             raise BadInput(
-                f"voicing from {self.low_hz:g} and {self.high_hz:g} Hz; allowed: 60 < low < high < 7000, "
-                "smoothing and ratio above zero"
+                f"voicing from {self.low_hz:g} and {self.high_hz:g} Hz",
+                "60 < low < high < 7000, smoothing and ratio above zero",
             )

@@ -35,9 +35,9 @@ class EnvelopeCoding:
 
     def __post_init__(self) -> None:
         if not self.bands:
-            raise BadInput("envelope coding: no bands; allowed: one or more")
+            raise BadInput("envelope coding: no bands", "one or more")
         if not 1e3 <= self.analysis_hz <= 192e3:
-            raise BadInput(f"envelope coding: analysis_hz is {self.analysis_hz:g}; allowed: 1000 to 192000 Hz")
+            raise BadInput(f"envelope coding: analysis_hz is {self.analysis_hz:g}", "1000 to 192000 Hz")
 
     def placement(self, fingers: tuple[str, ...]) -> FloatArray:
         """Return ones and zeros, shape (signals, fingers): bands with the same fingers are one signal."""

@@ -10,8 +10,8 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from tactuator.errors import BadInput
-from tactuator.files.atomic import write_text
-from tactuator.files.formats.text import parse_toml, read_text
+from tactuator.io.atomic import write_text
+from tactuator.io.formats.text import parse_toml, read_text
 from tactuator.speech.coding.bands import BandsCoding
 from tactuator.speech.coding.coding import Coding
 from tactuator.speech.coding.direct import DirectCoding
@@ -29,7 +29,7 @@ def coding_of(name_or_path: str) -> Coding:
     if name_or_path in NAMED:
         return NAMED[name_or_path]
     if not name_or_path.endswith(".toml"):
-        raise BadInput(f"coding {name_or_path!r} is not known; allowed: {', '.join(NAMED)}, or a file ending in .toml")
+        raise BadInput(f"coding {name_or_path!r} is not known", f"{', '.join(NAMED)}, or a file ending in .toml")
     return read_coding(Path(name_or_path))
 
 
@@ -38,24 +38,24 @@ def read_coding(path: Path) -> Coding:
     try:
         document = parse_toml(read_text(path))
     except BadInput as error:
-        raise BadInput(f"coding file {path}: {error}; allowed: a TOML file that can be read") from None
+        raise BadInput(f"coding file {path}: {error}", "a TOML file that can be read") from None
     try:
         return parse_coding(document)
     except BadInput as error:
-        raise BadInput(f"coding file {path}: {error}") from None
+        raise error.within(f"coding file {path}") from None
 
 
 def parse_coding(document: Mapping[str, Any]) -> Coding:
     """Return the coding of a document with every parameter in it."""
     kind = document.get("kind")
     if kind not in KINDS:
-        raise BadInput(f"kind is {kind!r}; allowed: {', '.join(KINDS)}")
+        raise BadInput(f"kind is {kind!r}", f"{', '.join(KINDS)}")
     _check_keys(document, KINDS[str(kind)], "")
     values = dict(document)
     if kind == "envelope":
         bands, voicing = values["bands"], values["voicing"]
         if not isinstance(bands, list) or not isinstance(voicing, Mapping):
-            raise BadInput("bands and voicing; allowed: [[bands]] tables and one [voicing] table")
+            raise BadInput("bands and voicing", "[[bands]] tables and one [voicing] table")
         values["bands"] = tuple(_made(EnvelopeBand, _band(band, at), f"bands[{at}]") for at, band in enumerate(bands))
         _check_keys(voicing, Voicing, "voicing: ")
         values["voicing"] = _made(Voicing, voicing, "voicing")
@@ -66,7 +66,7 @@ def parse_coding(document: Mapping[str, Any]) -> Coding:
 
 def _band(band: Any, at: int) -> Mapping[str, Any]:
     if not isinstance(band, Mapping):
-        raise BadInput(f"bands[{at}] is {band!r}; allowed: a table")
+        raise BadInput(f"bands[{at}] is {band!r}", "a table")
     whole = {"high_hz": None, **band}  # TOML has no null: a high-pass leaves its upper edge out
     _check_keys(whole, EnvelopeBand, f"bands[{at}]: ")
     return whole
@@ -74,7 +74,7 @@ def _band(band: Any, at: int) -> Mapping[str, Any]:
 
 def _scalars(values: Mapping[str, Any]) -> dict[str, Any]:
     if not isinstance(values["name"], str) or not isinstance(values["analysis_hz"], int | float):
-        raise BadInput("name and analysis_hz; allowed: a word and a number")
+        raise BadInput("name and analysis_hz", "a word and a number")
     return {**values, "analysis_hz": float(values["analysis_hz"])}
 
 
@@ -83,9 +83,9 @@ def _check_keys(document: Mapping[str, Any], kind: type[Any], where: str) -> Non
     unknown = [key for key in document if key not in names]
     missing = [name for name in names if name not in document]
     if unknown:
-        raise BadInput(f"{where}{unknown[0]!r} is not a parameter; allowed: {', '.join(names)}")
+        raise BadInput(f"{where}{unknown[0]!r} is not a parameter", f"{', '.join(names)}")
     if missing:
-        raise BadInput(f"{where}{missing[0]!r} is missing; allowed: a file with every parameter in it")
+        raise BadInput(f"{where}{missing[0]!r} is missing", "a file with every parameter in it")
 
 
 def _made(kind: type[Any], values: Mapping[str, Any], where: str) -> Any:
@@ -95,7 +95,7 @@ def _made(kind: type[Any], values: Mapping[str, Any], where: str) -> Any:
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in (where, *first["loc"]))
-        raise BadInput(f"{place} is {first['input']!r}; allowed: {first['msg']}") from None
+        raise BadInput(f"{place} is {first['input']!r}", f"{first['msg']}") from None
 
 
 def coding_document(coding: Coding) -> dict[str, Any]:

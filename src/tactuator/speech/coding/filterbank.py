@@ -30,8 +30,8 @@ def band_kernel(low_hz: float, high_hz: float, transition_hz: float, rate_hz: fl
     fits_below = low_hz == 0.0 or half <= low_hz < high_hz - transition_hz
     if not (fits_below and 0.0 < half <= high_hz < 0.5 * rate_hz - half):
         raise BadInput(
-            f"band {low_hz:g}..{high_hz:g} Hz with edges {transition_hz:g} Hz wide at {rate_hz:g} Hz; "
-            f"allowed: edges that do not overlap, within 0..{0.5 * rate_hz:g} Hz"
+            f"band {low_hz:g}..{high_hz:g} Hz with edges {transition_hz:g} Hz wide at {rate_hz:g} Hz",
+            f"edges that do not overlap, within 0..{0.5 * rate_hz:g} Hz",
         )
     taps, beta = signal.kaiserord(ATTENUATION_DB, transition_hz / (0.5 * rate_hz))
     cutoff = high_hz if low_hz == 0.0 else [low_hz, high_hz]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
+from tactuator.model.controller import Controller
 from tactuator.speech.limiter.limits import (
     COARSE_STRIDE,
     QUIET_ABOVE_HZ,

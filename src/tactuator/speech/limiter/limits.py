@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.display.controller import Controller
 from tactuator.measure.prediction import ChannelPrediction
+from tactuator.model.controller import Controller
 from tactuator.perception.levels import COMFORT_DB_SL
 from tactuator.signals.decibels import from_db
 

@@ -24,11 +24,11 @@ def to_control(system: System) -> Any:
     """
     control = _control()
     if isinstance(system, ContinuousSystem) and system.delay_s > 0.0:
-        raise BadInput(f"python-control holds no dead time of {system.delay_s:g} s; allowed: a system without")
+        raise BadInput(f"python-control holds no dead time of {system.delay_s:g} s", "a system without")
     if not system.is_proper:
         raise BadInput(
-            f"a system of {system.zeros.size} zeros and {system.poles.size} poles has no state space; "
-            "allowed: no more zeros than poles"
+            f"a system of {system.zeros.size} zeros and {system.poles.size} poles has no state space",
+            "no more zeros than poles",
         )
     step: float = 1.0 / system.rate_hz if isinstance(system, SampledSystem) else 0
     made = control.ss([], [], [], [[system.gain]], step)
@@ -46,9 +46,9 @@ def from_control(system: Any) -> System:
     """
     control = _control()
     if system.ninputs != 1 or system.noutputs != 1:
-        raise BadInput(f"{system.ninputs} inputs and {system.noutputs} outputs; allowed: one of each")
+        raise BadInput(f"{system.ninputs} inputs and {system.noutputs} outputs", "one of each")
     if system.dt is None or system.dt is True:
-        raise BadInput(f"sampling period is {system.dt}; allowed: 0 for continuous time, or seconds")
+        raise BadInput(f"sampling period is {system.dt}", "0 for continuous time, or seconds")
     zeros, poles = np.asarray(control.zeros(system)), np.asarray(control.poles(system))
     gain = _gain(control, system, zeros, poles)
     if system.dt == 0:
@@ -60,7 +60,7 @@ def _control() -> Any:
     try:
         return importlib.import_module("control")
     except ImportError:
-        raise BadInput("python-control is not installed; allowed: after `pip install control`") from None
+        raise BadInput("python-control is not installed", "after `pip install control`") from None
 
 
 def _factors(system: System) -> list[tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]]:

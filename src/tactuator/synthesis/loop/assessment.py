@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.display.description import Channel
-from tactuator.display.requirements import FeedbackRequirements
 from tactuator.loop.feedback import FeedbackLoop
 from tactuator.loop.margins import Margins, margins
 from tactuator.loop.stability import UnstableLoop
+from tactuator.model.description import Channel
+from tactuator.model.requirements import FeedbackRequirements
 from tactuator.signals.decibels import db
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.family import Member
@@ -62,7 +62,7 @@ def assess(
     for member in family:
         loop = FeedbackLoop(feedback, member.sampled)
         if not loop.is_stable:
-            raise UnstableLoop(f"the closed loop is unstable under load {member.name!r}; allowed: a stable loop")
+            raise UnstableLoop(f"the closed loop is unstable under load {member.name!r}", "a stable loop")
         mean = float(np.mean(db(loop.sensitivity(band))))
         found.append(MemberAssessment(member, loop, margins(loop), mean, command_noise_gain(loop)))
     return tuple(found)

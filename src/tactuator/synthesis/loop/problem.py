@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.display.requirements import FeedbackRequirements
+from tactuator.model.requirements import FeedbackRequirements
 from tactuator.signals.sections import backward_difference
 from tactuator.synthesis.family import Member
 from tactuator.synthesis.loop.candidates import LIGHT_DAMPING

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.description import Channel
 from tactuator.errors import BadInput
+from tactuator.model.description import Channel
 from tactuator.synthesis.loop.problem import DB, DEGREES_PER_DB, LoopProblem
 from tactuator.synthesis.loop.solution import Solution, is_sound, solve
 from tactuator.synthesis.loop.starts import bounds, classical_starts
@@ -154,22 +154,19 @@ def require_consistent(channel: Channel, rate_hz: float) -> None:
     asked = channel.feedback
     where = f"channel {channel.name!r}: feedback"
     if asked.sensitivity_peak is not None and asked.sensitivity_peak <= 1.0:
-        raise BadInput(
-            f"{where} sensitivity_peak is {asked.sensitivity_peak:g}; allowed: above 1, which every loop passes"
-        )
+        raise BadInput(f"{where} sensitivity_peak is {asked.sensitivity_peak:g}", "above 1, which every loop passes")
     if asked.phase_margin_deg is not None and asked.phase_margin_deg >= 90.0:
-        raise BadInput(
-            f"{where} phase_margin_deg is {asked.phase_margin_deg:g}; allowed: below 90 for a loop that rolls off"
-        )
+        raise BadInput(f"{where} phase_margin_deg is {asked.phase_margin_deg:g}", "below 90 for a loop that rolls off")
     for name in ("mains_hz", "rejection_hz", "rejection_band_hz"):
         beyond = [f for f in getattr(asked, name) if f >= 0.45 * rate_hz]
         if beyond:
-            raise BadInput(f"{where} {name} has {beyond[0]:g} Hz; allowed: below {0.45 * rate_hz:g} Hz at this rate")
+            raise BadInput(f"{where} {name} has {beyond[0]:g} Hz", f"below {0.45 * rate_hz:g} Hz at this rate")
     rejection = dict(zip(asked.rejection_hz, asked.rejection_max_db, strict=True))
     for frequency, limit in zip(asked.mains_hz, asked.mains_max_db, strict=True):
         both = 10.0 ** (limit / 20.0) + 10.0 ** (rejection.get(frequency, 40.0) / 20.0)
         if both < 1.0:
             raise BadInput(
                 f"{where} asks |T| <= {limit:g} dB and |S| <= {rejection[frequency]:g} dB at {frequency:g} Hz, "
-                "where S + T = 1; allowed: limits whose ratios add up to one or more"
+                "where S + T = 1",
+                "limits whose ratios add up to one or more",
             )

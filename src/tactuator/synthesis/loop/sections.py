@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.display.controller import AntiWindup
+from tactuator.model.controller import AntiWindup
 from tactuator.signals.sections import exact_sum
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.prefilter.cascade import cascade

@@ -20,7 +20,7 @@ from itertools import chain, islice
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.requirements import FeedbackRequirements
+from tactuator.model.requirements import FeedbackRequirements
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.family import Member
 from tactuator.synthesis.loop.assessment import MemberAssessment, assess, figures, shortfalls

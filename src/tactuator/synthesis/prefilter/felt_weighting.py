@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.display.description import Channel
+from tactuator.model.description import Channel
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.magnitude.fit import fit_magnitude
 from tactuator.signals.magnitude.goal import MagnitudeGoal

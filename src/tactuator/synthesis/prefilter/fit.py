@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.display.description import Channel
 from tactuator.errors import BadInput
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.loop.stability import System
+from tactuator.model.description import Channel
 from tactuator.signals.decibels import db
 from tactuator.signals.magnitude.fit import fit_magnitude
 from tactuator.signals.magnitude.goal import MagnitudeGoal
@@ -81,8 +81,8 @@ def fit_prefilter(
             return fit
         best = min(best, fit.max_error_db)
     raise BadInput(
-        f"channel {channel.name!r}: {MOST_POLES} poles leave a prefilter error of {best:.2f} dB; "
-        f"allowed: a tolerance of at least that (asked: {tolerance_db:g} dB)"
+        f"channel {channel.name!r}: {MOST_POLES} poles leave a prefilter error of {best:.2f} dB",
+        f"a tolerance of at least that (asked: {tolerance_db:g} dB)",
     )
 
 
@@ -102,9 +102,7 @@ def prefilter_goal(
     frequency = np.append(below, inside)
     level = db(channel.threshold_voltage(frequency) / np.abs(_behind(feedback, plant, frequency)))
     if not np.all(np.isfinite(level)):
-        raise BadInput(
-            f"channel {channel.name!r}: the plant gives nothing somewhere in the band; allowed: no such zero"
-        )
+        raise BadInput(f"channel {channel.name!r}: the plant gives nothing somewhere in the band", "no such zero")
     allowance = np.append(np.full(below.size, _BELOW_BAND_ALLOWANCE_DB), np.zeros(inside.size))
     falls = max(channel.prefilter.falls_above_hz, high * 1.02)
     top = 0.499 * rate_hz

@@ -50,12 +50,10 @@ class CurveKind:
     def __post_init__(self) -> None:
         amplitudes = (self.offset_db, self.tilt_db_per_decade, self.wave_db, self.rough_db, self.walk_db)
         if min(*amplitudes, self.feature_db, self.share) < 0.0:
-            raise BadInput(
-                f"curves of kind {self.name!r}: a standard deviation or share is negative; allowed: 0 or more"
-            )
+            raise BadInput(f"curves of kind {self.name!r}: a standard deviation or share is negative", "0 or more")
         lengths = (self.wave_decades, self.rough_decades, self.walk_decades, self.feature_decades, self.feature_hz)
         if min(lengths) <= 0.0:
-            raise BadInput(f"curves of kind {self.name!r}: a length or frequency is not positive; allowed: above 0")
+            raise BadInput(f"curves of kind {self.name!r}: a length or frequency is not positive", "above 0")
 
     def covariance(self, first_hz: ArrayLike, second_hz: ArrayLike, middle_hz: float) -> FloatArray:
         """Return the prior covariance, dB^2, shape (first, second). middle_hz: the frequency about which the tilt

@@ -54,16 +54,16 @@ class CurvePrior:
     def __post_init__(self) -> None:
         low, high = self.band_hz
         if not 0.0 < low < high:
-            raise BadInput(f"whole curve: band_hz is [{low:g}, {high:g}]; allowed: 0 < low < high")
+            raise BadInput(f"whole curve: band_hz is [{low:g}, {high:g}]", "0 < low < high")
         if self.points < 3:
-            raise BadInput(f"whole curve: {self.points} points; allowed: 3 or more")
+            raise BadInput(f"whole curve: {self.points} points", "3 or more")
         if min(self.mains_hz, self.clearance_hz) < 0.0 or 2.0 * self.clearance_hz >= self.mains_hz > 0.0:
             raise BadInput(
-                f"whole curve: {self.clearance_hz:g} Hz off multiples of {self.mains_hz:g} Hz; "
-                "allowed: less than half of the mains frequency"
+                f"whole curve: {self.clearance_hz:g} Hz off multiples of {self.mains_hz:g} Hz",
+                "less than half of the mains frequency",
             )
         if not self.kinds:
-            raise BadInput("whole curve: every share is 0; allowed: at least one kind of curve with a share")
+            raise BadInput("whole curve: every share is 0", "at least one kind of curve with a share")
 
     @property
     def middle_hz(self) -> float:

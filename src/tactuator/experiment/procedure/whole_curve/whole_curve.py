@@ -31,10 +31,10 @@ class WholeCurveRule:
 
     def __post_init__(self) -> None:
         if self.trials < 1:
-            raise BadInput(f"whole curve: {self.trials} trials; allowed: 1 or more")
+            raise BadInput(f"whole curve: {self.trials} trials", "1 or more")
         if not self.floor_db_sl < self.ceiling_db_sl:
             raise BadInput(
-                f"whole curve: floor {self.floor_db_sl:g}, ceiling {self.ceiling_db_sl:g} dB SL; allowed: floor below"
+                f"whole curve: floor {self.floor_db_sl:g}, ceiling {self.ceiling_db_sl:g} dB SL", "floor below"
             )
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactuator.display.controller import Controller
-from tactuator.display.description import Channel
+from tactuator.model.controller import Controller
+from tactuator.model.description import Channel
 from tactuator.report.diagram import Box, canvas, draw_box, draw_path, draw_sum
 from tactuator.report.formula import printed_polynomials
 from tactuator.report.plate import Plate

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tactuator.display.controller import Controller
 from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.measure.finger.landing import landing
+from tactuator.model.controller import Controller
 from tactuator.report.plate import Plate, save_plates
 from tactuator.report.plates.controller.bode import bode_plate
 from tactuator.report.plates.controller.headroom import headroom_plate, lowest

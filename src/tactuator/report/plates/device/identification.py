@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from tactuator.arrays import FloatArray
-from tactuator.files.atomic import atomic_folder
 from tactuator.identification.result import Identification
+from tactuator.io.atomic import atomic_folder
 from tactuator.report.plate import Plate
 from tactuator.report.style import BLUE, FAINT, GREEN, ORANGE, RED, figure, frequency_axis, legend
 from tactuator.signals.spectra import power_spectrum

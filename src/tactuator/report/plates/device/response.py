@@ -12,8 +12,8 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.display.controller import Controller
 from tactuator.measure.error import expected_v
+from tactuator.model.controller import Controller
 from tactuator.report.plate import Plate, save_plates
 from tactuator.report.style import BLUE, INK, ORANGE, RED, dress, figure, frequency_axis
 from tactuator.signals.decibels import db

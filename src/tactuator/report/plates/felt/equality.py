@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.display.description import Channel
-from tactuator.display.load import DERIVATIVES
+from tactuator.model.description import Channel
+from tactuator.model.load import DERIVATIVES
 from tactuator.report.plate import Plate
 from tactuator.report.style import BLUE, GREEN, INK, RED, figure, frequency_axis
 from tactuator.signals.decibels import db

@@ -19,7 +19,7 @@ def psychometric_plate(subject: str, runs: Sequence[PsychometricTrials]) -> Plat
     Raises BadInput where there is no run.
     """
     if not runs:
-        raise BadInput(f"no runs of {subject}; allowed: one or more")
+        raise BadInput(f"no runs of {subject}", "one or more")
     rows = -(-len(runs) // _COLUMNS)
     made, grid = figure(rows, min(_COLUMNS, len(runs)), height_in=0.9 + 1.8 * rows, squeeze=False, sharey=True)
     panels = list(grid.flat)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactuator.display.description import Display
-from tactuator.files.display import parse_display
+from tactuator.io.display import parse_display
+from tactuator.model.description import Display
 from tactuator.rig.sound.demo.exciter import Exciter
 
 RATE_HZ = 48000.0

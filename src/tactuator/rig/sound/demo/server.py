@@ -49,9 +49,9 @@ def simulated_card(
     where JACK is missing, DeviceFault where it does not start.
     """
     if shutil.which("jackd") is None:
-        raise BadInput("the simulated sound card needs jackd; allowed: where it is installed (apt-get install jackd2)")
+        raise BadInput("the simulated sound card needs jackd", "where it is installed (apt-get install jackd2)")
     if "sounddevice" in sys.modules:
-        raise BadInput("PortAudio has looked for its servers before; allowed: the simulated card in a fresh program")
+        raise BadInput("PortAudio has looked for its servers before", "the simulated card in a fresh program")
     documents = [None if one is None else one.document() for one in exciters]
     with _server_name() as (name, lock), tempfile.TemporaryDirectory() as folder:
         os.environ |= {"JACK_DEFAULT_SERVER": name, "JACK_NO_AUDIO_RESERVATION": "1", "JACK_NO_START_SERVER": "1"}
@@ -89,7 +89,7 @@ def _server_name() -> Iterator[tuple[str, int]]:
                 continue
             yield f"tactuator-{number}", lock.fileno()
             return
-    raise DeviceFault(f"{_SERVERS} simulated sound cards run already; allowed: no more at once")
+    raise DeviceFault(f"{_SERVERS} simulated sound cards run already", "no more at once")
 
 
 def _schedule() -> list[str]:
@@ -126,8 +126,8 @@ def _started_client(settings: Path) -> subprocess.Popen[bytes]:
         return client
     words = _end(client)
     if b"No module named 'jack'" in words:
-        raise BadInput("the simulated sound card needs JACK-Client; allowed: pip install 'tactuator[sound]'")
-    raise DeviceFault("the JACK server did not start; allowed: a machine on which `jackd -d dummy` runs")
+        raise BadInput("the simulated sound card needs JACK-Client", "pip install 'tactuator[sound]'")
+    raise DeviceFault("the JACK server did not start", "a machine on which `jackd -d dummy` runs")
 
 
 def _end(process: subprocess.Popen[bytes] | None) -> bytes:

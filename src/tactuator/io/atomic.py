@@ -1,0 +1,142 @@
+"""Nothing half-written: files and folders appear under their name when they are whole."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from uuid import uuid4
+
+from tactuator.errors import BadInput
+
+_HALF_WRITTEN = "tactuator"
+
+
+@contextmanager
+def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a path beside `path` to write to; renamed to `path` at the end, removed on any error.
+
+    Raises BadInput where the folder is missing or cannot be written.
+    """
+    target = Path(path)
+    _check_parent(target)
+    if target.exists() and not target.is_file():
+        raise BadInput(f"{path} is a folder or a device", "the name of a file")
+    # the name is known before the file is there: a Ctrl-C between the two leaves nothing
+    beside = target.with_name(f".{target.stem}-{_token()}.{_HALF_WRITTEN}{target.suffix}")
+    try:
+        with _told_of_a_full_disk(path):
+            os.close(os.open(beside, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
+            yield beside
+        mask = os.umask(0)
+        os.umask(mask)
+        beside.chmod(0o666 & ~mask)
+        beside.replace(target)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def sweep_half_written(paths: Iterable[Path]) -> None:
+    """Remove what killed processes left of writing to the paths; nothing else has a name like that."""
+    names: dict[Path, set[str]] = {}
+    for path in paths:
+        names.setdefault(path.parent, set()).add(path.name)
+    for folder, wanted in names.items():
+        for beside in folder.glob(f".*.{_HALF_WRITTEN}.*"):
+            found = re.fullmatch(rf"\.(.+)-[a-z0-9_]{{8}}\.{_HALF_WRITTEN}(\.[^.]+)", beside.name)
+            if found is not None and found[1] + found[2] in wanted and beside.is_file():
+                beside.unlink(missing_ok=True)
+
+
+@contextmanager
+def _told_of_a_full_disk(path: str | os.PathLike[str]) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            raise BadInput(f"{path} cannot be written: {error.strerror}", "a place with room") from None
+        raise
+
+
+@contextmanager
+def atomic_folder(path: str | os.PathLike[str], own_names: frozenset[str]) -> Iterator[Path]:
+    """Yield an empty folder beside `path`; it takes the place of `path` at the end, and is removed on any error.
+
+    Raises BadInput where it cannot be made, or where `path` holds anything but `own_names`: what is not ours is never
+    replaced. Enter it before long work begins, so that a refusal comes first.
+    """
+    target = Path(path).resolve()
+    _check_own(target, own_names)
+    made = _made_parents(target)
+    try:
+        beside = target.with_name(f".{target.name}-{_token()}")
+        try:
+            beside.mkdir(mode=0o700)
+            yield beside
+            beside.chmod(0o755)
+            _check_own(target, own_names)
+            _take_the_place_of(target, beside)
+        finally:
+            shutil.rmtree(beside, ignore_errors=True)
+    except BaseException as error:
+        for folder in made:
+            with suppress(OSError):
+                folder.rmdir()
+        if isinstance(error, OSError):
+            raise BadInput(f"{target} cannot be written: {error.strerror}", "another place") from None
+        raise
+
+
+def _check_own(target: Path, own_names: frozenset[str]) -> None:
+    if target.exists() and not target.is_dir():
+        raise BadInput(f"{target} is a file", "a folder, or a name that is free")
+    others = sorted({entry.name for entry in target.iterdir()} - own_names) if target.is_dir() else []
+    if others:
+        raise BadInput(f"{target} holds other files ({others[0]}, ...)", "a new or empty folder")
+
+
+def _made_parents(target: Path) -> list[Path]:
+    """Make the folders above `target`; those that were not there, the lowest first."""
+    missing = [folder for folder in target.parents if not folder.exists()]
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"{target} cannot be made: {error.strerror}", "a folder that can be written") from None
+    _check_parent(target)
+    return missing
+
+
+def _take_the_place_of(target: Path, beside: Path) -> None:
+    """Rename the folder, and put the old one back if anything comes between the two renames."""
+    old = beside.with_name(beside.name + "-old")
+    try:
+        if target.exists():
+            target.rename(old)
+        beside.rename(target)
+    except BaseException:
+        if old.exists() and not target.exists():
+            old.rename(target)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write `text` (UTF-8) to `path`, whole or not at all."""
+    with atomic_path(path) as beside:
+        beside.write_text(text, encoding="utf-8")
+
+
+def _token() -> str:
+    return uuid4().hex[:8]
+
+
+def _check_parent(target: Path) -> None:
+    parent = target.parent
+    if not parent.is_dir():
+        raise BadInput(f"{parent} is not a folder", "a place in a folder that exists")
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise BadInput(f"{parent} cannot be written", "a folder with permission to write")

@@ -1,0 +1,175 @@
+"""Columns of numbers out of foreign files: CSV, MATLAB, WAV, HDF5, in pieces where the format allows it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import scipy.io
+import soundfile
+
+from tactuator.arrays import FloatArray
+from tactuator.errors import BadInput
+from tactuator.io.formats.cut_off import last_number_cut_off
+from tactuator.io.formats.hdf5 import opened_hdf5, require_survivable
+from tactuator.io.formats.sound import require_whole, without_remarks
+from tactuator.io.formats.table import read_table
+
+MOST_SAMPLES = 4_000_000
+"""Rows read of one file: 100 MB in memory, whatever the file's length."""
+MOST_VALUES = 32_000_000
+"""Numbers read of one file, all columns together: 256 MB in memory, whatever the file claims to hold."""
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Columns of a file. values: column name to (n,), all of one length unless the format allows others. rate_hz: of
+    the file, if it says.
+
+    attributes: plain text that the file carries. cut: rows beyond MOST_SAMPLES were left unread. remarks: on what is
+    amiss and was left out.
+    """
+
+    values: Mapping[str, FloatArray]
+    rate_hz: float | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
+    attributes: Mapping[str, str] = field(default_factory=dict)
+    cut: bool = False
+    remarks: tuple[str, ...] = ()
+
+
+def read_columns(path: Path) -> Columns:
+    """Read a file by its ending: .csv .txt .tsv .dat, .mat, .wav .flac, .h5 .hdf5. BadInput, one line, otherwise."""
+    readers = {
+        ".csv": _read_text, ".txt": _read_text, ".tsv": _read_text, ".dat": _read_text, ".mat": _read_matlab,
+        ".wav": _read_sound, ".flac": _read_sound, ".h5": _read_hdf5, ".hdf5": _read_hdf5,
+    }  # fmt: skip
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise BadInput(f"record {path}: ending {path.suffix!r}", f"{', '.join(readers)}")
+    if not path.is_file():
+        raise BadInput(f"record {path}: there is no such file", "one that can be read")
+    try:
+        columns = reader(path)
+    except BadInput as error:
+        raise error.within(f"record {path}") from None
+    except MemoryError:
+        raise BadInput(f"record {path}: it claims more than memory holds", "a shorter one") from None
+    except Exception as error:  # a library that reads a broken file of others may raise anything at all
+        reason = str(error).splitlines()[0].rstrip(".") if str(error) else "cannot be read"
+        raise BadInput(f"record {path}: {reason}", "a sound file") from None
+    if not columns.values:
+        raise BadInput(f"record {path}: there are no numbers in it", "columns of numbers")
+    return columns
+
+
+def _read_text(path: Path) -> Columns:
+    names, table, cut = read_table(path, MOST_SAMPLES, MOST_VALUES)
+    last = None if cut else last_number_cut_off(path)
+    remarks: tuple[str, ...] = ()
+    if last is not None:
+        table = table[:-1]
+        remarks = (
+            f"the file ends within its last number ({last}, with fewer digits than all before): its row is left out",
+        )
+    return Columns({name: table[:, k] for k, name in enumerate(names)}, cut=cut, remarks=remarks)
+
+
+def _read_matlab(path: Path) -> Columns:
+    if h5py.is_hdf5(path):
+        return _read_hdf5(path)
+    _require_room(sum(math.prod(shape) for _, shape, _ in scipy.io.whosmat(path)))
+    require_survivable(lambda: scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False))
+    content = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
+    found: dict[str, FloatArray] = {}
+    for name, value in content.items():
+        if not name.startswith("__"):
+            _gather(name, value, found)
+    return Columns(found)
+
+
+def _gather(name: str, value: Any, found: dict[str, FloatArray]) -> None:
+    """Gather the numbers, rows and columns of a variable; fields of a struct as name.field."""
+    if hasattr(value, "_fieldnames"):
+        for field_name in value._fieldnames:
+            _gather(f"{name}.{field_name}", getattr(value, field_name), found)
+        return
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiub":
+        return
+    array = np.asarray(array, dtype=np.float64)
+    if array.ndim <= 1:
+        found[name] = np.atleast_1d(array)[:MOST_SAMPLES]
+    elif array.ndim == 2:
+        tall = array if array.shape[0] >= array.shape[1] else array.T
+        for k in range(min(tall.shape[1], 64)):
+            found[f"{name}.{k + 1}"] = tall[:MOST_SAMPLES, k]
+
+
+def _read_sound(path: Path) -> Columns:
+    require_whole(path)
+    with without_remarks(path), soundfile.SoundFile(path) as sound:
+        if sound.channels < 2:
+            raise BadInput("it has one channel", "two or more, command and position")
+        most = min(sound.frames, MOST_SAMPLES, MOST_VALUES // sound.channels)
+        data = sound.read(most, dtype="float64", always_2d=True)
+        if len(data) < most:
+            raise BadInput(f"truncated, {len(data)} of {sound.frames} frames are there", "a whole file")
+        cut = sound.frames > most
+        rate = float(sound.samplerate)
+    return Columns({f"channel{k + 1}": data[:, k] for k in range(data.shape[1])}, rate, cut=cut)
+
+
+def _read_hdf5(path: Path) -> Columns:
+    found: dict[str, FloatArray] = {}
+    units: dict[str, str] = {}
+    with opened_hdf5(path) as file:
+        attributes = {key: _text(value) for key, value in file.attrs.items()}
+        signals = _signals(file)
+        _require_room(sum(min(max(one.shape, default=1), MOST_SAMPLES) * _width(one) for one in signals.values()))
+        _require_room(max((math.prod(one.chunks or ()) for one in signals.values()), default=0))
+        for name, item in signals.items():
+            if _width(item) == 1:
+                part = item[tuple(slice(MOST_SAMPLES) for _ in item.shape)]
+                found[name] = np.atleast_1d(np.asarray(part, dtype=np.float64).squeeze())
+            else:
+                tall = item[:MOST_SAMPLES] if item.shape[0] >= item.shape[1] else item[:, :MOST_SAMPLES].T
+                for k in range(tall.shape[1]):
+                    found[f"{name}.{k + 1}"] = np.asarray(tall[:, k], dtype=np.float64)
+            if "unit" in item.attrs:
+                units[name] = _text(item.attrs["unit"])
+        cut = any(max(one.shape, default=1) > MOST_SAMPLES for one in signals.values())
+    rate = attributes.get("rate_hz")
+    return Columns(found, float(rate) if rate is not None else None, units, attributes, cut)
+
+
+def _signals(file: h5py.File) -> dict[str, h5py.Dataset]:
+    """Return the file's datasets of numbers in one column, or up to 64, by their names with points for strokes."""
+    found: dict[str, h5py.Dataset] = {}
+
+    def visit(name: str, item: Any) -> None:
+        if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiu" or name.startswith("#"):
+            return
+        if item.ndim <= 1 or (item.ndim == 2 and min(item.shape) <= 64):
+            found[name.replace("/", ".")] = item
+
+    file.visititems(visit)
+    return found
+
+
+def _width(item: h5py.Dataset) -> int:
+    return min(item.shape) if item.ndim == 2 else 1
+
+
+def _require_room(values: int) -> None:
+    if values > MOST_VALUES:
+        raise BadInput(f"it claims to hold {values} numbers", f"up to {MOST_VALUES}")
+
+
+def _text(value: Any) -> str:
+    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)

@@ -1,0 +1,123 @@
+"""Sound files: the length that a head states, held against the bytes that are there, and a library's own remarks."""
+
+from __future__ import annotations
+
+import os
+import struct
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from tactuator.errors import BadInput
+
+_STREAMED = (0, 0xFFFFFFFF)
+"""Lengths written by a program that did not know the length."""
+_HEAD_BYTES, _RIFF_BYTES = 36, 12
+_FORMS = {b"RIFF": ("<", b"data"), b"RIFX": (">", b"data"), b"FORM": (">", b"SSND")}
+_KNOWN = (b"RIFF", b"RIFX", b"RF64", b"FORM", b"fLaC", b"OggS", b"caff", b".snd", b"riff")
+_QUIET = threading.Lock()
+
+
+@contextmanager
+def without_remarks(path: Path) -> Iterator[None]:
+    """Keep what the decoder of MP3 writes about a file off standard error, which has one line for a refusal.
+
+    Files of other formats, which their first bytes tell, are read as ever. Raises OSError.
+    """
+    with path.open("rb") as file:
+        if file.read(4) in _KNOWN:
+            yield
+            return
+    with _QUIET, Path(os.devnull).open("wb") as nowhere:
+        before = os.dup(2)
+        try:
+            os.dup2(nowhere.fileno(), 2)
+            yield
+        finally:
+            os.dup2(before, 2)
+            os.close(before)
+
+
+def require_whole(path: Path) -> None:
+    """Raise BadInput, without the file's name, where a WAV (RF64 and W64, too), AIFF, AU or CAF states more bytes than
+    are there.
+
+    The library that reads the samples takes such a file for a shorter one, and says nothing. Raises OSError.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+        if len(head) == _HEAD_BYTES and head[:4] in _STATED:
+            _require(_STATED[head[:4]](file, head), size)
+        if len(head) < _RIFF_BYTES or head[:4] not in _FORMS:
+            return
+        file.seek(_RIFF_BYTES)
+        order, wanted = _FORMS[head[:4]]
+        (stated,) = struct.unpack(f"{order}I", head[4:8])
+        if stated not in _STREAMED:
+            _require(stated + 8, size)
+        _require(_end_of_samples(file, order, wanted, size), size)
+
+
+def forget_time(path: Path) -> None:
+    """Set the time of writing, which libsndfile puts beside the peaks of a WAV of floats, to zero.
+
+    The same samples then give the same bytes.
+    """
+    with path.open("r+b") as file:
+        at = file.read(1024).find(b"PEAK")
+        if at >= 0:
+            file.seek(at + 12)
+            file.write(bytes(4))
+
+
+def _end_of_samples(file: BinaryIO, order: str, wanted: bytes, size: int) -> int:
+    """Return where the chunk of samples ends by its own statement; 0 where it does not say, or there is none."""
+    while len(chunk := file.read(8)) == 8:
+        (length,) = struct.unpack(f"{order}I", chunk[4:])
+        if chunk[:4] == wanted:
+            return 0 if length in _STREAMED else file.tell() + length
+        if file.tell() + length > size:
+            return 0
+        file.seek(length + length % 2, 1)
+    return 0
+
+
+def _end_of_au(file: BinaryIO, head: bytes) -> int:
+    """Return where the samples of an AU end by its own statement; 0 where it does not say."""
+    start, length = struct.unpack(f"{'>' if head[:4] == b'.snd' else '<'}II", head[4:12])
+    return 0 if length in _STREAMED else int(start + length)
+
+
+def _end_of_rf64(file: BinaryIO, head: bytes) -> int:
+    """Return where an RF64 ends by its own statement, in its first chunk; 0 where it does not say."""
+    return int(struct.unpack("<Q", head[20:28])[0]) + 8 if head[12:16] == b"ds64" else 0
+
+
+def _end_of_w64(file: BinaryIO, head: bytes) -> int:
+    """Return where a W64 ends by its own statement."""
+    return int(struct.unpack("<Q", head[16:24])[0])
+
+
+def _end_of_caf(file: BinaryIO, head: bytes) -> int:
+    """Return where the samples of a CAF end by its own statement; 0 where it does not say."""
+    file.seek(8)
+    while len(chunk := file.read(12)) == 12:
+        (length,) = struct.unpack(">q", chunk[4:])
+        if chunk[:4] == b"data" or length < 0:
+            return max(0, file.tell() + length) if length >= 0 else 0
+        file.seek(min(length, 1 << 62), 1)
+    return 0
+
+
+_STATED = {
+    b".snd": _end_of_au, b"dns.": _end_of_au, b"RF64": _end_of_rf64, b"riff": _end_of_w64, b"caff": _end_of_caf,
+}  # fmt: skip
+"""By the first bytes of a file, what tells its end."""
+
+
+def _require(stated: int, size: int) -> None:
+    if stated > size + 1:  # some writers leave the last pad byte out
+        raise BadInput(f"truncated, {size} of {stated} bytes are there", "a whole file")

@@ -1,0 +1,151 @@
+"""Text files that others wrote: their encoding, their limits, and the numbers in their cells."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import json
+import os
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from tactuator.errors import BadInput
+
+LARGEST_BYTES = 12 << 20
+"""Size of a text file that is read as a whole: its cells or tables take up to fifty times as much memory. Records are
+read in pieces and may be longer."""
+_LARGEST_TOML = 2 << 20
+_MOST_LINES = 100_000
+_DEEP_KEY = re.compile(r"""(?:\.[ \t]*(?:[\w-]{0,64}|"[^"\n]{0,64}"|'[^'\n]{0,64}')[ \t]*){64}""")
+"""A key of so many parts takes the reader of TOML time and memory by the square of their number."""
+_MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+")
+
+
+def encoding_of(head: bytes) -> str:
+    """Return the encoding that a file's first bytes tell: by a byte-order mark, by the zeros of UTF-16, or UTF-8."""
+    for mark, name in _MARKS:
+        if head.startswith(mark):
+            return name
+    pairs = head[: len(head) // 2 * 2]
+    if pairs and not any(pairs[1::2]):
+        return "utf-16-le"
+    return "utf-16-be" if pairs and not any(pairs[::2]) else "utf-8"
+
+
+def read_content(path: Path) -> bytes:
+    """Return the bytes of a file. A pipe that nobody writes to is empty: it does not wait for somebody who does.
+
+    Raises BadInput, with the reason alone, for a file that cannot be read or is larger than 12 MB.
+    """
+    try:
+        with open(path, "rb", opener=_not_waiting) as file:
+            content = file.read(LARGEST_BYTES + 1)
+    except OSError as error:
+        raise BadInput(error.strerror or "it cannot be read") from None
+    if len(content) > LARGEST_BYTES:
+        raise BadInput(f"it has more than {LARGEST_BYTES >> 20} MB")
+    return content
+
+
+def _not_waiting(path: str, flags: int) -> int:
+    handle = os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+    if hasattr(os, "O_NONBLOCK"):
+        os.set_blocking(handle, True)  # what is there is read to its end, whoever writes it
+    return handle
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file without its byte-order mark.
+
+    Raises BadInput, with the reason alone, as `read_content` and for what is no text.
+    """
+    content = read_content(path)
+    try:
+        return content.decode(encoding_of(content[:64])).replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError:
+        raise BadInput("it is not text") from None
+
+
+def read_json(path: Path) -> Any:
+    """Return the content of a JSON file. Raises BadInput, with the reason alone, as `read_text` and for other text."""
+    try:
+        return json.loads(read_text(path))
+    except BadInput:
+        raise
+    except (ValueError, RecursionError):
+        raise BadInput("it is not JSON") from None
+
+
+def read_finite_json(path: Path) -> Any:
+    """Return the content of a JSON file in which no number is NaN or infinite. Raises BadInput as `read_json`."""
+    return parse_finite_json(read_text(path))
+
+
+def parse_finite_json(text: str) -> Any:
+    """Return the content of a JSON text in which no number is NaN or infinite. Raises BadInput, with the reason
+    alone, for other text.
+    """
+    try:
+        return json.loads(text, parse_constant=_refused, parse_float=_finite)
+    except BadInput:
+        raise
+    except (ValueError, RecursionError):
+        raise BadInput("it is not JSON") from None
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Return the tables of a TOML text. Raises BadInput, with the reason alone, for none, and for one of over 2 MB."""
+    if len(text) > _LARGEST_TOML:
+        raise BadInput(f"it has more than {_LARGEST_TOML >> 20} MB")
+    if _DEEP_KEY.search(text):
+        raise BadInput("it has a key of more than 64 parts")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise BadInput(str(error).splitlines()[0]) from None
+    except (ValueError, RecursionError):  # a number of thousands of digits, brackets thousands deep
+        raise BadInput("it is not TOML") from None
+
+
+def table_rows(lines: list[str]) -> list[list[str]]:
+    """Return the cells of a table's lines, without the space about them; empty lines are left out.
+
+    Cells are parted by tabs, semicolons or commas, whichever its first line has; a decimal comma becomes a point.
+    Raises BadInput, with the reason alone, for more than 100,000 lines and for what is no table.
+    """
+    if len(lines) > _MOST_LINES:
+        raise BadInput(f"it has {len(lines)} lines", f"up to {_MOST_LINES}")
+    whole = [line.replace("\0", "") for line in lines if line.strip(" \t,;")]
+    delimiter = next((mark for mark in ("\t", ";") if whole and mark in whole[0]), ",")
+    try:
+        rows = [[cell.strip() for cell in row] for row in csv.reader(whole, delimiter=delimiter)]
+    except csv.Error as error:
+        raise BadInput(f"{error}", "cells of a table") from None
+    check_commas([cell for row in rows for cell in row])
+    return [[decimal_point(cell) for cell in row] for row in rows if any(row)]
+
+
+def check_commas(cells: list[str]) -> None:
+    """Raise BadInput where the commas within numbers could as well part thousands as decimals."""
+    numbers = [cell for cell in cells if re.fullmatch(r"[-+]?[\d,]*,\d+([eE][-+]?\d+)?", cell)]
+    if numbers and all(_THOUSANDS.fullmatch(cell) for cell in numbers):
+        raise BadInput(f"{numbers[0]!r} may be thousands or a decimal comma", "decimal points")
+
+
+def decimal_point(cell: str) -> str:
+    """Return the cell with a point for the decimal comma of a number; anything else as it is."""
+    return cell.replace(",", ".") if re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell) else cell
+
+
+def _refused(name: str) -> float:
+    raise BadInput(f"it holds {name}", "finite numbers")
+
+
+def _finite(digits: str) -> float:
+    value = float(digits)
+    if value in (float("inf"), float("-inf")):
+        raise BadInput(f"it holds {digits}", "numbers up to 1.8e308")
+    return value

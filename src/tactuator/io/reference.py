@@ -1,0 +1,333 @@
+"""Reading and writing of references: signals to be played, in threshold units, one column a channel.
+
+A WAV is float32 with 1.0 standing for a stated level (60 dB SL: amplitude 1000); the level stands in its INFO comment
+and, with curves, band and provenance, in NAME.json beside it. An HDF5 file holds threshold units themselves in the
+dataset `reference` (n, channels), and everything else as attributes.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import math
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import soundfile
+from numpy.typing import NDArray
+
+from tactuator.arrays import FloatArray
+from tactuator.errors import BadInput
+from tactuator.io.atomic import atomic_path, write_text
+from tactuator.io.formats.hdf5 import opened_hdf5, written_hdf5
+from tactuator.io.formats.sound import forget_time, require_whole, without_remarks
+from tactuator.io.formats.text import read_finite_json
+
+FULL_SCALE_DB_SL = 60.0
+BLOCK_FRAMES = 1 << 14
+SUFFIXES = (".wav", ".h5", ".hdf5")
+LARGEST_WAV_BYTES = (1 << 32) - (1 << 16)
+FORMAT = "tactuator-reference/1"
+MOST_CHUNK_VALUES = 1 << 24
+"""Numbers of one chunk of an HDF5 file, which is read as a whole: 64 MB."""
+
+
+@dataclass(frozen=True)
+class ReferenceHead:
+    """The statement of a reference about itself. curves: channel -> (name, SHA-256 of the points); provenance: plain
+    JSON.
+    """
+
+    rate_hz: float
+    channels: tuple[str, ...]
+    curves: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    band_hz: tuple[float, float] | None = None
+    full_scale_db_sl: float = FULL_SCALE_DB_SL
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def full_scale(self) -> float:
+        """Return the number of threshold units for which 1.0 stands in a WAV."""
+        return float(10.0 ** (self.full_scale_db_sl / 20.0))
+
+    def document(self) -> dict[str, Any]:
+        """Return the content of NAME.json."""
+        named = {name: {"name": curve, "hash": digest} for name, (curve, digest) in self.curves.items()}
+        return {
+            "format": FORMAT,
+            "full_scale_db_sl": self.full_scale_db_sl,
+            "curve": next(iter(named.values()), None),
+            "curves": named,
+            "band_hz": None if self.band_hz is None else list(self.band_hz),
+            "channels": list(self.channels),
+            "rate_hz": self.rate_hz,
+            "provenance": dict(self.provenance),
+        }
+
+    def comment(self) -> str:
+        """Return the content of a WAV's INFO comment."""
+        curve = ",".join(sorted({name for name, _ in self.curves.values()}))
+        return (
+            f"tactuator reference: 1.0 = {self.full_scale_db_sl:g} dB SL; channels {','.join(self.channels)}; "
+            f"curve {curve or 'unknown'}"
+        )
+
+
+class ReferenceWriter:
+    """Takes blocks (n, channels) in threshold units; made by `write_reference`."""
+
+    def __init__(self, sink: Any, head: ReferenceHead, path: Path, check: Callable[[], None] = lambda: None) -> None:
+        self._sink, self._head, self._path, self._check = sink, head, path, check
+        self._digest = hashlib.sha256()
+        self.frames = 0
+
+    @property
+    def sha256(self) -> str:
+        """Return SHA-256 (hex) of the samples so far as a WAV holds them, whatever the file's kind; see
+        `content_sha256`.
+        """
+        return self._digest.hexdigest()
+
+    def write(self, block: FloatArray) -> None:
+        """Append a block. Raises BadInput for another shape, samples that are not finite, or where it cannot go."""
+        if block.ndim != 2 or block.shape[1] != len(self._head.channels):
+            raise BadInput(f"reference block of shape {block.shape}", f"(n, {len(self._head.channels)})")
+        if not np.all(np.isfinite(block)):
+            raise BadInput("reference block holds a sample that is not finite", "finite threshold units")
+        with _told(self._path):
+            self._append(block)
+        self.frames += len(block)
+
+    def _append(self, block: FloatArray) -> None:
+        shares = sample_shares(block, self._head)
+        if isinstance(self._sink, soundfile.SoundFile):
+            after = (self.frames + len(block)) * 4 * block.shape[1]
+            if after > LARGEST_WAV_BYTES:
+                raise BadInput(
+                    f"{self._path}: more than 4 GB; allowed in a WAV: less (an .h5 may be as long as the disk)"
+                )
+            self._sink.write(shares)
+        else:
+            self._sink.resize(self.frames + len(block), axis=0)
+            self._sink[self.frames :] = block.astype(np.float32)
+            self._check()
+        self._digest.update(shares.data)
+
+
+@contextmanager
+def write_reference(path: str | Path, head: ReferenceHead, frames: int = 0) -> Iterator[ReferenceWriter]:
+    """Yield a writer of `path` (.wav, .h5, .hdf5); the file and its NAME.json appear whole at the end, or not at all.
+
+    frames: how many are to come, where that is known: room for them is asked for before anything is written. Raises
+    BadInput for another ending, a rate that is not a whole number of hertz (WAV), or a full disk.
+    """
+    path = Path(path)
+    check_suffix(path)
+    if path.suffix == ".wav" and head.rate_hz != int(head.rate_hz):
+        raise BadInput(f"{path}: rate {head.rate_hz:g} Hz; allowed in a WAV: a whole number of hertz")
+    with atomic_path(path) as beside:
+        with _told(path):
+            _require_room(beside, frames, len(head.channels))
+        if path.suffix == ".wav":
+            with _told(path), _wav(beside, head) as file:
+                yield ReferenceWriter(file, head, path)
+            forget_time(beside)
+        else:
+            with _told(path), written_hdf5(beside) as written:
+                yield ReferenceWriter(_dataset(written.file, head), head, path, written.check)
+        if path.suffix == ".wav":
+            write_text(path.with_suffix(".json"), json.dumps(head.document(), indent=1, allow_nan=False) + "\n")
+
+
+def check_suffix(path: Path) -> None:
+    """Raise BadInput unless `path` ends as a reference does."""
+    if path.suffix not in SUFFIXES:
+        raise BadInput(f"reference {path}: ending {path.suffix!r}", f"{', '.join(SUFFIXES)}")
+
+
+@dataclass(frozen=True)
+class ReferenceFile:
+    """A reference that can be read."""
+
+    path: Path
+    head: ReferenceHead
+    frames: int
+
+    @property
+    def duration_s(self) -> float:
+        """Return the length of the reference, seconds."""
+        return self.frames / self.head.rate_hz
+
+    def blocks(self, block_frames: int = BLOCK_FRAMES) -> Iterator[FloatArray]:
+        """Yield the reference in blocks (n, channels), threshold units."""
+        if self.path.suffix == ".wav":
+            with soundfile.SoundFile(self.path) as file:
+                read = 0
+                while len(block := file.read(block_frames, dtype="float64", always_2d=True)):
+                    read += len(block)
+                    yield _finite(block * self.head.full_scale, self.path)
+                if read < self.frames:
+                    raise BadInput(f"reference {self.path}: {read} of {self.frames} frames", "a whole file")
+        else:
+            with h5py.File(self.path) as file:
+                for start in range(0, self.frames, block_frames):
+                    yield _finite(_rows(file["reference"], start, block_frames, self.path), self.path)
+
+
+def open_reference(path: str | Path) -> ReferenceFile:
+    """Look at a reference; BadInput, one line, if it is missing, not one, or does not say its scale."""
+    path = Path(path)
+    check_suffix(path)
+    if not path.is_file():
+        raise BadInput(f"reference {path}: no such file", "a file that `render` wrote")
+    try:
+        return _open_wav(path) if path.suffix == ".wav" else _open_hdf5(path)
+    except BadInput as error:
+        raise BadInput(f"reference {path}: {str(error).removeprefix(f'reference {path}: ')}") from None
+    except (soundfile.LibsndfileError, OSError, LookupError, TypeError, ValueError, ArithmeticError, RuntimeError):
+        raise BadInput(f"reference {path}: cannot be read as one", "a file that `render` wrote") from None
+
+
+def content_sha256(path: str | Path) -> str:
+    """Return SHA-256 (hex) of a reference's samples as a WAV holds them (see `sample_shares`), whatever the file's
+    kind.
+    """
+    reference, digest = open_reference(path), hashlib.sha256()
+    for block in reference.blocks():
+        digest.update(sample_shares(block, reference.head).data)
+    return digest.hexdigest()
+
+
+def sample_shares(block: FloatArray, head: ReferenceHead) -> NDArray[np.float32]:
+    """Return a block (n, channels) of threshold units as little-endian float32 shares of full scale, row by row."""
+    return np.ascontiguousarray(block / head.full_scale, dtype="<f4")
+
+
+@contextmanager
+def _wav(beside: Path, head: ReferenceHead) -> Iterator[soundfile.SoundFile]:
+    rate = int(head.rate_hz)
+    with soundfile.SoundFile(beside, "w", rate, len(head.channels), subtype="FLOAT", format="WAV") as file:
+        file.comment = head.comment()
+        yield file
+
+
+def _dataset(file: h5py.File, head: ReferenceHead) -> Any:
+    width = len(head.channels)
+    data = file.create_dataset(
+        "reference", shape=(0, width), maxshape=(None, width), chunks=(BLOCK_FRAMES, width), dtype="<f4"
+    )
+    data.attrs["units"] = "threshold units (a sinusoid of amplitude 1 is at 0 dB SL)"
+    file.attrs["head"] = json.dumps(head.document(), allow_nan=False)
+    file.attrs["format"] = FORMAT
+    file.attrs["rate_hz"] = head.rate_hz
+    return data
+
+
+def _require_room(beside: Path, frames: int, channels: int) -> None:
+    """Raise OSError where so many frames do not fit on the disk: HDF5 in particular does not survive to find out."""
+    wanted = -(-frames // BLOCK_FRAMES) * BLOCK_FRAMES * channels * 4 + (1 << 16) if frames else 0
+    if wanted and hasattr(os, "posix_fallocate"):
+        with beside.open("r+b") as file:
+            try:
+                os.posix_fallocate(file.fileno(), 0, wanted)
+            except OSError as error:
+                if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL):
+                    raise
+            finally:
+                file.truncate(0)
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Turn the error of a full disk, or of a place that cannot be written, into BadInput of one line."""
+    try:
+        yield
+    except BadInput:
+        raise
+    except (soundfile.LibsndfileError, OSError, RuntimeError) as error:  # HDF5 may notice only on closing
+        reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
+        raise BadInput(f"{path}: cannot be written ({reason})", "a place with room to write") from None
+    except AssertionError:  # soundfile's own, where fewer frames were written than given
+        raise BadInput(f"{path}: cannot be written (the disk is full)", "a place with room to write") from None
+
+
+def _finite(block: FloatArray, path: Path) -> FloatArray:
+    if not np.all(np.isfinite(block)):
+        raise BadInput(f"reference {path}: a sample is not a finite number", "finite samples")
+    return block
+
+
+def _rows(data: h5py.Dataset, start: int, count: int, path: Path) -> FloatArray:
+    try:
+        with np.errstate(invalid="ignore"):  # a signalling NaN is refused as any other
+            return np.asarray(data[start : start + count], dtype=np.float64)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise BadInput(f"reference {path}: {str(error).splitlines()[0]}", "a whole file") from None
+
+
+_WAVES = ("WAV", "WAVEX", "RF64", "W64")
+
+
+def _open_wav(path: Path) -> ReferenceFile:
+    require_whole(path)
+    beside = path.with_suffix(".json")
+    with without_remarks(path), soundfile.SoundFile(path) as file:
+        if file.format not in _WAVES:
+            raise BadInput(f"it is {file.format} inside", "WAV")
+        rate, width, frames, comment = file.samplerate, file.channels, file.frames, file.comment
+    if beside.is_file():
+        head = _head(read_finite_json(beside))
+    else:
+        found = re.search(r"1\.0 = ([-+.0-9e]+) dB SL; channels ([^;]+);", comment or "")
+        if found is None:
+            raise BadInput(
+                f"reference {path}: no {beside.name} beside it and no scale in its INFO comment",
+                "a file that says for how many dB SL 1.0 stands",
+            )
+        head = ReferenceHead(float(rate), tuple(found[2].split(",")), full_scale_db_sl=float(found[1]))
+    if len(head.channels) != width or head.rate_hz != rate:
+        raise BadInput(
+            f"reference {path}: {width} channels at {rate} Hz, but its scale is for {len(head.channels)} at "
+            f"{head.rate_hz:g} Hz",
+            "a scale that fits",
+        )
+    return ReferenceFile(path, head, frames)
+
+
+def _open_hdf5(path: Path) -> ReferenceFile:
+    with opened_hdf5(path) as file:
+        head = _head(json.loads(str(file.attrs["head"])))
+        data = file["reference"]
+        shape = data.shape
+        if data.dtype.kind != "f" or data.chunks is None or math.prod(data.chunks) > MOST_CHUNK_VALUES:
+            raise BadInput(f"a dataset of {data.dtype} in chunks of {data.chunks}", "a file that `render` wrote")
+        if data.compression is None and data.id.get_storage_size() < math.prod(shape) * data.dtype.itemsize:
+            raise BadInput(f"fewer samples are there than it states, {shape[0]} frames", "a whole file")
+    if len(shape) != 2 or shape[1] != len(head.channels):
+        raise BadInput(f"reference {path}: dataset of shape {shape}", f"(n, {len(head.channels)})")
+    return ReferenceFile(path, head, int(shape[0]))
+
+
+def _head(document: Mapping[str, Any]) -> ReferenceHead:
+    level, rate_hz = float(document["full_scale_db_sl"]), float(document["rate_hz"])
+    if not np.isfinite(level) or abs(level) > 1000.0 or not 0.0 < rate_hz < np.inf:
+        raise ValueError("scale")
+    band, provenance = document.get("band_hz"), document.get("provenance", {})
+    if not isinstance(document["channels"], list) or not isinstance(provenance, dict):
+        raise TypeError("channels")
+    return ReferenceHead(
+        rate_hz,
+        tuple(str(name) for name in document["channels"]),
+        {name: (str(c["name"]), str(c["hash"])) for name, c in dict(document.get("curves", {})).items()},
+        None if band is None else (float(band[0]), float(band[1])),
+        level,
+        provenance,
+    )

@@ -1,0 +1,202 @@
+"""A designed controller: the sections of F and C for every channel, and where they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator import __version__
+from tactuator.errors import BadInput
+from tactuator.model.description import Channel, Display
+from tactuator.model.document import display_document, document_hash
+from tactuator.model.touch import FeedForward
+from tactuator.signals.sections import check_sections
+from tactuator.signals.systems import SampledSystem
+
+FORMAT = "tactuator-controller/1"
+
+
+@dataclass(frozen=True)
+class AntiWindup:
+    """Back-calculation gains on the two states of the last feedback section (delta form): state_i += gain_i (clamped
+    u - u), of what conditioning (tactuator.runtime.conditioning) leaves of the difference."""
+
+    gains: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of one channel. command_v: the greatest |u|. travel_v: the sensor voltage at the mechanical limit.
+    comfort_db_sl: the greatest felt level.
+    """
+
+    command_v: float
+    travel_v: float
+    comfort_db_sl: float = 55.0
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelController:
+    """F and C of one channel, as second-order sections (rows b0, b1, b2, a0, a1, a2) in double precision.
+
+    prefilter_sos: (n, 6), maps r (threshold units) to volts of y, or to volts of u where feedback_sos is None.
+    feedback_sos: (m, 6), the integrator in the last section. threshold_voltage_dc: H(0), volts of y per threshold
+    unit. designed_for: names of the loads (and "family") the margins hold for. report: figures of the design, plain
+    numbers and lists as they stand in controller.json. feed_forward: for the finger on it, None where there is none.
+    """
+
+    name: str
+    threshold_voltage_dc: float
+    prefilter_sos: NDArray[np.float64]
+    feedback_sos: NDArray[np.float64] | None
+    anti_windup: AntiWindup
+    limits: Limits
+    designed_for: tuple[str, ...] = ()
+    report: Mapping[str, Any] = field(default_factory=dict)
+    feed_forward: FeedForward | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "prefilter_sos", check_sections(self.prefilter_sos))
+        if self.feedback_sos is not None:
+            object.__setattr__(self, "feedback_sos", check_sections(self.feedback_sos))
+
+    def prefilter(self, rate_hz: float) -> SampledSystem:
+        """Return F as a sampled system."""
+        return SampledSystem.from_sections(self.prefilter_sos, rate_hz)
+
+    def feedback(self, rate_hz: float) -> SampledSystem | None:
+        """Return C as a sampled system (without the computing delay), or None."""
+        return None if self.feedback_sos is None else SampledSystem.from_sections(self.feedback_sos, rate_hz)
+
+    def document(self) -> dict[str, Any]:
+        """Return the channel as plain tables."""
+        feedback = self.feedback_sos
+        return {
+            "name": self.name,
+            "threshold_voltage_dc": self.threshold_voltage_dc,
+            "prefilter_sos": self.prefilter_sos.tolist(),
+            "feedback_sos": None if feedback is None else feedback.tolist(),
+            "anti_windup": {"gains": list(self.anti_windup.gains)},
+            "limits": dict(vars(self.limits)),
+            "designed_for": list(self.designed_for),
+            "report": dict(self.report),
+            **({} if self.feed_forward is None else {"feed_forward": self.feed_forward.document()}),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Controller:
+    """Content of controller.json: one ChannelController for each channel of the display it was designed for."""
+
+    display: Display
+    channels: tuple[ChannelController, ...]
+    tool: str = ""
+
+    def __post_init__(self) -> None:
+        mine = tuple(channel.name for channel in self.channels)
+        theirs = tuple(channel.name for channel in self.display.channels)
+        if mine != theirs:
+            raise BadInput(f"controller is for channels {', '.join(mine)}; the display has {', '.join(theirs)}")
+
+    @property
+    def rate_hz(self) -> float:
+        """Return the sampling rate, hertz."""
+        return self.display.rate_hz
+
+    @property
+    def delay_samples(self) -> int:
+        """Return the computing delay from A/D to D/A, samples."""
+        return self.display.delay_samples
+
+    def document(self) -> dict[str, Any]:
+        """Return the tables of controller.json, the hash of their content included."""
+        tables: dict[str, Any] = {
+            "format": FORMAT,
+            "tool": self.tool or __version__,
+            "display": display_document(self.display),
+            "rate_hz": self.rate_hz,
+            "delay_samples": self.delay_samples,
+            "channels": [channel.document() for channel in self.channels],
+        }
+        return {**tables, "hash": document_hash(tables)}
+
+    @cached_property
+    def content_hash(self) -> str:
+        """Return SHA-256 (hex) of the document without its hash; a response, an image, an experiment record it."""
+        return str(self.document()["hash"])
+
+    def require_runs(self, display: Display) -> None:
+        """Raise BadInput if `display` has other channels, another rate or another computing delay."""
+        names = ", ".join(channel.name for channel in display.channels)
+        mine = ", ".join(channel.name for channel in self.channels)
+        if mine != names:
+            raise BadInput(f"controller is for channels {mine}", f"{names}, as the display has")
+        if (self.rate_hz, self.delay_samples) != (display.rate_hz, display.delay_samples):
+            raise BadInput(
+                f"controller is for {self.rate_hz:g} Hz and a delay of {self.delay_samples}",
+                f"{display.rate_hz:g} Hz and {display.delay_samples}, as the display has",
+            )
+
+    def require_limits_of(self, display: Display) -> None:
+        """Raise BadInput where a channel's figures are not those of a design for `display`: limits beyond what the
+        display has, a threshold voltage or gains that are no positive numbers. A hash says who wrote a file, not
+        that its figures make sense: what holds the command is derived from the display anew."""
+        for own, described in zip(self.channels, display.channels, strict=True):
+            _require_limits(own, described, display.objectives.comfort_db_sl)
+
+    def channel(self, name: str) -> ChannelController:
+        """Return the channel's controller. Raises BadInput if there is none of that name."""
+        for channel in self.channels:
+            if channel.name == name:
+                return channel
+        allowed = ", ".join(channel.name for channel in self.channels)
+        raise BadInput(f"controller: channel {name!r} is not there", f"{allowed}")
+
+
+_ROUNDING = 1.0 + 1e-9
+
+
+def _require_limits(own: ChannelController, described: Channel, comfort_db_sl: float) -> None:
+    """Raise BadInput unless every figure is positive and no greater than the display's own limit."""
+    figures = {
+        "command_v": (own.limits.command_v, described.converter.range_v, "V, the converter's range"),
+        "travel_v": (
+            own.limits.travel_v,
+            described.travel_mm * described.sensor_gain_v_per_mm,
+            "V at the sensor, the display's travel",
+        ),
+        "comfort_db_sl": (own.limits.comfort_db_sl, comfort_db_sl, "dB SL, the display's comfort"),
+    }
+    for name, (value, most, words) in figures.items():
+        if not 0.0 < value <= most * _ROUNDING:
+            raise BadInput(
+                f"controller: channel {own.name!r}: limit {name} is {value:g}", f"above 0, at most {most:g} {words}"
+            )
+    if not (np.isfinite(own.threshold_voltage_dc) and own.threshold_voltage_dc > 0.0):
+        raise BadInput(
+            f"controller: channel {own.name!r}: threshold_voltage_dc is {own.threshold_voltage_dc:g}",
+            "a positive number",
+        )
+    for name, sections in (("prefilter", own.prefilter_sos), ("feedback", own.feedback_sos)):
+        if sections is None:
+            continue
+        with np.errstate(all="ignore"):
+            size = np.abs(sections / sections[:, 3:4])
+        if not np.all(np.isfinite(size) & ((size == 0.0) | (size >= _LEAST)) & (size <= _GREATEST)):
+            raise BadInput(
+                f"controller: channel {own.name!r}: a coefficient of its {name} is out of range",
+                f"0, or {_LEAST:g} to {_GREATEST:g} of a0",
+            )
+    for gain in own.anti_windup.gains:
+        if not 0.0 <= gain <= _GAIN_MAX:
+            raise BadInput(f"controller: channel {own.name!r}: an anti-windup gain is {gain:g}", f"0 to {_GAIN_MAX:g}")
+
+
+_LEAST, _GREATEST = 1e-40, 1e12
+_GAIN_MAX = 4.0
+"""d^2 + (a1 + g1) d + g2 has its roots inside the unit circle only for g1 and g2 within 4 (sampled, d = z - 1)."""

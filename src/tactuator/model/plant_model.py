@@ -1,0 +1,176 @@
+"""An identified plant with its uncertainty: what `model.json` holds and a design uses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tactuator.arrays import FloatArray
+from tactuator.errors import BadInput
+from tactuator.signals.systems import ContinuousSystem
+
+_Z95 = 1.959964
+
+
+@dataclass(frozen=True, eq=False)
+class Excess:
+    """Standard deviations of the response's logarithm beyond the covariance's: what the record does not exclude, what
+    the form cannot follow. frequency_hz ascending, magnitude (natural), phase (rad): (m,); ends hold beyond."""
+
+    frequency_hz: FloatArray
+    magnitude: FloatArray
+    phase: FloatArray
+
+    @classmethod
+    def none(cls) -> Excess:
+        """Return no excess at all."""
+        return cls(np.ones(1), np.zeros(1), np.zeros(1))
+
+    def joined(self, other: NDArray[Any]) -> Excess:
+        """Return this with another deviation of the logarithm, (m,), added in squares."""
+        return Excess(self.frequency_hz, np.hypot(self.magnitude, other.real), np.hypot(self.phase, other.imag))
+
+    def at(self, frequency_hz: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return magnitude and phase at `frequency_hz` (any shape), straight between points of log frequency."""
+        place = np.log(np.maximum(frequency_hz, 1e-300))
+        known = np.log(self.frequency_hz)
+        return np.interp(place, known, self.magnitude), np.interp(place, known, self.phase)
+
+
+@dataclass(frozen=True, eq=False)
+class PlantModel:
+    """An identified plant. num, den: descending powers of s, den monic; delay_s: dead time.
+
+    covariance: of (num[0..m], den[1..n], delay_s), (m + n + 2, m + n + 2), zero for what was not estimated. band_hz:
+    where the record speaks of the plant. quantity: what the output is proportional to; units: of command and position.
+    record, calibration, method: where it comes from. friction: Coulomb level and presliding, if any was found. excess:
+    uncertainty beyond the covariance. valid_hz: where the record moved the mechanism and the band is narrow (None: not
+    known); beyond it the model is a guess.
+    """
+
+    num: FloatArray
+    den: FloatArray
+    delay_s: float
+    covariance: FloatArray
+    band_hz: tuple[float, float]
+    quantity: str = "displacement"
+    command_unit: str = "V"
+    position_unit: str = "V"
+    method: str = "refined"
+    record: dict[str, Any] = field(default_factory=dict)
+    calibration: dict[str, Any] = field(default_factory=dict)
+    friction: dict[str, float] = field(default_factory=dict)
+    excess: Excess = field(default_factory=Excess.none)
+    valid_hz: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        size = self.num.size + self.den.size
+        if self.covariance.shape != (size, size):
+            raise BadInput(f"covariance has shape {self.covariance.shape}", f"({size}, {size})")
+
+    @property
+    def system(self) -> ContinuousSystem:
+        """Return the model as a continuous system."""
+        return ContinuousSystem.from_polynomials(self.num, self.den, self.delay_s)
+
+    def response(self, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
+        """Return the complex response at `frequency_hz` (any shape)."""
+        return self._evaluate(self.num, self.den, self.delay_s, np.asarray(frequency_hz, dtype=np.float64))
+
+    def band_db(self, frequency_hz: ArrayLike) -> FloatArray:
+        """Return the 95 % half-width of the magnitude in dB at `frequency_hz` (m,).
+
+        It holds the covariance, carried over to first order, and the excess.
+        """
+        return np.asarray(_Z95 * 20.0 / np.log(10.0) * self._deviations(frequency_hz)[0])
+
+    def band_rad(self, frequency_hz: ArrayLike) -> FloatArray:
+        """Return the 95 % half-width of the phase at `frequency_hz` (m,)."""
+        return np.asarray(_Z95 * self._deviations(frequency_hz)[1])
+
+    def _deviations(self, frequency_hz: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return the standard deviations of the logarithm of the response: real part, imaginary part."""
+        frequency = np.asarray(frequency_hz, dtype=np.float64)
+        gradient, sizes = self._log_gradient(frequency), self._sizes()
+        relative = self._relative_covariance()
+        made = []
+        for part, beyond in zip((gradient.real, gradient.imag), self.excess.at(frequency), strict=True):
+            scaled = part * sizes
+            variance = np.einsum("ij,jk,ik->i", scaled, relative, scaled)
+            made.append(np.sqrt(np.maximum(variance, 0.0) + beyond**2))
+        return made[0], made[1]
+
+    def holding(self, other: PlantModel) -> PlantModel:
+        """Return the model with a band that holds another one, its band included, at the frequencies of the excess."""
+        table = self.excess.frequency_hz
+        apart = np.log(other.response(table) / self.response(table))
+        off = np.abs(apart.real) + 1j * np.abs(apart.imag)
+        beside = other.band_db(table) * np.log(10.0) / 20.0 + 1j * other.band_rad(table)
+        return replace(self, excess=self.excess.joined((off + beside) / _Z95))
+
+    def confidence(self) -> dict[str, float]:
+        """Return the 95 % half-widths: of the gain num[-1]/den[-1], of each coefficient, of the dead time."""
+        errors = _Z95 * np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        m, n = self.num.size - 1, self.den.size - 1
+        made = {f"num_s{m - k}": float(errors[k]) for k in range(m + 1)}
+        made |= {f"den_s{n - 1 - k}": float(errors[m + 1 + k]) for k in range(n)}
+        return {"gain": self._gain_confidence(), **made, "delay_s": float(errors[-1])}
+
+    def family(self, count: int, rng: np.random.Generator) -> tuple[ContinuousSystem, ...]:
+        """Return `count` plants drawn from the covariance, for a design that must hold for all; stable as the model is.
+
+        The first two are the ends of the most uncertain direction, 2 standard errors away, if those are of the kind.
+        """
+        values, vectors = np.linalg.eigh(self._relative_covariance())
+        spread = vectors * np.sqrt(np.maximum(values, 0.0))
+        made: list[ContinuousSystem] = []
+        for sign in (2.0, -2.0):
+            self._append(made, sign * spread[:, -1], count)
+        for _ in range(50 * count):
+            if len(made) >= count:
+                break
+            self._append(made, spread @ rng.standard_normal(values.size), count)
+        return tuple(made)
+
+    def _append(self, made: list[ContinuousSystem], change: FloatArray, count: int) -> None:
+        theta = self._theta() + change * self._sizes()
+        m = self.num.size
+        system = ContinuousSystem.from_polynomials(theta[:m], np.append(1.0, theta[m:-1]), max(float(theta[-1]), 0.0))
+        if len(made) < count and system.is_stable == self.system.is_stable:
+            made.append(system)
+
+    def _theta(self) -> FloatArray:
+        return np.concatenate([self.num, self.den[1:], [self.delay_s]])
+
+    def _sizes(self) -> FloatArray:
+        errors = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        return np.where(errors > 0.0, errors, 1.0)
+
+    def _relative_covariance(self) -> FloatArray:
+        return np.asarray(self.covariance / np.outer(self._sizes(), self._sizes()))
+
+    def _gain_confidence(self) -> float:
+        """Return the 95 % half-width of num[-1]/den[-1], or of num[0] where the plant integrates."""
+        m = self.num.size - 1
+        if self.den[-1] == 0.0:
+            return float(_Z95 * np.sqrt(max(self.covariance[0, 0], 0.0)))
+        gradient = np.zeros(self.covariance.shape[0])
+        gradient[m] = 1.0 / self.den[-1]
+        gradient[-2] = -self.num[-1] / self.den[-1] ** 2
+        return float(_Z95 * np.sqrt(max(float(gradient @ self.covariance @ gradient), 0.0)))
+
+    def _log_gradient(self, frequency_hz: FloatArray) -> NDArray[np.complex128]:
+        s = 2j * np.pi * frequency_hz
+        numerator, denominator = np.polyval(self.num, s), np.polyval(self.den, s)
+        m, n = self.num.size - 1, self.den.size - 1
+        by_num = [s ** (m - k) / numerator for k in range(m + 1)]
+        by_den = [-(s ** (n - 1 - k)) / denominator for k in range(n)]
+        return np.stack([*by_num, *by_den, -s], axis=-1)
+
+    @staticmethod
+    def _evaluate(num: FloatArray, den: FloatArray, delay_s: float, frequency_hz: FloatArray) -> NDArray[np.complex128]:
+        s = 2j * np.pi * frequency_hz
+        return np.asarray(np.polyval(num, s) / np.polyval(den, s) * np.exp(-s * delay_s))

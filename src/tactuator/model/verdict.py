@@ -1,0 +1,175 @@
+"""A verdict: findings on the paper's objectives, each met, not met or not judged, with what it rests on.
+
+Whoever judges (a model, a measurement, a build) makes findings of one kind, so that a reader compares like with like.
+An objective is met only if something was judged and nothing that counts stayed open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from tactuator.model.objectives import OBJECTIVES
+
+
+class Outcome(StrEnum):
+    """The fate of an objective, in the words that are printed."""
+
+    MET = "met"
+    NOT_MET = "not met"
+    NOT_JUDGED = "not judged"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One quantity of one channel under one load.
+
+    value and allowed in `unit`; frequency_hz: where the value was found. remark: why it was not judged, what it rests
+    on, or what to change. counts: whether an objective stays open if this was not judged; what is told for
+    information only does not.
+    """
+
+    objective: str
+    channel: str
+    load: str
+    outcome: Outcome
+    quantity: str
+    value: float | None = None
+    allowed: float | None = None
+    unit: str = ""
+    frequency_hz: float | None = None
+    remark: str = ""
+    counts: bool = True
+
+    @property
+    def excess(self) -> float:
+        """Return by how much the value passes what is allowed; -inf where there is nothing to compare."""
+        if self.value is None or self.allowed is None:
+            return float("-inf")
+        return self.value - self.allowed
+
+    def document(self) -> dict[str, Any]:
+        """Return plain figures, as `--json` prints them."""
+        return {**vars(self), "outcome": self.outcome.value}
+
+
+def compared(
+    objective: str,
+    channel: str,
+    load: str,
+    quantity: str,
+    value: float,
+    allowed: float,
+    unit: str,
+    frequency_hz: float | None = None,
+    *,
+    assumed: str = "",
+    remedy: str = "",
+) -> Finding:
+    """Return the finding that `value` keeps `allowed`, or does not; not judged where it rests on what is `assumed`."""
+    met = value <= allowed
+    outcome = Outcome.NOT_JUDGED if assumed else Outcome.MET if met else Outcome.NOT_MET
+    remark = rests_on(assumed) if assumed else "" if met else remedy
+    return Finding(objective, channel, load, outcome, quantity, value, allowed, unit, frequency_hz, remark)
+
+
+def rests_on(assumed: str) -> str:
+    """Return the remark on a figure that rests on what nobody measured: one thing, or several joined by "and"."""
+    return f"{assumed} {'are' if ' and ' in assumed else 'is'} assumed, not measured"
+
+
+@dataclass(frozen=True)
+class Objective:
+    """One objective: its number, words, and findings, in the order of channels and loads."""
+
+    number: str
+    words: str
+    findings: tuple[Finding, ...]
+
+    @property
+    def outcome(self) -> Outcome:
+        """Return not met if any finding is not; met if some are and none that counts stayed open; else not judged."""
+        outcomes = [one.outcome for one in self.findings]
+        open_ones = [one for one in self.findings if one.outcome is Outcome.NOT_JUDGED and one.counts]
+        if Outcome.NOT_MET in outcomes:
+            return Outcome.NOT_MET
+        return Outcome.MET if Outcome.MET in outcomes and not open_ones else Outcome.NOT_JUDGED
+
+    def of(self, channel: str, load: str) -> tuple[Finding, ...]:
+        """Return the findings on one channel under one load."""
+        return tuple(one for one in self.findings if (one.channel, one.load) == (channel, load))
+
+    def worst(self) -> tuple[Finding, ...]:
+        """Return one finding for each channel and quantity: what is not met before what is open before what is met, and
+        of those the one with the greatest excess. This is what fits a screen at any number of loads and models."""
+        found: dict[tuple[str, str], Finding] = {}
+        for one in self.findings:
+            known = found.get((one.channel, one.quantity))
+            if known is None or _rank(one) > _rank(known):
+                found[one.channel, one.quantity] = one
+        return tuple(found.values())
+
+
+_GRAVITY = {Outcome.NOT_MET: 2, Outcome.NOT_JUDGED: 0, Outcome.MET: 1}
+
+
+def _rank(one: Finding) -> tuple[int, float]:
+    gravity = 1 if one.outcome is Outcome.NOT_JUDGED and one.counts else _GRAVITY[one.outcome]
+    return gravity, one.excess
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Objectives, and what was assumed on the way, in sentences."""
+
+    objectives: tuple[Objective, ...]
+    assumptions: tuple[str, ...] = ()
+
+    @property
+    def outcome(self) -> Outcome:
+        """Return not met if any objective is not; met if all are; else not judged."""
+        outcomes = {one.outcome for one in self.objectives}
+        if Outcome.NOT_MET in outcomes:
+            return Outcome.NOT_MET
+        return Outcome.MET if outcomes == {Outcome.MET} else Outcome.NOT_JUDGED
+
+    @property
+    def met(self) -> bool:
+        """Tell whether every objective is met."""
+        return self.outcome is Outcome.MET
+
+    @property
+    def sentence(self) -> str:
+        """Return the verdict in one sentence."""
+        by_outcome = {outcome: [one.number for one in self.objectives if one.outcome is outcome] for outcome in Outcome}
+        parts = [f"{', '.join(numbers)}: {outcome}" for outcome, numbers in by_outcome.items() if numbers]
+        return f"{self.outcome} ({'; '.join(parts)})"
+
+    def document(self) -> dict[str, Any]:
+        """Return plain tables, as `--json` prints them."""
+        return {
+            "outcome": self.outcome.value,
+            "objectives": {
+                one.number: {
+                    "outcome": one.outcome.value,
+                    "asks": one.words,
+                    "findings": [finding.document() for finding in one.findings],
+                }
+                for one in self.objectives
+            },
+            "assumptions": list(self.assumptions),
+        }
+
+
+def verdict_of(findings: Sequence[Finding], assumptions: Sequence[str] = ()) -> Verdict:
+    """Return the verdict of findings on any of the objectives, in the order of `OBJECTIVES`."""
+    numbers = [number for number in OBJECTIVES if any(one.objective == number for one in findings)]
+    return Verdict(
+        tuple(
+            Objective(number, OBJECTIVES[number], tuple(one for one in findings if one.objective == number))
+            for number in numbers
+        ),
+        tuple(dict.fromkeys(assumptions)),
+    )

@@ -1,0 +1,64 @@
+"""Display and protocol files to start from."""
+
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.experiment.protocol.file import parse_any_protocol
+from tactuator.io.display import parse_display, read_display
+from tactuator.io.model import write_model
+from tactuator.io.start.template import (
+    DISPLAY_KINDS,
+    PROTOCOL_KINDS,
+    display_template,
+    protocol_template,
+    with_model,
+)
+from tactuator.model.plant_model import PlantModel
+
+MODEL = PlantModel(
+    np.array([2740.0]), np.array([1.0, 97.0, 305.0]), 0.0, np.zeros((4, 4)), (0.4, 300.0), friction={"coulomb": 8e-3}
+)
+
+
+@pytest.mark.parametrize("kind", DISPLAY_KINDS)
+def test_display_template__each_kind__is_a_display_of_one_channel(kind):
+    assert len(parse_display(tomllib.loads(display_template(kind))).channels) == 1
+
+
+@pytest.mark.parametrize("kind", PROTOCOL_KINDS)
+def test_protocol_template__each_kind__is_a_protocol(kind):
+    parse_any_protocol(protocol_template(kind))
+
+
+@pytest.mark.parametrize("kind", DISPLAY_KINDS)
+def test_with_model__each_kind__has_the_plant_and_its_friction(kind, tmp_path):
+    write_model(tmp_path / "my model.json", MODEL)
+    (tmp_path / "display.toml").write_text(with_model(display_template(kind), MODEL, "my model.json"))
+    (channel,) = read_display(tmp_path / "display.toml").channels
+    assert channel.plant.polynomials()[1] == pytest.approx([1.0, 97.0, 305.0])
+    assert channel.environment.friction_v == 8e-3
+    assert channel.loads == ()
+
+
+def test_with_model__that_says_something_of_a_part__narrows_the_band(tmp_path):
+    narrow = replace(MODEL, valid_hz=(2.0, 120.0), quantity="velocity")
+    write_model(tmp_path / "model.json", narrow)
+    (tmp_path / "display.toml").write_text(with_model(display_template("tactuator"), narrow, "model.json"))
+    (channel,) = read_display(tmp_path / "display.toml").channels
+    assert channel.threshold.band_hz == (2.0, 120.0)
+    assert channel.quantity == "velocity"
+
+
+def test_with_model__of_another_band__refused():
+    with pytest.raises(BadInput, match="band of this kind"):
+        with_model(display_template("lra"), replace(MODEL, valid_hz=(0.1, 20.0)), "model.json")
+
+
+@pytest.mark.parametrize("make", [display_template, protocol_template])
+def test_template__of_an_unknown_kind__refused_with_those_allowed(make):
+    with pytest.raises(BadInput, match=r"'maglev'.*allowed: "):
+        make("maglev")

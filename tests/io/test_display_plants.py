@@ -1,0 +1,109 @@
+"""A channel's plant in a file of its own: a model, or a response by itself; and every refusal."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.io.display import parse_display, read_display
+from tactuator.model.description import Display
+from tactuator.model.document import display_document
+from tactuator.synthesis.design import design_controller
+from tactuator.synthesis.verdict import judge
+from tests.model.beams import Beam
+
+TEXT = """
+[display]
+rate_hz = 8000
+[threshold]
+band_hz = [{low}, {high}]
+[feedback]
+structure = "{structure}"
+[[channel]]
+name = "tip"
+sensor_gain_v_per_mm = 1.0
+travel_mm = 2.0
+plant = "{plant}"
+{more}
+"""
+
+
+def read(
+    folder: Path,
+    plant: str = "response.csv",
+    structure: str = "none",
+    low: float = 8.0,
+    high: float = 300.0,
+    more: str = "",
+) -> Display:
+    text = TEXT.format(plant=plant, structure=structure, low=low, high=high, more=more)
+    (folder / "display.toml").write_text(text)
+    return read_display(folder / "display.toml")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    frequency = np.geomspace(7.9, 305.0, 80)
+    noise = 10.0 ** (0.1 * np.random.default_rng(2).standard_normal(80) / 20.0)
+    rows = np.column_stack([frequency, np.abs(Beam().response(frequency)) * noise, np.full(80, 0.2)])
+    np.savetxt(
+        tmp_path / "response.csv", rows, delimiter=",", header="frequency_hz,magnitude,confidence_db", comments=""
+    )
+    return tmp_path
+
+
+def test_read_display__response__equalised_within_one_db_where_nobody_measured(folder: Path) -> None:
+    """The beam itself, no rational system, behind the hold and the designed prefilter, on a grid of its own."""
+    display = read(folder)
+    channel = display.channels[0]
+    controller = design_controller(display, error_db=0.4)
+    frequency = np.geomspace(8.0, 300.0, 4000)
+    felt = controller.channels[0].prefilter(8000.0).response(frequency) * np.sinc(frequency / 8000.0)
+    felt = felt * Beam().response(frequency)
+    error_db = 20.0 * np.log10(np.abs(felt) / channel.threshold_voltage(frequency))
+    assert np.max(np.abs(error_db)) < 1.0
+    found = judge(controller).objectives[0].findings[0]
+    assert found.value is not None
+    assert found.value >= np.max(np.abs(error_db)) - 0.3
+    assert "unsure" in found.remark
+
+
+def test_read_display__response__goes_into_a_controller_and_back(folder: Path) -> None:
+    display = read(folder)
+    again = parse_display(display_document(display))
+    assert again.channels[0].valid_hz == display.channels[0].valid_hz == pytest.approx((7.9, 305.0))
+    assert again.channels[0].model_error_db == display.channels[0].model_error_db > 0.0
+    assert again.channels[0].plant == display.channels[0].plant
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"structure": "integrator-lead-lag"}, 'no loop can be designed; allowed: structure = "none"'),
+        ({"more": 'loads = [{ name = "finger", damping = 1.0 }]'}, "cannot be told from a response by itself"),
+        ({"plant": "other.csv"}, "other.csv"),
+        ({"plant": "jump.csv"}, "4 or more"),
+        ({"more": "valid_hz = [3.0, 2.0]"}, r"valid_hz is \[3, 2\]"),
+        ({"plant": "model.json"}, "valid_hz is 7; allowed: two frequencies"),
+    ],
+    ids=["a loop", "a load", "no file", "three points", "valid_hz", "valid_hz of a model"],
+)
+def test_read_display__what_a_response_cannot_be__refused_in_one_line(
+    folder: Path, asked: dict[str, str], words: str
+) -> None:
+    (folder / "jump.csv").write_text("frequency_hz,magnitude\n1,1\n2,2\n3,1\n")
+    (folder / "model.json").write_text(json.dumps({"num": [1.0], "den": [1.0, 9.0], "valid_hz": 7}))
+    with pytest.raises(BadInput, match=words) as refused:
+        read(folder, **asked)  # type: ignore[arg-type]
+    assert "\n" not in str(refused.value)
+
+
+def test_design__band_beyond_the_response__refused(folder: Path) -> None:
+    with pytest.raises(BadInput, match=r"known from 7.9 to 305 Hz only \(valid_hz\); allowed without a loop"):
+        design_controller(read(folder, low=4.0))
+    with pytest.raises(BadInput, match="a band within that"):
+        design_controller(read(folder, high=400.0))

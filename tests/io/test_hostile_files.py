@@ -1,0 +1,327 @@
+"""Files cut off, changed by a byte, claiming more than they hold, or in the encodings of spreadsheets."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import soundfile
+
+from tactuator.corpus.journal import NAME as JOURNAL
+from tactuator.corpus.journal import open_journal
+from tactuator.errors import BadInput
+from tactuator.experiment.language.words import read_words
+from tactuator.io import columns
+from tactuator.io.curve import read_curve
+from tactuator.io.display import parse_display
+from tactuator.io.formats import hdf5
+from tactuator.io.formats.text import read_content
+from tactuator.io.matrix import read_matrix
+from tactuator.io.model import read_model, write_model
+from tactuator.io.pairs import read_pairs
+from tactuator.io.record import read_record, write_record
+from tactuator.io.reference import ReferenceHead, open_reference, write_reference
+from tactuator.io.response import read_responses
+from tactuator.io.start.shipped import EXAMPLES
+from tactuator.model.plant_model import PlantModel
+from tactuator.rig.boards import read_boards
+from tactuator.signals.record import Record
+from tactuator.speech.coding.file import read_coding
+from tactuator.speech.reading import scan_speech
+from tactuator.web.address import Address
+
+RNG = np.random.default_rng(0)
+U, Y = RNG.standard_normal((2, 4000)) * 0.1
+MODEL = PlantModel(np.array([2875.0]), np.array([1.0, 94.0, 290.0]), 0.0, np.diag([9.0, 0.01, 0.09, 0.0]), (0.4, 300.0))
+
+
+def one_line(call: Callable[[], object], words: str) -> None:
+    with pytest.raises(BadInput, match=words) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+    assert "allowed" in str(caught.value)
+
+
+@pytest.mark.parametrize("read", [read_curve, read_matrix, read_pairs])
+def test_small_tables__longer_than_is_measured__refused(tmp_path: Path, read: Callable[[Path], object]) -> None:
+    path = tmp_path / "long.csv"
+    path.write_text("a,b\n" + "1,2\n" * 100_000)
+    one_line(lambda: read(path), r"10000\d lines; allowed: up to 100000")
+
+
+@pytest.mark.parametrize("shape", [(1, 1_200_000_000), (600_000_000, 2), (1_200_000_000,)])
+def test_hdf5__claims_more_than_may_be_held__refused(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    path = tmp_path / "claim.h5"
+    with h5py.File(path, "w") as file:
+        for name in ("command", "position", *"abcdefgh"):
+            file.create_dataset(name, shape=shape, dtype="f4", chunks=True, compression="gzip")
+    assert path.stat().st_size < 100_000
+    one_line(lambda: read_record(path, rate_hz=4000.0), "claims to hold")
+
+
+def test_hdf5__a_single_row_without_end__reads_no_more_than_the_first_samples(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with h5py.File(tmp_path / "claim.h5", "w") as file:
+        for name in ("command", "position"):
+            file.create_dataset(name, shape=(1, 1_200_000_000), dtype="f4", chunks=True, compression="gzip")
+    monkeypatch.setattr(columns, "MOST_SAMPLES", 1000)
+    assert read_record(tmp_path / "claim.h5", rate_hz=4000.0).command.size == 1000
+
+
+def test_hdf5__damaged_so_that_the_library_ends_or_never_ends__refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "r.h5"
+    write_record(path, Record(1000.0, U, Y, "V", "V"))
+    monkeypatch.setattr(hdf5, "_look", lambda _: os.abort())
+    one_line(lambda: read_record(path), "breaks down")
+    monkeypatch.setattr(hdf5, "_CPU_S", 0)
+    monkeypatch.setattr(hdf5, "_look", lambda _: [None for _ in iter(int, 1)])
+    one_line(lambda: read_responses(path), "breaks down")
+
+
+def test_matlab__claims_more_than_it_holds__refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scipy.io.savemat(tmp_path / "r.mat", {"u": np.zeros(5000)}, do_compression=True)
+    monkeypatch.setattr(columns, "MOST_VALUES", 4000)
+    one_line(lambda: read_record(tmp_path / "r.mat"), "claims to hold 5000 numbers")
+
+
+def test_matlab__damaged_so_that_the_library_crashes__refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scipy.io.savemat(tmp_path / "r.mat", {"u": U, "y": Y, "fs": 1000.0})
+    assert read_record(tmp_path / "r.mat").rate_hz == 1000.0
+    monkeypatch.setattr(scipy.io, "loadmat", lambda *_, **__: os.abort())
+    one_line(lambda: read_record(tmp_path / "r.mat"), "breaks down")
+
+
+def test_matlab__cells_that_hold_more_than_they_claim__refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cells = np.empty(1, dtype=object)
+    cells[0] = np.zeros(9_000_000)  # over 32 MB: memory that the allocator has to ask for
+    scipy.io.savemat(tmp_path / "r.mat", {"u": U, "y": Y, "c": cells}, do_compression=True)
+    monkeypatch.setattr(hdf5, "_MEMORY_BYTES", 40 << 20)
+    one_line(lambda: read_record(tmp_path / "r.mat"), "more than 40 MB of memory")
+
+
+def test_csv__one_line_without_end__refused(tmp_path: Path) -> None:
+    (tmp_path / "r.csv").write_text("1," * 2_000_000)
+    one_line(lambda: read_record(tmp_path / "r.csv"), "a line is longer")
+
+
+@pytest.mark.parametrize("ending", [".w64", ".rf64", ".au", ".caf", ".ogg", ".mp3"])
+@pytest.mark.parametrize("share", [0.5, 0.9, 0.999])
+def test_speech__cut__refused_whatever_its_format(tmp_path: Path, ending: str, share: float) -> None:
+    path = tmp_path / f"r{ending}"
+    soundfile.write(path, U, 16000)
+    assert scan_speech(path).frames == U.size
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    one_line(lambda: scan_speech(path), "truncated|not readable|frames")
+
+
+@pytest.mark.parametrize("ending", [".wav", ".flac", ".aiff"])
+def test_sound__cut_in_half__refused_by_every_reader(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"r{ending}"
+    soundfile.write(path, np.stack([U, Y], axis=1), 8000)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    one_line(lambda: scan_speech(path), "truncated|not readable")
+    if ending != ".aiff":
+        one_line(lambda: read_record(path), "truncated|.")
+
+
+def test_sound__riff_length_right_but_its_samples_cut__refused(tmp_path: Path) -> None:
+    path = tmp_path / "r.wav"
+    soundfile.write(path, np.stack([U, Y], axis=1), 8000)
+    content = bytearray(path.read_bytes()[:6000])
+    content[4:8] = (6000 - 8).to_bytes(4, "little")  # as a repair program writes it, the chunk's own length left alone
+    path.write_bytes(content)
+    one_line(lambda: scan_speech(path), "truncated")
+    one_line(lambda: read_record(path), "truncated")
+
+
+@pytest.mark.parametrize("ending", [".wav", ".h5"])
+def test_reference__cut_or_emptied__refused(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"r{ending}"
+    with write_reference(path, ReferenceHead(4000.0, ("index",))) as writer:
+        writer.write(U[:, None])
+    if ending == ".wav":
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    else:
+        with h5py.File(path, "r+") as file:
+            file["reference"].resize(1_000_000_000, axis=0)
+    one_line(lambda: open_reference(path), "truncated|fewer samples")
+
+
+@pytest.mark.parametrize(
+    "change", ['"provenance": 5', '"channels": 3', '"curves": [1]', '"rate_hz": NaN', '"band_hz": [1]']
+)
+def test_reference__scale_file_amiss__refused(tmp_path: Path, change: str) -> None:
+    with write_reference(tmp_path / "r.wav", ReferenceHead(4000.0, ("index",), band_hz=(1.0, 2.0))) as writer:
+        writer.write(U[:, None])
+    beside = tmp_path / "r.json"
+    document = json.loads(beside.read_text()) | json.loads(f"{{{change}}}")
+    beside.write_text(json.dumps(document))
+    one_line(lambda: open_reference(tmp_path / "r.wav"), "allowed")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
+@pytest.mark.parametrize("style", ["plain", "quoted", "decimal commas", "quoted decimal commas"])
+def test_tables__as_spreadsheets_write_them__same_numbers(tmp_path: Path, encoding: str, style: str) -> None:
+    mark = '"' if "quoted" in style else ""
+    delimiter = ";" if style == "decimal commas" else ","
+
+    def table(name: str, header: list[str], rows: list[list[float]]) -> Path:
+        lines = [delimiter.join(f"{mark}{cell}{mark}" for cell in header)]
+        for row in rows:
+            cells = [f"{cell:.4f}".replace(".", "," if "commas" in style else ".") for cell in row]
+            lines.append(delimiter.join(f"{mark}{cell}{mark}" for cell in cells))
+        (tmp_path / name).write_bytes("\r\n".join(lines).encode(encoding))
+        return tmp_path / name
+
+    rows = [[k / 1000.0, float(U[k]), float(Y[k])] for k in range(50)]
+    record = read_record(table("r.csv", ["time_s", "command_v", "position_v"], rows))
+    np.testing.assert_allclose(record.position, Y[:50], atol=1e-4)
+    curve = read_curve(
+        table("c.csv", ["frequency_hz", "level_db_re_1um"], [[1.5, 20.25], [10.5, 3.125], [250.0, -20.5]])
+    )
+    np.testing.assert_array_equal(curve.level_db_re_1um, [20.25, 3.125, -20.5])
+    pairs = read_pairs(table("p.csv", ["displacement_mm", "voltage_v"], [[0.5, 1.5], [1.0, 2.5]]))
+    np.testing.assert_array_equal(pairs.voltage_v, [1.5, 2.5])
+    matrix = read_matrix(table("m.csv", ["pa", "ba"], [[5.0, 1.0], [2.0, 6.0]]))
+    np.testing.assert_array_equal(matrix.counts, [[5, 1], [2, 6]])
+
+
+def test_tables__commas_that_may_part_thousands__refused(tmp_path: Path) -> None:
+    (tmp_path / "c.csv").write_text('frequency_hz,level_db_re_1um\n"1,000","1,250"\n"2,000","1,500"\n')
+    one_line(lambda: read_curve(tmp_path / "c.csv"), "thousands")
+    (tmp_path / "r.csv").write_text('u,y\n"1,000","1,250"\n"2,000","1,500"\n')
+    one_line(lambda: read_record(tmp_path / "r.csv", rate_hz=10.0), "thousands")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ('"delay_s": NaN', "NaN"), ('"delay_s": 1e999', "1e999"), ('"delay_s": -1.0', "delay_s"),
+        ('"den": [0.0, 0.0, 0.0]', "num or den"), ('"den": [0.0, 1.0, 2.0]', "num or den"),
+        ('"num": [0.0]', "num or den"),
+        ('"band_hz": [300.0, 0.4]', "band_hz"), ('"valid_hz": [5.0, 5.0]', "valid_hz"), ('"valid_hz": [5.0]', "amiss"),
+        ('"num": [1e200]', "size"),
+        ('"excess": {"frequency_hz": [2, 1], "magnitude": [0, 0], "phase_rad": [0, 0]}', "ascend"),
+        ('"friction": 3', "friction"), ('"units": null', "amiss"), ('"num": [1' + 400 * "0" + "]", "amiss"),
+    ],
+)  # fmt: skip
+def test_model__numbers_no_record_leads_to__refused_by_itself_and_in_a_display(
+    tmp_path: Path, change: str, words: str
+) -> None:
+    path = tmp_path / "m.json"
+    write_model(path, MODEL)
+    name = change[: change.index(":")]
+    text = re.sub(rf",\n {name}: .*?(?=,\n \"|\n\}})", "", path.read_text(), count=1, flags=re.DOTALL)
+    path.write_text(text.rstrip().removesuffix("}") + f", {change}}}")
+    one_line(lambda: read_model(path), words)
+    channel = {"name": "index", "sensor_gain_v_per_mm": 0.2, "travel_mm": 12.5, "plant": "m.json"}
+    document = {"display": {"name": "one", "rate_hz": 4000.0, "delay_samples": 1}, "channel": [channel]}
+    one_line(lambda: parse_display({**document, "threshold": {"curve": "bolanowski-1988"}}, tmp_path), "plant|allowed")
+
+
+def test_every_reader__bytes_changed_at_random__reads_or_refuses(tmp_path: Path) -> None:
+    rng = np.random.default_rng(21)
+    write_model(tmp_path / "m.json", MODEL)
+    soundfile.write(tmp_path / "s.wav", U, 8000)
+    scipy.io.savemat(tmp_path / "r.mat", {"u": U[:50], "y": Y[:50], "fs": 1000.0}, do_compression=True)
+    (tmp_path / "r.csv").write_text(
+        "u,y\n" + "".join(f"{u:.4f},{y:.4f}\n" for u, y in zip(U[:50], Y[:50], strict=True))
+    )
+    (tmp_path / "p.csv").write_text("displacement_mm,voltage_v\n0,1\n1,2.5\n2,4\n")
+    (tmp_path / "x.csv").write_text(",pa,ba\npa,5,1\nba,2,6\n")
+    readers: dict[str, Callable[[Path], object]] = {
+        "m.json": read_model, "s.wav": scan_speech, "r.mat": read_record, "r.csv": read_record,
+        "p.csv": read_pairs, "x.csv": read_matrix,
+    }  # fmt: skip
+    odd = (b"\x00", b"\xff\xfe", b"nan", b"1e999", b'"', b"[" * 3000, b"\n", b",", b"9" * 400)
+    for name, read in readers.items():
+        good = (tmp_path / name).read_bytes()
+        for _ in range(60):
+            content = bytearray(good)
+            for _ in range(int(rng.integers(1, 4))):
+                at = int(rng.integers(len(content)))
+                if rng.random() < 0.5:
+                    content[at] = int(rng.integers(256))
+                else:
+                    content[at:at] = odd[int(rng.integers(len(odd)))]
+            path = tmp_path / f"changed{Path(name).suffix}"
+            path.write_bytes(content)
+            with suppress(BadInput):
+                read(path)
+
+
+@pytest.mark.parametrize(
+    "text", [b"a = " + b"9" * 5000, b"a = " + b"[" * 5000, b"a." * 50_000 + b"b = 1", b"a = 1 #" * 400_000, b"\xff\xff"]
+)
+def test_toml__that_no_writer_writes__refused(tmp_path: Path, text: bytes) -> None:
+    (tmp_path / "board").mkdir()
+    (tmp_path / "board" / "board.toml").write_bytes(text)
+    one_line(lambda: read_words(tmp_path / "board" / "board.toml", "en"), "language file")
+    one_line(lambda: read_boards(tmp_path), "board.toml")
+
+
+def test_mp3__with_junk_in_it__refused_in_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    soundfile.write(tmp_path / "r.mp3", U, 16000)
+    content = (tmp_path / "r.mp3").read_bytes()
+    (tmp_path / "r.mp3").write_bytes(content[: len(content) // 3] + bytes(100_000))
+    one_line(lambda: scan_speech(tmp_path / "r.mp3"), "truncated|not readable")
+    assert capfd.readouterr().err == ""
+
+
+def test_pipe__that_nobody_writes_to__is_empty_and_does_not_wait(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "p.csv")
+    one_line(lambda: read_pairs(tmp_path / "p.csv"), "no column 'displacement_mm'")
+
+
+def test_pipe__that_somebody_writes_to__is_read_to_its_end(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "p.csv")
+    writer = subprocess.Popen(["sh", "-c", f"(sleep 0.2; echo 1; sleep 0.2; echo 2) > {tmp_path / 'p.csv'}"])
+    with (tmp_path / "p.csv").open("rb") as opened:  # it is open before the reader comes, as a shell's <(...) is
+        assert read_content(tmp_path / "p.csv") + opened.read() == b"1\n2\n"
+    assert writer.wait(10) == 0
+
+
+def test_content__of_a_device_without_end__refused() -> None:
+    with pytest.raises(BadInput, match="more than 12 MB"):
+        read_content(Path("/dev/zero"))
+
+
+@pytest.mark.parametrize("read", [read_record, open_reference])
+def test_sound__that_looks_like_mp3__one_line_and_nothing_of_its_decoder(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], read: Callable[[Path], object]
+) -> None:
+    """Found by hostile files: a byte-order mark looks like a frame of MP3, whose decoder wrote nine lines."""
+    path = tmp_path / "reference.wav"
+    with write_reference(path, ReferenceHead(4000.0, ("index", "thumb"))) as writer:
+        writer.write(np.zeros((4000, 2)))
+    path.write_bytes(path.read_bytes().decode("latin-1").encode("utf-16"))
+    with pytest.raises(BadInput, match="allowed"):
+        read(path)
+    assert capfd.readouterr().err == ""
+
+
+def test_pipe__that_nobody_writes_to__keeps_neither_a_corpus_nor_a_server_waiting(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / JOURNAL)
+    one_line(lambda: open_journal(tmp_path, {}).__enter__(), "is a folder, a pipe or a device")
+    one_line(lambda: Address(certificate=tmp_path / JOURNAL), "is a pipe")
+
+
+@pytest.mark.parametrize("rate", ["nan", "inf", "-1.0", "1e300"])
+def test_coding__analysis_at_a_rate_that_is_none__refused(tmp_path: Path, rate: str) -> None:
+    """Found by hostile files: NaN ended in a traceback as speech was rendered."""
+    path = tmp_path / "coding.toml"
+    text = (EXAMPLES / "coding.toml").read_text(encoding="utf-8")
+    path.write_text(text.replace("analysis_hz = 16000.0", f"analysis_hz = {rate}"), encoding="utf-8")
+    one_line(lambda: read_coding(path), "analysis_hz is")

@@ -1,0 +1,178 @@
+"""Records of every kind, read back; and everything that a file can have wrong."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import soundfile
+
+from tactuator.errors import BadInput
+from tactuator.io import columns
+from tactuator.io.formats import table
+from tactuator.io.record import read_record, write_record
+from tactuator.signals.record import Record
+
+RATE_HZ = 4000.0
+RNG = np.random.default_rng(0)
+U, Y = RNG.standard_normal(2000), RNG.standard_normal(2000)
+TIME = np.arange(2000) / RATE_HZ
+
+
+def write_csv(path: Path, header: str | None, *given: np.ndarray, delimiter: str = ",", digits: str = "%.9g") -> Path:
+    np.savetxt(path, np.stack(given, axis=1), delimiter=delimiter, header=header or "", comments="", fmt=digits)
+    if header is None:
+        path.write_text(path.read_text().lstrip("\n"))
+    return path
+
+
+def test_hdf5__our_own__comes_back_with_units_and_origin(tmp_path: Path) -> None:
+    written = Record(RATE_HZ, U, Y, "V", "V", reference=U * 2.0, about={"rig": "simulated", "channel": "index"})
+    write_record(tmp_path / "r.h5", written)
+    read = read_record(tmp_path / "r.h5")
+    np.testing.assert_array_equal(read.command, U)
+    np.testing.assert_array_equal(read.position, Y)
+    assert (read.rate_hz, read.command_unit, read.about["channel"]) == (RATE_HZ, "V", "index")
+    with h5py.File(tmp_path / "r.h5") as file:
+        assert file["position"].attrs["unit"] == "V"
+
+
+@pytest.mark.parametrize(
+    ("header", "delimiter"), [("time_s,command_v,position_v", ","), ("t;u;y", ";"), ("time\tin\tout", "\t")]
+)
+def test_csv__usual_names__are_found(tmp_path: Path, header: str, delimiter: str) -> None:
+    read = read_record(write_csv(tmp_path / "r.csv", header, TIME, U, Y, delimiter=delimiter))
+    np.testing.assert_allclose(read.command, U, rtol=1e-8)
+    assert read.rate_hz == pytest.approx(RATE_HZ, rel=1e-6)
+    assert read.remarks == ()
+
+
+def test_csv__own_names__are_told(tmp_path: Path) -> None:
+    path = write_csv(tmp_path / "r.csv", "noise,torque_nm,angle_rad,clock_ms", Y, U, Y, 1e3 * TIME)
+    read = read_record(path, input_name="torque_nm", output_name="angle_rad", time_name="clock_ms")
+    np.testing.assert_allclose(read.command, U, rtol=1e-8)
+    assert read.rate_hz == pytest.approx(RATE_HZ, rel=1e-6)
+
+
+def test_csv__no_header__two_columns_and_a_rate(tmp_path: Path) -> None:
+    read = read_record(write_csv(tmp_path / "r.txt", None, U, Y, delimiter=" "), rate_hz=50.0)
+    np.testing.assert_allclose(read.position, Y, rtol=1e-8)
+    assert read.rate_hz == 50.0
+
+
+def test_csv__decimal_commas__are_numbers(tmp_path: Path) -> None:
+    path = write_csv(tmp_path / "r.csv", "t;u;y", TIME, U, Y, delimiter=";")
+    path.write_text(path.read_text().replace(".", ","))
+    np.testing.assert_allclose(read_record(path).position, Y, rtol=1e-8)
+
+
+def test_csv__stamps_of_few_digits__are_an_even_rate(tmp_path: Path) -> None:
+    path = write_csv(tmp_path / "r.csv", "t,u,y", np.round(TIME, 4), U, Y)
+    read = read_record(path)
+    assert read.rate_hz == pytest.approx(RATE_HZ, rel=1e-3)
+    np.testing.assert_allclose(read.command, U, rtol=1e-8)
+
+
+def test_matlab__variables_and_struct__are_found(tmp_path: Path) -> None:
+    scipy.io.savemat(tmp_path / "a.mat", {"u": U, "y": Y[:, None], "fs": RATE_HZ})
+    scipy.io.savemat(tmp_path / "b.mat", {"run": {"vir": U, "qm": Y, "t": TIME}})
+    for name in ("a.mat", "b.mat"):
+        read = read_record(tmp_path / name)
+        np.testing.assert_array_equal(read.command, U)
+        np.testing.assert_array_equal(read.position, Y)
+        assert read.rate_hz == pytest.approx(RATE_HZ)
+
+
+def test_wav__two_channels__first_is_the_command(tmp_path: Path) -> None:
+    data = np.stack([U, Y], axis=1) / 8.0
+    soundfile.write(tmp_path / "r.wav", data, 48000, subtype="DOUBLE")
+    read = read_record(tmp_path / "r.wav")
+    np.testing.assert_allclose(read.command, data[:, 0])
+    assert read.rate_hz == 48000.0
+
+
+def test_csv__dropped_samples__are_filled_and_said(tmp_path: Path) -> None:
+    smooth = np.sin(2.0 * np.pi * 5.0 * TIME)
+    keep = np.ones(2000, dtype=bool)
+    keep[[100, 500, 501, 1500]] = False
+    read = read_record(write_csv(tmp_path / "r.csv", "t,u,y", TIME[keep], U[keep], smooth[keep]))
+    assert read.position.size == 2000
+    np.testing.assert_allclose(read.position, smooth, atol=1e-5)
+    assert read.command[501] == pytest.approx(U[499], rel=1e-6)
+    assert any("4 samples are missing" in remark for remark in read.remarks)
+
+
+def test_csv__uneven_stamps__are_resampled_and_said(tmp_path: Path) -> None:
+    uneven = TIME + 0.2 / RATE_HZ * np.random.default_rng(1).uniform(-1.0, 1.0, 2000)
+    smooth = np.sin(2.0 * np.pi * 5.0 * uneven)
+    read = read_record(write_csv(tmp_path / "r.csv", "t,u,y", uneven, U, smooth, digits="%.12g"))
+    assert any("resampled" in remark for remark in read.remarks)
+    offset = uneven[0]
+    expected = np.sin(2.0 * np.pi * 5.0 * (offset + np.arange(read.position.size) / read.rate_hz))
+    assert np.max(np.abs(read.position - expected)[5:-5]) < 2e-3
+
+
+def test_csv__longer_than_memory_allows__is_read_in_part_and_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(columns, "MOST_SAMPLES", 1000)
+    monkeypatch.setattr(table, "_PIECE_CHARACTERS", 9000)
+    read = read_record(write_csv(tmp_path / "r.csv", "t,u,y", TIME, U, Y))
+    assert read.command.size == 1000
+    assert any("only the first 1000 samples" in remark for remark in read.remarks)
+
+
+def _nan(y: np.ndarray) -> np.ndarray:
+    made = y.copy()
+    made[41] = np.nan
+    return made
+
+
+@pytest.mark.parametrize(
+    ("header", "given", "options", "match"),
+    [
+        ("t,u,y", (TIME, U, _nan(Y)), {}, "row 42"),
+        ("t,u,y", (TIME, U, Y), {"rate_hz": 3000.0}, "time stamps say 4000"),
+        ("t,u,y", (TIME, U, Y), {"rate_hz": -1.0}, "positive"),
+        ("t,u,y", (TIME, U, Y), {"input_name": "force"}, "no input column 'force'; allowed: t, u, y"),
+        ("t,u,y", (TIME, U, Y), {"output_name": "u"}, "both 'u'"),
+        ("a,b,c", (U, U, Y), {"rate_hz": 1.0}, "which column is which"),
+        ("u,y", (U, Y), {}, "no rate"),
+        ("t,u,y", (TIME[::-1], U, Y), {}, "ascend"),
+        ("t,u,y", (np.where(np.arange(2000) > 900, TIME + 0.5, TIME), U, Y), {}, "are missing"),
+        ("t,u,y", (_nan(TIME), U, Y), {}, "stamp in row 42"),
+    ],
+)
+def test_csv__amiss__is_refused_in_one_line(tmp_path: Path, header, given, options, match: str) -> None:
+    path = write_csv(tmp_path / "r.csv", header, *given)
+    with pytest.raises(BadInput, match=match) as caught:
+        read_record(path, **options)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "match"),
+    [
+        ("r.csv", b"", "empty"),
+        ("r.csv", b"t,u,y\n", "no rows"),
+        ("r.csv", b"t,u,y\n1,2,3\n2,3\n", "2 of 3 columns"),
+        ("r.mat", b"not a mat file at all", "record"),
+        ("r.h5", b"not hdf5", "record"),
+        ("r.wav", b"RIFFnothing", "record"),
+        ("r.png", b"", "allowed: .csv"),
+    ],
+)
+def test_record__broken_file__is_refused_in_one_line(tmp_path: Path, name: str, content: bytes, match: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(BadInput, match=match) as caught:
+        read_record(tmp_path / name, rate_hz=10.0)
+    assert "\n" not in str(caught.value)
+
+
+def test_record__missing_or_single_channel__is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="no such file"):
+        read_record(tmp_path / "none.csv")
+    soundfile.write(tmp_path / "mono.wav", U / 8.0, 8000)
+    with pytest.raises(BadInput, match="one channel"):
+        read_record(tmp_path / "mono.wav")

@@ -1,0 +1,130 @@
+"""Loads against hand-derived denominators; what a display refuses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactuator.errors import BadInput
+from tactuator.model.description import Channel, Converter, Display, Environment, Threshold
+from tactuator.model.load import Load
+from tactuator.model.requirements import FeedbackRequirements, PrefilterRequirements
+from tactuator.perception.library import curve
+from tactuator.signals.systems import ContinuousSystem
+
+MOTOR = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])
+FINGER = Load("finger", 0.12, 31.0, 360.0)
+THRESHOLD = Threshold(curve("bolanowski-1988"))
+INDEX = Channel("index", "index", 0.19898, 12.5, MOTOR, THRESHOLD, loads=(FINGER,))
+
+
+def test_load__second_order_motor__is_added_to_the_denominator() -> None:
+    expected = ContinuousSystem.from_polynomials([2875.0], [1.12, 125.0, 650.0])
+    hz = np.array([0.0, 1.0, 30.0, 300.0])
+    np.testing.assert_allclose(INDEX.loaded_plant(FINGER).response(hz), expected.response(hz), rtol=1e-12)
+
+
+def test_load__none__is_the_plant_itself() -> None:
+    assert INDEX.loaded_plant(None) == MOTOR
+
+
+def test_load__acceleration_sensor__acts_on_the_displacement() -> None:
+    sensed = ContinuousSystem.from_polynomials([2875.0, 0.0, 0.0], [1.0, 94.0, 290.0])
+    loaded = FINGER.applied_to(sensed, "acceleration")
+    s = 2j * np.pi * 20.0
+    assert loaded.response(20.0) == pytest.approx(2875.0 * s**2 / (1.12 * s**2 + 125.0 * s + 650.0))
+
+
+def test_load__general_plant__is_p_over_one_plus_pz() -> None:
+    plant = ContinuousSystem.from_polynomials([50.0, 3000.0], [1.0, 90.0, 5000.0, 9000.0])
+    s = 2j * np.pi * 12.0
+    p = (50.0 * s + 3000.0) / (s**3 + 90.0 * s**2 + 5000.0 * s + 9000.0)
+    z = (0.12 * s**2 + 31.0 * s + 360.0) / 50.0
+    assert FINGER.applied_to(plant).response(12.0) == pytest.approx(p / (1.0 + p * z))
+
+
+def test_threshold_voltage__acceleration__is_differentiated_twice() -> None:
+    sensed = replace(INDEX, quantity="acceleration")
+    ratio = sensed.threshold_voltage(10.0) / INDEX.threshold_voltage(10.0)
+    assert ratio == pytest.approx((2.0 * np.pi * 10.0) ** 2)
+
+
+def test_converter_step__sixteen_bits__is_305_microvolts() -> None:
+    assert Converter().step_v == pytest.approx(305.2e-6, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"bits": 4}, "bits is 4; allowed: 8 to 24"),
+        ({"range_v": -10.0}, "range_v is -10"),
+        ({"polarity": 0}, "polarity is 0; allowed: 1 or -1"),
+        ({"offset_v": 11.0}, "offset_v is 11"),
+    ],
+)
+def test_converter__out_of_range__is_refused(keys: dict[str, float], words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        Converter(**keys)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"sensor_gain_v_per_mm": -0.2}, "sensor_gain_v_per_mm is -0.2; allowed: a positive"),
+        ({"travel_mm": 0.0}, "travel_mm is 0"),
+        ({"quantity": "jerk"}, "quantity 'jerk'; allowed: displacement"),
+        ({"loads": (FINGER, FINGER)}, "same name"),
+    ],
+)
+def test_channel__wrong_figure__is_refused(keys: dict[str, object], words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        replace(INDEX, **keys)  # type: ignore[arg-type]
+
+
+def test_channel_load__unknown_name__lists_what_is_there() -> None:
+    with pytest.raises(BadInput, match="load 'toe' is not described; allowed: finger"):
+        INDEX.load("toe")
+
+
+def test_load__negative__is_refused() -> None:
+    with pytest.raises(BadInput, match="damping is -1"):
+        Load("finger", 0.0, -1.0, 0.0)
+
+
+def test_threshold__curve_short_of_the_band__is_refused() -> None:
+    with pytest.raises(BadInput, match="reaches from 8 to 315 Hz; allowed: one that covers"):
+        Threshold(curve("morioka-griffin-2006"), (0.4, 300.0))
+
+
+def test_display__rate_too_low_for_the_band__is_refused() -> None:
+    with pytest.raises(BadInput, match="rate_hz is 1000 for a band up to 300 Hz; allowed: 1200 or more"):
+        Display("slow", 1000.0, 1, (INDEX,))
+
+
+@pytest.mark.parametrize(
+    ("channels", "delay", "words"), [((), 1, "no channel"), ((INDEX, INDEX), 1, "same name"), ((INDEX,), 9, "0 to 8")]
+)
+def test_display__wrong_shape__is_refused(channels: tuple[Channel, ...], delay: int, words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        Display("odd", 4000.0, delay, channels)
+
+
+def test_display_channel__unknown_name__lists_what_is_there() -> None:
+    with pytest.raises(BadInput, match="channel 'ring' is not described; allowed: index"):
+        Display("one", 4000.0, 1, (INDEX,)).channel("ring")
+
+
+def test_requirements__unequal_lists__are_refused() -> None:
+    with pytest.raises(BadInput, match="1 mains_hz and 0 mains_max_db"):
+        FeedbackRequirements(mains_hz=(60.0,))
+    with pytest.raises(BadInput, match="rejection_band_hz"):
+        FeedbackRequirements(rejection_band_hz=(10.0, 1.0))
+    with pytest.raises(BadInput, match="poles is 1; allowed: 2 to 16"):
+        PrefilterRequirements(1)
+
+
+def test_environment__negative_or_unequal__is_refused() -> None:
+    with pytest.raises(BadInput, match="negative"):
+        Environment(noise_v_rms=-1.0)
+    with pytest.raises(BadInput, match="2 hum_hz and 1 hum_v_peak"):
+        Environment((50.0, 100.0), (1e-3,))
