@@ -3,6 +3,8 @@
 import gc
 import os
 import signal
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from xdist.scheduler import LoadScopeScheduling
 
+from tactuator.entry_points import plugins
 from tactuator.model.controller import Controller
 from tests.three_fingers import three_finger_display
 
@@ -32,6 +35,27 @@ def controller() -> Controller:
     from tactuator.synthesis.design import design_controller
 
     return design_controller(parse_display(three_finger_display()))
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
+    """A function that puts a package with one entry point on the path, as an installed one of another laboratory is."""
+    modules: list[str] = []
+
+    def put(group: str, name: str, source: str, attribute: str, package: str = "foreign_laboratory") -> None:
+        (tmp_path / f"{package}.py").write_text(source)
+        info = tmp_path / f"{package}-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text(f"[{group}]\n{name} = {package}:{attribute}\n")
+        monkeypatch.syspath_prepend(tmp_path)
+        modules.append(package)
+        plugins.cache_clear()
+
+    yield put
+    plugins.cache_clear()
+    for module in modules:
+        sys.modules.pop(module, None)
 
 
 #: What is made once for several tests: those tests go to one worker.
