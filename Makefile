@@ -12,7 +12,7 @@ TEST_ENV = OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 # Two at a time: mypy without its cache needs one core for half a minute, and tests wait for boards and pages.
 BESIDE = $(MAKE) --no-print-directory --jobs=2 TOGETHER=1
 
-.PHONY: help python install reproduce test check check-slow check-all suite lint types contract core-warnings soak bench docs readme \
+.PHONY: help python install reproduce test quick check check-slow check-all suite lint types contract core-warnings soak bench docs readme \
 	lock site wheel install-test install-site install-boards fix clean
 ifndef TOGETHER # what is set up comes before what needs it, even with `make -j`
 .NOTPARALLEL:
@@ -29,14 +29,14 @@ install: python ## set up .venv with the runtime set and build the core
 	$(PYTHON) tools/install.py run
 
 install-test: python
-	$(PYTHON) tools/system.py test
+	$(PYTHON) tools/install.py tests
 	$(PYTHON) tools/install.py test
 
 install-site: python
 	$(PYTHON) tools/install.py site
 
 install-boards: python ## install the cross-compiler and the emulator (apt, as root)
-	$(PYTHON) tools/system.py boards
+	$(PYTHON) tools/install.py boards
 
 reproduce: install ## the paper end to end, into out/paper
 	$(BIN)/tactuator reproduce $(ARGS)
@@ -44,12 +44,15 @@ reproduce: install ## the paper end to end, into out/paper
 test: install-test lint contract ## everything that must hold: style, types, floors, warnings, tests
 	$(BESIDE) suite types core-warnings
 
+quick: install-test lint ## what to run every minute: style, and the tests of single modules
+	$(TEST_ENV) $(BIN)/python -m pytest -q -m quick -n $(WORKERS) $(ARGS)
+
 check-slow: install-site install-test ## what takes minutes: fuzzing, packing, installing for real, the site
-	$(PYTHON) tools/system.py slow
+	$(PYTHON) tools/install.py slow
 	$(MAKE) --no-print-directory 'MARKS=-m "slow and not soak"' suite
 
 check-all: install-site install-test lint contract ## both in one run, as CI does: what waits in one overlaps with the other
-	$(PYTHON) tools/system.py slow
+	$(PYTHON) tools/install.py slow
 	$(BESIDE) 'MARKS=-m "not soak"' suite types core-warnings
 
 check: install-test ## style, types, floors and warnings without the tests

@@ -61,7 +61,7 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
 #: What is made once for several tests: those tests go to one worker.
 _SHARED = {
     "tests/paper/test_": "the installed wheel and its study",
-    "tests/repository/installed/": "the installed wheel and its study",
+    "tests/packaging/": "the installed wheel and its study",
     "tests/api/test_flat_api.py": "the results that the examples begin with",
     "tests/cli/controller/test_firmware_stream.py": "a controller for streaming",
     "tests/console/test_workshop.py": "a designed display",
@@ -101,6 +101,10 @@ _INTEGRATION = (
 )
 
 
+#: Unit tests that design, identify or simulate for seconds: not for `make quick`.
+_LONG = ("console/", "identification/", "measure/", "synthesis/", "wordlength/", "experiment/", "runtime/", "core/")
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark every test by its place in the tree: browser, device, integration or unit; the slow ones begin first."""
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)  # or one of them ends alone
@@ -115,6 +119,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.integration)
         else:
             item.add_marker(pytest.mark.unit)
+            if not place.startswith(_LONG) and item.get_closest_marker("slow") is None:
+                item.add_marker(pytest.mark.quick)
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:

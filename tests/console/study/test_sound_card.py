@@ -90,7 +90,7 @@ def begin(page: Any, folder: Path) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.skipif(shutil.which("jackd") is None, reason="no jackd here: python3 tools/system.py slow")
+@pytest.mark.skipif(shutil.which("jackd") is None, reason="no jackd here: python3 tools/install.py slow")
 def test_experiment__in_the_page_on_a_sound_card__from_start_to_end(browser, tmp_path):
     made = controller(PERIOD)  # what is put out comes back a period later
     threshold_mm = float(made.display.channels[0].threshold.curve.displacement_mm(np.array([TONE_HZ]))[0])

@@ -113,7 +113,7 @@ def test_calibrate__no_equaliser_for_the_corrected_plant__what_was_measured_stan
 
 
 @pytest.mark.soak
-@pytest.mark.skipif(shutil.which("jackd") is None, reason="no jackd here: python3 tools/system.py slow")
+@pytest.mark.skipif(shutil.which("jackd") is None, reason="no jackd here: python3 tools/install.py slow")
 def test_calibrate__twenty_drawn_exciters_blind__eighteen_are_felt_flat_or_say_why():
     found = []
     for seed in SEEDS:

@@ -15,7 +15,7 @@ import pytest
 ROOT = Path(__file__).parents[3]
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(shutil.which("jackd") is None, reason="no jackd here: python3 tools/system.py slow"),
+    pytest.mark.skipif(shutil.which("jackd") is None, reason="no jackd here: python3 tools/install.py slow"),
 ]
 
 

@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 from websockets.sync.client import connect
 
+from tests.packaging.conftest import RUN_STUDY, Installation
 from tests.paper.conftest import STUDY
-from tests.repository.installed.conftest import RUN_STUDY, Installation
 
 MAPS = Path("/proc/self/maps")
 #: glibc and the runtime of gcc; everything else that the interpreter needs is asked of the interpreter

@@ -10,7 +10,7 @@ import pytest
 
 from tactuator.rig.boards import BOARDS
 from tactuator.rig.program import build_firmware
-from tests.repository.installed.conftest import ROOT, Installation
+from tests.packaging.conftest import ROOT, Installation
 from tools import wheel as maker
 
 

@@ -3,6 +3,7 @@
 Nothing half-made is left, so the next run starts clean.
 """
 
+import ast
 import os
 import shutil
 import signal
@@ -14,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.repository.wheels import lock_line, wheel
+from tests.packaging.wheels import lock_line, wheel
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = '[build-system]\nrequires = []\nbuild-backend = "wheels"\nbackend-path = ["."]\n'
@@ -28,8 +29,9 @@ class Tree:
     def __init__(self, folder: Path) -> None:
         self.root, self.index = folder / "tree", folder / "index"
         self.index.mkdir()
-        shutil.copytree(ROOT / "tools", self.root / "tools", ignore=shutil.ignore_patterns("__pycache__"))
-        shutil.copy(ROOT / "tests/repository/wheels.py", self.root)
+        (self.root / "tools").mkdir(parents=True)
+        shutil.copy(ROOT / "tools/install.py", self.root / "tools")
+        shutil.copy(ROOT / "tests/packaging/wheels.py", self.root)
         for name in ("requirements", "core", "src/tactuator/room"):
             (self.root / name).mkdir(parents=True)
         (self.root / "pyproject.toml").write_text(PROJECT)
@@ -149,43 +151,29 @@ def test_install__killed_early_and_while_the_test_set_is_added__starts_clean_or_
 def test_install__killed_late_and_then_without_an_index__is_one_line_and_the_runtime_set_stays(tree):
     killed_half_way(tree, "lib/python3*/site-packages/alpha.py")
     away = {"PIP_NO_INDEX": "0", "PIP_FIND_LINKS": "", "PIP_INDEX_URL": f"http://127.0.0.1:{closed_port()}/simple"}
-    assert (
-        "the packages of requirements/test.txt could not be installed: the package index cannot be reached "
-        "(NewConnectionError): see to the network" in refusal(tree.install("test", **away))
-    )
+    line = refusal(tree.install("test", **away))
+    assert "requirements/test.txt could not be installed: the package index cannot be reached (NewConnection" in line
     assert tree.install("run", **away).stderr == ""
     assert tree.runs("import alpha, tactuator.room._core")
 
 
-def refused_by_pip(tree: Tree) -> str:
-    """What is said of the runtime lock by the pip that runs these tests, which is to change nothing."""
-    script = (
-        "import sys; from tools import packages, stamps; stamps.PYTHON = sys.executable; packages.pip_install('run')"
-    )
-    (tree.root / ".setup").mkdir()
-    dry = tree.environment(PIP_DRY_RUN="1", PYTHONPATH=str(tree.root))
-    command = [sys.executable, "-c", script]
-    return refusal(
-        subprocess.run(command, cwd=tree.root, env=dry, capture_output=True, text=True, check=False)
-    )  # fmt: skip
-
-
 def test_pip__file_with_another_hash__is_one_line(tree):
     tree.write_locks("alpha==1 --hash=sha256:" + 64 * "0" + "\n")
-    assert "a file for alpha==1 is not the one whose hash the lock holds" in refused_by_pip(tree)
+    assert "a file for alpha==1 is not the one whose hash the lock holds" in refusal(tree.install())
+    assert not tree.venv.exists()
 
 
 def test_pip__no_file_for_this_python__is_one_line(tree):
     tree.write_locks("gamma==1 --hash=sha256:" + 64 * "0" + "\n")
-    assert "offers no file of gamma==1 for Python 3." in refused_by_pip(tree)
+    assert "offers no file of gamma==1 for Python 3." in refusal(tree.install())
 
 
 def test_install__package_without_its_library__is_named_with_the_remedy(tree):
     broken = "raise OSError(\"cannot load library 'libstray.so': cannot open shared object file\")\n"
     tree.lock(wheel(tree.index, "alpha", "1", {"alpha.py": broken}))
     line = refusal(tree.install())
-    assert "cannot be imported: alpha 1 (made for py3-none-any): OSError: cannot load library 'libstray.so'" in line
-    assert "Remedy: `make clean`, then the same again" in line
+    assert line.startswith("alpha is installed and cannot be imported; remedy: `make clean`, then the same again: ")
+    assert "OSError: cannot load library 'libstray.so'" in line
     assert not tree.venv.exists()
 
 
@@ -213,5 +201,45 @@ def test_install__disk_too_small__is_one_line_before_anything_is_done(tree):
 def test_install__disk_fills_up__is_one_line_and_the_room_is_given_back(tree):
     tree.lock(wheel(tree.index, "alpha", "1", {"alpha.py": "", "zeros": 600_000_000 * "0"}))
     done = on_a_disk_of("500m", tree)
-    assert "could not be installed: no room left on the disk; free now: " in refusal(done)
+    assert "could not be installed: no room left on the disk " in refusal(done)
     assert ".venv" not in done.stdout.split()
+
+
+def test_install__python_too_old__is_told_in_one_sentence():
+    script = "import sys, runpy; sys.version_info = (3, 9, 2); runpy.run_path('tools/install.py', run_name='__main__')"
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert done.stderr.startswith("tactuator needs Python 3.11 or later; ")
+
+
+@pytest.mark.parametrize("feature_version", [(3, 4), (3, 7)])
+def test_install__syntax__is_old_enough_to_be_told(feature_version):
+    ast.parse((ROOT / "tools/install.py").read_text(encoding="ascii"), feature_version=feature_version)
+
+
+@pytest.mark.parametrize(
+    ("compiler", "words"),
+    [
+        ("no-such-compiler -O2", "a C compiler ('no-such-compiler'; CC names another); missing on Debian: gcc"),
+        ("false", "the C compiler 'false' cannot build a program (apt-get install gcc libc6-dev): nothing was said"),
+    ],
+)
+def test_install__compiler_that_is_none__is_one_line(tree, compiler, words):
+    assert words in refusal(tree.install(CC=compiler))
+
+
+def test_install__system_package_lacking__is_named_to_who_is_not_root(tree):
+    (tree.root / "requirements/system.txt").write_text("# head\nno-such-command the-package boards\n")
+    script = "import os, runpy, sys; os.geteuid = lambda: 1; sys.argv = ['install.py', 'boards']; "
+    script += "runpy.run_path('tools/install.py', run_name='__main__')"
+    done = subprocess.run([sys.executable, "-c", script], cwd=tree.root, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (1, "needed from the system: apt-get install the-package\n")
+
+
+def test_install__core_changed__is_built_anew(tree):
+    assert tree.install().returncode == 0
+    (tree.root / "core/a.c").write_text("int changed;\n")
+    assert tree.install().stderr == "install: building the C core\n"
+    (tree.root / "core/b.h").touch()
+    assert tree.install().stderr == "install: building the C core\n"
+    assert tree.install().stderr == ""

@@ -14,7 +14,7 @@ import pytest
 
 from tools import wheel as maker
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 #: Runs a command as the program does, and writes the libraries that its process has mapped at its end.
 RUN = """
 import atexit, pathlib, sys
