@@ -6,13 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tactuator.cli.experiment.results import person_thresholds
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import shipped_words
 from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
 from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurve, WholeCurveRule
 from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.result.group_curve import group_curve
+from tactuator.experiment.result.group_curve import group_curve, person_thresholds
 from tactuator.experiment.result.psychometric_trials import psychometric_trials
 from tactuator.experiment.result.tables import threshold_table
 from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold, replayed, thresholds

@@ -1,16 +1,23 @@
-"""The threshold curve of a group, from its subjects' thresholds, and how it was measured."""
+"""Results of a store: its thresholds, the curve across its subjects, and how that was measured."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold
-from tactuator.experiment.store.stored_runs import StoredRun
+from tactuator.experiment.result.psychometric_trials import PsychometricTrials, psychometric_trials
+from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold, names_of_people, thresholds
+from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
+from tactuator.io.curve import resolve_curve
 from tactuator.perception.curve import Provenance, ThresholdCurve
 
 CIRCUMSTANCES = (
@@ -126,3 +133,107 @@ def circumstances(group: GroupCurve, runs: Sequence[StoredRun]) -> dict[str, lis
 
 def _joined(values: Sequence[object]) -> str:
     return ";".join(sorted({str(value) for value in values if value is not None and value != ""}))
+
+
+@dataclass(frozen=True, eq=False)
+class PersonThresholds:
+    """One person's thresholds: level (dB re 1 um peak) and standard error at frequency_hz, all of shape (n,).
+
+    flagged: True at each threshold whose run has a flag that disqualifies it, None where runs have no flags.
+    """
+
+    name: str
+    frequency_hz: FloatArray
+    level_db_re_1um: FloatArray
+    standard_error_db: FloatArray
+    flagged: NDArray[np.bool_] | None = None
+
+
+def person_thresholds(thresholds: Sequence[MeasuredThreshold]) -> tuple[PersonThresholds, ...]:
+    """Return each subject's thresholds by frequency; every finger and repeat is a point."""
+    each: dict[tuple[int, str], list[MeasuredThreshold]] = {}
+    for threshold in sorted(thresholds, key=lambda threshold: threshold.frequency_hz):
+        each.setdefault((threshold.study_number, threshold.subject), []).append(threshold)
+    people = []
+    for person, name in names_of_people(thresholds).items():
+        points = [(point.frequency_hz, point.level_db_re_1um, point.sd_db) for point in each[person]]
+        hertz, level, error = np.array(points).T
+        flagged = np.array([bool(DISQUALIFYING & set(point.flags)) for point in each[person]])
+        people.append(PersonThresholds(name, hertz, level, error, flagged))
+    return tuple(people)
+
+
+@dataclass(frozen=True, eq=False)
+class StoreResults:
+    """Thresholds of a store's finished runs, and the curve across its subjects.
+
+    runs: what the thresholds were taken from. reference: the curve that 0 dB SL stood for. group: the curve across
+    subjects, with who is behind it and what was left out. no_curve: why there is none, where group is None.
+    """
+
+    runs: tuple[StoredRun, ...]
+    reference: ThresholdCurve
+    thresholds: tuple[MeasuredThreshold, ...]
+    group: GroupCurve | None
+    no_curve: BadInput | None
+
+    @cached_property
+    def people(self) -> tuple[PersonThresholds, ...]:
+        """Return each subject's thresholds."""
+        return person_thresholds(self.thresholds)
+
+    @cached_property
+    def psychometric(self) -> dict[str, tuple[PsychometricTrials, ...]]:
+        """Return the answers of every run by level, with the function fitted to them, by the subject's name."""
+        return psychometric_trials(self.runs, self.thresholds)
+
+    @property
+    def circumstances(self) -> dict[str, list[object]]:
+        """Return the columns of the curve's file that tell how it was measured; empty where there is no curve."""
+        return {} if self.group is None else circumstances(self.group, self.runs)
+
+    def document(self) -> dict[str, Any]:
+        """Return the results as JSON has them: thresholds, points of the curve (None: there is none), left_out."""
+        left_out = () if self.group is None else self.group.left_out
+        keys = ("subject", "finger", "frequency_hz", "run")
+        return {
+            "thresholds": [{**vars(threshold), "flags": list(threshold.flags)} for threshold in self.thresholds],
+            "curve": None if self.group is None else _points(self.group),
+            "left_out": [{**{key: getattr(each, key) for key in keys}, "flags": list(each.flags)} for each in left_out],
+        }
+
+
+def _points(group: GroupCurve) -> list[dict[str, float | int]]:
+    curve = group.curve
+    errors = np.zeros(0) if curve.standard_error_db is None else curve.standard_error_db
+    columns = (curve.frequency_hz.tolist(), curve.level_db_re_1um.tolist(), errors.tolist(), group.subjects)
+    names = ("frequency_hz", "level_db_re_1um", "standard_error_db", "subjects")
+    return [dict(zip(names, cells, strict=True)) for cells in zip(*columns, strict=True)]
+
+
+def store_results(
+    store_path: str | Path, group: str | None = None, reference: str | None = None, keep_flagged: bool = False
+) -> StoreResults:
+    """Return the results of a store's finished runs, of one group of subjects or of all.
+
+    reference: name or file of the curve that 0 dB SL stood for, None: that of the runs. keep_flagged: take thresholds
+    with a disqualifying flag into the curve as well. Raises BadInput where there are no such runs, or runs that stand
+    on several curves and no reference.
+    """
+    store = Store(store_path, must_exist=True)
+    try:
+        runs = tuple(run for run in detection_runs(store) if group is None or run.session.subject_group == group)
+    finally:
+        store.close()
+    if not runs:
+        raise BadInput(f"store {store_path} has no run of group {group!r}", "a group that took part")
+    names = sorted({run.run.curve for run in runs})
+    if reference is None and len(names) > 1:
+        raise BadInput(f"runs stand on the curves {', '.join(names)}", "--reference to name the one to extend by")
+    original, measured = resolve_curve(reference or names[0]), tuple(thresholds(runs))
+    band_hz = (min(run.run.band_low_hz for run in runs), max(run.run.band_high_hz for run in runs))
+    try:
+        across, refused = group_curve(measured, original, band_hz, keep_flagged), None
+    except BadInput as error:
+        across, refused = None, error
+    return StoreResults(runs, original, measured, across, refused)

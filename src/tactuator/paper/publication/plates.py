@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tactuator.experiment.result.group_curve import PersonThresholds
 from tactuator.paper.loops import sampled_loop
 from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint, nominal_response
 from tactuator.paper.run import PaperStudy
@@ -21,7 +22,7 @@ from tactuator.report.plates.device.response import LevelResponse, response_plat
 from tactuator.report.plates.felt.curve import threshold_plate
 from tactuator.report.plates.felt.equality import equality_plate
 from tactuator.report.plates.felt.felt import felt_plate
-from tactuator.report.plates.felt.thresholds import PersonThresholds, thresholds_plate
+from tactuator.report.plates.felt.thresholds import thresholds_plate
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.synthesis import paper
 

@@ -3,31 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactuator.arrays import FloatArray
+from tactuator.experiment.result.group_curve import PersonThresholds
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.report.plate import Plate
 from tactuator.report.style import BLUE, CYCLE, INK, figure, frequency_axis, legend
 
 _MARKERS = "os^Dv<>"
-
-
-@dataclass(frozen=True, eq=False)
-class PersonThresholds:
-    """One person's thresholds: level (dB re 1 um peak) and standard error at frequency_hz, all of shape (n,).
-
-    flagged: True at each threshold whose run has a flag that disqualifies it, None where runs have no flags.
-    """
-
-    name: str
-    frequency_hz: FloatArray
-    level_db_re_1um: FloatArray
-    standard_error_db: FloatArray
-    flagged: NDArray[np.bool_] | None = None
 
 
 def thresholds_plate(
