@@ -17,7 +17,7 @@ from scipy import optimize
 from tactuator.model.description import Channel, Display, Threshold
 from tactuator.model.load import Load
 from tactuator.model.requirements import FeedbackRequirements
-from tactuator.perception.library import curve
+from tactuator.perception.curve import curve
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.systems import ContinuousSystem, SampledSystem

@@ -24,7 +24,7 @@ from tactuator.experiment.session.clock import SystemClock
 from tactuator.experiment.simulated.procedure_quality import Setting, simulate
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers
 from tactuator.experiment.store.store import Store
-from tactuator.perception.library import curve
+from tactuator.perception.curve import curve
 from tactuator.perception.psychometric import Psychometric, Weibull
 from tactuator.rig.simulated import SimulatedRig
 

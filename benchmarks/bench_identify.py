@@ -20,7 +20,7 @@ from scipy import optimize, signal
 from tactuator.identification.estimate.loops import recursive_least_squares
 from tactuator.identification.identify import identify
 from tactuator.model.description import Channel, Display, Threshold
-from tactuator.perception.library import curve
+from tactuator.perception.curve import curve
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.excitation import paper_mix
 from tactuator.signals.record import Record

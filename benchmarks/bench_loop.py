@@ -23,7 +23,7 @@ from scipy import signal
 
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.model.description import Channel, Display, Threshold
-from tactuator.perception.library import curve
+from tactuator.perception.curve import curve
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.many_loops import Loop, ManyLoops, kernels_available

@@ -14,7 +14,7 @@ from tactuator.measure.frequencies import tones
 from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.decibels import from_db
-from tactuator.signals.lockin import mains_multiples, off_mains
+from tactuator.signals.spectra import mains_multiples, off_mains
 
 LEVEL_DB_SL, POINTS, BLOCKS = 20.0, 90, 8
 

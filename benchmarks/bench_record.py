@@ -16,7 +16,7 @@ from timing import in_turn, of_program
 from tactuator.io.columns import read_columns
 from tactuator.io.record import write_record
 from tactuator.model.description import Channel, Display, Threshold
-from tactuator.perception.library import curve
+from tactuator.perception.curve import curve
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.excitation import paper_mix
 from tactuator.signals.record import Record

@@ -15,7 +15,7 @@ from scipy import signal
 from tactuator.io.display import parse_display
 from tactuator.io.start.shipped import EXAMPLES
 from tactuator.paper.plan import paper_display
-from tactuator.perception.library import curve
+from tactuator.perception.curve import curve
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.excitation import paper_mix
 from tactuator.speech.coding.file import coding_of, write_coding

@@ -11,8 +11,7 @@ from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
 from tactuator.identification.by_response import identify_response
 from tactuator.identification.identify import identify
-from tactuator.signals.frequency_response import FrequencyResponse, minimum_phase
-from tactuator.signals.record import Record
+from tactuator.signals.record import FrequencyResponse, Record, minimum_phase
 from tests.identification.motors import motor
 from tests.identification.others import Plant, band_limited
 

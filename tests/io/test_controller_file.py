@@ -10,7 +10,7 @@ from tactuator.errors import BadInput
 from tactuator.io.controller import read_controller, write_controller
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.model.description import Channel, Display, Threshold
-from tactuator.perception.library import curve
+from tactuator.perception.curve import curve
 from tactuator.signals.systems import ContinuousSystem
 
 MOTOR = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])

@@ -29,7 +29,7 @@ from tactuator.io.record import write_record
 from tactuator.io.reference import ReferenceHead, write_reference
 from tactuator.io.response import write_responses
 from tactuator.signals.record import Record
-from tactuator.signals.response import Response
+from tactuator.signals.record import Response
 
 noise = np.random.default_rng(0).standard_normal(40_000)
 one = np.ones(2000)

@@ -10,7 +10,7 @@ from tactuator.io.model import read_model, write_model
 from tactuator.io.pairs import read_pairs
 from tactuator.io.response import read_responses, write_responses
 from tactuator.model.plant_model import PlantModel
-from tactuator.signals.response import Response
+from tactuator.signals.record import Response
 
 
 def model() -> PlantModel:

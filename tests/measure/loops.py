@@ -7,7 +7,7 @@ import numpy as np
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.model.description import Channel, Display, Environment, Threshold
 from tactuator.model.load import Load
-from tactuator.perception.library import curve
+from tactuator.perception.curve import curve
 from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.systems import ContinuousSystem
 

@@ -7,7 +7,7 @@ import pytest
 
 from tactuator.measure.error import error_db, response_verdict
 from tactuator.model.verdict import Finding
-from tactuator.signals.response import Response
+from tactuator.signals.record import Response
 from tests.synthesis.displays import channel, of
 
 DISPLAY = of(channel().plant, 4)

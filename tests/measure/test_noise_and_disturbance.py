@@ -9,8 +9,7 @@ from tactuator.measure.noise import felt_noise, felt_of_command
 from tactuator.measure.proportional import proportional_controller
 from tactuator.measure.sensor_noise import sensor_noise
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.signals.lockin import lock_in
-from tactuator.signals.spectra import power_spectrum
+from tactuator.signals.spectra import lock_in, power_spectrum
 from tests.measure.loops import PLANT, RATE_HZ, display, full, loop_response
 
 

@@ -9,7 +9,7 @@ from tactuator.errors import BadInput
 from tactuator.model.description import Channel, Converter, Display, Environment, Threshold
 from tactuator.model.load import Load
 from tactuator.model.requirements import FeedbackRequirements, PrefilterRequirements
-from tactuator.perception.library import curve
+from tactuator.perception.curve import curve
 from tactuator.signals.systems import ContinuousSystem
 
 MOTOR = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])

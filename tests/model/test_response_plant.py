@@ -7,7 +7,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.response_plant import plant_of_response
 from tactuator.signals.decibels import db
-from tactuator.signals.frequency_response import FrequencyResponse
+from tactuator.signals.record import FrequencyResponse
 from tactuator.synthesis.family import sampled_plant
 from tests.model.beams import Beam, drawn
 

@@ -6,9 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
-from tactuator.perception.curve import ThresholdCurve
-from tactuator.perception.levels import displacement_mm, level_db_sl, sensor_volts
-from tactuator.perception.library import curve, curve_names
+from tactuator.perception.curve import ThresholdCurve, curve, curve_names, displacement_mm, level_db_sl, sensor_volts
 
 BOLANOWSKI = curve("bolanowski-1988")
 

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tactuator.errors import BadInput
-from tactuator.loop.feedback import FeedbackLoop
 from tactuator.model.description import Converter, Environment
 from tactuator.runtime.simulation import Simulation
 from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.systems import SampledSystem
 from tests.runtime.paper_display import (
     QUIET,

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy import linalg
 from scipy.signal import butter, sosfilt
 
-from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Environment
 from tactuator.model.load import Load
@@ -20,6 +19,7 @@ from tactuator.runtime.many_loops import Loop, ManyLoops
 from tactuator.runtime.simulation import Simulation
 from tactuator.runtime.touch_table import touch_table
 from tactuator.signals.decibels import db
+from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.touch import design_feed_forward
 from tests.runtime.paper_display import RATE_HZ, channel, controller, display

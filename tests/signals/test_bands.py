@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.signals.bands import third_octave_bands
 from tactuator.signals.decibels import db, from_db
+from tactuator.signals.spectra import third_octave_bands
 
 NOMINAL = [2, 2.5, 3.15, 4, 5, 6.3, 8, 10, 12.5, 16, 20, 25, 31.5, 40, 50, 63, 80, 100, 125, 160, 200, 250]
 

@@ -9,7 +9,7 @@ from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 from scipy import linalg
 
-from tactuator.signals.exponential import matrix_exponential
+from tactuator.signals.discretise import matrix_exponential
 
 
 @settings(max_examples=60)

@@ -4,9 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
-from tactuator.signals.lockin import lock_in, mains_multiples, off_mains
-from tactuator.signals.spectra import power_spectrum
-from tactuator.signals.stimuli import ramps, tone
+from tactuator.signals.excitation import ramps, tone
+from tactuator.signals.spectra import lock_in, mains_multiples, off_mains, power_spectrum
 
 RATE_HZ = 4000.0
 

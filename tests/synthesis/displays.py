@@ -10,7 +10,7 @@ from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display, Threshold
 from tactuator.model.load import Load
 from tactuator.model.requirements import FeedbackRequirements, PrefilterRequirements
-from tactuator.perception.library import curve
+from tactuator.perception.curve import curve
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis.design import design_controller

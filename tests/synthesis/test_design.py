@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput, NoDesign
-from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.model.controller import AntiWindup, Controller
 from tactuator.model.description import Converter
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.discretise import bilinear
+from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis.design import design_controller

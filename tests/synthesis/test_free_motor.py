@@ -10,7 +10,7 @@ import pytest
 from tactuator.errors import NoDesign
 from tactuator.model.description import Display, Threshold
 from tactuator.model.requirements import FeedbackRequirements
-from tactuator.perception.library import curve
+from tactuator.perception.curve import curve
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
 from tests.synthesis.displays import channel

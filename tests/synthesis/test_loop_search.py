@@ -13,9 +13,9 @@ import pytest
 
 from tactuator.errors import NoDesign
 from tactuator.io.display import read_display
-from tactuator.loop.feedback import FeedbackLoop
 from tactuator.model.description import Display
 from tactuator.model.requirements import FeedbackRequirements
+from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import plant_family

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput, NoDesign
-from tactuator.loop.feedback import FeedbackLoop
 from tactuator.model.controller import ChannelController
 from tactuator.model.description import Channel, Display
 from tactuator.signals.discretise import bilinear
+from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.sections import backward_difference
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis import paper

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.loop.feedback import FeedbackLoop
-from tactuator.loop.margins import margins
+from tactuator.signals.loop import FeedbackLoop, margins
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.monte_carlo import QUANTILES, monte_carlo

@@ -9,16 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
-from tactuator.loop.feedback import TwoDegreeLoop
-from tactuator.loop.stability import UnstableLoop
 from tactuator.model.description import Channel, Threshold
-from tactuator.perception.curve import ThresholdCurve
-from tactuator.perception.library import curve
+from tactuator.perception.curve import ThresholdCurve, curve
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear
-from tactuator.signals.magnitude.fit import fit_magnitude
-from tactuator.signals.magnitude.fractions import fraction_roots
-from tactuator.signals.magnitude.goal import MagnitudeGoal
+from tactuator.signals.loop import TwoDegreeLoop, UnstableLoop
+from tactuator.signals.magnitude import MagnitudeGoal, fit_magnitude, fraction_roots
 from tactuator.signals.sections import sections_response
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper

@@ -9,7 +9,6 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.display import read_display
 from tactuator.io.start.shipped import EXAMPLES
-from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.load import Load
@@ -18,6 +17,7 @@ from tactuator.model.touch import FeedForward, Touch
 from tactuator.model.verdict import Finding, Outcome
 from tactuator.runtime.simulation import Simulation
 from tactuator.signals.decibels import db
+from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import plant_family

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.model.controller import Limits
 from tactuator.model.description import Display, Environment
 from tactuator.model.load import Load
 from tactuator.model.requirements import FeedbackRequirements, Objectives
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
+from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import sampled_plant

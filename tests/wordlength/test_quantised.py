@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.loop.stability import is_stable as loop_is_stable
 from tactuator.signals.discretise import bilinear, zero_order_hold
+from tactuator.signals.loop import is_stable as loop_is_stable
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis import paper
 from tactuator.wordlength.quantised import FORMS, in_difference, is_stable, quantised_rows, rounded, rows_response

@@ -17,7 +17,7 @@ from tactuator.measure.error import error_db
 from tactuator.measure.noise import FeltNoise
 from tactuator.model.description import Display
 from tactuator.rig.player import Played
-from tactuator.signals.response import Response
+from tactuator.signals.record import Response
 
 if TYPE_CHECKING:
     from tactuator.report.lines import Lines

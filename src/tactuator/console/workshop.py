@@ -19,10 +19,10 @@ from tactuator.errors import BadInput
 from tactuator.io.display import parse_display, read_display
 from tactuator.io.formats.text import parse_toml, read_text
 from tactuator.io.start.shipped import EXAMPLES, example_names
-from tactuator.loop.feedback import FeedbackLoop
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Display
 from tactuator.signals.decibels import db
+from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.design import design_channel
 

@@ -19,7 +19,7 @@ from tactuator.identification.spectral.lines import LocalResponse
 from tactuator.identification.spectral.search import TIE, Choice, choose, propose
 from tactuator.identification.spectral.uncertainty import left_over, log_slopes, moved, physical
 from tactuator.model.plant_model import Excess, PlantModel
-from tactuator.signals.frequency_response import FrequencyResponse
+from tactuator.signals.record import FrequencyResponse
 
 _STEPS = 40
 _ALIKE = 0.5

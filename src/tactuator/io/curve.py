@@ -13,9 +13,14 @@ import numpy as np
 from tactuator.errors import BadInput
 from tactuator.io.atomic import write_text
 from tactuator.io.formats.text import read_text, table_rows
-from tactuator.perception.curve import Provenance, ThresholdCurve
-from tactuator.perception.library import curve, curve_names, level_from_acceleration
-from tactuator.perception.relative_curve import RelativeCurve
+from tactuator.perception.curve import (
+    Provenance,
+    RelativeCurve,
+    ThresholdCurve,
+    curve,
+    curve_names,
+    level_from_acceleration,
+)
 
 _LEVEL, _ACCELERATION, _ERROR = "level_db_re_1um", "acceleration_m_s2_rms", "standard_error_db"
 _NUMBERS = ("frequency_hz", _LEVEL, _ACCELERATION, _ERROR)

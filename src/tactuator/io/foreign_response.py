@@ -9,7 +9,7 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.columns import Columns, read_columns
-from tactuator.signals.frequency_response import FrequencyResponse
+from tactuator.signals.record import FrequencyResponse
 
 FREQUENCY_NAMES = ("frequency_hz", "frequency", "freq_hz", "freq", "f_hz", "hz", "f")
 MAGNITUDE_NAMES = ("magnitude", "gain", "amplitude", "abs", "mag", "magnitude_v")

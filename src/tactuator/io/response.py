@@ -14,7 +14,7 @@ from tactuator import __version__
 from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_path
 from tactuator.io.formats.hdf5 import opened_hdf5, written_hdf5
-from tactuator.signals.response import Response
+from tactuator.signals.record import Response
 
 FORMAT = "tactuator-response/1"
 MOST_POINTS = 1_000_000

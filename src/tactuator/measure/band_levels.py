@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from tactuator.signals.bands import Band, third_octave_bands
+from tactuator.signals.spectra import Band, third_octave_bands
 
 LONG_FRAME_S, SHORT_FRAME_S = 0.5, 0.1
 LONG_UP_TO_HZ = 40.0

@@ -19,8 +19,8 @@ from tactuator.model.load import DERIVATIVES
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
-from tactuator.signals.lockin import LockIn, lock_in, mains_multiples, off_mains
-from tactuator.signals.stimuli import ramps
+from tactuator.signals.excitation import ramps
+from tactuator.signals.spectra import LockIn, lock_in, mains_multiples, off_mains
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
 TREMOR_HZ = (4.0, 12.0)

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.signals.decibels import db
-from tactuator.signals.response import Response
+from tactuator.signals.loop import TwoDegreeLoop
+from tactuator.signals.record import Response
 from tactuator.synthesis.family import sampled_plant
 from tactuator.synthesis.touch import adapted_response
 

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.signals.lockin import off_mains
 from tactuator.signals.multisine import Bins, place_lines
+from tactuator.signals.spectra import off_mains
 
 Band = tuple[float, float]
 

@@ -20,7 +20,7 @@ from tactuator.rig.rig import Rig
 from tactuator.rig.trace import recut_traces
 from tactuator.signals.decibels import from_db, half_width_db
 from tactuator.signals.multisine import Multisine, multisine
-from tactuator.signals.response import Response
+from tactuator.signals.record import Response
 
 
 @dataclass(frozen=True, eq=False)

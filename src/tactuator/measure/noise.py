@@ -21,10 +21,8 @@ from tactuator.model.load import DERIVATIVES
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.rig.rig import Rig
 from tactuator.rig.sensing import require_sensors
-from tactuator.signals.bands import third_octave_bands
 from tactuator.signals.decibels import db
-from tactuator.signals.lockin import lock_in, mains_multiples
-from tactuator.signals.spectra import PowerSpectrum, power_spectrum
+from tactuator.signals.spectra import PowerSpectrum, lock_in, mains_multiples, power_spectrum, third_octave_bands
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.felt import beside_friction
 from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, NO_LOOP, NOISE_REMEDY, hum_remedy

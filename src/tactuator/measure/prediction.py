@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import ComplexArray
-from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.model.load import DERIVATIVES
+from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis.family import sampled_plant
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from tactuator.errors import BadInput
-from tactuator.loop.feedback import FeedbackLoop
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.model.description import Channel, Display
+from tactuator.signals.loop import FeedbackLoop
 from tactuator.synthesis.family import UNLOADED, plant_family
 
 

@@ -14,8 +14,7 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.model.description import Channel
 from tactuator.signals.discretise import zero_order_hold
-from tactuator.signals.lockin import lock_in, mains_multiples
-from tactuator.signals.spectra import power_spectrum
+from tactuator.signals.spectra import lock_in, mains_multiples, power_spectrum
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.felt import beside_friction
 

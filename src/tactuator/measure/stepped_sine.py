@@ -13,13 +13,13 @@ from scipy import stats
 from tactuator.arrays import ComplexArray
 from tactuator.errors import BadInput
 from tactuator.measure.frequencies import tones
-from tactuator.perception.levels import check_level
+from tactuator.perception.curve import check_level
 from tactuator.rig.rig import Rig
 from tactuator.rig.sensing import require_sensors
 from tactuator.rig.trace import Trace, recut_traces
 from tactuator.signals.decibels import from_db, half_width_db
-from tactuator.signals.lockin import LockIn, mains_multiples
-from tactuator.signals.response import Response
+from tactuator.signals.record import Response
+from tactuator.signals.spectra import LockIn, mains_multiples
 
 Progress = Callable[[int, int], None]
 SoFar = Callable[[tuple[Response, ...]], None]

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.signals.decibels import db
-from tactuator.signals.frequency_response import FrequencyResponse
-from tactuator.signals.magnitude.fit import fit_within
-from tactuator.signals.magnitude.goal import MagnitudeGoal
+from tactuator.signals.magnitude import MagnitudeGoal, fit_within
+from tactuator.signals.record import FrequencyResponse
 from tactuator.signals.systems import ContinuousSystem
 
 ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 14, 16)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tactuator.loop.feedback import FeedbackLoop
-from tactuator.loop.margins import Margins, margins
 from tactuator.model.description import Channel, Display
 from tactuator.signals.discretise import bilinear
+from tactuator.signals.loop import FeedbackLoop, Margins, margins
 from tactuator.synthesis import paper
 from tactuator.synthesis.family import sampled_plant
 

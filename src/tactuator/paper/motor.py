@@ -14,7 +14,7 @@ from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.trace import Trace
 from tactuator.signals.decibels import db
 from tactuator.signals.excitation import paper_mix
-from tactuator.signals.lockin import lock_in
+from tactuator.signals.spectra import lock_in
 
 RECORD_S = 60.0
 _TRAVEL_SHARE = 0.8

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.model.description import Channel, Display
 from tactuator.paper.loops import sampled_loop
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear
+from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis import paper
 from tactuator.synthesis.prefilter.fit import PrefilterFit, fit_prefilter
 

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactuator.arrays import ComplexArray
-from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.paper.plan import LEVELS_DB_SL, RESPONSE_HZ, Plan, Progress
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.decibels import db, from_db
+from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis.family import sampled_plant
 
 UNLOADED, LOADED = "none", "finger"

@@ -1,17 +1,19 @@
-"""Human detection threshold against frequency."""
+"""Human detection thresholds against frequency, the curves that come with tactuator, and levels as they are felt."""
 
 from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.signals.decibels import from_db
+from tactuator.signals.decibels import db, from_db
 
 Provenance = Literal["measured", "digitised", "inferred", "synthetic", "simulated"]
 
@@ -101,3 +103,106 @@ class ThresholdCurve:
 
     def __hash__(self) -> int:
         return hash((self.name, self.content_hash))
+
+
+COMFORT_DB_SL = 55.0
+"""The greatest comfortable level: 50-55 dB above threshold (Verrillo & Gescheider 1992, the paper's reference 7)."""
+LOWEST_DB_SL = -60.0
+"""The least level that may be asked for: far below what is felt and what a sensor can tell from its noise. Below some
+-6500 dB SL an amplitude is zero in double precision, and a ratio to it is no number."""
+
+
+def check_level(level_db_sl: float) -> None:
+    """Raise BadInput for a level that is not from LOWEST_DB_SL to COMFORT_DB_SL."""
+    if not LOWEST_DB_SL <= level_db_sl <= COMFORT_DB_SL:
+        most = f"{COMFORT_DB_SL:g} dB SL, which is still comfortable"
+        raise BadInput(f"level (--level) of {level_db_sl:g} dB SL", f"{LOWEST_DB_SL:g} to {most}")
+
+
+def displacement_mm(level_db_sl: ArrayLike, frequency_hz: ArrayLike, curve: ThresholdCurve) -> FloatArray:
+    """Return the peak displacement (mm) of a sinusoid at `level_db_sl`; arguments broadcast."""
+    return from_db(level_db_sl) * curve.displacement_mm(frequency_hz)
+
+
+def level_db_sl(peak_displacement_mm: ArrayLike, frequency_hz: ArrayLike, curve: ThresholdCurve) -> FloatArray:
+    """Return the sensation level (dB SL) of a sinusoid of that peak displacement; arguments broadcast."""
+    return db(np.asarray(peak_displacement_mm) / curve.displacement_mm(frequency_hz))
+
+
+def sensor_volts(
+    level_db_sl: ArrayLike, frequency_hz: ArrayLike, curve: ThresholdCurve, sensor_gain_v_per_mm: float
+) -> FloatArray:
+    """Return the peak sensor voltage (V) of a sinusoid at `level_db_sl`; arguments broadcast."""
+    return sensor_gain_v_per_mm * displacement_mm(level_db_sl, frequency_hz, curve)
+
+
+_SHIPPED: dict[str, tuple[str, Provenance, str]] = {
+    "bolanowski-1988": (
+        "digitised-bolanowski-1988-thenar.csv",
+        "inferred",
+        "Bolanowski et al. (1988), thenar eminence; recovered from a table of accelerations, attribution inferred",
+    ),
+    "morioka-griffin-2006": (
+        "morioka-griffin-2006-handle.csv",
+        "digitised",
+        "Morioka & Griffin (2006), hand-transmitted vibration on a handle; published accelerations converted",
+    ),
+}
+
+
+def curve_names() -> tuple[str, ...]:
+    """Return the names that `curve` knows."""
+    return tuple(_SHIPPED)
+
+
+@cache
+def curve(name: str) -> ThresholdCurve:
+    """Return the curve of that name. Raises BadInput, with the names that there are, for another."""
+    if name not in _SHIPPED:
+        raise BadInput(f"threshold curve {name!r} is not in the library", f"{', '.join(_SHIPPED)}")
+    filename, provenance, source = _SHIPPED[name]
+    text = files("tactuator.perception").joinpath("data", filename).read_text(encoding="utf-8")
+    rows = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    table = np.array([[float(cell) for cell in row.split(",")] for row in rows[1:]])
+    frequency, values = table[:, 0], table[:, 1]
+    if rows[0].split(",")[1] == "acceleration_m_s2_rms":
+        values = level_from_acceleration(frequency, values)
+    return ThresholdCurve(name, frequency, values, provenance, source)
+
+
+def level_from_acceleration(
+    frequency_hz: np.ndarray[tuple[int], np.dtype[np.float64]],
+    acceleration_m_s2_rms: np.ndarray[tuple[int], np.dtype[np.float64]],
+) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Return the level (dB re 1 um peak) of a sinusoid of that rms acceleration: 20 log10(sqrt(2) a / (2 pi f)^2 /
+    1e-6).
+    """
+    peak_m = np.sqrt(2.0) * acceleration_m_s2_rms / (2.0 * np.pi * frequency_hz) ** 2
+    return np.asarray(20.0 * np.log10(peak_m / 1e-6))
+
+
+@dataclass(frozen=True, eq=False)
+class RelativeCurve:
+    """Level level_db_sl at ascending frequency_hz, shape (n,), n >= 1: linear in log frequency between, held beyond.
+
+    Two points with the same level are a flat loss; one is enough for that. Raises BadInput for frequencies that are not
+    positive and strictly ascending, or numbers that are not finite.
+    """
+
+    frequency_hz: NDArray[np.float64]
+    level_db_sl: NDArray[np.float64]
+    name: str = "truth"
+
+    def __post_init__(self) -> None:
+        frequency, level = self.frequency_hz, self.level_db_sl
+        if frequency.ndim != 1 or frequency.shape != level.shape or frequency.size < 1:
+            raise BadInput(f"curve {self.name!r}: {frequency.size} frequencies, {level.size} levels", "as many")
+        if not (np.all(np.isfinite(frequency)) and np.all(np.isfinite(level))):
+            raise BadInput(f"curve {self.name!r}: a number is not finite", "finite frequencies and levels")
+        if frequency[0] <= 0.0 or np.any(np.diff(frequency) <= 0.0):
+            raise BadInput(f"curve {self.name!r}: frequencies are not in order", "positive, strictly ascending")
+
+    def level_db_sl_at(self, frequency_hz: ArrayLike) -> NDArray[np.float64]:
+        """Return the level in dB SL at `frequency_hz`, of any shape."""
+        asked = np.log(np.asarray(frequency_hz, dtype=np.float64))
+        return np.asarray(np.interp(asked, np.log(self.frequency_hz), self.level_db_sl))

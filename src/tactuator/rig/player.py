@@ -11,7 +11,7 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.reference import ReferenceFile
-from tactuator.perception.levels import COMFORT_DB_SL
+from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import from_db
 

@@ -17,7 +17,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.description import Channel
 from tactuator.model.load import DERIVATIVES
-from tactuator.signals.exponential import matrix_exponential
+from tactuator.signals.discretise import matrix_exponential
 from tactuator.signals.systems import ContinuousSystem
 
 ORDER_MAX = 8

@@ -12,7 +12,7 @@ from tactuator.model.controller import ChannelController
 from tactuator.model.touch import FeedForward
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.coefficients import FEEDBACK_SECTIONS_MAX, delta_coefficients_single
-from tactuator.signals.exponential import matrix_exponential
+from tactuator.signals.discretise import matrix_exponential
 
 Table = dict[str, Any]
 

@@ -16,7 +16,7 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.controller import Controller
-from tactuator.perception.levels import check_level
+from tactuator.perception.curve import check_level
 from tactuator.speech.coding.coding import Coding
 from tactuator.speech.coding.direct import DirectCoding
 from tactuator.speech.level import LevelMeter

@@ -17,8 +17,8 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.reference import ReferenceHead, write_reference
 from tactuator.model.controller import Controller
-from tactuator.perception.levels import check_level
-from tactuator.signals.stimuli import ramps
+from tactuator.perception.curve import check_level
+from tactuator.signals.excitation import ramps
 from tactuator.speech.coding.coding import place
 from tactuator.speech.limiter.limiter import Limiter
 

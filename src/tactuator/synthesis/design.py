@@ -15,13 +15,13 @@ from threadpoolctl import threadpool_limits
 from tactuator import __version__
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, NoDesign
-from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.model.description import Channel, Display
 from tactuator.model.touch import FeedForward
-from tactuator.signals.bands import third_octave_bands
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear
+from tactuator.signals.loop import TwoDegreeLoop
+from tactuator.signals.spectra import third_octave_bands
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis.family import Member, plant_family

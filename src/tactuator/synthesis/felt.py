@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.model.description import Channel, Environment
 from tactuator.signals.decibels import db
+from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis.friction_loss import dahl_harmonic
 
 _ROUNDS = 8

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.model.description import Channel
 from tactuator.signals.decibels import db, from_db
+from tactuator.signals.loop import TwoDegreeLoop
 
 _ANGLES = (np.arange(256) + 0.5) * (np.pi / 256.0)
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.model.description import Channel
 from tactuator.model.load import DERIVATIVES
 from tactuator.signals.decibels import db
+from tactuator.signals.loop import TwoDegreeLoop
 
 BINDING = ("travel", "command", "comfort")
 

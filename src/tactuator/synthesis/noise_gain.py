@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.loop.feedback import FeedbackLoop
+from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.systems import SampledSystem
 
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
-from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.model.description import Channel, Display
 from tactuator.model.load import Load
 from tactuator.model.touch import PREVIEW_MAX, FeedForward
 from tactuator.signals.decibels import db, from_db
+from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis.family import UNLOADED
 
 LEARN_HZ = 1000.0

@@ -12,15 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.loop.feedback import TwoDegreeLoop
-from tactuator.loop.margins import margins
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.objectives import OF_THE_LOOP
 from tactuator.model.touch import FeedForward
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
-from tactuator.signals.bands import third_octave_bands
 from tactuator.signals.decibels import db
+from tactuator.signals.loop import TwoDegreeLoop, margins
+from tactuator.signals.spectra import third_octave_bands
 from tactuator.synthesis.family import UNLOADED, Member, plant_family
 from tactuator.synthesis.felt import felt_db_sl, felt_hum_v, felt_noise_rms_v
 from tactuator.synthesis.touch import adapted_response

@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
-from tactuator.loop.stability import closed_roots
 from tactuator.runtime.coefficients import delta_coefficients
+from tactuator.signals.loop import closed_roots
 from tactuator.signals.sections import backward_difference, check_sections
 from tactuator.signals.systems import SampledSystem
 

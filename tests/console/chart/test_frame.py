@@ -11,8 +11,7 @@ from tactuator.console.chart.frame import frame
 from tactuator.console.chart.regions import ground
 from tactuator.console.shaping.factors import Factor, LoopShape
 from tactuator.io.display import parse_display
-from tactuator.loop.feedback import FeedbackLoop
-from tactuator.loop.margins import margins
+from tactuator.signals.loop import FeedbackLoop, margins
 from tactuator.signals.systems import ContinuousSystem
 from tests.three_fingers import three_finger_display
 

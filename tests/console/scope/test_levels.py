@@ -5,7 +5,7 @@ import pytest
 
 from tactuator.console.scope.levels import Levels
 from tactuator.console.scope.samples import ScopeSamples
-from tactuator.perception.levels import level_db_sl
+from tactuator.perception.curve import level_db_sl
 from tactuator.rig.simulated import SimulatedRig
 
 RATE = 4000

@@ -12,7 +12,7 @@ from tactuator.console.workshop import FILE, Workshop
 from tactuator.errors import BadInput
 from tactuator.io.controller import read_controller
 from tactuator.io.start.shipped import EXAMPLES
-from tactuator.loop.feedback import TwoDegreeLoop
+from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis.family import sampled_plant
 from tests.console.pages import console_page, go, saved_by, tab_to
 from tests.console.views.dropped import dropped

@@ -6,7 +6,7 @@ from scipy.stats import norm
 
 from tactuator.errors import BadInput
 from tactuator.experiment.simulated.observer import Observer, respond
-from tactuator.perception.library import curve
+from tactuator.perception.curve import curve
 from tactuator.perception.psychometric import Logistic, MaxOfM, Psychometric, Weibull
 
 EVEN = np.full(3, 1.0 / 3.0)

@@ -15,8 +15,7 @@ from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
 from tactuator.model.plant_model import Excess
 from tactuator.report.identification_table import identification_rows
-from tactuator.signals.frequency_response import FrequencyResponse
-from tactuator.signals.record import Record
+from tactuator.signals.record import FrequencyResponse, Record
 from tests.identification.others import Plant, band_limited, held
 
 MASS, RESONANCE_HZ, Q, FILTER_HZ, RATE_HZ, DELAY_S, SECONDS = 0.02, 60.0, 4.0, 150.0, 600.0, 5e-4, 3.0

@@ -10,11 +10,11 @@ import pytest
 from tactuator.cli.main import main
 from tactuator.io.controller import write_controller
 from tactuator.io.start.shipped import EXAMPLES
-from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.measure.finger.weights import settle_weights
 from tactuator.model.load import Load
 from tactuator.rig.rig import WrappedRig
 from tactuator.rig.simulated import SimulatedRig
+from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.touch import design_feed_forward
 from tests.measure.loops import RATE_HZ, controller, display

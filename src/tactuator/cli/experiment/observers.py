@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tactuator.errors import BadInput
 from tactuator.io.curve import read_relative_curve
-from tactuator.perception.relative_curve import RelativeCurve
+from tactuator.perception.curve import RelativeCurve
 
 
 def truths_of(given: Sequence[str]) -> dict[str, RelativeCurve]:

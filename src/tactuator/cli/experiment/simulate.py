@@ -15,7 +15,7 @@ from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRul
 from tactuator.experiment.simulated.curve_quality import CurveQuality, simulate_curve
 from tactuator.experiment.simulated.procedure_quality import PROCEDURES, Setting, simulate
 from tactuator.io.curve import read_relative_curve
-from tactuator.perception.relative_curve import RelativeCurve
+from tactuator.perception.curve import RelativeCurve
 
 
 def run(

@@ -27,7 +27,7 @@ from tactuator.model.verdict import Outcome
 from tactuator.rig.open import open_rig
 from tactuator.rig.rig import Rig
 from tactuator.rig.touchable import touch_all
-from tactuator.signals.response import Response
+from tactuator.signals.record import Response
 
 METHODS = ("stepped", "multisine")
 

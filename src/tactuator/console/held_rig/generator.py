@@ -14,7 +14,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.reference import ReferenceFile, open_reference
 from tactuator.model.description import Display
-from tactuator.perception.levels import COMFORT_DB_SL, LOWEST_DB_SL
+from tactuator.perception.curve import COMFORT_DB_SL, LOWEST_DB_SL
 from tactuator.signals.decibels import db, from_db
 
 RAMP_S = 0.1

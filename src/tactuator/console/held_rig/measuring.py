@@ -17,7 +17,7 @@ from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.model.controller import Controller
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db
-from tactuator.signals.response import Response
+from tactuator.signals.record import Response
 
 
 def measured(rig: Rig, order: MeasureOrder, tell: Callable[[tuple[Response, ...]], None]) -> tuple[Response, ...]:

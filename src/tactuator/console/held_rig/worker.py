@@ -36,7 +36,7 @@ from tactuator.rig.sound.run import CardGone
 from tactuator.rig.touchable import TouchableRig, touch_all
 from tactuator.rig.trace import Trace
 from tactuator.rig.transport.transport import LinkDown
-from tactuator.signals.response import Response
+from tactuator.signals.record import Response
 
 BLOCK_S = 0.02
 """Length of the generator's blocks: an order waits at most that long for the next one."""

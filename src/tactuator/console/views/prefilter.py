@@ -18,9 +18,9 @@ from tactuator.console.workshop import Workshop
 from tactuator.io.controller import controller_text
 from tactuator.io.curve import curve_text, read_curve
 from tactuator.io.display import with_curve
-from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.model.description import Channel
 from tactuator.perception.curve import ThresholdCurve
+from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import sampled_plant

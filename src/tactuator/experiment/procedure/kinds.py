@@ -16,7 +16,7 @@ from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule
 from tactuator.experiment.procedure.up_down import IMECE2004, UpDown, UpDownRule
 from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
 from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurve, WholeCurveRule
-from tactuator.perception.levels import COMFORT_DB_SL, LOWEST_DB_SL
+from tactuator.perception.curve import COMFORT_DB_SL, LOWEST_DB_SL
 
 Level = Annotated[float, Field(ge=LOWEST_DB_SL, le=COMFORT_DB_SL, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]

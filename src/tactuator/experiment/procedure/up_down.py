@@ -10,7 +10,7 @@ import numpy as np
 
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Estimate, Placement
-from tactuator.perception.levels import COMFORT_DB_SL, LOWEST_DB_SL
+from tactuator.perception.curve import COMFORT_DB_SL, LOWEST_DB_SL
 
 _LEVEL_TOLERANCE_DB = 1e-9  # levels are sums of steps, so a level at a limit may differ from it by rounding
 

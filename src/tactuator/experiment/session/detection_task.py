@@ -30,8 +30,8 @@ from tactuator.experiment.trial.detection_run import Detection
 from tactuator.experiment.trial.presenter import Presenter
 from tactuator.experiment.trial.timing import Timing
 from tactuator.experiment.trial.trial import BLANK, LOUD, SIGNAL, Trial, trial_rng
-from tactuator.perception.levels import COMFORT_DB_SL
-from tactuator.signals.stimuli import ramps
+from tactuator.perception.curve import COMFORT_DB_SL
+from tactuator.signals.excitation import ramps
 
 _TYPICAL_TRIALS = 80.0
 """Trials of a run of unknown length."""

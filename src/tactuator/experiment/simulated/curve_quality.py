@@ -19,8 +19,8 @@ from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
 from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule
 from tactuator.experiment.simulated.loud_trials import with_loud_trials
 from tactuator.experiment.simulated.procedure_quality import Setting, shares
+from tactuator.perception.curve import RelativeCurve
 from tactuator.perception.psychometric import Psychometric, Weibull, weibull_rise
-from tactuator.perception.relative_curve import RelativeCurve
 
 NORMAL_PEOPLE = CurveKind("normal people", offset_db=4.0, tilt_db_per_decade=2.5, wave_db=2.0, wave_decades=0.35)
 """People whose curves are drawn where none is given. Near the procedure's prior, they show it at its best."""

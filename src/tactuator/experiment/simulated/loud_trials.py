@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.experiment.result.catch import inattentive
-from tactuator.perception.levels import COMFORT_DB_SL
+from tactuator.perception.curve import COMFORT_DB_SL
 
 _ABOVE_DB = 20.0
 """Level of a loud trial above the procedure's next level, as protocols have it unless they say otherwise."""

@@ -15,7 +15,7 @@ from tactuator.experiment.store.answer_records import PlayedTrial
 from tactuator.experiment.trial.trial import Trial
 from tactuator.model.description import Display
 from tactuator.rig.touchable import TouchableRig
-from tactuator.signals.bands import third_octave_bands
+from tactuator.signals.spectra import third_octave_bands
 
 
 @dataclass

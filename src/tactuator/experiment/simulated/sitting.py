@@ -24,9 +24,8 @@ from tactuator.experiment.store.answer_records import PlayedTrial
 from tactuator.experiment.store.run_records import Sitting
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.trial import Trial
-from tactuator.perception.curve import ThresholdCurve
+from tactuator.perception.curve import RelativeCurve, ThresholdCurve
 from tactuator.perception.psychometric import Psychometric, Weibull
-from tactuator.perception.relative_curve import RelativeCurve
 from tactuator.rig.touchable import TouchableRig, touchable
 
 LOW_RAISED_DB, HIGH_LOWERED_DB = 4.0, -5.0

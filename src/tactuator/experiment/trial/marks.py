@@ -9,9 +9,9 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.perception.levels import COMFORT_DB_SL
+from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.decibels import from_db
-from tactuator.signals.stimuli import tone
+from tactuator.signals.excitation import tone
 
 _LONGEST_S = 5.0
 

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.signals.stimuli import ramps
+from tactuator.signals.excitation import ramps
 
 
 def amplitude(signal: FloatArray, frequency_hz: float, rate_hz: float, ramp_s: float) -> float:

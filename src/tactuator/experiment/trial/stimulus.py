@@ -11,9 +11,9 @@ from scipy import signal as scipy_signal
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.trial.timing import Timing
-from tactuator.perception.levels import COMFORT_DB_SL
+from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.decibels import from_db
-from tactuator.signals.stimuli import ramps, tone
+from tactuator.signals.excitation import ramps, tone
 
 
 @dataclass(frozen=True)

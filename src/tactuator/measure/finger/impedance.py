@@ -18,7 +18,7 @@ import numpy as np
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.description import Channel
-from tactuator.perception.levels import check_level
+from tactuator.perception.curve import check_level
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import from_db
 from tactuator.signals.multisine import Periods, multisine, odd_lines

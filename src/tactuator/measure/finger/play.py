@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from tactuator.errors import BadInput
-from tactuator.loop.feedback import FeedbackLoop
 from tactuator.measure.finger.estimate import FingerEstimate, estimate_finger
 from tactuator.measure.finger.impedance import finger_impedance, plan_play, play_plan
 from tactuator.model.controller import Controller
 from tactuator.rig.rig import Rig
 from tactuator.rig.sensing import require_sensors
+from tactuator.signals.loop import FeedbackLoop
 from tactuator.synthesis.family import plant_family
 
 _BAND_HZ = (2.0, 250.0)

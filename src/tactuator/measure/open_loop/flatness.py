@@ -12,7 +12,7 @@ from tactuator.measure.error import error_db
 from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.prediction import ChannelPrediction
 from tactuator.model.controller import Controller
-from tactuator.perception.levels import COMFORT_DB_SL
+from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import from_db
 

@@ -16,7 +16,7 @@ from tactuator.model.plant_model import PlantModel
 from tactuator.model.response_plant import plant_of_response
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
-from tactuator.signals.frequency_response import FrequencyResponse
+from tactuator.signals.record import FrequencyResponse
 from tactuator.signals.systems import ContinuousSystem
 
 FORMS = ((5, 5), (3, 3), (7, 7), (4, 4))

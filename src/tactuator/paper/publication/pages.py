@@ -10,7 +10,7 @@ from tactuator.paper.publication.comparison import comparison
 from tactuator.paper.response import LOADED, UNLOADED, worst_error_db
 from tactuator.paper.run import PaperStudy
 from tactuator.paper.thresholds import bias_and_spread_db
-from tactuator.perception.levels import COMFORT_DB_SL
+from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.report.page import Section, Table, page
 from tactuator.report.plate import Plate
 from tactuator.speech.render import LEVEL_DB_SL

@@ -10,7 +10,7 @@ from tactuator.errors import BadInput
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Channel
 from tactuator.model.load import DERIVATIVES
-from tactuator.perception.levels import COMFORT_DB_SL
+from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.systems import ContinuousSystem

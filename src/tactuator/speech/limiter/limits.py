@@ -18,7 +18,7 @@ from scipy import fft
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.measure.prediction import ChannelPrediction
 from tactuator.model.controller import Controller
-from tactuator.perception.levels import COMFORT_DB_SL
+from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.decibels import from_db
 
 SAFETY_DB = 0.25

@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.loop.feedback import FeedbackLoop
-from tactuator.loop.margins import Margins, margins
-from tactuator.loop.stability import UnstableLoop
 from tactuator.model.description import Channel
 from tactuator.model.requirements import FeedbackRequirements
 from tactuator.signals.decibels import db
+from tactuator.signals.loop import FeedbackLoop, Margins, UnstableLoop, margins
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.family import Member
 from tactuator.synthesis.noise_gain import command_noise_gain

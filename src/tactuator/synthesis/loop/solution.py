@@ -13,7 +13,7 @@ import numpy as np
 from scipy import optimize
 
 from tactuator.arrays import FloatArray
-from tactuator.loop.feedback import FeedbackLoop
+from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.family import Member
 from tactuator.synthesis.loop.problem import LoopProblem, Point

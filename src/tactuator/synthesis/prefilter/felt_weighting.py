@@ -14,8 +14,7 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.model.description import Channel
 from tactuator.signals.decibels import db, from_db
-from tactuator.signals.magnitude.fit import fit_magnitude
-from tactuator.signals.magnitude.goal import MagnitudeGoal
+from tactuator.signals.magnitude import MagnitudeGoal, fit_magnitude
 from tactuator.synthesis.prefilter.cascade import cascade
 
 POLES = 4

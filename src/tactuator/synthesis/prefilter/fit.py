@@ -14,12 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.loop.feedback import TwoDegreeLoop
-from tactuator.loop.stability import System
 from tactuator.model.description import Channel
 from tactuator.signals.decibels import db
-from tactuator.signals.magnitude.fit import fit_magnitude
-from tactuator.signals.magnitude.goal import MagnitudeGoal
+from tactuator.signals.loop import System, TwoDegreeLoop
+from tactuator.signals.magnitude import MagnitudeGoal, fit_magnitude
 from tactuator.signals.sections import sections_response
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.family import sampled_plant

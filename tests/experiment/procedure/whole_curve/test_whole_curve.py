@@ -14,7 +14,7 @@ from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
 from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurve, WholeCurveRule
 from tactuator.experiment.simulated.curve_quality import CurveQuality, simulate_curve
 from tactuator.experiment.simulated.procedure_quality import Setting
-from tactuator.perception.relative_curve import RelativeCurve
+from tactuator.perception.curve import RelativeCurve
 
 FINE_HZ = np.geomspace(0.4, 300.0, 400)
 DECADES = np.log10(FINE_HZ)

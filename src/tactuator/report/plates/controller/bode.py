@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.ticker import MultipleLocator
 
-from tactuator.loop.stability import System
 from tactuator.report.plate import Plate
 from tactuator.report.style import CYCLE, figure, frequency_axis, legend
 from tactuator.signals.decibels import db
+from tactuator.signals.loop import System
 
 
 def bode_plate(

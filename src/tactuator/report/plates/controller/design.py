@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tactuator.loop.feedback import TwoDegreeLoop
 from tactuator.measure.finger.landing import landing
 from tactuator.model.controller import Controller
 from tactuator.report.plate import Plate, save_plates
@@ -16,6 +15,7 @@ from tactuator.report.plates.controller.landing import landing_plate
 from tactuator.report.plates.controller.nichols import NicholsInput, nichols_plate
 from tactuator.report.plates.controller.sensitivity import sensitivity_plate
 from tactuator.report.plates.felt.equality import equality_plate
+from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis.design import headroom_grid_hz
 from tactuator.synthesis.family import UNLOADED, plant_family
 from tactuator.synthesis.headroom import headroom

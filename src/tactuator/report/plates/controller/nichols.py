@@ -11,14 +11,12 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MultipleLocator
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.loop.feedback import FeedbackLoop
-from tactuator.loop.margins import Margins, margins
-from tactuator.loop.stability import System
 from tactuator.report.labels import LabelPlacer
 from tactuator.report.plate import Plate
 from tactuator.report.plates.controller.envelope import hull, swept
 from tactuator.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, figure
 from tactuator.signals.decibels import db
+from tactuator.signals.loop import FeedbackLoop, Margins, System, margins
 
 _GAIN_LEVELS_DB = (-40.0, -30.0, -20.0, -12.0, -6.0, -3.0, -1.0, 0.0, 1.0, 3.0, 6.0)
 _PHASE_LEVELS_DEG = (-5.0, -15.0, -30.0, -60.0, -90.0, -120.0, -150.0, -210.0, -240.0, -270.0, -300.0, -330.0, -345.0)

@@ -8,12 +8,12 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from tactuator.arrays import FloatArray
-from tactuator.loop.feedback import FeedbackLoop
 from tactuator.model.requirements import FeedbackRequirements
 from tactuator.report.plate import Plate
 from tactuator.report.plates.controller.envelope import by_load
 from tactuator.report.style import BLUE, INK, ORANGE, RED, figure, frequency_axis, legend
 from tactuator.signals.decibels import db
+from tactuator.signals.loop import FeedbackLoop
 
 
 def sensitivity_plate(

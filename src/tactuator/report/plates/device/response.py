@@ -17,7 +17,7 @@ from tactuator.model.controller import Controller
 from tactuator.report.plate import Plate, save_plates
 from tactuator.report.style import BLUE, INK, ORANGE, RED, dress, figure, frequency_axis
 from tactuator.signals.decibels import db
-from tactuator.signals.response import Response
+from tactuator.signals.record import Response
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactuator.perception.curve import ThresholdCurve
-from tactuator.perception.levels import COMFORT_DB_SL
+from tactuator.perception.curve import COMFORT_DB_SL, ThresholdCurve
 from tactuator.report.plate import Plate
 from tactuator.report.style import BLUE, INK, ORANGE, figure, frequency_axis
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from tactuator.loop.feedback import FeedbackLoop, TwoDegreeLoop
-from tactuator.loop.stability import UnstableLoop
 from tactuator.signals.discretise import bilinear, zero_order_hold
+from tactuator.signals.loop import FeedbackLoop, TwoDegreeLoop, UnstableLoop
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
 

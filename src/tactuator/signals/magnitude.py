@@ -1,20 +1,110 @@
-"""The linear programs of a magnitude fit: one goal, one order, and the least common error by bracketing."""
+"""Sampled filters of a given magnitude: the least possible maximum error in dB, stable and minimum phase.
+
+On the unit circle |F|^2 is a ratio N(x)/D(x) of polynomials in x = tan^2(pi f / rate), x from 0 to infinity; any ratio
+positive there is the squared magnitude of one stable, minimum-phase filter. "The error is at most e dB" is linear in
+the coefficients of N and D, so that a bisection over linear programs finds the least e, globally. (Rabiner, Graham &
+Helms 1974, "Linear programming design of IIR digital filters with arbitrary magnitude function", IEEE Trans. ASSP 22.)
+
+Powers of x over six decades would be hopeless to compute with. N and D are written as partial fractions instead, 1 and
+a_k/(x + a_k) with a_k even in log frequency: the same functions, and well conditioned. For goals of more than 60 dB
+from end to end N gets fractions of its own, 1 and b_k/(x + b_k), such that prod(x + b_k)/prod(x + a_k) already has the
+goal's rough shape; the better of both is taken.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
+from scipy import linalg, optimize
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.signals.decibels import db
-from tactuator.signals.magnitude.fractions import fraction_roots, fractions, off_the_axis, shaping_corners
-from tactuator.signals.magnitude.goal import MagnitudeGoal
 from tactuator.signals.systems import SampledSystem
+
+
+@dataclass(frozen=True)
+class MagnitudeGoal:
+    """Goal of a filter's magnitude.
+
+    frequency_hz, level_db: shape (n,), ascending, zero allowed: the level wanted. allowance_db: shape (n,), how far
+    beyond the common error each point may be off (0 in the band proper). ceiling_db: the greatest level of the band;
+    at above_hz, shape (m,), and at every frequency beyond, no more than what the filter reaches there. floor_db: shape
+    (n,), no error is to be lower than this, where that narrows the tolerance by little (0.19 dB of an error of 0.2 dB,
+    nothing of one of 0.5 dB or more); None: no floor. falls_above_hz: from the band to here the ceiling is 6 dB higher.
+    """
+
+    frequency_hz: FloatArray
+    level_db: FloatArray
+    allowance_db: FloatArray
+    above_hz: FloatArray
+    ceiling_db: float
+    floor_db: FloatArray | None = None
+    falls_above_hz: float = 0.0
+
+
+_LEAST_DAMPING = 0.005
+
+
+def fractions(square: FloatArray, corners: FloatArray) -> FloatArray:
+    """Return the fractions 1 and a_k/(x + a_k), shape (n, order + 1)."""
+    return np.hstack([np.ones((square.size, 1)), corners / (square[:, None] + corners)])
+
+
+def fraction_roots(coefficients: FloatArray, corners: FloatArray) -> NDArray[np.complex128]:
+    """Return the roots in x of c_0 + sum c_k a_k/(x + a_k), shape (order,): generalised eigenvalues of a bordered
+    diagonal.
+
+    The small ones stay right where c_0 is next to nothing and one root is all but infinite; no size is beyond 1e12.
+    """
+    weights = coefficients * np.append(1.0, corners) / np.max(np.abs(coefficients))
+    rows = 1.0 / (1.0 + corners)
+    fixed = np.block([[weights[:1, None], weights[None, 1:]], [-rows[:, None], np.diag(corners * rows)]])
+    top, bottom = linalg.eigvals(fixed, -np.diag(np.append(0.0, rows)), homogeneous_eigvals=True)
+    finite = np.argsort(np.abs(bottom) / (np.abs(top) + np.abs(bottom)))[1:]
+    top, bottom = top[finite], bottom[finite]
+    far = np.abs(bottom) < 1e-12 * np.abs(top)
+    return np.asarray(np.where(far, -1e12, top / np.where(far, 1.0, bottom)), dtype=np.complex128)
+
+
+def shaping_corners(corners: FloatArray, square: FloatArray, ratio: FloatArray) -> FloatArray:
+    """Return corners b_k such that prod (x + b_k)/(x + a_k) rises and falls about as `ratio` does from one a_k to the
+    next.
+
+    A factor changes by a/b as x passes: b_k = a_k / (the change of the ratio around a_k), all different.
+    """
+    inside = square > 0.0
+    x, level = np.log(square[inside]), np.log(ratio[inside])
+    middles = np.log(corners)
+    half = 0.5 * (middles[1] - middles[0]) if corners.size > 1 else 1.0
+    edges = np.append(middles - half, middles[-1] + half)
+    change = np.diff(np.interp(edges, x, level))
+    found = np.sort(np.log(corners) - np.clip(change, -9.0, 9.0))
+    least = 0.05 * (middles[-1] - middles[0]) / corners.size if corners.size > 1 else 0.0
+    for index in range(1, found.size):
+        found[index] = max(found[index], found[index - 1] + least)
+    return np.asarray(np.exp(found))
+
+
+def off_the_axis(roots: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the roots in x with those on or beside the positive axis (where a magnitude touches zero) moved off it,
+    two by two, to the least damping allowed: x = w^2 exp(+/- 2j asin(damping)).
+    """
+    angle = 2.0 * np.arcsin(_LEAST_DAMPING)
+    upper = roots[roots.imag > 0.0]
+    near = (upper.real > 0.0) & (upper.imag < upper.real * np.tan(angle))
+    upper = np.where(near, np.abs(upper) * np.exp(1j * angle), upper)
+    real = np.sort(roots.real[roots.imag == 0.0])
+    touching = real[real > 0.0]
+    pairs = np.sqrt(touching[0::2][: touching.size // 2] * touching[1::2]) * np.exp(1j * angle)
+    single = -touching[-1:] if touching.size % 2 else np.empty(0)
+    upper = np.concatenate([upper, pairs])
+    return np.concatenate([upper, np.conj(upper), real[real <= 0.0], single]).astype(np.complex128)
+
 
 Coefficients = tuple[FloatArray, FloatArray]
 
@@ -306,3 +396,62 @@ class Program:
         """Return z-plane roots, |z| < 1, of c_0 + sum c_k a_k/(x + a_k), as eigenvalues: diagonal plus rank one."""
         s = -np.sqrt(-off_the_axis(fraction_roots(coefficients, corners)) * self._unit)
         return np.asarray((1.0 + s) / (1.0 - s), dtype=np.complex128)
+
+
+_MEANT = 1.1
+"""What rounding may make of an error that a linear program keeps."""
+_REFINED_ORDER, _REFINED_DB = 8, (0.22, 0.45, 0.45)
+
+
+def fit_magnitude(goal: MagnitudeGoal, rate_hz: float, order: int) -> SampledSystem:
+    """Return the stable, minimum-phase filter of `order` poles (and as many zeros) nearest to the goal, in maximum dB.
+
+    The common error is within 3 % of the least possible: a little is given up for poles and zeros that keep away from
+    the unit circle. Raises BadInput if no filter of that order is within 16 dB.
+    """
+    steep = float(np.ptp(goal.level_db)) > STEEP_DB
+    failed: BadInput | None = None
+    found: list[Program] = []
+    for shaped in (False, True) if steep else (False,):
+        try:
+            found.append(Program(goal, rate_hz, order, shaped))
+        except BadInput as error:
+            failed = error
+    if not found:
+        assert failed is not None
+        raise failed
+    return _refined(min(found, key=_off_db)).filter()
+
+
+def fit_within(goal: MagnitudeGoal, rate_hz: float, order: int, error_db: float) -> SampledSystem | None:
+    """Return a filter of `order` poles whose common error is no more than `error_db`, or None if none was found: much
+    quicker than to ask for the least error.
+    """
+    for shaped in (False, True) if float(np.ptp(goal.level_db)) > STEEP_DB else (False,):
+        try:
+            found = Program(goal, rate_hz, order, shaped, within_db=error_db)
+        except BadInput:
+            continue
+        if found.excess_db == 0.0 and found.error_db <= _MEANT * error_db:
+            return found.filter()
+    return None
+
+
+def _refined(best: Program) -> Program:
+    """Solve the program again in a basis of its own solution's roots, as long as it is poor and that helps."""
+    for enough_db in _REFINED_DB:
+        if best.excess_db == 0.0 and (best.order < _REFINED_ORDER or best.error_db <= enough_db):
+            break
+        try:
+            again = best.again()
+        except BadInput:
+            break
+        if _off_db(again) >= _off_db(best):
+            break
+        best = again
+    return best
+
+
+def _off_db(program: Program) -> float:
+    """Return the error of the program's filter from its goal, dB: in the band and, above it, beyond the ceiling."""
+    return program.error_db + program.excess_db

@@ -7,10 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
-from tactuator.loop.feedback import FeedbackLoop
-from tactuator.loop.margins import Margins, analysis_grid_hz, margins
-from tactuator.loop.stability import UnstableLoop
 from tactuator.signals.discretise import bilinear, zero_order_hold
+from tactuator.signals.loop import FeedbackLoop, Margins, UnstableLoop, analysis_grid_hz, margins
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
 

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
-from tactuator.loop.stability import closed_poles, closed_roots, is_stable
 from tactuator.signals.discretise import bilinear, zero_order_hold
+from tactuator.signals.loop import closed_poles, closed_roots, is_stable
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tactuator.loop.feedback import FeedbackLoop
 from tactuator.signals.discretise import bilinear, zero_order_hold
+from tactuator.signals.loop import FeedbackLoop
 from tactuator.synthesis import paper
 
 SAMPLED = FeedbackLoop(bilinear(paper.FEEDBACK, 4000.0), zero_order_hold(paper.PLANT, 4000.0))

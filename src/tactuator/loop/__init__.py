@@ -1,1 +1,0 @@
-"""Feedback loops: L, S, T and H, stability and margins, for continuous and for sampled time."""
