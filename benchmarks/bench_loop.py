@@ -26,14 +26,12 @@ from tactuator.model.description import Channel, Display, Threshold
 from tactuator.perception.curve import curve
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.many_loops import Loop, ManyLoops, kernels_available
 from tactuator.runtime.simulation import Simulation, empty_block
 from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.systems import ContinuousSystem
 
 RATE_HZ = 4000.0
 SAMPLES = 4000
-LOOPS = 32
 THRESHOLD_V = 0.004
 MOTOR = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])
 FEEDBACK = ContinuousSystem.from_polynomials(12.264 * np.array([1.0, 111.0, 530.0]), [1.0, 260.0, 0.0])
@@ -144,20 +142,6 @@ def peers(reference: NDArray[np.float64]) -> dict[str, Work]:
     }
 
 
-def many_loops(display: Display, controller: Controller, reference: NDArray[np.float64]) -> dict[str, dict[str, float]]:
-    """Million loop samples a second of every kernel, metrics alone and with a trace of everything."""
-    loops = [Loop(display.channels[0], controller.channels[0], seed) for seed in range(LOOPS)]
-    work = LOOPS * SAMPLES / 1e6
-    figures = {}
-    for kernel in kernels_available()[1:]:
-        together = ManyLoops(loops, RATE_HZ, 1, kernel)
-        figures[kernel] = {
-            "metrics_million_per_s": work / best_s(partial(together.measure, reference), 25),
-            "trace_million_per_s": work / best_s(partial(together.play, reference), 25),
-        }
-    return figures
-
-
 def block_api_over_core(display: Display, controller: Controller) -> dict[str, float]:
     """Share of time that a block on three channels takes in `SimulatedRig.play` beyond the core's own function.
 
@@ -194,20 +178,13 @@ def run() -> dict[str, object]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         peer_s = {name: best_s(work, 25) for name, work in peers(reference).items()}
-    many = many_loops(display, controller, reference)
-    core = SAMPLES / core_s / 1e6
-    fastest = max(each["metrics_million_per_s"] for each in many.values())
     return {
-        "loop_samples_million_per_s": core,
+        "loop_samples_million_per_s": SAMPLES / core_s / 1e6,
         "single_loop_times_peer": {name: seconds / core_s for name, seconds in peer_s.items()},
-        "many_loops_times_peer": {name: seconds / SAMPLES * fastest * 1e6 for name, seconds in peer_s.items()},
-        "many_loops": dict(many),
-        "many_loops_times_single_loop": fastest / core,
         "block_api_over_core": block_api_over_core(display, controller),
         "goals": {
             "loop_samples_million_per_s": 20.0,
             "times_control_forced_response": 500.0,
-            "many_times_single": 2.5,
             "block_api_over_core": 0.05,
         },
     }

@@ -49,7 +49,7 @@ def picture():
         parts.append(text(LEFT + WIDE + 16, top + BOX / 2 + 5, TASKS[rooms[0]], "fill:#444444"))
     core, middle = bottom + 20, level_of(rows, "runtime")
     parts += [
-        box(LEFT, core, WIDE, "core/   C99: control, board, link, display, lanes"),
+        box(LEFT, core, WIDE, "core/   C99: control, board, link, display"),
         text(LEFT + WIDE + 16, core + BOX / 2 + 5, "the same sources in the package and on boards", "fill:#444444"),
         box(LEFT, core + ROW, WIDE, "firmware/   main.c, one folder a board"),
         text(LEFT + WIDE + 16, core + ROW + BOX / 2 + 5, "converters, timer, UART of a board", "fill:#444444"),

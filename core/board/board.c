@@ -1,10 +1,8 @@
 #include "board/board.h"
 
-#include "board/fade.h"
-
 extern inline float tact_board_within(float value, float most);
 
-static void empty_queue(tact_board_channel *channel)
+void tact_board_empty_queue(tact_board_channel *channel)
 {
     for (int d = 0; d < TACT_BOARD_DELAY_MAX; d++) {
         channel->delayed[d] = channel->rest_code;
@@ -12,10 +10,10 @@ static void empty_queue(tact_board_channel *channel)
     }
 }
 
-static void empty_queues(tact_board *board)
+void tact_board_empty_queues(tact_board *board)
 {
     for (int c = 0; c < TACT_CHANNELS_MAX; c++)
-        empty_queue(&board->channel[c]);
+        tact_board_empty_queue(&board->channel[c]);
 }
 
 void tact_board_reset(tact_board *board, int32_t channels_max, float *stream, uint32_t stream_capacity, int32_t *trace,
@@ -31,105 +29,10 @@ void tact_board_reset(tact_board *board, int32_t channels_max, float *stream, ui
     board->trace_capacity = trace_capacity;
 }
 
-/* -- ending ------------------------------------------------------------------------------------------------------ */
-
-void tact_board_leave(tact_board *board, int32_t how)
-{
-    if (how <= board->ending)
-        return;
-    board->ending = how;
-    board->fading = 1;
-    board->steady = 0;
-    if (how == TACT_FADES)
-        board->fade_step = -1.0f / (float)board->safety.fade_ticks;
-    if (how == TACT_RAMPS)
-        board->command_fade_step = -1.0f / (float)board->safety.ramp_ticks;
-    if (how == TACT_RAMPS_QUICKLY)
-        board->command_fade_step = -1.0f / (float)board->safety.quick_ticks;
-    if (how == TACT_CUT) {
-        board->command_fade = board->command_fade_step = 0.0f; /* a soft start that has just begun ends here too */
-        empty_queues(board);
-    }
-}
-
-/* One channel's command at zero from now on. The others, cut in mid-stroke, would be carried beyond comfort: they fade. */
-static void cut(tact_board *board, tact_board_channel *channel)
-{
-    if (channel->is_cut)
-        return;
-    channel->is_cut = 1;
-    board->cuts++;
-    empty_queue(channel);
-    tact_board_leave(board, board->cuts < board->channels ? TACT_FADES : TACT_CUT);
-}
-
-static int32_t way_out(int32_t fault)
-{
-    if (fault == TACT_FAULT_LATE || fault == TACT_FAULT_SILENCE)
-        return TACT_FADES;
-    return fault == TACT_FAULT_COMFORT ? TACT_RAMPS_QUICKLY : TACT_CUT;
-}
-
-static int is_of_sensor_or_travel(int32_t fault)
+int tact_board_fault_is_of_sensor_or_travel(int32_t fault)
 {
     return fault >= TACT_FAULT_TRAVEL && fault <= TACT_FAULT_SENSOR_JUMPS;
 }
-
-static void fail(tact_board *board, int32_t fault, int32_t channel)
-{
-    if (board->mode != TACT_FAULT) {
-        board->sensor_faults += (uint32_t)is_of_sensor_or_travel(fault);
-        if (board->mode == TACT_ARMED) {
-            board->ending = TACT_CUT;
-            board->command_fade = 0.0f;
-        }
-        board->mode = TACT_FAULT;
-        board->fault = fault;
-        board->fault_channel = channel;
-        board->fault_tick = board->ticks;
-    }
-    if (way_out(fault) == TACT_CUT)
-        cut(board, &board->channel[channel]);
-    else
-        tact_board_leave(board, way_out(fault));
-}
-
-void tact_board_fail(tact_board *board, uint32_t faults, int32_t channel)
-{
-    if (board->mode == TACT_OFF)
-        return;
-    if (board->mode == TACT_ARMED) /* no command: what moves now is moved by hand */
-        faults &= ~(1u << TACT_FAULT_TRAVEL | 1u << TACT_FAULT_COMFORT | 1u << TACT_FAULT_SENSOR_STUCK);
-    for (int32_t fault = TACT_FAULT_LAST; fault > TACT_FAULT_NONE; fault--)
-        if (faults & (1u << fault))
-            fail(board, fault, channel);
-}
-
-void tact_board_see_to(tact_board *board)
-{
-    for (int32_t c = 0; c < board->channels; c++) {
-        tact_board_channel *channel = &board->channel[c];
-        const int32_t broken = channel->broken, violated = channel->guard.violated;
-        channel->broken = channel->guard.violated = 0;
-        if (broken)
-            tact_board_fail(board, 1u << TACT_FAULT_NOT_A_NUMBER, c);
-        if (violated)
-            tact_board_fail(board, tact_guard_name(channel->safety, &channel->guard, board->ticks), c);
-    }
-}
-
-void tact_board_silence_cut(tact_board *board)
-{
-    for (int32_t c = 0; c < board->channels; c++) {
-        tact_board_channel *channel = &board->channel[c];
-        if (channel->is_cut) {
-            channel->delayed[board->delay_at] = channel->rest_code;
-            channel->delayed_v[board->delay_at] = 0.0f;
-        }
-    }
-}
-
-/* -- transitions -------------------------------------------------------------------------------------------------- */
 
 int tact_board_is_at_rest(const tact_board *board)
 {
@@ -155,53 +58,6 @@ int tact_board_arm(tact_board *board)
     return 1;
 }
 
-/* A run's number is one of the next few, so that none that was spoilt can use them up. */
-enum { RUNS_AHEAD = 1 << 16 };
-
-int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t drives, int32_t holds)
-{
-    if (board->mode == TACT_RUNNING && board->run == run)
-        return 1;
-    if (board->mode != TACT_ARMED || run - board->run - 1u >= RUNS_AHEAD || (!drives && board->image.format == 0) ||
-        (holds && !board->allows_hold))
-        return 0;
-    for (int32_t c = 0; c < board->channels; c++) {
-        if (board->image.format == TACT_Q31)
-            tact_controller_q31_reset(&board->channel[c].controller.q31);
-        else
-            tact_controller_reset(&board->channel[c].controller.single);
-        if (board->image.adapts)
-            tact_touch_reset(board->channel[c].touch, &board->channel[c].touch_state);
-        tact_stimulus_rewind(&board->stimulus[c]);
-        tact_guard_begin(&board->channel[c].guard);
-        board->channel[c].is_cut = 0;
-        board->channel[c].slow = 0.0f;
-    }
-    board->cuts = 0;
-    empty_queues(board);
-    board->run = run;
-    board->tick = board->stream_at = board->stream_end = board->tones_end = 0;
-    board->source = source;
-    board->drives = drives;
-    board->runs_designed = board->is_designed && !drives;
-    board->runs_adaptive = board->is_adaptive && !drives;
-    board->holds = holds;
-    board->silence = 0;
-    board->ending = TACT_STAYS;
-    tact_board_fade_in(board);
-    board->fading = 1;
-    board->steady = 0;
-    board->mode = TACT_RUNNING;
-    return 1;
-}
-
-int tact_board_stop(tact_board *board)
-{
-    if (board->mode == TACT_RUNNING)
-        tact_board_leave(board, TACT_FADES);
-    return board->mode != TACT_FAULT;
-}
-
 int tact_board_off(tact_board *board)
 {
     if (board->mode == TACT_ARMED)
@@ -212,7 +68,7 @@ int tact_board_off(tact_board *board)
 uint32_t tact_board_locked_ticks(const tact_board *board)
 {
     const uint32_t passed = board->ticks - board->fault_tick, whole = (uint32_t)board->safety.lock_ticks;
-    return board->mode == TACT_FAULT && is_of_sensor_or_travel(board->fault) && passed < whole ? whole - passed : 0;
+    return board->mode == TACT_FAULT && tact_board_fault_is_of_sensor_or_travel(board->fault) && passed < whole ? whole - passed : 0;
 }
 
 int tact_board_is_locked(const tact_board *board)
@@ -275,7 +131,7 @@ int tact_board_take_safety(tact_board *board, const tact_safety *safety)
         channel->to_code.second = converter->motor_steps_per_v_single;
         channel->rest_code = tact_converter_code(converter, 0.0f);
     }
-    empty_queues(board);
+    tact_board_empty_queues(board);
     return 1;
 }
 

@@ -111,15 +111,20 @@ inline float tact_board_within(float value, float most)
 void tact_board_reset(tact_board *board, int32_t channels_max, float *stream, uint32_t stream_capacity, int32_t *trace,
                       uint32_t trace_capacity);
 
-/* Transitions. 1: done, or done before; 0: not from this mode. */
+/* Commands at zero in the queue of those that will be put out: of one channel, of all. */
+void tact_board_empty_queue(tact_board_channel *channel);
+void tact_board_empty_queues(tact_board *board);
+
+/* Transitions without a run (run.h has the others). 1: done, or done before; 0: not from this mode. */
 int tact_board_arm(tact_board *board);
-int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t drives, int32_t holds);
-int tact_board_stop(tact_board *board);
 int tact_board_off(tact_board *board);
 int tact_board_clear(tact_board *board);
 
 /* A person knows of `count` sensor and travel faults since the board began: 1 if there were so many. */
 int tact_board_acknowledge(tact_board *board, uint32_t count);
+
+/* Whether a fault is of those that lock: a sensor that lies, a motor that went too far. */
+int tact_board_fault_is_of_sensor_or_travel(int32_t fault);
 
 /* Ticks until a fault may be cleared; 0: now. */
 uint32_t tact_board_locked_ticks(const tact_board *board);
@@ -136,20 +141,8 @@ int tact_board_is_at_rest(const tact_board *board);
 /* Whether a step would wait for the stream. */
 int tact_board_waits(const tact_board *board);
 
-/* Faults found in a channel (-1: in none), 1 << fault for each: the run ends in the way that the gravest asks. */
-void tact_board_fail(tact_board *board, uint32_t faults, int32_t channel);
-
-/* What was found in the channels; once all commands are in the queue, since a cut empties it. */
-void tact_board_see_to(tact_board *board);
-
-/* What the filters of a cut channel have said is not heard. */
-void tact_board_silence_cut(tact_board *board);
-
 /* Nothing is asked for in this tick: a row of zeros, limited as any reference is. */
 void tact_board_ask(tact_board *board, float *wants);
-
-/* The run ends in this way (TACT_FADES...), unless a graver one has begun. */
-void tact_board_leave(tact_board *board, int32_t how);
 
 /* count samples (rows) for the ticks from `first` on; gives the tick up to which samples are there now. What was there
  * stays; what does not follow on is left out. References are limited to comfort and travel here, where they come in. */

@@ -1,6 +1,6 @@
 #include "board/period.h"
 
-#include "board/fade.h"
+#include "board/run.h"
 #include "touch/adaptive_controller.h"
 
 /* What acts seldom stays out of the way of what every tick does: its calls would cost the others registers. */

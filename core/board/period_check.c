@@ -2,6 +2,7 @@
 
 #include "board/drawn_table.h"
 #include "board/period.h"
+#include "board/run.h"
 #include "wire/bytes.h"
 
 enum { KINDS = 10 };

@@ -1,5 +1,6 @@
 #include "link/link.h"
 
+#include "board/run.h"
 #include "wire/bytes.h"
 #include "wire/crc32.h"
 #include "link/report.h"

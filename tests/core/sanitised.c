@@ -2,7 +2,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "lanes/lanes.h"
+#include "arithmetic/noise.h"
+#include "display/closed_loop.h"
 
 enum { LOOPS = 37, SAMPLES = 300 };
 
@@ -73,7 +74,7 @@ static void make_display(tact_display *display, tact_plant *plants, int order)
     }
 }
 
-static void run(int kernel, int order, int unstable, int delay_samples)
+static void run(int order, int unstable, int delay_samples)
 {
     static tact_controller controller;
     static tact_display display;
@@ -81,7 +82,6 @@ static void run(int kernel, int order, int unstable, int delay_samples)
     static tact_closed_loop loops[LOOPS];
     static double reference[LOOPS * SAMPLES], force_v[LOOPS * SAMPLES], outputs[3][LOOPS * SAMPLES];
     static uint8_t flags[2][LOOPS * SAMPLES];
-    static tact_metrics metrics[LOOPS];
     make_controller(&controller, unstable);
     make_display(&display, plants, order);
     for (uint32_t i = 0; i < LOOPS; i++) {
@@ -97,9 +97,7 @@ static void run(int kernel, int order, int unstable, int delay_samples)
         force_v[i] = (double)hostile() * 1e30;
     }
     const tact_trace trace = {outputs[0], outputs[1], outputs[2], flags[0], flags[1]};
-    if (!tact_lanes_available(kernel))
-        return;
-    tact_lanes_play(kernel, loops, LOOPS, reference, LOOPS, force_v, &trace, metrics, NULL, SAMPLES);
+    tact_closed_loop_play(loops, LOOPS, reference, force_v, &trace, SAMPLES);
     tact_closed_loop_drive(loops, LOOPS, reference, force_v, &trace, SAMPLES);
     for (int i = 0; i < LOOPS * SAMPLES; i++)
         if (!(outputs[0][i] >= -21.0 && outputs[0][i] <= 21.0 && outputs[1][i] >= -10.0 && outputs[1][i] <= 10.0)) {
@@ -111,12 +109,11 @@ static void run(int kernel, int order, int unstable, int delay_samples)
 int main(void)
 {
     tact_noise_seed(&dice, 7u, 7u);
-    for (int kernel = TACT_LANES_SINGLE; kernel <= TACT_LANES_AVX512; kernel++)
-        for (int unstable = 0; unstable < 2; unstable++) {
-            run(kernel, 2, unstable, 1);
-            run(kernel, TACT_ORDER_MAX, unstable, TACT_DELAY_MAX);
-            run(kernel, 1, unstable, 0);
-        }
+    for (int unstable = 0; unstable < 2; unstable++) {
+        run(2, unstable, 1);
+        run(TACT_ORDER_MAX, unstable, TACT_DELAY_MAX);
+        run(1, unstable, 0);
+    }
     puts("sound");
     return 0;
 }

@@ -10,6 +10,7 @@
 #include "board/drawn_display.h"
 #include "board/drawn_table.h"
 #include "board/period.h"
+#include "board/run.h"
 #include "tables.h"
 
 enum { ROWS = 64, CHANNELS = 3, IMAGES = 5 };

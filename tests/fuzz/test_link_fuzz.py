@@ -12,7 +12,7 @@ import pytest
 from tests.fuzz.seeds import write_seeds
 
 ROOT = Path(__file__).resolve().parents[2]
-LEFT_OUT = ("lanes", "host", "display/closed_loop")
+LEFT_OUT = ("host", "display/closed_loop")
 
 
 def fuzz(folder: Path, seconds: int) -> str:

@@ -15,7 +15,6 @@ from tactuator.model.description import Environment
 from tactuator.model.load import Load
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import FORMATS, ImageRefusal, build_image, check_image
-from tactuator.runtime.many_loops import Loop, ManyLoops
 from tactuator.runtime.simulation import Simulation
 from tactuator.runtime.touch_table import touch_table
 from tactuator.signals.decibels import db
@@ -180,19 +179,6 @@ def test_push__beyond_its_bound__everything_is_reset() -> None:
     _, weight = played(own, "finger", 1)
     unbounded = played(adaptive(), "finger", 1)[1]
     assert np.max(weight) < 0.5 < np.max(unbounded)
-
-
-def test_lanes__adaptive_loops_among_fixed_ones__same_bits_as_the_single_loop() -> None:
-    fixed = replace(adaptive(), feed_forward=None)
-    loops = [Loop(channel(), adaptive() if i % 20 == 3 else fixed, i, "finger") for i in range(36)]
-    reference = 30.0 * np.random.default_rng(1).standard_normal((2000, 36))
-    one, other = (ManyLoops(loops, RATE_HZ, 1, kernel).play(reference) for kernel in ("single", "widest"))
-    assert np.array_equal(one.command_v, other.command_v)
-    simulation = Simulation(display(channel()), 3)
-    simulation.load(Controller(display(channel()), (adaptive(),)))
-    simulation.touch(0, "finger")
-    alone = simulation.play(reference[:, 3:4])
-    assert np.array_equal(alone.command_v[:, 0], one.command_v[:, 3])
 
 
 @pytest.mark.parametrize("number_format", FORMATS)

@@ -24,8 +24,8 @@ FLAGS = (
 )  # fmt: skip
 FORMS = {".elf": "", ".bin": "binary", ".hex": "ihex"}
 """What a program may be written as, by the file's ending, and what objcopy calls it."""
-_HOST_ALONE = ("core/lanes", "core/host", "core/display/closed_loop")
-"""Parts of core/ for many loops at once and for identification: no board has a use for them."""
+_HOST_ALONE = ("core/host", "core/display/closed_loop")
+"""Parts of core/ for the simulation on this machine and for identification: no board has a use for them."""
 
 
 def sources(board: Board, emulated: bool = True) -> list[Path]:

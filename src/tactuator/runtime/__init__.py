@@ -1,1 +1,1 @@
-"""The core as Python uses it: images, safety tables, the simulated display, many loops at once."""
+"""The core as Python uses it: images, safety tables, the simulated display."""

@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "board/drawn_table.h"
+#include "board/run.h"
 #include "display/simulated_board.h"
 #include "tables.h"
 
