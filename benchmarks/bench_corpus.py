@@ -23,8 +23,8 @@ from timing import in_turn
 from tactuator.corpus.corpus import run_corpus
 from tactuator.corpus.workers import Here, LocalProcesses, Workers
 from tactuator.io.display import parse_display
-from tactuator.speech.coding.file import NAMED
-from tactuator.speech.job import RenderJob
+from tactuator.speech.codings import NAMED
+from tactuator.speech.render import RenderJob
 from tactuator.speech.synthesis import sample_path
 from tactuator.synthesis.design import design_controller
 

@@ -22,9 +22,9 @@ from timing import in_turn
 from tactuator.io.display import parse_display
 from tactuator.model.controller import Controller
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.speech.coding.envelopes import DEFAULT
-from tactuator.speech.coding.file import NAMED
-from tactuator.speech.job import RenderJob, render_file
+from tactuator.speech.codings import NAMED
+from tactuator.speech.envelope_coding import DEFAULT
+from tactuator.speech.render import RenderJob, render_file
 from tactuator.speech.synthesis import sample_path
 from tactuator.synthesis.design import design_controller
 

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from tactuator.cli.answer import answer, plain, progress, shown
 from tactuator.experiment.result.tables import ResultTable
-from tactuator.report.identification_table import with_error
+from tactuator.report.tables import with_error
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from tactuator.console.workshop import FILE, Workshop
 from tactuator.errors import BadInput
 from tactuator.io.controller import controller_text, read_controller
 from tactuator.io.start.shipped import EXAMPLES
-from tactuator.report.controller_table import design_rows, finding_row
+from tactuator.report.tables import design_rows, finding_row
 
 ONE = (EXAMPLES / "display.toml").read_text("utf-8").partition('[[channel]]\nname = "thumb"')[0]
 

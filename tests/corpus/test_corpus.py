@@ -17,15 +17,14 @@ import pytest
 import soundfile
 
 from tactuator.corpus.corpus import MANIFEST, run_corpus
-from tactuator.corpus.items import find_items
-from tactuator.corpus.journal import NAME as JOURNAL
-from tactuator.corpus.task import CorpusOutcome, CorpusTask
+from tactuator.corpus.corpus import NAME as JOURNAL
+from tactuator.corpus.task import CorpusOutcome, CorpusTask, find_items
 from tactuator.corpus.workers import ATTEMPTS_MAX, DaskCluster, Here, LocalProcesses
 from tactuator.errors import BadInput, DeviceFault
 from tactuator.io.display import parse_display
 from tactuator.io.reference import content_sha256
-from tactuator.speech.coding.direct import DirectCoding
-from tactuator.speech.job import RenderJob
+from tactuator.speech.band_codings import DirectCoding
+from tactuator.speech.render import RenderJob
 from tactuator.synthesis.design import design_controller
 
 INDEX = {

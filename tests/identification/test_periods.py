@@ -10,7 +10,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
-from tactuator.report.plates.device.identification import identification_plate
+from tactuator.report.device import identification_plate
 from tactuator.signals.multisine import Periods, odd_lines, periods_of
 from tactuator.signals.record import Record
 from tests.identification.springs import Multisines, hardening, lines_of, rubbing

@@ -16,8 +16,8 @@ import pytest
 import scipy.io
 import soundfile
 
-from tactuator.corpus.journal import NAME as JOURNAL
-from tactuator.corpus.journal import open_journal
+from tactuator.corpus.corpus import NAME as JOURNAL
+from tactuator.corpus.corpus import open_journal
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import read_words
 from tactuator.io import columns
@@ -35,7 +35,7 @@ from tactuator.io.start.shipped import EXAMPLES
 from tactuator.model.plant_model import PlantModel
 from tactuator.rig.boards import read_boards
 from tactuator.signals.record import Record
-from tactuator.speech.coding.file import read_coding
+from tactuator.speech.codings import read_coding
 from tactuator.speech.reading import scan_speech
 from tactuator.web.address import Address
 

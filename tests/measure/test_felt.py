@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.measure.band_levels import BandAnalysis, Chunker
-from tactuator.measure.felt import FeltComparison, frame_differences_db
-from tactuator.measure.listening import compare_felt
-from tactuator.measure.prediction import ChannelPrediction
+from tactuator.measure.error import ChannelPrediction
+from tactuator.measure.felt import BandAnalysis, Chunker, FeltComparison, compare_felt, frame_differences_db
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.speech.render import render_array
 from tactuator.speech.synthesis import sample_path

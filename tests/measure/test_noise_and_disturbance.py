@@ -5,9 +5,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.measure.disturbance import disturbance
-from tactuator.measure.noise import felt_noise, felt_of_command
-from tactuator.measure.proportional import proportional_controller
-from tactuator.measure.sensor_noise import sensor_noise
+from tactuator.measure.noise import felt_noise, felt_of_command, proportional_controller, sensor_noise
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.spectra import lock_in, power_spectrum
 from tests.measure.loops import PLANT, RATE_HZ, display, full, loop_response

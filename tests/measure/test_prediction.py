@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from tactuator.io.display import parse_display
-from tactuator.measure.prediction import ChannelPrediction
+from tactuator.measure.error import ChannelPrediction
 from tactuator.model.controller import Controller
 from tactuator.model.load import DERIVATIVES
 from tactuator.signals.decibels import db
-from tactuator.speech.limiter.limits import channel_limits
+from tactuator.speech.limiter import channel_limits
 from tactuator.synthesis.design import design_controller
 
 RATE_HZ = 48000.0

@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 from tactuator.model.verdict import Finding, Outcome
-from tactuator.report.controller_table import design_rows, finding_row, remark_lines
+from tactuator.report.tables import design_rows, finding_row, remark_lines
 
 REPORT = {
     "margins": {

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from tactuator.errors import BadInput
+from tactuator.report.controller import design_plates, save_design_plates
+from tactuator.report.envelope import hull
+from tactuator.report.nichols import NicholsInput, nichols_plate
 from tactuator.report.plate import Plate
-from tactuator.report.plates.controller.design import design_plates, save_design_plates
-from tactuator.report.plates.controller.envelope import hull
-from tactuator.report.plates.controller.nichols import NicholsInput, nichols_plate
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.systems import ContinuousSystem

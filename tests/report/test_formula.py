@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactuator.report.formula import printed_factors, printed_polynomial
+from tactuator.report.tables import printed_factors, printed_polynomial
 from tactuator.signals.systems import ContinuousSystem
 
 

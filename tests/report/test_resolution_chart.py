@@ -7,8 +7,8 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
+from tactuator.report.controller import resolution_plate
 from tactuator.report.plate import Plate
-from tactuator.report.plates.controller.resolution import resolution_plate
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded
 
 RATES_HZ = (4000.0, 8000.0, 16000.0, 32000.0)

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.speech.coding.bands import BandsCoding
-from tactuator.speech.coding.coding import place
-from tactuator.speech.coding.direct import DirectCoding
-from tactuator.speech.coding.envelope_bands import EnvelopeBand, Voicing
-from tactuator.speech.coding.envelopes import BRATAKOS_2001, DEFAULT, YUAN_2005, EnvelopeCoding
-from tactuator.speech.coding.file import NAMED, coding_of, read_coding, write_coding
+from tactuator.speech.band_codings import BandsCoding, DirectCoding
+from tactuator.speech.coding import place
+from tactuator.speech.codings import NAMED, coding_of, read_coding, write_coding
+from tactuator.speech.envelope_coding import BRATAKOS_2001, DEFAULT, YUAN_2005, EnvelopeBand, EnvelopeCoding, Voicing
 
 FINGERS = ("thumb", "index", "middle")
 RATE_IN, RATE = 16000, 4000

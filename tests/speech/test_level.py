@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
-from tactuator.speech.level import LevelMeter
+from tactuator.speech.render import LevelMeter
 
 
 def level_of(*blocks):

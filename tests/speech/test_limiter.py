@@ -5,12 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactuator.measure.listening import blocks_of, felt_of
+from tactuator.measure.felt import blocks_of, felt_of
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.speech.coding.direct import band_limit_kernel
-from tactuator.speech.coding.filterbank import filter_bank
-from tactuator.speech.limiter.limiter import Limiter
-from tactuator.speech.limiter.reduction import ATTACK_DB_PER_MS, RELEASE_DB_PER_MS, reduction_envelope
+from tactuator.speech.band_codings import band_limit_kernel
+from tactuator.speech.filters import filter_bank
+from tactuator.speech.limiter import ATTACK_DB_PER_MS, RELEASE_DB_PER_MS, Limiter, reduction_envelope
 
 RATE = 4000
 TIME = np.arange(14 * RATE) / RATE

@@ -8,11 +8,9 @@ import soundfile
 
 from tactuator.errors import BadInput
 from tactuator.io.reference import content_sha256, open_reference
-from tactuator.speech.coding.direct import DirectCoding
-from tactuator.speech.coding.file import NAMED
-from tactuator.speech.job import RenderJob, render_file
-from tactuator.speech.level import LevelMeter
-from tactuator.speech.render import render_array, rendering
+from tactuator.speech.band_codings import DirectCoding
+from tactuator.speech.codings import NAMED
+from tactuator.speech.render import LevelMeter, RenderJob, render_array, render_file, rendering
 from tactuator.speech.synthesis import sample_path
 
 

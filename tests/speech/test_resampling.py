@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from tactuator.errors import BadInput
-from tactuator.speech.coding.direct import DirectCoding, band_limit_kernel
-from tactuator.speech.coding.filterbank import band_kernel, filter_bank, filter_columns
-from tactuator.speech.resampling import resample
+from tactuator.speech.band_codings import DirectCoding, band_limit_kernel
+from tactuator.speech.filters import band_kernel, filter_bank, filter_columns, resample
 
 
 def cut(samples, lengths):

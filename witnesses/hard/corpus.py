@@ -22,8 +22,8 @@ from tactuator.corpus import corpus, task
 from tactuator.corpus.corpus import CorpusResult, run_corpus
 from tactuator.corpus.workers import Here
 from tactuator.io.display import read_display
-from tactuator.speech.coding.direct import DirectCoding
-from tactuator.speech.job import RenderJob
+from tactuator.speech.band_codings import DirectCoding
+from tactuator.speech.render import RenderJob
 from tactuator.synthesis.design import design_controller
 from witnesses.hard.readers import EXAMPLES
 

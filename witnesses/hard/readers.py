@@ -20,7 +20,7 @@ import soundfile
 import tactuator
 from tactuator.api.doing import thresholds
 from tactuator.cli.experiment.serve import _operator_token
-from tactuator.corpus.journal import open_journal
+from tactuator.corpus.corpus import open_journal
 from tactuator.experiment.language.words import read_words
 from tactuator.experiment.protocol.file import read_any_protocol
 from tactuator.io.controller import read_controller
@@ -38,7 +38,7 @@ from tactuator.io.response import read_responses
 from tactuator.rig.boards import read_boards
 from tactuator.runtime.image import read_image_header
 from tactuator.signals.record import Record
-from tactuator.speech.coding.file import read_coding
+from tactuator.speech.codings import read_coding
 from tactuator.speech.reading import scan_speech
 from tactuator.web.address import Address
 

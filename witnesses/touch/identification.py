@@ -15,7 +15,7 @@ import numpy as np
 from scipy import stats
 
 from tactuator.arrays import FloatArray
-from tactuator.measure.finger.play import measure_finger
+from tactuator.measure.finger import measure_finger
 from tactuator.model.controller import Controller
 from tactuator.rig.rig import DisplayRig, Rig
 from tactuator.rig.trace import Trace

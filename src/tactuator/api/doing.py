@@ -33,9 +33,8 @@ from tactuator.paper.speech import check_speech
 from tactuator.rig.player import play_reference
 from tactuator.rig.rig import Rig
 from tactuator.rig.touchable import touch_all
-from tactuator.speech.coding.file import coding_of
-from tactuator.speech.job import RenderJob, render_file
-from tactuator.speech.render import LEVEL_DB_SL
+from tactuator.speech.codings import coding_of
+from tactuator.speech.render import LEVEL_DB_SL, RenderJob, render_file
 
 
 def measure_response(

@@ -39,7 +39,7 @@ def chosen_controller(display: Path | None, controller: Path | None) -> Controll
 
 def require_stable(controller: Controller, load: str = "none") -> None:
     """Refuse a loop that the display's own models call unstable, without a load or under `load`: it is never closed."""
-    from tactuator.measure.proportional import unstable_channels  # SciPy takes a second to load
+    from tactuator.measure.noise import unstable_channels  # SciPy takes a second to load
 
     unstable = unstable_channels(controller, load)
     if unstable:

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from tactuator.console.chart.bench import Bench
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.verdict import Finding, Verdict, verdict_of
-from tactuator.report.controller_table import FINDING_COLUMNS, design_rows, finding_row
+from tactuator.report.tables import FINDING_COLUMNS, design_rows, finding_row
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.design import assemble
 from tactuator.synthesis.prefilter.fit import fit_prefilter

@@ -9,23 +9,134 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.measure.sensor_noise import SensorNoise, sensor_noise
+from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.model.description import Channel, Display
 from tactuator.model.load import DERIVATIVES
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.rig.rig import Rig
 from tactuator.rig.sensing import require_sensors
 from tactuator.signals.decibels import db
+from tactuator.signals.discretise import zero_order_hold
+from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.spectra import PowerSpectrum, lock_in, mains_multiples, power_spectrum, third_octave_bands
 from tactuator.signals.systems import ContinuousSystem
+from tactuator.synthesis.family import UNLOADED, plant_family
 from tactuator.synthesis.felt import beside_friction
 from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, NO_LOOP, NOISE_REMEDY, hum_remedy
+
+_QUIET_BAND = (0.25, 0.45)
+"""Of the rate: where the density of the noise is read."""
+_SEEN = 4.0
+"""A line counts from this many standard errors on."""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorNoise:
+    """Hum and noise of a sensor.
+
+    hum_hz, hum_v_peak (k,): the mains lines that stand out, volts peak. noise_v_rms: white noise, the converter's steps
+    taken out.
+    """
+
+    hum_hz: FloatArray
+    hum_v_peak: FloatArray
+    noise_v_rms: float
+
+    def keys(self) -> dict[str, Any]:
+        """Return the figures as keys of [environment]."""
+        return {
+            "hum_hz": self.hum_hz.tolist(),
+            "hum_v_peak": self.hum_v_peak.tolist(),
+            "noise_v_rms": self.noise_v_rms,
+        }
+
+    def environment(self) -> str:
+        """Return the keys of [environment] that say so, as a display file has them."""
+        lines = ", ".join(f"{one:g}" for one in self.hum_hz)
+        levels = ", ".join(f"{one:.3g}" for one in self.hum_v_peak)
+        return f"hum_hz = [{lines}], hum_v_peak = [{levels}], noise_v_rms = {self.noise_v_rms:.3g}"
+
+
+def sensor_noise(
+    position_v: FloatArray,
+    command_v: FloatArray,
+    rate_hz: float,
+    channel: Channel,
+    plant: ContinuousSystem,
+    mains_hz: float | None = 60.0,
+) -> SensorNoise:
+    """Return what the sensor adds to a display at rest.
+
+    position_v, command_v: (n,), of one trace, volts at the sensor and of the command; plant: from one to the other.
+    """
+    spectrum = power_spectrum(position_v, rate_hz, 1.0)
+    low, high = (share * rate_hz for share in _QUIET_BAND)
+    quiet = (spectrum.frequency_hz > low) & (spectrum.frequency_hz < high)
+    power = float(np.median(spectrum.density[quiet])) * 0.5 * rate_hz
+    lines = mains_multiples(mains_hz, min(channel.threshold.band_hz[1], 0.45 * rate_hz))
+    if lines.size == 0:
+        return SensorNoise(lines, lines, _without_steps(power, channel))
+    still = np.zeros(lines.shape)
+    moved = beside_friction(channel.environment, zero_order_hold(plant, rate_hz).response(lines), still)
+    own = np.abs(lock_in(position_v, lines, rate_hz) - moved * lock_in(command_v, lines, rate_hz))
+    seen = own > _SEEN * np.sqrt(2.0 * power / position_v.size)
+    return SensorNoise(lines[seen], own[seen], _without_steps(power, channel))
+
+
+def _without_steps(power: float, channel: Channel) -> float:
+    return float(np.sqrt(max(power - channel.converter.step_v**2 / 12.0, 0.0)))
+
+
+def proportional_controller(display: Display, gain: float) -> Controller:
+    """Return the controller u = gain (v - y) on every channel of `display`, v the threshold voltage of the lowest
+    frequency times r.
+
+    gain: volts of command per volt of y, positive.
+    """
+    if not (np.isfinite(gain) and gain > 0.0):
+        raise BadInput(f"proportional gain is {gain:g}", "a positive number")
+    return Controller(display, tuple(_channel(channel, gain) for channel in display.channels), "proportional probe")
+
+
+def unstable_channels(controller: Controller, load: str = "none") -> tuple[str, ...]:
+    """Return the channels whose loop the display's own models call unstable, without a load or under `load`: loops
+    that must not be closed."""
+    display = controller.display
+    return tuple(
+        channel.name
+        for own, channel in zip(controller.channels, display.channels, strict=True)
+        if not _is_stable(own, channel, display, load)
+    )
+
+
+def _is_stable(own: ChannelController, channel: Channel, display: Display, load: str) -> bool:
+    feedback = own.feedback(display.rate_hz)
+    if feedback is None:
+        return True
+    members = plant_family(channel, display.rate_hz, display.delay_samples)
+    return all(FeedbackLoop(feedback, one.sampled).is_stable for one in members if one.load in (UNLOADED, load))
+
+
+def _channel(channel: Channel, gain: float) -> ChannelController:
+    voltage = float(channel.threshold_voltage(channel.threshold.band_hz[0]))
+    through = np.array([[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
+    return ChannelController(
+        name=channel.name,
+        threshold_voltage_dc=voltage,
+        prefilter_sos=through * np.array([voltage, 1.0, 1.0, 1.0, 1.0, 1.0]),
+        feedback_sos=through * np.array([gain, 1.0, 1.0, 1.0, 1.0, 1.0]),
+        anti_windup=AntiWindup(),
+        limits=Limits(channel.converter.range_v, channel.sensor_gain_v_per_mm * channel.travel_mm),
+        designed_for=(),
+        report={"proportional_gain": gain},
+    )
 
 
 @dataclass(frozen=True)

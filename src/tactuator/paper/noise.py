@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tactuator.measure.noise import FeltNoise, felt_noise
-from tactuator.measure.proportional import proportional_controller
+from tactuator.measure.noise import FeltNoise, felt_noise, proportional_controller
 from tactuator.model.controller import Controller
 from tactuator.paper.plan import MAINS_HZ, PROPORTIONAL_GAINS, Plan, Progress
 from tactuator.rig.simulated import SimulatedRig

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tactuator.measure.felt import FeltReport
-from tactuator.measure.listening import compare_felt
+from tactuator.measure.felt import FeltReport, compare_felt
 from tactuator.model.controller import Controller
 from tactuator.paper.plan import Plan, Progress
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.speech.limiter.limiter import FingerLimiting
+from tactuator.speech.limiter import FingerLimiting
 from tactuator.speech.reading import SpeechFile, scan_speech
 from tactuator.speech.render import render_array
 from tactuator.speech.synthesis import sample_path

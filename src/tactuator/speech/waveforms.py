@@ -19,8 +19,8 @@ from tactuator.io.reference import ReferenceHead, write_reference
 from tactuator.model.controller import Controller
 from tactuator.perception.curve import check_level
 from tactuator.signals.excitation import ramps
-from tactuator.speech.coding.coding import place
-from tactuator.speech.limiter.limiter import Limiter
+from tactuator.speech.coding import place
+from tactuator.speech.limiter import Limiter
 
 LONGEST_S = 10.0
 

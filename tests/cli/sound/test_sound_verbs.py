@@ -19,11 +19,10 @@ from tactuator.errors import BadInput
 from tactuator.io.curve import read_curve, write_curve
 from tactuator.io.record import read_record
 from tactuator.io.start.shipped import EXAMPLES
-from tactuator.measure.open_loop.chain import KnownChannel, NoEqualiser
-from tactuator.measure.open_loop.model import Followed
-from tactuator.measure.open_loop.probe import Heard, Level, Wave
+from tactuator.measure.broadband import Followed, Heard, Level, Wave
+from tactuator.measure.open_loop import KnownChannel, NoEqualiser
 from tactuator.model.document import display_document
-from tactuator.report.open_loop_files import toml_text
+from tactuator.report.open_loop import toml_text
 from tactuator.rig import open as rigs
 from tactuator.rig.sound import audio_thread, library
 from tests.cli.refusals import refused

@@ -19,7 +19,7 @@ from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.io.curve import read_curve, write_curve
 from tactuator.perception.curve import RelativeCurve, curve
-from tactuator.report.plates.felt.psychometric import psychometric_plate
+from tactuator.report.felt import psychometric_plate
 from tests.experiment.session.apparatuses import PROTOCOL, apparatus
 
 TEXT = (

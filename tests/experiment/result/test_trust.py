@@ -21,9 +21,9 @@ from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.experiment.trial.delivered_level import delivered_level
 from tactuator.perception import curve as library
+from tactuator.perception import library
 from tactuator.perception.curve import RelativeCurve
-from tactuator.report.plates.felt.psychometric import psychometric_plate
-from tactuator.report.plates.felt.thresholds import thresholds_plate
+from tactuator.report.felt import psychometric_plate, thresholds_plate
 from tests.experiment.session.apparatuses import apparatus
 
 LIBRARY = library.curve("bolanowski-1988")

@@ -14,7 +14,7 @@ from tactuator.identification.fixed.value import Fixed
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
 from tactuator.model.plant_model import Excess
-from tactuator.report.identification_table import identification_rows
+from tactuator.report.tables import identification_rows
 from tactuator.signals.record import FrequencyResponse, Record
 from tests.identification.others import Plant, band_limited, held
 

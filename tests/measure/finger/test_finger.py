@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.measure.finger.estimate import (
+from tactuator.measure.finger import (
     CANNOT_TELL,
     CHAIN,
     NEITHER,
@@ -14,10 +14,11 @@ from tactuator.measure.finger.estimate import (
     FingerEstimate,
     chain_impedance,
     estimate_finger,
+    finger_impedance,
+    measure_finger,
     one_impedance,
+    plan_play,
 )
-from tactuator.measure.finger.impedance import finger_impedance, plan_play
-from tactuator.measure.finger.play import measure_finger
 from tactuator.model.controller import Controller
 from tests.measure.finger.rig_of_equations import EquationsRig, Figures
 from tests.measure.loops import controller, display

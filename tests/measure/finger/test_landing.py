@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactuator.measure.finger.landing import LANDS_S, LIFTED_S, landing
-from tactuator.report.plates.controller.landing import landing_plate
+from tactuator.measure.adaptive import LANDS_S, LIFTED_S, landing
+from tactuator.report.controller import landing_plate
 from tests.measure.finger.test_weights import adaptive
 
 

@@ -10,7 +10,7 @@ import pytest
 from tactuator.cli.main import main
 from tactuator.io.controller import write_controller
 from tactuator.io.start.shipped import EXAMPLES
-from tactuator.measure.finger.weights import settle_weights
+from tactuator.measure.adaptive import settle_weights
 from tactuator.model.load import Load
 from tactuator.rig.rig import WrappedRig
 from tactuator.rig.simulated import SimulatedRig

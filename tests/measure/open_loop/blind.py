@@ -15,9 +15,7 @@ import numpy as np
 from tactuator.errors import TactuatorError
 from tactuator.measure.error import error_db
 from tactuator.measure.multisine_response import multisine_response
-from tactuator.measure.open_loop.chain import Calibrated, CalibrationRequest, calibrate
-from tactuator.measure.open_loop.flatness import _groups
-from tactuator.measure.open_loop.usable import usable_band
+from tactuator.measure.open_loop import Calibrated, CalibrationRequest, _groups, calibrate, usable_band
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.demo.exciter import Exciter
 from tactuator.rig.sound.demo.server import simulated_card

@@ -14,10 +14,9 @@ import numpy as np
 import pytest
 
 from tactuator.errors import NoDesign
-from tactuator.measure.open_loop import chain
-from tactuator.measure.open_loop.chain import CalibrationRequest, NoEqualiser, _corrected, calibrate
-from tactuator.measure.open_loop.flatness import Flatness
-from tactuator.measure.prediction import ChannelPrediction
+from tactuator.measure import open_loop as chain
+from tactuator.measure.error import ChannelPrediction
+from tactuator.measure.open_loop import CalibrationRequest, Flatness, NoEqualiser, _corrected, calibrate
 from tactuator.rig.sound.demo.display import demo_exciter
 from tactuator.signals.decibels import db
 from tests.measure.open_loop.exciters import PERIOD, RATE_HZ, exciter_rig, persons_curve

@@ -11,13 +11,10 @@ from scipy import signal
 
 from tactuator.errors import BadInput
 from tactuator.io.display import read_display
-from tactuator.measure.open_loop.flatness import _groups
-from tactuator.measure.open_loop.model import follow, near_band
-from tactuator.measure.open_loop.probe import broadband, find_level, hear
-from tactuator.measure.open_loop.take_away import equaliser_document, impulse_response
-from tactuator.measure.open_loop.usable import usable_band
+from tactuator.measure.broadband import broadband, find_level, follow, hear, near_band
+from tactuator.measure.open_loop import _groups, usable_band
 from tactuator.model.controller import Controller
-from tactuator.report.open_loop_files import toml_text
+from tactuator.report.open_loop import equaliser_document, impulse_response, toml_text
 from tactuator.rig.sensing import require_sensors
 from tactuator.rig.sound.demo.exciter import Exciter
 from tactuator.rig.sound.rig import SoundRig

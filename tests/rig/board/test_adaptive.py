@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactuator.measure.finger.weights import settle_weights
+from tactuator.measure.adaptive import settle_weights
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.model.touch import Touch

@@ -18,7 +18,7 @@ from tactuator.experiment.result.tables import ResultTable
 from tactuator.io.controller import read_controller
 from tactuator.io.display import read_display
 from tactuator.model.verdict import Outcome, Verdict
-from tactuator.report.controller_table import FINDING_COLUMNS, finding_row, remark_lines
+from tactuator.report.tables import FINDING_COLUMNS, finding_row, remark_lines
 from tactuator.synthesis.monte_carlo import DrawnPlants
 from tactuator.synthesis.monte_carlo import monte_carlo as draw_plants
 

@@ -17,8 +17,7 @@ from tactuator.io.display import read_display, with_curve
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Display
 from tactuator.model.verdict import Outcome, Verdict
-from tactuator.report.controller_table import design_rows
-from tactuator.report.formula import printed_factors
+from tactuator.report.tables import design_rows, printed_factors
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.exchange.continuous_form import continuous_form
@@ -38,7 +37,7 @@ def run(
     with working("designing"):
         controller = design_controller(described, poles, error_db)
     if figures is not None:
-        from tactuator.report.plates.controller.design import save_design_plates  # drawing takes a second to load
+        from tactuator.report.controller import save_design_plates  # drawing takes a second to load
 
         save_design_plates(controller, figures)
     write_controller(out, controller)

@@ -53,8 +53,8 @@ def _assess(controller: Controller) -> tuple[FormatReport, ...]:
 
 def _draw(controller: Controller, folder: Path) -> dict[str, object]:
     """Write the figure and return its numbers, for the answer."""
+    from tactuator.report.controller import resolution_plate
     from tactuator.report.plate import save_plates  # drawing takes a second to load
-    from tactuator.report.plates.controller.resolution import resolution_plate
 
     rates = [controller.rate_hz * 2.0**k for k in range(_RATE_DOUBLINGS)]
     bits = controller_bits(controller, [rate for rate in rates if rate <= HIGHEST_RATE_HZ])

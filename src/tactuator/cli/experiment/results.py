@@ -13,8 +13,7 @@ from tactuator.experiment.language.words import shipped_words
 from tactuator.experiment.result.group_curve import GroupCurve, store_results
 from tactuator.experiment.result.tables import threshold_table
 from tactuator.io.curve import write_curve
-from tactuator.report.plates.felt.psychometric import psychometric_plate
-from tactuator.report.plates.felt.thresholds import thresholds_plate
+from tactuator.report.felt import psychometric_plate, thresholds_plate
 
 
 def results(

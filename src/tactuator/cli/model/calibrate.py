@@ -12,7 +12,7 @@ from tactuator.cli.answer import answer
 from tactuator.errors import BadInput
 from tactuator.identification.calibration import Calibration, fit_line
 from tactuator.io.pairs import read_pairs
-from tactuator.report.identification_table import with_error
+from tactuator.report.tables import with_error
 
 
 def run(pairs: Path, gauge_error_mm: float, strict: bool, as_json: bool) -> None:

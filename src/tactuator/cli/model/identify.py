@@ -24,7 +24,7 @@ from tactuator.identification.validation import validated
 from tactuator.io.foreign_response import is_response, read_foreign_response
 from tactuator.io.model import write_identified
 from tactuator.io.record import read_record
-from tactuator.report.identification_table import identification_rows, response_rows
+from tactuator.report.tables import identification_rows, response_rows
 from tactuator.signals.record import Record
 
 
@@ -107,7 +107,7 @@ def deliver(found: Identification, read: Record, out: Path | None, figures: Path
     """Say, write and print what was found; exit status 1 where the model is not to be trusted."""
     _say_and_write(found, out)
     if figures is not None:
-        from tactuator.report.plates.device.identification import save_identification  # matplotlib takes a second
+        from tactuator.report.device import save_identification  # matplotlib takes a second
 
         save_identification(found, figures)
     columns = {name: read.about.get(name) for name in ("input", "output")}

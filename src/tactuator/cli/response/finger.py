@@ -13,8 +13,7 @@ from rich.table import Table
 
 from tactuator.cli.answer import answer, working
 from tactuator.cli.chosen import ask_for_load, chosen_controller
-from tactuator.measure.finger.estimate import CANNOT_TELL, CHAIN, NEITHER, ONE, FingerEstimate
-from tactuator.measure.finger.play import measure_finger
+from tactuator.measure.finger import CANNOT_TELL, CHAIN, NEITHER, ONE, FingerEstimate, measure_finger
 from tactuator.rig.open import open_rig
 from tactuator.rig.touchable import touch_all, usual_load
 

@@ -17,8 +17,8 @@ from tactuator.cli.controller.check import verdict_table
 from tactuator.errors import BadInput
 from tactuator.experiment.result.tables import ResultTable
 from tactuator.io.response import write_responses
+from tactuator.measure.adaptive import Learnt, settle_weights
 from tactuator.measure.error import error_db, expected_level_db_sl, response_verdict
-from tactuator.measure.finger.weights import Learnt, settle_weights
 from tactuator.measure.frequencies import over_the_band
 from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.stepped_sine import stepped_sine
@@ -80,7 +80,7 @@ def run(
     if out is not None:
         write_responses(out, responses)
     if figures is not None:
-        from tactuator.report.plates.device.response import save_measured  # matplotlib takes a second
+        from tactuator.report.device import save_measured  # matplotlib takes a second
 
         save_measured(responses, made, figures)
     _report(responses, made, learnt, (figures, out), as_json)

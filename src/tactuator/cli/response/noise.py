@@ -16,8 +16,7 @@ from tactuator.cli.chosen import ask_for_load, chosen_controller, require_stable
 from tactuator.cli.controller.check import verdict_table
 from tactuator.cli.response.measure import frequencies
 from tactuator.io.formats.environment import write_environment
-from tactuator.measure.noise import FeltNoise, felt_noise, noise_verdict
-from tactuator.measure.proportional import proportional_controller, unstable_channels
+from tactuator.measure.noise import FeltNoise, felt_noise, noise_verdict, proportional_controller, unstable_channels
 from tactuator.model.controller import Controller
 from tactuator.model.verdict import Outcome
 from tactuator.rig.open import open_rig

@@ -16,9 +16,9 @@ from tactuator.cli.response.measure import frequencies
 from tactuator.errors import BadInput, NoDesign
 from tactuator.io.curve import resolve_curve
 from tactuator.io.display import read_display, with_curve
-from tactuator.measure.open_loop.chain import Calibrated, CalibrationRequest, NoEqualiser, calibrate
+from tactuator.measure.open_loop import Calibrated, CalibrationRequest, NoEqualiser, calibrate
 from tactuator.model.description import Display
-from tactuator.report.open_loop_files import FILES, write_calibrated, write_measured
+from tactuator.report.open_loop import FILES, write_calibrated, write_measured
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.rig import SoundRig
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tactuator.cli.sound.calibrate_display import deliver
-from tactuator.measure.open_loop.chain import CalibrationRequest
+from tactuator.measure.open_loop import CalibrationRequest
 from tactuator.rig.sound.demo.display import demo_display, demo_exciter
 from tactuator.rig.sound.demo.server import SimulatedCard, simulated_card
 

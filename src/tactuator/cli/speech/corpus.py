@@ -14,8 +14,8 @@ from tactuator.cli.chosen import chosen_controller
 from tactuator.corpus.corpus import MANIFEST, CorpusResult, run_corpus
 from tactuator.corpus.workers import DaskCluster, LocalProcesses, Workers
 from tactuator.errors import BadInput
-from tactuator.speech.coding.file import coding_of
-from tactuator.speech.job import RenderJob
+from tactuator.speech.codings import coding_of
+from tactuator.speech.render import RenderJob
 
 
 def run(

@@ -11,8 +11,8 @@ from rich.table import Table
 from tactuator.cli.answer import answer, progress, written
 from tactuator.cli.chosen import chosen_controller
 from tactuator.errors import BadInput
-from tactuator.speech.coding.file import coding_of, write_coding
-from tactuator.speech.job import Rendered, RenderJob, render_file
+from tactuator.speech.codings import coding_of, write_coding
+from tactuator.speech.render import Rendered, RenderJob, render_file
 
 
 def run(
@@ -39,8 +39,8 @@ def run(
     if save_coding is not None:
         write_coding(save_coding, chosen)
     if figures is not None and rendered.felt is not None:
+        from tactuator.report.felt import spectrogram_plate  # drawing loads slowly
         from tactuator.report.plate import save_plates
-        from tactuator.report.plates.felt.spectrogram import spectrogram_plate  # drawing loads slowly
 
         plate = spectrogram_plate(rendered.felt, f"{speech.name}, coding “{coding}” at {level:g} dB SL")
         save_plates([plate], figures)

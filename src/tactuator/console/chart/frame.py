@@ -10,7 +10,7 @@ import numpy as np
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.console.chart.bench import Bench
 from tactuator.console.chart.transient import Steps, states_of, steps
-from tactuator.report.plates.controller.envelope import hull
+from tactuator.report.envelope import hull
 from tactuator.signals.decibels import db
 from tactuator.signals.systems import SampledSystem
 

@@ -11,8 +11,7 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.console.held_rig.orders import MeasureOrder, Points
 from tactuator.io.response import write_responses
-from tactuator.measure.error import error_db, expected_level_db_sl
-from tactuator.measure.prediction import ChannelPrediction
+from tactuator.measure.error import ChannelPrediction, error_db, expected_level_db_sl
 from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.model.controller import Controller
 from tactuator.rig.rig import Rig

@@ -24,7 +24,7 @@ from tactuator.io.foreign_response import is_response, read_foreign_response
 from tactuator.io.model import identified_text
 from tactuator.io.record import read_record
 from tactuator.model.plant_model import PlantModel
-from tactuator.report.identification_table import identification_rows, response_rows
+from tactuator.report.tables import identification_rows, response_rows
 from tactuator.signals.record import Record
 from tactuator.signals.spectra import power_spectrum
 

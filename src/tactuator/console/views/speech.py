@@ -11,12 +11,10 @@ from pydantic import Field
 
 from tactuator.console.asked import Answer, Finite, Name, ViewRequest
 from tactuator.console.workshop import Workshop
-from tactuator.measure.band_levels import LONG_FRAME_S, SHORT_FRAME_S
-from tactuator.measure.felt import FingerFelt
-from tactuator.speech.coding.file import NAMED, coding_of
-from tactuator.speech.job import RenderJob, render_file
+from tactuator.measure.felt import LONG_FRAME_S, SHORT_FRAME_S, FingerFelt
+from tactuator.speech.codings import NAMED, coding_of
 from tactuator.speech.reading import scan_speech
-from tactuator.speech.render import LEVEL_DB_SL
+from tactuator.speech.render import LEVEL_DB_SL, RenderJob, render_file
 
 _REFERENCE, _FELT = "reference.wav", "felt.wav"
 _SHOWN_S = 30.0

@@ -10,19 +10,12 @@ from tactuator.experiment.result.group_curve import PersonThresholds
 from tactuator.paper.loops import sampled_loop
 from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint, nominal_response
 from tactuator.paper.run import PaperStudy
+from tactuator.report.configuration import loop_plate, mechanism_plate, processor_plate
+from tactuator.report.controller import prefilter_plate, resolution_plate
+from tactuator.report.device import LevelResponse, calibration_plate, motor_plate, noise_plate, response_plate
+from tactuator.report.felt import equality_plate, felt_plate, threshold_plate, thresholds_plate
+from tactuator.report.nichols import NicholsInput, nichols_plate
 from tactuator.report.plate import Plate
-from tactuator.report.plates.controller.configuration import loop_plate, mechanism_plate, processor_plate
-from tactuator.report.plates.controller.nichols import NicholsInput, nichols_plate
-from tactuator.report.plates.controller.prefilter import prefilter_plate
-from tactuator.report.plates.controller.resolution import resolution_plate
-from tactuator.report.plates.device.calibration import calibration_plate
-from tactuator.report.plates.device.motor import motor_plate
-from tactuator.report.plates.device.noise import noise_plate
-from tactuator.report.plates.device.response import LevelResponse, response_plate
-from tactuator.report.plates.felt.curve import threshold_plate
-from tactuator.report.plates.felt.equality import equality_plate
-from tactuator.report.plates.felt.felt import felt_plate
-from tactuator.report.plates.felt.thresholds import thresholds_plate
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.synthesis import paper
 

@@ -1,0 +1,344 @@
+"""The Nichols chart of a loop and its family, with margins marked and labels that do not collide."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
+from matplotlib.transforms import Bbox
+
+from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.report.envelope import hull, swept
+from tactuator.report.plate import Plate
+from tactuator.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, figure
+from tactuator.signals.decibels import db
+from tactuator.signals.loop import FeedbackLoop, Margins, System, margins
+
+
+@dataclass
+class LabelPlacer:
+    """Keeps account of what is taken on one pair of axes.
+
+    lines: curves in data coordinates, each of shape (2, n), that no label may cover.
+    """
+
+    axes: Axes
+    lines: Sequence[FloatArray] = ()
+    _taken: list[Bbox] = field(default_factory=list)
+    _points: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+
+    def __post_init__(self) -> None:
+        figure = self.axes.figure
+        assert isinstance(figure, Figure)
+        FigureCanvasAgg(figure)
+        figure.draw_without_rendering()
+        dense = [_dense(self.axes.transData.transform(np.asarray(line).T)) for line in self.lines]
+        self._points = np.concatenate(dense) if dense else np.empty((0, 2))
+
+    def place(
+        self,
+        text: str,
+        anchors: Sequence[tuple[float, float]],
+        offsets: Sequence[tuple[float, float]] = ((0.0, 0.0),),
+        clear_of_lines: bool = True,
+        **style: object,
+    ) -> bool:
+        """Write `text` centred at the first free place: an anchor (data coordinates) and an offset (points).
+
+        Returns whether there was one; nothing is written if not.
+        """
+        figure = self.axes.figure
+        assert isinstance(figure, Figure)
+        per_point = figure.dpi / 72.0
+        frame = self.axes.get_window_extent().padded(-2.0)
+        made = self.axes.annotate(
+            text,
+            anchors[0],
+            (0.0, 0.0),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            **style,  # type: ignore[arg-type]
+        )
+        size = made.get_window_extent()
+        for anchor in anchors:
+            at = self.axes.transData.transform(anchor)
+            for offset in offsets:
+                x, y = at[0] + offset[0] * per_point, at[1] + offset[1] * per_point
+                box = Bbox.from_bounds(x - size.width / 2.0, y - size.height / 2.0, size.width, size.height)
+                if self._is_free(box, frame, clear_of_lines):
+                    self._taken.append(box.padded(4.0))
+                    made.xy = anchor
+                    made.set_position(offset)
+                    return True
+        made.remove()
+        return False
+
+    def block(self, box: Bbox) -> None:
+        """Take a rectangle (display coordinates): a legend, say."""
+        self._taken.append(box)
+
+    def _is_free(self, box: Bbox, frame: Bbox, clear_of_lines: bool) -> bool:
+        inside = frame.x0 <= box.x0 and box.x1 <= frame.x1 and frame.y0 <= box.y0 and box.y1 <= frame.y1
+        if not inside or any(box.overlaps(other) for other in self._taken):
+            return False
+        if not clear_of_lines or self._points.size == 0:
+            return True
+        x, y = self._points.T
+        return not bool(np.any((x > box.x0 - 1) & (x < box.x1 + 1) & (y > box.y0 - 1) & (y < box.y1 + 1)))
+
+
+def _dense(points: FloatArray, step: float = 3.0) -> FloatArray:
+    """Return the points along a polyline, no further apart than `step` pixels."""
+    points = points[np.all(np.isfinite(points), axis=1)]
+    if len(points) < 2:
+        return points
+    lengths = np.hypot(*np.diff(points, axis=0).T)
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    fine = np.linspace(0.0, along[-1], max(2, min(20_000, int(along[-1] / step))))
+    return np.column_stack([np.interp(fine, along, points[:, 0]), np.interp(fine, along, points[:, 1])])
+
+
+_GAIN_LEVELS_DB = (-40.0, -30.0, -20.0, -12.0, -6.0, -3.0, -1.0, 0.0, 1.0, 3.0, 6.0)
+_PHASE_LEVELS_DEG = (-5.0, -15.0, -30.0, -60.0, -90.0, -120.0, -150.0, -210.0, -240.0, -270.0, -300.0, -330.0, -345.0)
+_MARKS_HZ = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
+_GRID = "#c4cad0"
+_GRID_INK = "#76818c"
+_FAMILY = "#ece4f3"
+
+
+@dataclass(frozen=True)
+class NicholsInput:
+    """Curves and limits that a Nichols chart shows.
+
+    sampled: the loop as it runs, whose margins are marked. plant: P alone, and continuous: the loop in continuous
+    time, if wanted. family: the same controller on every other plant, shown as the envelope of them all.
+    band_hz: from where to where the curves are drawn.
+    """
+
+    sampled: FeedbackLoop
+    plant: System | None = None
+    continuous: FeedbackLoop | None = None
+    family: Sequence[FeedbackLoop] = ()
+    band_hz: tuple[float, float] = (0.2, 600.0)
+
+
+def nichols_plate(shown: NicholsInput, name: str = "nichols", title: str = "Nichols chart") -> Plate:
+    """Draw the chart, with margins marked and the contours that the loop touches highlighted."""
+    found = margins(shown.sampled)
+    low, high = shown.band_hz
+    frequency = np.geomspace(low, high, 900)
+    run = _Track(frequency, shown.sampled.open_response(frequency))
+    others = _other_tracks(shown, frequency)
+    made, axes = figure(height_in=5.4)
+    axes.grid(False)
+    family = [_Track(frequency, loop.open_response(frequency)) for loop in shown.family]
+    _frame(axes, [run, *family, *(track for track, _ in others)])
+    _grid(axes)
+    _touched_contours(axes, found)
+    for track, style in others:
+        axes.plot(track.phase_deg, track.level_db, **style)
+    clouds = _templates(axes, family, run)
+    axes.plot(run.phase_deg, run.level_db, color=BLUE, linewidth=2.0, label="C P, sampled, as it runs", zorder=4)
+    _legend(axes)
+    lines = [run.line, *(track.line for track, _ in others), *clouds]
+    placer = LabelPlacer(axes, lines)
+    placer.block(axes.get_legend().get_window_extent())
+    _margin_marks(axes, placer, found, run)
+    _frequency_marks(axes, placer, run)
+    _grid_labels(axes, placer)
+    caption = (
+        f"Open-loop gain against phase on the grid of the closed loop. Crossover {found.crossover_hz:.1f} Hz, phase "
+        f"margin {found.phase_margin_deg:.1f}°, gain margin {found.gain_margin_db:.1f} dB. The loop touches the "
+        f"contours |T| = {db(found.complementary_peak):.2f} dB (at {found.complementary.frequency_hz:.1f} Hz) and "
+        f"|S| = {db(found.sensitivity_peak):.2f} dB (at {found.sensitivity.frequency_hz:.1f} Hz)."
+    )
+    if shown.family:
+        caption += (
+            f" Shaded: the same controller on all {len(shown.family) + 1} plants of the family; at the marked "
+            "frequencies their convex hulls, the templates."
+        )
+    table = {"frequency_hz": frequency.tolist(), "phase_deg": run.phase_deg.tolist(), "gain_db": run.level_db.tolist()}
+    for track, style in others:
+        if "label" in style:
+            table[f"{style['label']} phase_deg"] = track.phase_deg.tolist()
+            table[f"{style['label']} gain_db"] = track.level_db.tolist()
+    return Plate(name, title, caption, made, table)
+
+
+@dataclass(frozen=True)
+class _Track:
+    """A response as a curve of the chart; its phase is continuous and starts between -270 and 90 degrees."""
+
+    frequency_hz: FloatArray
+    response: ComplexArray
+
+    @property
+    def phase_deg(self) -> FloatArray:
+        phase = np.degrees(np.unwrap(np.angle(self.response)))
+        return np.asarray(phase - 360.0 * np.ceil((phase[0] - 90.0) / 360.0))
+
+    @property
+    def level_db(self) -> FloatArray:
+        return db(self.response)
+
+    @property
+    def line(self) -> FloatArray:
+        return np.vstack([self.phase_deg, self.level_db])
+
+    def at(self, frequency_hz: float) -> tuple[float, float]:
+        logs = np.log(self.frequency_hz)
+        return tuple(float(np.interp(np.log(frequency_hz), logs, v)) for v in self.line)  # type: ignore[return-value]
+
+
+def _other_tracks(shown: NicholsInput, frequency: FloatArray) -> list[tuple[_Track, dict[str, Any]]]:
+    found: list[tuple[_Track, dict[str, Any]]] = []
+    for loop in shown.family[:1] if len(shown.family) == 1 else ():
+        style = {"color": PURPLE, "linewidth": 0.8, "alpha": 0.7, "zorder": 2, "label": "C P, under load"}
+        found.append((_Track(frequency, loop.open_response(frequency)), style))
+    if shown.plant is not None:
+        style = {"color": GREEN, "linestyle": "-.", "linewidth": 1.4, "label": "P alone", "zorder": 3}
+        found.append((_Track(frequency, shown.plant.response(frequency)), style))
+    if shown.continuous is not None:
+        style = {"color": RED, "linestyle": "--", "linewidth": 1.4, "label": "C P, continuous", "zorder": 3}
+        found.append((_Track(frequency, shown.continuous.open_response(frequency)), style))
+    return found
+
+
+def _frame(axes: Axes, tracks: Sequence[_Track]) -> None:
+    """Set axes that cover the data between -50 dB and its top, and mark the critical point."""
+    bottom, top = -50.0, 20.0
+    left, right = -200.0, 0.0
+    for track in tracks:
+        seen = track.level_db > bottom
+        if np.any(seen):
+            left, right = min(left, float(track.phase_deg[seen].min())), max(right, float(track.phase_deg[seen].max()))
+            top = max(top, float(track.level_db.max()))
+    axes.set_xlim(15.0 * np.floor((left - 8.0) / 15.0), 15.0 * np.ceil(right / 15.0))
+    axes.set_ylim(bottom, 5.0 * np.ceil((top + 4.0) / 5.0))
+    axes.xaxis.set_major_locator(MultipleLocator(45.0 if axes.get_xlim()[0] < -300.0 else 30.0))
+    axes.yaxis.set_major_locator(MultipleLocator(10.0))
+    axes.set_xlabel("open-loop phase (degrees)", fontsize=9)
+    axes.set_ylabel("open-loop gain (dB)", fontsize=9)
+
+
+def _mesh(axes: Axes) -> tuple[FloatArray, FloatArray, ComplexArray]:
+    """Return the phase (deg), gain (dB) and T on a fine mesh over the axes."""
+    phase, level = np.meshgrid(np.linspace(*axes.get_xlim(), 700), np.linspace(*axes.get_ylim(), 500))
+    loop = 10.0 ** (level / 20.0) * np.exp(1j * np.radians(phase))
+    with np.errstate(all="ignore"):
+        return phase, level, np.asarray(loop / (1.0 + loop))
+
+
+def _grid(axes: Axes) -> None:
+    """Draw contours of |T| in dB (solid) and of its phase (dotted)."""
+    phase, level, closed = _mesh(axes)
+    axes.contour(
+        phase, level, db(closed), levels=sorted(_GAIN_LEVELS_DB), colors=_GRID, linewidths=0.7, linestyles="-", zorder=1
+    )
+    for angle in _PHASE_LEVELS_DEG:
+        turned = closed * np.exp(-1j * np.radians(angle))
+        height = np.where(turned.real > 0.0, turned.imag / np.abs(turned), np.nan)
+        axes.contour(phase, level, height, levels=[0.0], colors=_GRID, linewidths=0.5, linestyles=":", zorder=1)
+    axes.plot([-180.0], [0.0], "+", color=INK, markersize=9, markeredgewidth=1.6, zorder=5)
+
+
+def _touched_contours(axes: Axes, found: Margins) -> None:
+    phase, level, closed = _mesh(axes)
+    axes.contour(
+        phase, level, np.abs(closed), levels=[found.complementary_peak], colors=ORANGE, linewidths=1.3, zorder=2
+    )
+    sense = np.abs(1.0 - closed)
+    axes.contour(
+        phase, level, sense, levels=[found.sensitivity_peak], colors=ORANGE, linewidths=1.3, linestyles="--", zorder=2
+    )
+    axes.plot([], [], color=ORANGE, linewidth=1.3, label=f"|T| = {db(found.complementary_peak):.2f} dB, touched")
+    axes.plot(
+        [], [], color=ORANGE, linewidth=1.3, linestyle="--", label=f"|S| = {db(found.sensitivity_peak):.2f} dB, touched"
+    )
+
+
+def _templates(axes: Axes, family: Sequence[_Track], run: _Track) -> list[FloatArray]:
+    """Draw the shade that the family covers, and its convex hull at each marked frequency; return the corners."""
+    if not family:
+        return []
+    for polygon in swept([run.line, *(track.line for track in family)]):
+        axes.fill(*polygon.T, facecolor=_FAMILY, edgecolor=_FAMILY, linewidth=0.4, zorder=0.5)
+    axes.fill([], [], facecolor=_FAMILY, label=f"C P, family of {len(family) + 1}")
+    outlines = []
+    for mark in (f for f in _MARKS_HZ if run.frequency_hz[0] <= f <= run.frequency_hz[-1]):
+        corners = hull(np.array([run.at(mark), *(track.at(mark) for track in family)]))
+        axes.fill(*corners.T, facecolor=PURPLE, alpha=0.3, edgecolor=PURPLE, linewidth=0.9, zorder=2)
+        outlines.append(corners.T)
+    return outlines
+
+
+def _legend(axes: Axes) -> None:
+    """Put the legend into the upper left corner, which the curves leave free, on a white ground."""
+    axes.legend(fontsize=7.5, loc="upper left", frameon=True, framealpha=1.0, edgecolor="none", borderpad=0.3)
+
+
+def _margin_marks(axes: Axes, placer: LabelPlacer, found: Margins, run: _Track) -> None:
+    arrow = {"arrowstyle": "<->", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0}
+    if np.isfinite(found.phase_margin_deg):
+        end = run.at(found.crossover_hz)[0]
+        axes.annotate("", (-180.0, 0.0), (end, 0.0), arrowprops=arrow, zorder=5)
+        text = f"{found.phase_margin_deg:.1f}°"
+        middle = (end - 180.0) / 2.0
+        placer.place(text, [(middle, 0.0)], [(0.0, 7.0), (0.0, -7.0)], fontsize=8, color=INK, weight="bold")
+    bottom = axes.get_ylim()[0]
+    if np.isfinite(found.gain_margin_db) and -found.gain_margin_db > bottom:
+        axes.annotate("", (-180.0, 0.0), (-180.0, -found.gain_margin_db), arrowprops=arrow, zorder=5)
+        text = f"{found.gain_margin_db:.1f} dB"
+        spots = [(-180.0, -found.gain_margin_db * share) for share in (0.5, 0.35, 0.65, 0.2)]
+        placer.place(text, spots, [(-22.0, 0.0), (22.0, 0.0)], fontsize=8, color=INK, weight="bold")
+
+
+def _frequency_marks(axes: Axes, placer: LabelPlacer, run: _Track) -> None:
+    offsets = [(r * np.cos(a), r * np.sin(a)) for r in (11.0, 15.0, 20.0, 26.0) for a in np.radians(range(0, 360, 30))]
+    for mark in _MARKS_HZ:
+        if not run.frequency_hz[0] <= mark <= run.frequency_hz[-1]:
+            continue
+        at = run.at(mark)
+        if not (axes.get_ylim()[0] < at[1] < axes.get_ylim()[1]):
+            continue
+        axes.plot(*at, "o", color=BLUE, markersize=4, zorder=6)
+        placer.place(f"{mark:g} Hz", [at], offsets, fontsize=7.5, color=BLUE)
+
+
+def _grid_labels(axes: Axes, placer: LabelPlacer) -> None:
+    """Label |T| in dB along the right edge or on the contour; phase of T along the top or bottom, where
+    there is room.
+    """
+    low, high = axes.get_ylim()
+    left, right = axes.get_xlim()
+    ground = {"boxstyle": "square,pad=0.08", "facecolor": "white", "edgecolor": "none"}
+    style: dict[str, Any] = {"fontsize": 6.5, "color": _GRID_INK, "bbox": ground}
+    for level in _GAIN_LEVELS_DB:
+        circle = 10.0 ** (level / 20.0) * np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 1441)[:-1])
+        with np.errstate(all="ignore"):
+            loop = circle / (1.0 - circle)
+        phase, gain = np.degrees(np.angle(loop)), db(loop)
+        phase = np.where(phase > right, phase - 360.0, phase)
+        inside = (phase > left) & (phase < right - 6.0) & (gain > low + 2.0) & (gain < high - 2.0)
+        order = np.argsort(-phase if level <= 0.0 else gain)
+        anchors = [(float(phase[i]), float(gain[i])) for i in order if inside[i]][::6]
+        placer.place(_minus(f"{level:g} dB"), anchors or [(right, high)], **style)
+    for angle in _PHASE_LEVELS_DEG:
+        closed = 10.0 ** (np.linspace(-60.0, 40.0, 1200) / 20.0) * np.exp(1j * np.radians(angle))
+        loop = closed / (1.0 - closed)
+        phase, gain = np.degrees(np.angle(loop)), db(loop)
+        phase = np.where(phase > 0.0, phase - 360.0, phase)
+        inside = (phase > left) & (phase < right) & (gain > low + 1.0) & (gain < high - 1.0)
+        anchors = [(float(phase[i]), float(gain[i])) for i in np.flatnonzero(inside)][::5]
+        placer.place(_minus(f"{angle:g}°"), anchors or [(right, high)], **style)
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "−")

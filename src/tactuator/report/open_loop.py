@@ -1,0 +1,239 @@
+"""The files of a calibrated display without loop: display file, equalisers for other programs, and a page for a methods
+section.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import soundfile
+from scipy import signal
+
+from tactuator import __version__
+from tactuator.arrays import FloatArray
+from tactuator.io.atomic import atomic_path, write_text
+from tactuator.io.controller import write_controller
+from tactuator.io.model import write_model
+from tactuator.io.record import write_record
+from tactuator.measure.error import ChannelPrediction
+from tactuator.measure.open_loop import Calibrated, CalibratedChannel, CalibrationRequest, Flatness, NoEqualiser
+from tactuator.model.controller import ChannelController, Controller
+from tactuator.model.document import display_document
+from tactuator.signals.decibels import db
+from tactuator.signals.record import Record
+
+_ENDS = {
+    "asked": "the end of what was asked",
+    "command": "the command's range",
+    "travel": "the travel",
+}
+
+
+def open_loop_page(made: Calibrated, asked: CalibrationRequest, rig: str, date: str, gaps: int) -> str:
+    """Return the page as Markdown."""
+    controller = made.controller
+    display = controller.display
+    outcome = "within" if made.flat else "NOT within"
+    felt = "felt levels are" if len(made.channels) > 1 else "the felt level is"
+    lines = [
+        f"# {display.name}: calibration without loop",
+        "",
+        f"tactuator {__version__}, {date}, on `{rig}` at {display.rate_hz:g} Hz. "
+        f"Controller {controller.content_hash[:12]}. "
+        f"By its own sensor {felt} {outcome} ±{display.objectives.flatness_db:g} dB over the usable band.",
+        "",
+        *(line for one in made.channels for line in _channel(one, controller, asked)),
+        "## How it was found",
+        "",
+        "Each channel was driven with a broadband periodic command (4 s; lines from half the lower to 1.6 times the "
+        f"upper frequency asked, {asked.band_hz[0]:g} to {asked.band_hz[1]:g} Hz; amplitudes as 1/f), raised until 19 "
+        "of 20 lines stood 30 dB above the noise. A model was fitted to five periods and held against two of another "
+        f"command. The usable band is that in which a tone of {asked.level_db_sl:g} dB SL needs at most 0.9 of the "
+        "range and of the travel. The equaliser was verified at the sensor with tones of that level, several at a "
+        "time, of which the loudest alone, against the threshold curve; an equaliser that erred by more than 0.7 of "
+        "the tolerance was corrected by that and verified anew. "
+        + (f"The card told of {gaps} gaps; every run with one was repeated." if gaps else "The card told of no gap."),
+        "",
+        "## What the figures do not hold",
+        "",
+        "They are as true as the sensor's calibration and the curve. They hold for the actuator as it stood; a finger "
+        "that touches it is a load, under which it has to be measured again. Tones of other levels are felt as flat as "
+        "the actuator is linear.",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _channel(one: CalibratedChannel, controller: Controller, asked: CalibrationRequest) -> list[str]:
+    channel = controller.display.channel(one.name)
+    low, high = one.usable.band_hz
+    last, plant, level = one.last, one.followed.plant, one.level
+    off_db = max(0.0, one.followed.departure_db)
+    card = controller.display.sound
+    assert card is not None
+    wires = card.wires[controller.display.channels.index(channel)]
+    put_back_ms = 1e3 * card.latency_samples / controller.rate_hz
+    rows = {
+        "threshold curve": f"{channel.threshold.curve.name} ({channel.threshold.curve.provenance})",
+        "usable band": f"{low:.4g} to {high:.4g} Hz at {asked.level_db_sl:g} dB SL "
+        f"(ended by {_ENDS[one.usable.ends[0]]} and by {_ENDS[one.usable.ends[1]]})",
+        "felt level less asked": f"{last.error_db.min():+.2f} to {last.error_db.max():+.2f} dB at "
+        f"{last.frequency_hz.size} frequencies (95 %: ±{last.confidence_db.max():.2f} dB or better)",
+        "by octave": "; ".join(_by_octave(one.last)),
+        "corrected at that level": f"{one.rounds} times (first {one.first.worst_db:+.2f} dB)"
+        if one.rounds
+        else "not needed",
+        "plant": f"{_PLANTS[one.followed.by]}, {plant.poles.size} poles; within {off_db:.2f} dB of fresh noise",
+        "dead time": f"{put_back_ms:.3f} ms put back (latency_samples = {card.latency_samples}), card included; "
+        f"{1e3 * channel.plant.delay_s:.3f} ms left in the plant",
+        "recorded at": f"{level.volts:.3g} V peak, {1e3 * level.moved_mm:.3g} µm peak (bound by {level.bound_by})",
+        "sensor": f"{channel.quantity}, {channel.sensor_gain_v_per_mm:g} V per mm{_PER[channel.quantity]}",
+        "card": f"output {wires.output} at {wires.output_full_scale_v:g} V full scale, input {wires.input} at "
+        f"{wires.input_full_scale_v:g} V",
+        "limits": f"{channel.converter.range_v:g} V, {channel.travel_mm:g} mm, "
+        f"{controller.display.objectives.comfort_db_sl:g} dB SL",
+    }
+    short = one.shortfall(controller.display.objectives.flatness_db)
+    rows = {"not flat": short, **rows} if short else rows
+    return [f"## {one.name}", "", "| what | value |", "|---|---|", *(f"| {k} | {v} |" for k, v in rows.items()), ""]
+
+
+def _by_octave(flat: Flatness) -> list[str]:
+    """Return the least and the greatest error of each octave band."""
+    octave = np.argmin(np.abs(np.log(flat.frequency_hz[:, None] / np.array(_OCTAVES))), axis=1)
+    return [
+        f"{_OCTAVES[number]:g} Hz {flat.error_db[octave == number].min():+.2f} to "
+        f"{flat.error_db[octave == number].max():+.2f}"
+        for number in np.unique(octave)
+    ]
+
+
+_OCTAVES = (1.0, 2.0, 4.0, 8.0, 16.0, 31.5, 63.0, 125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0, 8000.0)
+_PLANTS = {"model": "model", "response": "the response by itself, as no model followed within 1 dB"}
+_PER = {"displacement": "", "velocity": "/s", "acceleration": "/s²"}
+
+
+FILES = ("display.toml", "controller.json", "report.md", "equaliser.json", "response.json")
+
+
+def write_calibrated(folder: Path, made: Calibrated, asked: CalibrationRequest, rig: str, date: str, gaps: int) -> None:
+    """Write FILES into `folder`, and each channel's NAME.equaliser.wav and, where there is a model, NAME.model.json."""
+    folder.mkdir(parents=True, exist_ok=True)
+    controller = made.controller
+    rate_hz = controller.rate_hz
+    write_text(folder / "display.toml", toml_text(display_document(controller.display)))
+    write_controller(folder / "controller.json", controller)
+    write_text(folder / "report.md", open_loop_page(made, asked, rig, date, gaps))
+    equalisers = []
+    for one, own in zip(made.channels, controller.channels, strict=True):
+        if one.followed.model is not None:
+            write_model(folder / f"{one.name}.model.json", one.followed.model)
+        impulse, volts = impulse_response(own, rate_hz)
+        with atomic_path(folder / f"{one.name}.equaliser.wav") as beside:
+            soundfile.write(beside, impulse, round(rate_hz), subtype="FLOAT", format="WAV")
+        wave = {"file": f"{one.name}.equaliser.wav", "volts_of_1": volts}
+        equalisers.append(equaliser_document(own, rate_hz) | {"impulse_response": wave})
+    _write_json(folder / "equaliser.json", {"channels": equalisers})
+    responses = [response_document(controller, one.name) for one in made.channels]
+    _write_json(folder / "response.json", {"channels": responses})
+
+
+def write_measured(folder: Path, reached: NoEqualiser, rig: str, date: str) -> tuple[str, ...]:
+    """Write what was measured before there was no equaliser, and return the files' names: display.toml with the plants
+    that were found, and each channel's NAME.record.h5 and, where there is a model, NAME.model.json.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    names = ["display.toml"]
+    write_text(folder / "display.toml", toml_text(display_document(reached.display)))
+    for one in reached.known:
+        name, heard = one.channel.name, one.heard
+        about = {"rig": rig, "channel": name, "display": reached.display.name, "hold": "band-limited", "date": date}
+        record = Record(heard.wave.rate_hz, heard.command.ravel(), heard.position.ravel(), about=about)
+        write_record(folder / f"{name}.record.h5", record)
+        names.append(f"{name}.record.h5")
+        if one.followed.model is not None:
+            write_model(folder / f"{name}.model.json", one.followed.model)
+            names.append(f"{name}.model.json")
+    return tuple(names)
+
+
+def _write_json(path: Path, document: Mapping[str, Any]) -> None:
+    write_text(path, json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def toml_text(document: Mapping[str, Any]) -> str:
+    """Return the text of a display file with these tables; what is None is left out."""
+    lines = []
+    for name, table in document.items():
+        if name != "channel":
+            lines += [f"[{name}]", *_keys(table), ""]
+    for channel in document["channel"]:
+        lines += ["[[channel]]", *_keys(channel), ""]
+    return "\n".join(lines)
+
+
+def _keys(table: Mapping[str, Any]) -> list[str]:
+    return [f"{key} = {_value(value)}" for key, value in table.items() if value is not None]
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(_keys(value)) + " }"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_value(one) for one in value) + "]"
+    # numbers, truth values and strings are spelt as in JSON
+    return json.dumps(value, ensure_ascii=False)
+
+
+_QUIET, _LONGEST_S, _FADE = 1e-4, 1.0, 0.1
+_POINTS = 121
+
+
+def impulse_response(own: ChannelController, rate_hz: float) -> tuple[FloatArray, float]:
+    """Return a channel's equaliser as an impulse response (n,) with a peak of 1, and the volts at that peak for a
+    threshold unit; its last tenth is faded out, where it is 80 dB below the peak or a second has gone.
+    """
+    impulse = np.zeros(round(_LONGEST_S * rate_hz))
+    impulse[0] = 1.0
+    sections = own.prefilter_sos / own.prefilter_sos[:, 3:4]
+    answer = signal.sosfilt(sections, impulse)
+    peak = float(np.max(np.abs(answer)))
+    end = int(np.flatnonzero(np.abs(answer) > _QUIET * peak)[-1]) + 1
+    count = min(impulse.size, max(64, round(end / (1.0 - _FADE))))
+    line = np.ones(count)
+    fade = max(1, round(_FADE * count))
+    line[-fade:] = 0.5 + 0.5 * np.cos(np.pi * np.arange(1, fade + 1) / fade)
+    return answer[:count] * line / peak, peak
+
+
+def equaliser_document(own: ChannelController, rate_hz: float) -> dict[str, Any]:
+    """Return a channel's equaliser as second-order sections, b0 b1 b2 a0 a1 a2, with what it maps and its limit."""
+    return {
+        "channel": own.name,
+        "rate_hz": rate_hz,
+        "maps": "threshold units (1: 0 dB SL) to volts at the motor",
+        "sections": own.prefilter_sos.tolist(),
+        "columns": ["b0", "b1", "b2", "a0", "a1", "a2"],
+        "command_limit_v": own.limits.command_v,
+    }
+
+
+def response_document(controller: Controller, name: str) -> dict[str, Any]:
+    """Return what a channel's model answers over its band: mm at the finger for a volt, and felt level less the level
+    asked under the equaliser.
+    """
+    prediction = ChannelPrediction.of(controller, name)
+    low, high = prediction.channel.threshold.band_hz
+    frequency = np.geomspace(low, high, _POINTS)
+    moved = prediction.displacement(frequency) / prediction.command(frequency)
+    return {
+        "channel": name,
+        "frequency_hz": frequency.tolist(),
+        "mm_per_v": np.abs(moved).tolist(),
+        "threshold_db_re_1um": db(1e3 * prediction.channel.threshold.curve.displacement_mm(frequency)).tolist(),
+        "felt_error_db": db(np.abs(prediction.felt(frequency))).tolist(),
+    }

@@ -1,1 +1,0 @@
-"""Figures of the report: of a controller, of a device, of what is felt."""

@@ -1,1 +1,0 @@
-"""Figures of a controller: loop, prefilter, headroom, word length, configuration."""

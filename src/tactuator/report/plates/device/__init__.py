@@ -1,1 +1,0 @@
-"""Figures of a device: calibration, identification, motor, noise, response."""

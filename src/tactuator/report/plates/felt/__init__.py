@@ -1,1 +1,0 @@
-"""Figures of what a person feels: curves, thresholds, equality, speech."""

@@ -1,0 +1,199 @@
+"""Tables as texts: a controller's figures, a verdict's findings, an identification, transfer functions as printed."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tactuator.arrays import FloatArray
+from tactuator.identification.by_response import ResponseFit
+from tactuator.identification.result import Identification, resonances
+from tactuator.model.controller import ChannelController
+from tactuator.model.verdict import Finding
+from tactuator.signals.systems import ContinuousSystem
+
+FINDING_COLUMNS = ("objective", "channel", "outcome", "found", "allowed", "frequency", "load")
+_ROWS: Mapping[str, tuple[str, ...]] = {
+    "crossover (Hz)": ("margins", "crossover_hz"),
+    "phase margin (deg)": ("margins", "phase_margin_deg"),
+    "gain margin (dB)": ("margins", "gain_margin_db"),
+    "max|S|": ("margins", "sensitivity_peak"),
+    "max|T|": ("margins", "complementary_peak"),
+    "disk margin": ("margins", "disk_margin"),
+    "delay margin (samples)": ("margins", "delay_margin_samples"),
+    "command noise gain": ("margins", "command_noise_gain"),
+    "mean |S| over the rejection band (dB)": ("rejection_db", "mean"),
+    "prefilter: poles": ("prefilter", "poles"),
+    "prefilter: greatest error (dB)": ("prefilter", "max_error_db"),
+    "prefilter: rms error (dB)": ("prefilter", "rms_error_db"),
+}
+
+
+def design_rows(channels: Sequence[ChannelController]) -> Iterator[tuple[str, ...]]:
+    """Yield the figures of a design, the worst over the loads: their name, then a cell for each channel."""
+    for words, keys in _ROWS.items():
+        yield words, *(_cell(_found(one.report, keys)) for one in channels)
+    lines_hz = sorted({key for one in channels for key in one.report.get("mains_db", {})}, key=float)
+    for key in lines_hz:
+        yield f"|T| at {key} Hz (dB)", *(_cell(_found(one.report, ("mains_db", key))) for one in channels)
+
+
+def finding_row(one: Finding) -> tuple[str, ...]:
+    """Return a finding as the cells of `FINDING_COLUMNS`."""
+    unit = f" {one.unit}" if one.unit else ""
+    found = one.quantity if one.value is None else f"{one.quantity} {one.value:.2f}{unit}"
+    allowed = "" if one.allowed is None else f"{one.allowed:g}{unit}"
+    at = "" if one.frequency_hz is None else f"{one.frequency_hz:.4g} Hz"
+    return one.objective, one.channel, one.outcome.value, found, allowed, at, one.load
+
+
+def remark_lines(findings: Iterable[Finding]) -> list[str]:
+    """Return the findings' remarks, one line each; channels, and objectives, of which the same is said share a line."""
+    channels: dict[tuple[str, str], dict[str, None]] = {}
+    for one in findings:
+        if one.remark:
+            channels.setdefault((one.objective, one.remark), {})[one.channel] = None
+    objectives: dict[tuple[str, str], list[str]] = {}
+    for (objective, remark), names in channels.items():
+        objectives.setdefault((", ".join(names), remark), []).append(objective)
+    return [f"{', '.join(one)}, {names}: {remark}" for (names, remark), one in objectives.items()]
+
+
+def _found(report: Any, keys: tuple[str, ...]) -> Any:
+    for key in keys:
+        report = report.get(key) if report is not None else None
+    return report
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "—"
+    return f"{value:.2f}" if isinstance(value, float) else str(value)
+
+
+def with_error(value: float, error: float) -> tuple[str, str]:
+    """Return a value to the last digit that its error leaves, and the error to two digits."""
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0.0):
+        return f"{value:.6g}", f"{error:.2g}"
+    decimals = 1 - math.floor(math.log10(error))
+    if not -2 <= decimals <= 6:  # very large and very small numbers keep an exponent
+        digits = max(1, math.floor(math.log10(abs(value) or error)) + decimals + 1)
+        return f"{value:.{digits}g}", f"{error:.2g}"
+    decimals = max(decimals, 0)
+    return f"{value:.{decimals}f}", f"{error:.{decimals}f}"
+
+
+_SAID_BY = {"data": "by the data", "file": "by the record's own file", "asked": "as asked for"}
+
+
+def identification_rows(found: Identification, about: Mapping[str, str]) -> Iterator[tuple[str, str, str]]:
+    """Yield the rows of the table: what it is, its value, its 95 % interval (or nothing)."""
+    model, confidence = found.model, found.model.confidence()
+    for name, values, first in (("numerator", model.num, 0), ("denominator", model.den, 1)):
+        top = values.size - 1
+        for k in range(first, values.size):
+            error = confidence[f"{name[:3]}_s{top - k}"]
+            value, width = with_error(float(values[k]), error)
+            yield f"{name}, s^{top - k}", value, "fixed" if found.fixed and error == 0.0 else width
+    for known in found.fixed:
+        yield f"fixed: {known.fixed.name}", str(known.fixed).partition("=")[2], known.beside
+    yield "dead time (ms)", *with_error(1e3 * model.delay_s, 1e3 * confidence["delay_s"])
+    yield "poles (Hz)", ", ".join(f"{pole:.4g}" for pole in found.poles_hz), ""
+    for one in resonances(model.den):
+        name = f"resonance at {one.frequency_hz:.4g} Hz"
+        yield name, f"damping ratio {one.damping_ratio:.3g}, Q {one.q:.3g}", ""
+    for words, value in _circumstances(found, about):
+        yield words, value, ""
+    if found.friction is not None:
+        command, position = f"{model.command_unit} of command".strip(), f"{model.position_unit} of position".strip()
+        level = with_error(found.friction.coulomb, found.friction.confidence)
+        yield f"Coulomb friction ({command})", *level
+        distance = found.friction.presliding
+        yield f"presliding distance ({position})", "cannot tell" if distance is None else f"{distance:.3g}", ""
+
+
+def _circumstances(found: Identification, about: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """Yield what is to be known of the record, and how well the model follows it."""
+    model = found.model
+    sure = "" if found.between.certain else " (cannot be told; the band holds both)"
+    yield "command between samples", f"{found.between.hold}, {_SAID_BY[found.between.source]}{sure}"
+    yield "recorded in", {True: "closed loop", False: "open loop", None: "cannot tell"}[found.tests.feedback]
+    if {"input", "output"} <= set(about):
+        yield "columns", f"{about['input']} -> {about['output']}"
+    yield "order of excitation by the command", str(found.excitation.order)
+    if model.valid_hz is not None:
+        yield "the model is valid over (Hz)", f"{model.valid_hz[0]:.4g} to {model.valid_hz[1]:.4g}"
+    yield "widest 95 % band there (dB)", f"{float(np.max(model.band_db(found.frequency_hz()))):.2g}"
+    yield "fit of the simulated position (%)", f"{found.fit_percent:.2f}"
+    yield "residual is white noise", "yes" if found.tests.white else "no"
+    yield "residual is free of the command", "yes" if found.tests.uncorrelated_with_input else "no"
+    for unseen in found.validations:
+        verdict = "fails" if unseen.failures else "holds"
+        inside = "not judged" if np.isnan(unseen.inside) else f"{100.0 * unseen.inside:.0f} % inside the band"
+        yield f"on {unseen.name}", f"{verdict}: fit {unseen.fit_percent:.2f} %, {inside}"
+
+
+def response_rows(found: ResponseFit) -> list[tuple[str, str]]:
+    """Return what `identify` prints of a model of a frequency response: name and value."""
+    rows = []
+    for name, values in (("numerator", found.model.num), ("denominator", found.model.den)):
+        top = values.size - 1
+        rows += [(f"{name}, s^{top - k}", f"{value:.5g}") for k, value in enumerate(values)]
+    rows += [(f"fixed: {one.fixed.name}", f"{str(one.fixed).partition('=')[2]} {one.beside}") for one in found.fixed]
+    rows.append(("dead time (ms)", f"{1e3 * found.model.delay_s:.3g}"))
+    return [*rows, ("largest departure from the response (dB)", f"{found.largest_db:.2f}")]
+
+
+def printed_polynomial(coefficients: FloatArray) -> str:
+    """Return a polynomial in s as it is printed: four digits, no factor of one, no zero term."""
+    order = len(coefficients) - 1
+    terms = []
+    for index, value in enumerate(coefficients):
+        power = order - index
+        if value == 0.0:
+            continue
+        symbol = "" if power == 0 else "s" if power == 1 else f"s{_superscript(power)}"
+        number = "" if symbol and abs(value) == 1.0 else f"{abs(value):.4g}"
+        terms.append((" − " if value < 0.0 else " + ") + number + symbol)
+    text = "".join(terms)
+    return text.removeprefix(" + ").replace(" − ", "−", 1) if text.startswith(" − ") else text.removeprefix(" + ")
+
+
+def printed_polynomials(system: ContinuousSystem) -> tuple[str, str]:
+    """Return the numerator and denominator of a continuous system as printed."""
+    num, den = system.polynomials()
+    return printed_polynomial(num), printed_polynomial(den)
+
+
+def printed_factors(system: ContinuousSystem) -> str:
+    """Return the system as a gain and a fraction of factors, each with one real root (rad/s) or one pair of roots.
+
+    Factors keep the digits that a polynomial of high order loses. Roots at the origin come first, then by magnitude.
+    """
+    above, below = _factors(system.zeros), _factors(system.poles)
+    gain = f"{system.gain:.6g}"
+    top = f"{gain} {above}" if above else gain
+    return f"{top} / ({below})" if below else top
+
+
+def _factors(roots: np.ndarray[tuple[int], np.dtype[np.complex128]]) -> str:
+    """Return the product of the factors of these roots; pairs are told by their root above the real axis."""
+    real = roots.imag == 0.0
+    upper = roots[roots.imag > 0.0]
+    factors = [(abs(root), np.array([1.0, -root.real])) for root in roots[real]]
+    factors += [(abs(root), np.array([1.0, -2.0 * root.real, abs(root) ** 2])) for root in upper]
+    counted = Counter(_bracketed(values) for _, values in sorted(factors, key=lambda one: one[0]))
+    return " ".join(text if times == 1 else text + _superscript(times) for text, times in counted.items())
+
+
+def _bracketed(values: FloatArray) -> str:
+    text = printed_polynomial(values)
+    return text if text == "s" else f"({text})"
+
+
+def _superscript(number: int) -> str:
+    return str(number).translate(str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹"))

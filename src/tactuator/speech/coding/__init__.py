@@ -1,1 +1,0 @@
-"""Codings of speech for fingers: bands, envelopes, carriers and their files."""

@@ -1,0 +1,175 @@
+"""Streams at another rate and through linear-phase filters, with no delay, in bounded memory.
+
+`scipy.signal.upfirdn` resamples (polyphase), with the history kept between blocks; output sample m lies at the time
+m / rate_out of the input's first sample. Band filters work in frames that are counted from the stream's first sample.
+Both give the same output, bit for bit, however the input is cut into blocks. Outside the stream the signal is zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import lru_cache
+from itertools import chain
+from math import gcd
+
+import numpy as np
+from scipy import fft, signal
+
+from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.errors import BadInput
+
+ALIASES_DB = 90.0
+"""Of images and aliases; a 16-bit file's own noise lies at about -98 dB."""
+
+
+@lru_cache(maxsize=8)
+def resampling_kernel(rate_in_hz: int, rate_out_hz: int, pass_hz: float) -> tuple[FloatArray, int, int]:
+    """Return (kernel, up, down) with a Kaiser low-pass at up * rate_in_hz, flat to `pass_hz`.
+
+    Whatever would fold onto 0..pass_hz, going up or down, is at least 90 dB down; between pass_hz and the edge of the
+    slower rate images and aliases may overlap. The kernel's length is odd and its middle a multiple of `down`.
+    Raises BadInput where `pass_hz` does not fit below half the slower rate.
+    """
+    slower = min(rate_in_hz, rate_out_hz)
+    if not 0.0 < pass_hz < 0.5 * slower:
+        raise BadInput(f"a pass band to {pass_hz:g} Hz does not fit into {slower} Hz", f"below {0.5 * slower:g}")
+    common = gcd(rate_in_hz, rate_out_hz)
+    up, down = rate_out_hz // common, rate_in_hz // common
+    inner_hz = float(rate_in_hz * up)
+    stop_hz = slower - pass_hz
+    taps, beta = signal.kaiserord(ALIASES_DB, (stop_hz - pass_hz) / (0.5 * inner_hz))
+    half = down * int(np.ceil(taps / 2 / down))
+    kernel = signal.firwin(2 * half + 1, 0.5 * (pass_hz + stop_hz), window=("kaiser", beta), fs=inner_hz)
+    kernel = kernel * up
+    kernel.flags.writeable = False  # it is kept for the next file
+    return kernel, up, down
+
+
+def resample(blocks: Iterable[FloatArray], rate_in_hz: int, rate_out_hz: int, pass_hz: float) -> Iterator[FloatArray]:
+    """Resample blocks of shape (n,) at `rate_in_hz`; yield blocks at `rate_out_hz`, in all ceil(frames * rate_out /
+    rate_in).
+    """
+    if rate_in_hz == rate_out_hz:
+        yield from blocks
+        return
+    kernel, up, down = resampling_kernel(rate_in_hz, rate_out_hz, pass_hz)
+    middle = (len(kernel) - 1) // 2 // down  # the kernel's delay, in output samples
+    reach = -(-(len(kernel) - 1) // up)  # how many input samples back an output looks
+    history, first = np.zeros(0), 0  # the input kept, and the index of its first sample
+    done, total = 0, 0  # output samples given, input samples seen
+    for block in blocks:
+        history, total = np.concatenate((history, block)), total + len(block)
+        ready = max(done, (total * up - 1) // down + 1 - middle)
+        yield _outputs(kernel, history, up, down, first * up // down, done + middle, ready + middle)
+        done = ready
+        keep = max(0, ((done + middle) * down // up - reach) // down * down)  # on the grid of whole output samples
+        history, first = history[keep - first :], keep
+    end = -(-total * up // down)
+    tail = np.concatenate((history, np.zeros(reach + 1)))
+    yield _outputs(kernel, tail, up, down, first * up // down, done + middle, end + middle)
+
+
+def _outputs(
+    kernel: FloatArray, history: FloatArray, up: int, down: int, origin: int, start: int, stop: int
+) -> FloatArray:
+    """Return the output samples start..stop (counted with the kernel's delay), the history's first lying at output
+    `origin`.
+    """
+    if stop <= start:
+        return np.zeros(0)
+    filtered = signal.upfirdn(kernel, history, up, down)
+    return np.asarray(filtered[start - origin : stop - origin])
+
+
+ATTENUATION_DB = 84.0
+"""Asked of Kaiser's formula, which is an estimate, so that a stop band is 80 dB down; ripple is then 0.001 dB."""
+
+
+def band_kernel(low_hz: float, high_hz: float, transition_hz: float, rate_hz: float) -> FloatArray:
+    """Return a linear-phase Kaiser band-pass of odd length, -6 dB at `low_hz` and `high_hz`; a low-pass where low_hz is
+    0.
+
+    Each edge falls from 0.001 dB to 80 dB down within `transition_hz`, centred on the edge. Raises BadInput where the
+    edges and the transition do not fit between 0 and half the rate.
+    """
+    half = 0.5 * transition_hz
+    fits_below = low_hz == 0.0 or half <= low_hz < high_hz - transition_hz
+    if not (fits_below and 0.0 < half <= high_hz < 0.5 * rate_hz - half):
+        raise BadInput(
+            f"band {low_hz:g}..{high_hz:g} Hz with edges {transition_hz:g} Hz wide at {rate_hz:g} Hz",
+            f"edges that do not overlap, within 0..{0.5 * rate_hz:g} Hz",
+        )
+    taps, beta = signal.kaiserord(ATTENUATION_DB, transition_hz / (0.5 * rate_hz))
+    cutoff = high_hz if low_hz == 0.0 else [low_hz, high_hz]
+    kernel = signal.firwin(taps | 1, cutoff, window=("kaiser", beta), pass_zero=low_hz == 0.0, fs=rate_hz, scale=False)
+    return np.asarray(kernel)
+
+
+def convolve_kernels(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return two odd linear-phase kernels in series."""
+    return np.asarray(signal.fftconvolve(first, second))
+
+
+def filter_bank(blocks: Iterable[FloatArray], kernels: Sequence[FloatArray]) -> Iterator[FloatArray]:
+    """Filter blocks of shape (n,) through every kernel (odd, symmetric); yield blocks of shape (m, kernels), as long in
+    all.
+    """
+    half, size = _frame_of(kernels)
+    spectra = [_spectrum(kernel, half, size) for kernel in kernels]
+
+    def filtered(frame: FloatArray) -> FloatArray:
+        spectrum = fft.rfft(frame)
+        return np.stack([fft.irfft(spectrum * kernel, size)[2 * half :] for kernel in spectra], axis=1)
+
+    return _overlapped(blocks, half, size, filtered, np.zeros(2 * half))
+
+
+def filter_columns(blocks: Iterable[FloatArray], kernel: FloatArray) -> Iterator[FloatArray]:
+    """Filter blocks of shape (n, columns), every column through the same kernel; yield blocks as long in all."""
+    half, size = _frame_of([kernel])
+    spectrum = _spectrum(kernel, half, size)
+
+    def filtered(frame: FloatArray) -> FloatArray:
+        columns = np.ascontiguousarray(frame.T)
+        return np.asarray(fft.irfft(fft.rfft(columns) * spectrum, size)[:, 2 * half :].T)
+
+    stream = iter(blocks)
+    first = next(stream, None)
+    if first is not None:
+        start = np.zeros((2 * half, first.shape[1]))
+        yield from _overlapped(chain([first], stream), half, size, filtered, start)
+
+
+def _frame_of(kernels: Sequence[FloatArray]) -> tuple[int, int]:
+    """Return half the longest kernel, and the length of a frame."""
+    half = max(len(kernel) for kernel in kernels) // 2
+    return half, int(fft.next_fast_len(max(8 * half, 1 << 13), real=True))
+
+
+def _overlapped(
+    blocks: Iterable[FloatArray],
+    half: int,
+    size: int,
+    filtered: Callable[[FloatArray], FloatArray],
+    history: FloatArray,
+) -> Iterator[FloatArray]:
+    hop = size - 2 * half
+    waiting = half  # samples of the filters' delay not yet dropped
+    for block in blocks:
+        history = np.concatenate((history, block))
+        while len(history) >= size:
+            yield filtered(history[:size])[waiting:]
+            history, waiting = history[hop:], 0
+    remaining = len(history) - half - waiting
+    history = np.concatenate((history, np.zeros((size + half, *history.shape[1:]))))
+    while remaining > 0:
+        frame = filtered(history[:size])[waiting:][:remaining]
+        yield frame
+        history, remaining, waiting = history[hop:], remaining - len(frame), 0
+
+
+def _spectrum(kernel: FloatArray, half: int, size: int) -> ComplexArray:
+    offset = half - len(kernel) // 2  # a shorter kernel is centred on the longest
+    padded = np.zeros(size)
+    padded[offset : offset + len(kernel)] = kernel
+    return np.asarray(fft.rfft(padded))

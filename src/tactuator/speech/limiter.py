@@ -1,0 +1,334 @@
+"""A look-ahead limiter that keeps a display's limits by construction: nothing is let out that was not checked.
+
+The limits of a channel are comfort, travel and command, untouched and under every load. Comfort, 55 dB SL at each
+frequency, is kept in two ways. No sample of the felt signal (the displacement weighted by the inverse threshold curve
+with zero phase) exceeds the amplitude of 55 dB SL. And no sample of the reference exceeds pi/4 of it, less the
+response's own error: of a signal that stays within +/- A, no sinusoidal component found with any positive window
+exceeds 4 A / pi (that of a square wave), so no component exceeds 55 dB SL, whatever the waveform.
+
+The stream is taken in stretches of 12 s with 2 s of look-ahead. For every finger the responses of its limits predict,
+from the reference as it would go out and from what went out before, the felt signal, the displacement and the command.
+Where one would pass its limit, the reduction there is raised by what is missing, over a neighbourhood that doubles
+with every round (so that a slow response's cause is reached as well), and all is predicted anew. A stretch whose
+reference cannot reach any limit passes untouched, to the bit. The reduction is the smallest smooth one, in dB, that is
+nowhere less than what is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from itertools import compress
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, ndimage
+
+from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.measure.error import ChannelPrediction
+from tactuator.model.controller import Controller
+from tactuator.perception.curve import COMFORT_DB_SL
+from tactuator.signals.decibels import from_db
+
+SAFETY_DB = 0.25
+"""Kept from every limit for what the linear prediction leaves out: friction, hum, noise, word lengths, memory."""
+
+QUIET_ABOVE_HZ = 320.0
+"""Every coding is silent above; see the codings."""
+
+BINDING_SHARE = 0.8
+"""A limit that the greatest allowed reference reaches to no more than this share is not looked at again."""
+
+COARSE_STRIDE = 3
+"""Predictions of quiet stretches are looked at on every third sample only."""
+
+
+@dataclass(frozen=True, eq=False)
+class Constraint:
+    """A limit at every sample: |response applied to the reference| <= limit.
+
+    kind: comfort, travel or command. response: at the bins of a transform of `size` samples. norm: sum of the
+    magnitudes of its impulse response as far as a reference that is silent above 320 Hz can tell; ceiling: of |r|,
+    below which norm * |r| cannot reach the limit. coarse: the response up to 320 Hz, on the bins of a transform of a
+    quarter of the length; beyond: its greatest magnitude above.
+    """
+
+    kind: str
+    response: ComplexArray
+    limit: float
+    norm: float
+    coarse: NDArray[np.complex64]
+    beyond: float
+
+    @property
+    def ceiling(self) -> float:
+        """Return the reference amplitude that cannot reach the limit, whatever its waveform."""
+        return self.limit / self.norm
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelLimits:
+    """The constraints of one channel, and the greatest |r| that comfort allows."""
+
+    finger: str
+    peak: float
+    constraints: tuple[Constraint, ...]
+
+    @property
+    def harmless(self) -> float:
+        """Return the amplitude below which the samples of a reference cannot reach any limit."""
+        return min([self.peak, *(constraint.ceiling for constraint in self.constraints)])
+
+    @cached_property
+    def coarse(self) -> NDArray[np.complex64]:
+        """Return every constraint's coarse response, shape (constraints, bins): one transform for all is twice as
+        quick.
+        """
+        return np.stack([constraint.coarse for constraint in self.constraints])
+
+    @cached_property
+    def beyond(self) -> FloatArray:
+        """Return every constraint's greatest response above 320 Hz, shape (constraints,)."""
+        return np.array([constraint.beyond for constraint in self.constraints])
+
+    @cached_property
+    def limit(self) -> FloatArray:
+        """Return every constraint's limit, shape (constraints,)."""
+        return np.array([constraint.limit for constraint in self.constraints])
+
+
+def between_samples(rate_hz: float) -> float:
+    """Return the factor by which a signal below 320 Hz can exceed every third sample of it: 1/cos(pi f / rate).
+
+    Source: Ehlich & Zeller 1964, Math. Z. 86, 41-44.
+    """
+    return float(1.0 / np.cos(np.pi * QUIET_ABOVE_HZ * COARSE_STRIDE / rate_hz))
+
+
+@lru_cache(maxsize=16)
+def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimits:
+    """Return the limits of a channel for transforms of `size` samples at the controller's rate."""
+    channel, designed = controller.display.channel(name), controller.channel(name).limits
+    comfort = float(from_db(min(designed.comfort_db_sl, COMFORT_DB_SL) - SAFETY_DB))
+    keep = float(from_db(-SAFETY_DB))
+    command_v = keep * min(designed.command_v, channel.converter.range_v) - abs(channel.converter.offset_v)
+    frequency = fft.rfftfreq(size, 1.0 / controller.rate_hz)
+    heard = frequency <= QUIET_ABOVE_HZ
+    constraints, gain = [], 1.0
+    for load in (None, *(load.name for load in channel.loads)):
+        prediction = ChannelPrediction.of(controller, name, load)
+        felt = prediction.felt(frequency)
+        gain = max(gain, float(np.abs(felt[heard]).max()))
+        for kind, response, limit in (
+            ("comfort", felt, comfort),
+            ("travel", prediction.displacement(frequency), keep * channel.travel_mm),
+            ("command", prediction.command(frequency), command_v),
+        ):
+            norm = _norm(response, frequency, size)
+            coarse = np.where(heard, response, 0.0)[: size // COARSE_STRIDE // 2 + 1].astype(np.complex64)
+            constraints.append(Constraint(kind, response, limit, norm, coarse, float(np.abs(response[~heard]).max())))
+    peak = 0.25 * np.pi * comfort / gain
+    binding = [one for one in constraints if BINDING_SHARE * one.ceiling < peak]
+    return ChannelLimits(name, peak, tuple(binding))
+
+
+def _norm(response: ComplexArray, frequency: FloatArray, size: int) -> float:
+    """Return the sum of absolute values of the impulse response after a low-pass that is 1 up to 320 Hz: a quiet
+    reference cannot tell the difference.
+    """
+    fall = np.clip((2.5 * QUIET_ABOVE_HZ - frequency) / (1.5 * QUIET_ABOVE_HZ), 0.0, 1.0)
+    kernel = fft.irfft(response * (0.5 - 0.5 * np.cos(np.pi * fall)), size)
+    return float(np.abs(kernel).sum())
+
+
+ATTACK_DB_PER_MS = 0.25
+RELEASE_DB_PER_MS = 0.05
+"""Slopes at which a reduction comes and goes; both are well below the 0.5 dB/ms beyond which a gain is felt to jump."""
+
+
+def reduction_envelope(need_db: FloatArray, start_db: float | None, rate_hz: float) -> FloatArray:
+    """Return the lower envelope of straight flanks: max over s of need(s) less the slope times the distance to s.
+
+    need_db: shape (n,), zero or more. start_db: the reduction one sample earlier, None where
+    nothing went before. A flank rises towards a need at the
+    attack's slope and falls after it at the release's: no other reduction with these slopes is smaller anywhere.
+    """
+    index = np.arange(len(need_db))
+    attack, release = ATTACK_DB_PER_MS * 1e3 / rate_hz, RELEASE_DB_PER_MS * 1e3 / rate_hz
+    after = np.maximum.accumulate(need_db + release * index) - release * index
+    if start_db is not None:
+        after = np.maximum(after, start_db - release * (index + 1.0))
+    before = np.maximum.accumulate((after - attack * index)[::-1])[::-1] + attack * index
+    reduction = np.maximum(before, 0.0)
+    if start_db is None:
+        return np.asarray(reduction)
+    return np.asarray(np.minimum(reduction, start_db + attack * (index + 1.0)))
+
+
+STRETCH_S, AHEAD_S, MEMORY_S = 12.0, 2.0, 4.0  # together a multiple of 3 samples at any whole rate
+EDGE_S = 0.25
+"""At the end of the look-ahead, where what follows is not known yet, the prediction is faded out and not judged."""
+FIRST_REACH_S = 0.0025
+OVERSHOOT_DB = 0.02
+MOST_ROUNDS = 60
+BEYOND_SHARE = 0.999
+"""Predictions in float32 stay this far from a limit, so that their rounding does not count."""
+
+
+@dataclass
+class FingerLimiting:
+    """Limiting of one finger. reduced_s: time with a reduction; reasons: seconds at which each limit asked it."""
+
+    finger: str
+    max_reduction_db: float = 0.0
+    max_slope_db_per_ms: float = 0.0
+    reduced_s: float = 0.0
+    reasons: dict[str, float] = field(default_factory=lambda: {"comfort": 0.0, "travel": 0.0, "command": 0.0})
+
+
+@dataclass
+class _Finger:
+    limits: ChannelLimits
+    report: FingerLimiting
+    history: FloatArray
+    carried_db: FloatArray
+    start_db: float | None = None
+    quiet_for: int = 1 << 60  # samples since the last reduction
+
+
+class Limiter:
+    """Limits a stream of blocks (n, channels) for a controller; `report` tells what it did."""
+
+    def __init__(self, controller: Controller) -> None:
+        self._rate = controller.rate_hz
+        self._stretch, self._ahead, memory = (round(s * self._rate) for s in (STRETCH_S, AHEAD_S, MEMORY_S))
+        self._size = memory + self._stretch + self._ahead
+        self._edge = round(EDGE_S * self._rate)
+        self._fingers = [
+            _Finger(channel_limits(controller, name, self._size), FingerLimiting(name), np.zeros(memory), np.zeros(0))
+            for name in (channel.name for channel in controller.display.channels)
+        ]
+        self._between = between_samples(self._rate)
+        self._quiet_bin = int(QUIET_ABOVE_HZ * self._size / self._rate) + 1
+        self._last: tuple[FloatArray, NDArray[np.complex64], float] | None = None
+
+    @property
+    def report(self) -> tuple[FingerLimiting, ...]:
+        """Return the limiting so far, finger by finger."""
+        return tuple(finger.report for finger in self._fingers)
+
+    def process(self, blocks: Iterable[FloatArray]) -> Iterator[FloatArray]:
+        """Yield the blocks (n, channels), limited; as many samples in all."""
+        kept = np.zeros((0, len(self._fingers)))
+        for block in blocks:
+            kept = np.concatenate((kept, block))
+            while len(kept) >= self._stretch + self._ahead:
+                yield self._limit(kept[: self._stretch + self._ahead], self._stretch, last=False)
+                kept = kept[self._stretch :]
+        while len(kept):
+            ahead = np.zeros((max(0, self._stretch + self._ahead - len(kept)), kept.shape[1]))
+            last = len(kept) <= self._stretch
+            window = np.concatenate((kept, ahead))[: self._stretch + self._ahead]
+            yield self._limit(window, min(self._stretch, len(kept)), last=last)
+            kept = kept[self._stretch :]
+
+    def _limit(self, window: FloatArray, commit: int, last: bool) -> FloatArray:
+        output = np.empty((commit, window.shape[1]))
+        for column, finger in enumerate(self._fingers):
+            reference = np.ascontiguousarray(window[:, column])
+            if self._is_harmless(finger, reference):
+                reduction, limited = np.zeros(len(reference)), reference
+            else:
+                reduction, limited = self._reduce(finger, reference, last)
+            output[:, column] = limited[:commit]
+            self._commit(finger, reduction, limited, commit)
+        return output
+
+    def _is_harmless(self, finger: _Finger, reference: FloatArray) -> bool:
+        if finger.start_db or finger.carried_db.any() or finger.quiet_for < len(finger.history):
+            return False
+        signal, limits = np.concatenate((finger.history, reference)), finger.limits
+        peak = max(float(signal.max()), -float(signal.min()))
+        if peak <= limits.harmless:
+            return True
+        if peak > limits.peak:
+            return False
+        whole, rest = self._spectrum(signal)
+        spectrum = whole[: self._size // COARSE_STRIDE // 2 + 1]
+        coarse = fft.irfft(spectrum * limits.coarse, self._size // COARSE_STRIDE)  # float32 is plenty here
+        greatest = np.maximum(coarse.max(axis=1), -coarse.min(axis=1)) / COARSE_STRIDE
+        doubtful = self._between * greatest + rest * limits.beyond > limits.limit
+        for constraint in compress(limits.constraints, doubtful):
+            fine = fft.irfft(whole * constraint.response.astype(np.complex64), self._size)[len(finger.history) :]
+            if max(float(fine.max()), -float(fine.min())) > BEYOND_SHARE * constraint.limit:
+                return False
+        return True
+
+    def _spectrum(self, signal: FloatArray) -> tuple[NDArray[np.complex64], float]:
+        """Return the spectrum, and the sum of the amplitudes above 320 Hz; fingers often have one signal."""
+        if self._last is None or not np.array_equal(signal, self._last[0]):
+            spectrum = fft.rfft(signal.astype(np.float32), self._size)
+            rest = float(np.abs(spectrum[self._quiet_bin :]).sum()) * 2.0 / self._size
+            self._last = signal, spectrum, rest
+        return self._last[1:]
+
+    def _reduce(self, finger: _Finger, reference: FloatArray, last: bool) -> tuple[FloatArray, FloatArray]:
+        need = np.zeros(len(reference))
+        need[: len(finger.carried_db)] = finger.carried_db
+        fade = np.ones(len(reference))
+        if not last:
+            fade[-self._edge :] = 0.5 + 0.5 * np.cos(np.pi * (np.arange(self._edge) + 0.5) / self._edge)
+        reach = FIRST_REACH_S * self._rate
+        for _ in range(MOST_ROUNDS):
+            reduction = reduction_envelope(need, finger.start_db, self._rate)
+            limited = reference * 10.0 ** (-reduction / 20.0)
+            excess, reasons = self._excess(finger, limited, fade)
+            if not last:
+                excess[-self._edge :] = 0.0
+            if excess.max() <= 1.0:
+                self._count(finger, reasons)
+                return reduction, limited
+            missing = np.where(excess > 1.0, 20.0 * np.log10(np.maximum(excess, 1.0)) + OVERSHOOT_DB, 0.0)
+            wanted = np.where(missing > 0.0, reduction + missing, 0.0)
+            width = min(2 * round(reach) + 1, 2 * len(reference) - 1)
+            need = np.maximum(need, ndimage.maximum_filter1d(wanted, width, mode="constant"))
+            reach *= 1.4
+        raise AssertionError(f"limiter: no reduction found for {finger.limits.finger} in {MOST_ROUNDS} rounds")
+
+    def _excess(self, finger: _Finger, limited: FloatArray, fade: FloatArray) -> tuple[FloatArray, dict[str, float]]:
+        """Return the greatest share of any limit, sample by sample, and seconds within 0.5 dB of each kind of limit."""
+        memory = len(finger.history)
+        spectrum = fft.rfft(np.concatenate((finger.history, limited * fade)), self._size)
+        excess = np.abs(limited) / finger.limits.peak
+        near = {
+            "comfort": excess > 0.944,
+            "travel": np.zeros(len(limited), bool),
+            "command": np.zeros(len(limited), bool),
+        }
+        for constraint in finger.limits.constraints:
+            share = np.abs(fft.irfft(spectrum * constraint.response, self._size)[memory:]) / constraint.limit
+            np.logical_or(near[constraint.kind], share > 0.944, out=near[constraint.kind])
+            np.maximum(excess, share, out=excess)
+        return excess, {kind: float(flags[: self._stretch].sum()) / self._rate for kind, flags in near.items()}
+
+    def _count(self, finger: _Finger, reasons: dict[str, float]) -> None:
+        for kind, seconds in reasons.items():
+            finger.report.reasons[kind] += seconds
+
+    def _commit(self, finger: _Finger, reduction: FloatArray, limited: FloatArray, commit: int) -> None:
+        report, memory = finger.report, len(finger.history)
+        finger.history = np.concatenate((finger.history, limited[:commit]))[-memory:]
+        if not reduction.any():
+            finger.quiet_for, finger.carried_db, finger.start_db = finger.quiet_for + commit, np.zeros(0), 0.0
+            return
+        steps = np.abs(
+            np.diff(reduction[:commit], prepend=reduction[0] if finger.start_db is None else finger.start_db)
+        )
+        report.max_reduction_db = max(report.max_reduction_db, float(reduction[:commit].max()))
+        report.max_slope_db_per_ms = max(report.max_slope_db_per_ms, float(steps.max()) * self._rate * 1e-3)
+        reduced = np.flatnonzero(reduction[:commit])
+        report.reduced_s += len(reduced) / self._rate
+        finger.quiet_for = commit - 1 - int(reduced[-1]) if len(reduced) else finger.quiet_for + commit
+        finger.carried_db = reduction[commit : len(reduction) - 2 * self._edge].copy()
+        finger.start_db = float(reduction[commit - 1])

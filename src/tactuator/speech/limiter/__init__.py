@@ -1,1 +1,0 @@
-"""Limits on what speech may ask of a display, and the gain reduction that keeps them."""
