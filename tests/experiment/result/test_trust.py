@@ -21,7 +21,6 @@ from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.experiment.trial.delivered_level import delivered_level
 from tactuator.perception import curve as library
-from tactuator.perception import library
 from tactuator.perception.curve import RelativeCurve
 from tactuator.report.felt import psychometric_plate, thresholds_plate
 from tests.experiment.session.apparatuses import apparatus
