@@ -68,11 +68,11 @@ break_after_trials = {10 * TRIALS}
 code = "S1"
 """
 ITEMS = WaveformSet(0.5, components=(Component("M", 30.0, 40.0), Component("C", 240.0, 40.0)), fingers=(("index",),))
-IDENTIFICATION = f"""
+RECOGNITION = f"""
 [study]
-name = "identification"
+name = "recognition"
 seed = 1
-[identification]
+[recognition]
 lead_s = 0.0
 feedback_s = 0.0
 [[block]]
@@ -189,9 +189,9 @@ def run() -> dict[str, object]:
         write_controller(folder / "controller.json", controller)
         write_waveforms(ITEMS, controller, folder)
         (folder / "detection.toml").write_text(DETECTION, encoding="utf-8")
-        (folder / "identification.toml").write_text(IDENTIFICATION, encoding="utf-8")
+        (folder / "recognition.toml").write_text(RECOGNITION, encoding="utf-8")
         echoes = {"echo": [ECHO], "committing_echo": [ECHO, str(folder / "echo.db")]}
-        tasks = {"detection": ("1", "interval"), "identification": ("M-index", "playing")}
+        tasks = {"detection": ("1", "interval"), "recognition": ("M-index", "playing")}
         with ExitStack() as stack:
             peers = {name: stack.enter_context(subject_of(*command)) for name, command in echoes.items()}
             served = {name: stack.enter_context(subject_of(*serve(folder, name))) for name in tasks}

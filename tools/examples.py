@@ -140,7 +140,7 @@ def write_speech(folder):
 
 
 def write_items(folder):
-    """Write the vowels that the identification protocols ask for, as references in dB SL for display.toml."""
+    """Write the vowels that the recognition protocols ask for, as references in dB SL for display.toml."""
     job = RenderJob(design_controller(paper_display()), coding_of("bands"))
     spoken = folder / "vowel.wav"
     try:

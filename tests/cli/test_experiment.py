@@ -6,13 +6,13 @@ import json
 import pytest
 
 from tactuator.cli.main import main
-from tactuator.experiment.protocol.file import parse_identification
-from tactuator.experiment.session.identification_plan import block_trials
+from tactuator.experiment.protocol.file import parse_recognition
+from tactuator.experiment.session.recognition_plan import block_trials
 from tactuator.experiment.store.lock import sessions_of
 from tactuator.experiment.store.store import Store
 from tactuator.io.controller import write_controller
 from tests.experiment.session.apparatuses import PROTOCOL
-from tests.experiment.session.identifying import controller, items, protocol_text  # noqa: F401
+from tests.experiment.session.recognising import controller, items, protocol_text  # noqa: F401
 
 SHORT = PROTOCOL.replace("reversals = 6", "reversals = 4").replace("averaged = 4", "averaged = 2")
 
@@ -49,10 +49,10 @@ def test_simulate__json__is_one_object_and_the_same_again(capsys, arguments, key
         ["observe", "missing.toml", "--store", "lab.db"],
         ["observe", "protocol.toml", "--store", "nowhere/lab.db"],
         ["observe", "words.toml", "--store", "lab.db"],
-        ["identify", "protocol.toml", "--store", "lab.db"],
-        ["identify", "words.toml", "--store", "lab.db"],
-        ["identify", "words.toml", "--store", "lab.db", "--rig", "piano"],
-        ["identify", "words.toml", "--store", "lab.db", "--scripted-error", "2"],
+        ["recognise", "protocol.toml", "--store", "lab.db"],
+        ["recognise", "words.toml", "--store", "lab.db"],
+        ["recognise", "words.toml", "--store", "lab.db", "--rig", "piano"],
+        ["recognise", "words.toml", "--store", "lab.db", "--scripted-error", "2"],
         ["serve", "words.toml", "--store", "lab.db"],
         ["serve", "missing.toml", "--store", "lab.db"],
         ["serve", "protocol.toml", "--store", "lab.db", "--speed", "-1"],
@@ -118,7 +118,7 @@ def test_serve__port_that_cannot_be_opened__status_3(port, capsys, tmp_path, mon
 
 @pytest.fixture
 def words(tmp_path, controller, items, monkeypatch):
-    """A folder with items, an identification protocol and a controller; work goes on in it."""
+    """A folder with items, a recognition protocol and a controller; work goes on in it."""
     for path in items.iterdir():
         (tmp_path / path.name).symlink_to(path)
     write_controller(tmp_path / "controller.json", controller)
@@ -130,17 +130,17 @@ def typed(monkeypatch, *lines: str) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO("".join(f"{line}\n" for line in lines)))
 
 
-IDENTIFY = ["experiment", "identify", "words.toml", "--store", "lab.db", "--controller", "controller.json", "--json"]
+RECOGNISE = ["experiment", "recognise", "words.toml", "--store", "lab.db", "--controller", "controller.json", "--json"]
 
 
-def test_identify__at_the_terminal__asks_consent_introduces_tells_and_breaks(words, capsys, monkeypatch) -> None:
+def test_recognise__at_the_terminal__asks_consent_introduces_tells_and_breaks(words, capsys, monkeypatch) -> None:
     text = protocol_text(training=1, test=1, consent="You may stop.")
     (words / "words.toml").write_text(text)
-    right = [trial.correct for trial in block_trials(parse_identification(text), 0, 0)]
-    keys = {item.label: item.key for item in parse_identification(text).item}
+    right = [trial.correct for trial in block_trials(parse_recognition(text), 0, 0)]
+    keys = {item.label: item.key for item in parse_recognition(text).item}
     wrong = next(key for label, key in keys.items() if label != right[1])
     typed(monkeypatch, "y", keys[right[0]], "9", wrong, keys[right[2]], "", "1", "1", "1")
-    assert main(IDENTIFY) == 0
+    assert main(RECOGNISE) == 0
     said = capsys.readouterr()
     assert json.loads(said.out) == {"subject": "S1", "trials": 6, "store": "lab.db"}
     order = [
@@ -155,17 +155,17 @@ def test_identify__at_the_terminal__asks_consent_introduces_tells_and_breaks(wor
     assert [place for place in map(said.err.find, order) if place >= 0] == sorted(map(said.err.find, order))
 
 
-def test_identify__no_consent__stores_no_answer(words, capsys, monkeypatch) -> None:
+def test_recognise__no_consent__stores_no_answer(words, capsys, monkeypatch) -> None:
     (words / "words.toml").write_text(protocol_text(consent="You may stop."))
     typed(monkeypatch, "n")
-    assert main(IDENTIFY) == 0
+    assert main(RECOGNISE) == 0
     assert json.loads(capsys.readouterr().out)["trials"] == 0
 
 
 @pytest.mark.parametrize("rig", ["simulated", "in-process"])
-def test_identify__abx_by_script__on_any_rig_with_a_name(words, capsys, rig) -> None:
+def test_recognise__abx_by_script__on_any_rig_with_a_name(words, capsys, rig) -> None:
     (words / "words.toml").write_text(protocol_text("abx", training=0, test=1))
-    assert main([*IDENTIFY, "--rig", rig, "--scripted-error", "0"]) == 0
+    assert main([*RECOGNISE, "--rig", rig, "--scripted-error", "0"]) == 0
     assert json.loads(capsys.readouterr().out)["trials"] == 12
     assert main(["experiment", "information", "--store", "lab.db", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["abx"][0]["share_correct"] == 1.0
@@ -187,7 +187,7 @@ def test_serve__sessions_are_run_already__is_refused_in_one_line(tmp_path, capsy
     [
         (["observe", "mains.toml"], "60 Hz is 0 Hz from the mains line"),
         (["serve", "mains.toml", "--port", "0"], "60 Hz is 0 Hz from the mains line"),
-        (["identify", "words.toml", "--subject", "S9", "--scripted-error", "0"], "subject 'S9' is not in the study"),
+        (["recognise", "words.toml", "--subject", "S9", "--scripted-error", "0"], "subject 'S9' is not in the study"),
     ],
 )
 def test_experiment__study_that_cannot_be__leaves_no_store_but_one_that_was_there(

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tactuator.cli import main
-from tactuator.experiment.protocol.file import read_identification
+from tactuator.experiment.protocol.file import read_recognition
 from tactuator.io.start.shipped import example_names
 from tactuator.io.start.template import DISPLAY_KINDS
 from tests.cli.refusals import refused
@@ -31,11 +31,11 @@ def test_init__display_and_protocol__are_written_and_named(empty: Path, capsys: 
 
 
 def test_init__protocol_that_presents_items__brings_them(empty: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["init", "--protocol", "identification", "--json"]) == 0
+    assert main(["init", "--protocol", "recognition", "--json"]) == 0
     written = json.loads(capsys.readouterr().out)["written"]
     assert {"protocol.toml", "a.wav", "a.json", "i.wav", "u.wav"} <= set(written)
     assert all((empty / name).exists() for name in written)
-    protocol, _ = read_identification(empty / "protocol.toml")
+    protocol, _ = read_recognition(empty / "protocol.toml")
     assert [item.label for item in protocol.item] == ["a", "i", "u"]
 
 

@@ -117,7 +117,7 @@ READERS = (
     Reader("board.toml", _boards),
     Reader("de.toml", _words),
     Reader("protocol.toml", read_any_protocol, "experiment observe {} --store o.db --controller controller.json"),
-    Reader("identification.toml", read_any_protocol),
+    Reader("recognition.toml", read_any_protocol),
     Reader("journal.jsonl", _journal),
     Reader("lab.db", thresholds, "experiment thresholds --store {}"),
     Reader("coding.toml", read_coding, "render speech.wav --controller controller.json --coding {} --out o.wav"),
@@ -139,7 +139,7 @@ def make_files(folder: Path, display: Path, short: str) -> None:
     coding = (folder / "coding.toml").read_text(encoding="utf-8")
     (folder / "coding.toml").write_text(re.sub("fingers = .*", 'fingers = ["index"]', coding), encoding="utf-8")
     (folder / "protocol.toml").write_text(short, encoding="utf-8")
-    (folder / "identification.toml").write_bytes((EXAMPLES / "protocols/identification.toml").read_bytes())
+    (folder / "recognition.toml").write_bytes((EXAMPLES / "protocols/recognition.toml").read_bytes())
     (folder / "display.toml").write_bytes(display.read_bytes())
     (folder / "de.toml").write_bytes(_LANGUAGE.read_bytes())
     (folder / "board.toml").write_bytes(_BOARDS.read_bytes())

@@ -30,7 +30,7 @@ TITLES: dict[str, str] = {
 PARTS: dict[str, str] = {
     "firmware": "Programs for boards: build them, compare their bits, count their instructions.",
     "sound": "Sound cards: list them, measure their delay and their volts, try one that is simulated.",
-    "experiment": "Detection and identification: run, simulate, analyse, export.",
+    "experiment": "Detection and recognition: run, simulate, analyse, export.",
 }
 """Verbs that have parts, with what they are for."""
 

@@ -3,16 +3,16 @@
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.experiment.protocol.file import read_any_protocol, read_identification, read_protocol
+from tactuator.experiment.protocol.file import read_any_protocol, read_protocol, read_recognition
 from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.identification_task import IdentificationTask
+from tactuator.experiment.session.recognition_task import RecognitionTask
 from tactuator.experiment.session.studies import task_of
 from tests.experiment.session.apparatuses import PROTOCOL, apparatus
-from tests.experiment.session.identifying import controller, items, opened_apparatus, protocol_text  # noqa: F401
+from tests.experiment.session.recognising import controller, items, opened_apparatus, protocol_text  # noqa: F401
 
 
 def test_protocol__of_either_kind__is_recognised_by_its_content(tmp_path, items, controller) -> None:
-    for name, text, kind in (("d", PROTOCOL, DetectionTask), ("i", protocol_text(), IdentificationTask)):
+    for name, text, kind in (("d", PROTOCOL, DetectionTask), ("i", protocol_text(), RecognitionTask)):
         path = tmp_path / f"{name}.toml"
         path.write_text(text)
         read, own = read_any_protocol(path)
@@ -25,8 +25,8 @@ def test_protocol__of_either_kind__is_recognised_by_its_content(tmp_path, items,
     ("read", "text", "message"),
     [
         (read_protocol, protocol_text(), "allowed: a detection protocol"),
-        (read_identification, PROTOCOL, "allowed: an identification protocol"),
-        (read_identification, "", "has the tables none"),
+        (read_recognition, PROTOCOL, "allowed: a recognition protocol"),
+        (read_recognition, "", "has the tables none"),
         (read_any_protocol, "[study", "allowed: TOML"),
         (read_any_protocol, '[[item]]\nlabel = "a"', "study"),
         (read_any_protocol, PROTOCOL + "[extra]\nx = 1\n", "extra"),

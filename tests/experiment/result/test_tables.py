@@ -63,7 +63,7 @@ def test_tables__threshold_beyond_what_was_played__has_no_interval_that_ends_the
 
 def test_tables__matrix_and_abx__have_no_other_word() -> None:
     rng, counts = np.random.default_rng(0), np.array([[9, 1], [2, 8]])
-    one = SubjectResult("9", "identification", "7", ("1", "2"), counts, None, information(counts, rng))
+    one = SubjectResult("9", "recognition", "7", ("1", "2"), counts, None, information(counts, rng))
     assert words_left(matrix_table(one, MARKED)) == words_left(abx_table(AbxResult("9", "7", 10, 0.9), MARKED)) == []
 
 

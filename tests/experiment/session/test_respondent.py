@@ -5,8 +5,8 @@ import pytest
 from sqlalchemy import select
 
 from tactuator.errors import BadInput
-from tactuator.experiment.protocol.file import parse_identification
-from tactuator.experiment.result.confusion import identification_results
+from tactuator.experiment.protocol.file import parse_recognition
+from tactuator.experiment.result.confusion import recognition_results
 from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.respondent import Respondent
 from tactuator.experiment.simulated.respondents import ErringRespondent, FeelingRespondent
@@ -14,7 +14,7 @@ from tactuator.experiment.store import schema, study_records
 from tactuator.experiment.store.store import Store
 from tactuator.rig.open import open_rig
 from tactuator.rig.touchable import touchable
-from tests.experiment.session.identifying import Opened, controller, items, opened, protocol_text  # noqa: F401
+from tests.experiment.session.recognising import Opened, controller, items, opened, protocol_text  # noqa: F401
 
 
 class Unwilling(ErringRespondent):
@@ -59,11 +59,11 @@ def test_run_session__board_in_this_process__is_felt_at_its_ports(controller, it
     text = protocol_text(training=2, test=4)
     rig, store = open_rig("in-process", controller.display, 1), Store(tmp_path / "lab.db")
     rig.load(controller)
-    study = Opened(parse_identification(text), text, items, Apparatus(rig, controller, "in-process"), store)
-    subject = FeelingRespondent("identification", controller.display, np.random.default_rng(2))
+    study = Opened(parse_recognition(text), text, items, Apparatus(rig, controller, "in-process"), store)
+    subject = FeelingRespondent("recognition", controller.display, np.random.default_rng(2))
     subject.listen(touchable(rig, "in-process"))
     assert study.run("S1", subject) == 18
-    (result,), _ = identification_results(store, np.random.default_rng(0))
+    (result,), _ = recognition_results(store, np.random.default_rng(0))
     assert result.information.share_correct > 0.9
     rig.close()
     store.close()

@@ -1,4 +1,4 @@
-"""The store's file: made, migrated, refused."""
+"""The store's file: made, refused."""
 
 import errno
 import os
@@ -8,20 +8,17 @@ import sys
 from pathlib import Path
 
 import pytest
-from sqlalchemy import UniqueConstraint, create_engine, inspect
+from sqlalchemy import inspect
 
 from tactuator.errors import BadInput
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.lock import sessions_of
-from tactuator.experiment.store.migrations import STEPS, migrate, version
 from tactuator.experiment.store.store import Store
-
-KEPT = ("session", "run", "trial", "interval", "response", "event")
 
 
 def test_store__new__has_the_latest_schema_in_wal_mode(tmp_path) -> None:
     store = Store(tmp_path / "lab.db")
-    assert version(store.engine) == len(STEPS)
+    assert set(inspect(store.engine).get_table_names()) == set(schema.tables.tables)
     with store.read() as connection:
         assert connection.exec_driver_sql("PRAGMA journal_mode").scalar_one() == "wal"
         assert connection.exec_driver_sql("PRAGMA synchronous").scalar_one() == 2
@@ -38,26 +35,13 @@ def test_store__thrown_away__is_the_same_but_waits_for_no_disk(tmp_path: Path) -
     store.close()
 
 
-def test_store__of_the_first_version__is_brought_up_and_keeps_its_rows(tmp_path) -> None:
-    engine = create_engine(f"sqlite:///{tmp_path / 'lab.db'}")
-    assert migrate(engine, upto=1) == 0
-    with engine.begin() as connection:
-        connection.exec_driver_sql("INSERT INTO event (at_utc, kind, detail) VALUES ('2026', 'note', 'old')")
-    assert "stimulus" not in inspect(engine).get_table_names()
-    engine.dispose()
-    store = Store(tmp_path / "lab.db")
-    assert "stimulus" in inspect(store.engine).get_table_names()
-    with store.read() as connection:
-        assert connection.exec_driver_sql("SELECT detail FROM event").scalar_one() == "old"
-    store.close()
-
-
-def test_store__of_a_later_tool__is_refused(tmp_path) -> None:
+@pytest.mark.parametrize("version", [schema.VERSION - 1, schema.VERSION + 1])
+def test_store__of_another_version__is_refused(tmp_path, version) -> None:
     store = Store(tmp_path / "lab.db")
     with store.begin() as connection:
-        connection.exec_driver_sql("UPDATE schema_version SET version = 99")
+        connection.exec_driver_sql(f"UPDATE schema_version SET version = {version}")
     store.close()
-    with pytest.raises(BadInput, match="version 99"):
+    with pytest.raises(BadInput, match=f"version {version}"):
         Store(tmp_path / "lab.db")
 
 
@@ -114,63 +98,6 @@ def test_store__must_exist_and_does_not__is_refused(tmp_path, name) -> None:
 def test_store__folder_missing__is_refused(tmp_path) -> None:
     with pytest.raises(BadInput, match="folder"):
         Store(tmp_path / "nowhere" / "lab.db")
-
-
-def test_store__made_step_by_step__has_the_tables_of_the_schema(tmp_path) -> None:
-    """The steps are frozen statements; the schema is what the program reads and writes: they must be the same."""
-    store = Store(tmp_path / "lab.db")
-    made, wanted = inspect(store.engine), schema.tables
-    assert set(made.get_table_names()) == set(wanted.tables)
-    for name, table in wanted.tables.items():
-        columns = {one["name"]: (str(one["type"]), one["nullable"]) for one in made.get_columns(name)}
-        assert columns == {one.name: (str(one.type), bool(one.nullable)) for one in table.columns}, name
-        unique = {frozenset(one["column_names"]) for one in made.get_unique_constraints(name)}
-        declared = {
-            frozenset(column.name for column in one.columns)
-            for one in table.constraints
-            if isinstance(one, UniqueConstraint)
-        }
-        assert unique == declared, name
-        refers = {(one["constrained_columns"][0], one["referred_table"]) for one in made.get_foreign_keys(name)}
-        assert refers == {(one.parent.name, one.column.table.name) for one in table.foreign_keys}, name
-    store.close()
-
-
-@pytest.mark.parametrize("name", ["detection", "identification"])
-def test_store_of_0_1_0__brought_up__keeps_every_row_link_and_protocol(tmp_path, name) -> None:
-    script = (Path(__file__).parent / "stores" / f"{name}-0.1.0.sql").read_text()
-    old = sqlite3.connect(tmp_path / "lab.db")
-    old.executescript(script)
-    counts = {table: old.execute(f"SELECT count(*) FROM {table}").fetchone()[0] for table in KEPT}
-    text, link = old.execute("SELECT protocol_toml, link_token FROM study JOIN session").fetchone()
-    answers = old.execute("SELECT * FROM response ORDER BY trial_id").fetchall()
-    old.close()
-    Store(tmp_path / "lab.db").close()
-    new = sqlite3.connect(tmp_path / "lab.db")
-    assert counts == {table: new.execute(f"SELECT count(*) FROM {table}").fetchone()[0] for table in KEPT}
-    assert new.execute("SELECT toml, number FROM protocol_version").fetchone() == (text, 1)
-    assert new.execute("SELECT link_token, visit FROM session").fetchone() == (link, 1)
-    assert [row[: len(answers[0])] for row in new.execute("SELECT * FROM response ORDER BY trial_id")] == answers
-    assert new.execute("SELECT count(*) FROM run WHERE protocol_version_id IS NULL").fetchone() == (0,)
-    assert new.execute("PRAGMA foreign_key_check").fetchall() == []
-    new.close()
-
-
-def test_store__row_that_refers_to_none__is_refused_and_left_as_it_was(tmp_path) -> None:
-    engine = create_engine(f"sqlite:///{tmp_path / 'lab.db'}")
-    migrate(engine, upto=2)
-    with engine.begin() as connection:
-        connection.exec_driver_sql("PRAGMA foreign_keys = OFF")
-        connection.exec_driver_sql(
-            "INSERT INTO event (session_id, at_utc, kind, detail) VALUES (7, '2026', 'note', '')"
-        )
-    engine.dispose()
-    with pytest.raises(BadInput, match="a row of event refers to a session that is not there"):
-        Store(tmp_path / "lab.db")
-    engine = create_engine(f"sqlite:///{tmp_path / 'lab.db'}")
-    assert version(engine) == 2
-    assert "subject" not in inspect(engine).get_table_names()
-    engine.dispose()
 
 
 def test_close__ctrl_c_within_the_library__leaves_the_word_to_the_program(tmp_path, monkeypatch, caplog) -> None:

@@ -1,1 +1,1 @@
-"""The verb `experiment` and its parts: detection and identification, with people or with observers."""
+"""The verb `experiment` and its parts: detection and recognition, with people or with observers."""

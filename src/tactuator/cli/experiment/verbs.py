@@ -155,9 +155,9 @@ def export(
     """Write every answered trial in an open format, with its data dictionary."""
 
 
-@does("experiment.identification:identify_items", reads=["protocol", "display", "controller"])
-def identify(
-    protocol: Annotated[Path, typer.Argument(help="Identification protocol (TOML).", metavar="PROTOCOL")],
+@does("experiment.recognition:recognise_items", reads=["protocol", "display", "controller"])
+def recognise(
+    protocol: Annotated[Path, typer.Argument(help="Recognition protocol (TOML).", metavar="PROTOCOL")],
     store: Annotated[Path, typer.Option("--store", help="Database of the experiment (SQLite).")],
     subject: Annotated[
         str | None, typer.Option("--subject", help="Code of the subject; default: the only one.")
@@ -171,12 +171,12 @@ def identify(
     seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Take a subject through an identification experiment at the terminal; it goes on where it stopped."""
+    """Take a subject through a recognition experiment at the terminal; it goes on where it stopped."""
 
 
-@does("experiment.identification:transfer", reads=["store", "matrix"])
+@does("experiment.recognition:transfer", reads=["store", "matrix"])
 def information(
-    store: Annotated[Path | None, typer.Option("--store", help="Database of identification experiments.")] = None,
+    store: Annotated[Path | None, typer.Option("--store", help="Database of recognition experiments.")] = None,
     matrix: Annotated[
         Path | None, typer.Option("--matrix", help="A confusion matrix of your own (CSV): a row a stimulus.")
     ] = None,
@@ -219,7 +219,7 @@ VERBS: Verbs = {
     "experiment observe": observe,
     "experiment thresholds": thresholds,
     "experiment export": export,
-    "experiment identify": identify,
+    "experiment recognise": recognise,
     "experiment information": information,
     "experiment simulate": simulate,
 }

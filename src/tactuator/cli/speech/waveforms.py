@@ -1,4 +1,4 @@
-"""The verb `waveforms`: a set of synthetic waveforms, and an identification protocol that asks for them."""
+"""The verb `waveforms`: a set of synthetic waveforms, and a recognition protocol that asks for them."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _protocol(written: tuple[WrittenWaveform, ...], duration_s: float, repetitio
     )
     return (
         f'[study]\nname = "waveforms of {1e3 * duration_s:g} ms"\nseed = {seed}\n\n'
-        '[identification]\nparadigm = "identification"\nlead_s = 0.3\ngap_s = 0.3\n'
+        '[recognition]\nparadigm = "recognition"\nlead_s = 0.3\ngap_s = 0.3\n'
         f'{items}\n[[block]]\nkind = "training"\nrepetitions = 2\nfeedback = true\n'
         f'\n[[block]]\nkind = "test"\nrepetitions = {repetitions}\nfeedback = false\n'
         '\n[[subject]]\ncode = "S1"\n'

@@ -14,7 +14,7 @@ from tactuator.console.workshop import Workshop
 from tactuator.errors import BadInput
 from tactuator.experiment.export.export import FORMS
 from tactuator.experiment.protocol.file import read_any_protocol
-from tactuator.experiment.protocol.identification import IdentificationProtocol
+from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.io.start.shipped import EXAMPLES, example_names
 
 STORE = "lab.db"
@@ -48,11 +48,11 @@ class ExperimentLook(ViewRequest):
     def answer(self, workshop: Workshop) -> Answer:
         """Return name, kind, language and subjects of the study. Raises BadInput, naming the key, for no protocol."""
         read, _ = read_any_protocol(protocol_path(workshop.drawer, self.protocol))
-        items = [item.file for item in read.item] if isinstance(read, IdentificationProtocol) else []
+        items = [item.file for item in read.item] if isinstance(read, RecognitionProtocol) else []
         own = read.study.language_file
         return {
             "study": read.study.name,
-            "kind": "identification" if isinstance(read, IdentificationProtocol) else "detection",
+            "kind": "recognition" if isinstance(read, RecognitionProtocol) else "detection",
             "language": read.study.language,
             "subjects": [subject.code for subject in read.subject],
             "files": [*items, *([] if own is None else [own])],

@@ -21,7 +21,7 @@ from tactuator.experiment.export.writing import cell, described, lines, table_te
 _VERSION, _MISSING = "1.10.0", "n/a"
 _QUESTIONS = {
     "detection": "Which interval carries the vibration?",
-    "identification": "Which item was it? (ABX: A or B?)",
+    "recognition": "Which item was it? (ABX: A or B?)",
 }
 _EVENTS = (
     Meaning("onset", "Onset of the interval, from the presentation of the run's first trial", "s"),

@@ -13,8 +13,8 @@ from tactuator.experiment.protocol.plan import FORCED_CHOICE
 
 
 def task_name(row: TableRow) -> str:
-    """Return the task of a trial: detection or identification."""
-    return "detection" if row["paradigm"] == FORCED_CHOICE else "identification"
+    """Return the task of a trial: detection or recognition."""
+    return "detection" if row["paradigm"] == FORCED_CHOICE else "recognition"
 
 
 def task_names(rows: Sequence[TableRow]) -> list[str]:

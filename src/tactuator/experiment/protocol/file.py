@@ -9,21 +9,21 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from tactuator.errors import BadInput
-from tactuator.experiment.protocol.identification import IdentificationProtocol
 from tactuator.experiment.protocol.protocol import Protocol
+from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.io.formats.text import parse_toml, read_text
 
 _P = TypeVar("_P", bound=StudyProtocol)
-_IDENTIFICATION_TABLES = {"identification", "item", "block"}
+_RECOGNITION_TABLES = {"recognition", "item", "block"}
 _KINDS: dict[type[StudyProtocol], str] = {
     Protocol: "a detection protocol (tables procedure, conditions)",
-    IdentificationProtocol: "an identification protocol (tables item, block)",
+    RecognitionProtocol: "a recognition protocol (tables item, block)",
 }
 
 
 def read_any_protocol(path: str | Path) -> tuple[StudyProtocol, str]:
-    """Return the protocol, a `Protocol` or an `IdentificationProtocol`, and the file's own text.
+    """Return the protocol, a `Protocol` or an `RecognitionProtocol`, and the file's own text.
 
     Raises BadInput, in one line that names the key, for a file that is missing, not TOML, or says what is not allowed.
     """
@@ -38,10 +38,10 @@ def read_protocol(path: str | Path) -> tuple[Protocol, str]:
     return parse_protocol(text, str(path)), text
 
 
-def read_identification(path: str | Path) -> tuple[IdentificationProtocol, str]:
-    """Return an identification protocol and the file's text. Raises BadInput as `read_protocol`."""
+def read_recognition(path: str | Path) -> tuple[RecognitionProtocol, str]:
+    """Return a recognition protocol and the file's text. Raises BadInput as `read_protocol`."""
     text = _text(path)
-    return parse_identification(text, str(path)), text
+    return parse_recognition(text, str(path)), text
 
 
 def parse_any_protocol(text: str, where: str = "protocol") -> StudyProtocol:
@@ -55,9 +55,9 @@ def parse_protocol(text: str, where: str = "protocol") -> Protocol:
     return _of_kind(text, where, Protocol)
 
 
-def parse_identification(text: str, where: str = "protocol") -> IdentificationProtocol:
-    """Return the identification protocol that the text describes. Raises BadInput as `read_identification`."""
-    return _of_kind(text, where, IdentificationProtocol)
+def parse_recognition(text: str, where: str = "protocol") -> RecognitionProtocol:
+    """Return the recognition protocol that the text describes. Raises BadInput as `read_recognition`."""
+    return _of_kind(text, where, RecognitionProtocol)
 
 
 def protocol_hash(text: str) -> str:
@@ -80,7 +80,7 @@ def _document(text: str, where: str) -> dict[str, Any]:
 
 
 def _kind(document: dict[str, Any]) -> type[StudyProtocol]:
-    return IdentificationProtocol if _IDENTIFICATION_TABLES & set(document) else Protocol
+    return RecognitionProtocol if _RECOGNITION_TABLES & set(document) else Protocol
 
 
 def _of_kind(text: str, where: str, form: type[_P]) -> _P:

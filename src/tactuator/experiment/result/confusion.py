@@ -1,4 +1,4 @@
-"""Results of a store's identification blocks: confusion matrices and information transfer."""
+"""Results of a store's recognition blocks: confusion matrices and information transfer."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection, select
 
 from tactuator.errors import BadInput
-from tactuator.experiment.protocol.file import parse_identification
-from tactuator.experiment.protocol.identification import IdentificationProtocol
+from tactuator.experiment.protocol.file import parse_recognition
+from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.result.information import Information, information
 from tactuator.experiment.store import schema, study_records
 from tactuator.experiment.store.store import Store
@@ -43,10 +43,10 @@ class AbxResult:
     share_correct: float
 
 
-def identification_results(
+def recognition_results(
     store: Store, rng: np.random.Generator, study: str | None = None, draws: int = 1000
 ) -> tuple[list[SubjectResult], list[AbxResult]]:
-    """Return the results of every identification study in the store (or the one of that name), test blocks only.
+    """Return the results of every recognition study in the store (or the one of that name), test blocks only.
 
     Raises BadInput where there is none with answers.
     """
@@ -57,19 +57,19 @@ def identification_results(
             if study is not None and row.name != study:
                 continue
             if connection.execute(select(schema.stimulus.c.id).where(schema.stimulus.c.study_id == row.id)).first():
-                protocol = parse_identification(study_records.versions(connection, row.id)[-1].toml)
-                if protocol.identification.paradigm == "abx":
+                protocol = parse_recognition(study_records.versions(connection, row.id)[-1].toml)
+                if protocol.recognition.paradigm == "abx":
                     abx += _abx_results(connection, row.id, row.name)
                 else:
                     results += _matrix_results(connection, row.id, protocol, rng, draws)
     if not results and not abx:
-        wanted = "identification study" if study is None else f"identification study {study!r}"
+        wanted = "recognition study" if study is None else f"recognition study {study!r}"
         raise BadInput(f"store {store.path}: no answers of any {wanted}", "a store with test blocks answered")
     return results, abx
 
 
 def session_results(
-    store: Store, protocol: IdentificationProtocol, session: int, rng: np.random.Generator, draws: int = 300
+    store: Store, protocol: RecognitionProtocol, session: int, rng: np.random.Generator, draws: int = 300
 ) -> tuple[list[SubjectResult], list[AbxResult]]:
     """Return the results of one session, test blocks only.
 
@@ -77,7 +77,7 @@ def session_results(
     """
     with store.read() as connection:
         row = study_records.session(connection, session)
-        if protocol.identification.paradigm == "abx":
+        if protocol.recognition.paradigm == "abx":
             every = _abx_results(connection, row.study_id, protocol.study.name)
             return [], [one for one in every if one.subject == row.subject_code]
         return _matrix_results(connection, row.study_id, protocol, rng, draws, only=row.subject_code), []
@@ -105,7 +105,7 @@ def _trials(connection: Connection, study: int) -> list[tuple[str, str, str]]:
 def _matrix_results(
     connection: Connection,
     study: int,
-    protocol: IdentificationProtocol,
+    protocol: RecognitionProtocol,
     rng: np.random.Generator,
     draws: int,
     only: str | None = None,
@@ -114,7 +114,7 @@ def _matrix_results(
     query = select(schema.stimulus.c.label, schema.stimulus.c.duration_s).where(schema.stimulus.c.study_id == study)
     durations = {row.label: row.duration_s for row in connection.execute(query)}
     labels = (*protocol.labels, *(label for label in durations if label not in protocol.labels))
-    asking = protocol.identification
+    asking = protocol.recognition
     gap_s = asking.gap_s if asking.paradigm == "middle-of-three" else 0.0
     subjects: list[str | None] = list(dict.fromkeys(subject for subject, *_ in trials))
     if only is not None:

@@ -11,14 +11,14 @@ from sqlalchemy import Connection
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import Words, read_words, shipped_words
 from tactuator.experiment.protocol.file import parse_any_protocol
-from tactuator.experiment.protocol.identification import IdentificationProtocol
 from tactuator.experiment.protocol.protocol import Protocol
+from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
 from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.clock import Clock
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.enrolment import Books, Correction, add_visit, change_day, correct, enrol
-from tactuator.experiment.session.identification_task import IdentificationTask
+from tactuator.experiment.session.recognition_task import RecognitionTask
 from tactuator.experiment.session.session import Session
 from tactuator.experiment.session.task import SessionTask
 from tactuator.experiment.store import study_records
@@ -34,8 +34,8 @@ def task_of(protocol: StudyProtocol, beside: Path, apparatus: Apparatus) -> Sess
     Raises BadInput where the apparatus cannot play it, or its language is not there.
     """
     words = words_of(protocol, beside)
-    if isinstance(protocol, IdentificationProtocol):
-        return IdentificationTask.load(protocol, beside, apparatus, words)
+    if isinstance(protocol, RecognitionProtocol):
+        return RecognitionTask.load(protocol, beside, apparatus, words)
     assert isinstance(protocol, Protocol)
     return DetectionTask(protocol, apparatus, words)
 

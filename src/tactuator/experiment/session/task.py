@@ -1,4 +1,4 @@
-"""Protocols of a task in a session, be it detection or identification, and what tasks show of their trials."""
+"""Protocols of a task in a session, be it detection or recognition, and what tasks show of their trials."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.session.identification_plan import ABX_RESPONSES, asked_label
+from tactuator.experiment.session.recognition_plan import ABX_RESPONSES, asked_label
 from tactuator.experiment.session.respondent import Respondent
 from tactuator.experiment.session.standing import Acknowledged
 from tactuator.experiment.store.answer_records import PlayedTrial

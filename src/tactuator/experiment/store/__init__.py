@@ -1,1 +1,1 @@
-"""The database of an experiment: schema, migrations, records, exports."""
+"""The database of an experiment: schema, records, runs ready for analysis."""

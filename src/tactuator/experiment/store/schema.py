@@ -15,6 +15,9 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 
+VERSION = 4
+"""Version of these tables; a store with another one is refused."""
+
 tables = MetaData()
 
 schema_version = Table("schema_version", tables, Column("version", Integer, nullable=False))

@@ -10,11 +10,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy import Connection, Engine, create_engine, event, insert, inspect, select
 from sqlalchemy.exc import DatabaseError, OperationalError
 
 from tactuator.errors import BadInput, StoreFault
-from tactuator.experiment.store.migrations import migrate
+from tactuator.experiment.store import schema
 
 _BUSY_TIMEOUT_MS = 2000
 
@@ -55,7 +55,7 @@ class Store:
         event.listen(self.engine, "begin", _begin)
         try:
             self._check()
-            migrate(self.engine)
+            self._make_tables()
         except _DAMAGED as error:
             self.engine.dispose()
             raise BadInput(f"store {path}: {_reason(error)}", "a sound SQLite database") from None
@@ -66,6 +66,21 @@ class Store:
         if found != "ok":
             reason = " ".join(str(found).split())
             raise BadInput(f"store {self.path} is damaged ({reason})", "a sound SQLite database")
+
+    def _make_tables(self) -> None:
+        """Make the tables in an empty database. Raises BadInput for one of another program, or of another version."""
+        names = inspect(self.engine).get_table_names()
+        if not names:
+            with self.engine.begin() as connection:
+                schema.tables.create_all(connection)
+                connection.execute(insert(schema.schema_version).values(version=schema.VERSION))
+        elif schema.schema_version.name not in names:
+            raise BadInput(f"store holds the tables {', '.join(names)}", "one that tactuator made, or a new file")
+        else:
+            with self.engine.connect() as connection:
+                version = connection.execute(select(schema.schema_version.c.version)).scalar_one()
+            if version != schema.VERSION:
+                raise BadInput(f"store has schema version {version}", f"{schema.VERSION}; another tactuator wrote it")
 
     @contextmanager
     def begin(self) -> Iterator[Connection]:

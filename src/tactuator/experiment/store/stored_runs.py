@@ -66,7 +66,7 @@ def detection_runs(store: Store, state: str = "done", session: int | None = None
     """
     run = schema.run.c
     with store.read() as connection:
-        asked = select(schema.stimulus.c.study_id)  # identification studies have stimuli of their own
+        asked = select(schema.stimulus.c.study_id)  # recognition studies have stimuli of their own
         versions = select(schema.protocol_version).where(schema.protocol_version.c.study_id.not_in(asked))
         protocols = {row.id: parse_protocol(row.toml) for row in connection.execute(versions)}
         kept = schema.session.c.ended.is_distinct_from("withdrawn-discard")

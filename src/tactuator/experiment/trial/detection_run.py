@@ -1,17 +1,13 @@
-"""A detection run: trials placed by a procedure, played on a rig, answered by a subject."""
+"""Detection trials played on one channel of a rig, with what its sensor saw of them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.experiment.procedure.procedure import Estimate, Procedure
-from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
 from tactuator.experiment.trial.matched_filter import amplitude
 from tactuator.experiment.trial.presenter import PlayedInterval, Presentation, Presenter
 from tactuator.experiment.trial.stimulus import Masker, ToneInterval
@@ -19,25 +15,6 @@ from tactuator.experiment.trial.timing import Timing
 from tactuator.experiment.trial.trial import ForcedChoice, IntervalRecord, Trial, trial_rng
 from tactuator.model.description import Channel
 from tactuator.signals.decibels import db
-
-
-class Subject(Protocol):
-    """Someone who answers detection trials."""
-
-    def answer(self, trial: Trial, frequency_hz: float, intervals: Sequence[IntervalRecord], lasted_s: float) -> str:
-        """Return the response to the trial that was just played; intervals: when each was in its lasted_s seconds."""
-        ...
-
-
-@dataclass(frozen=True)
-class TrialRecord:
-    """A trial with its intervals as they were played and its answer."""
-
-    trial: Trial
-    frequency_hz: float
-    response: str
-    correct: bool
-    intervals: tuple[IntervalRecord, ...]
 
 
 @dataclass(frozen=True)
@@ -93,49 +70,3 @@ class Detection:
             played.duration_s,
             played.lamp_late_s,
         )
-
-
-@dataclass(frozen=True)
-class RunRecord:
-    """A run that is over.
-
-    estimate: the procedure's own, dB SL commanded. flags: names of what a reader must know of the run.
-    """
-
-    frequency_hz: float
-    trials: tuple[TrialRecord, ...]
-    estimate: Estimate | None
-    flags: tuple[str, ...]
-
-    @property
-    def levels_db_sl(self) -> FloatArray:
-        """Return the commanded level of every trial, shape (trials,)."""
-        return np.array([one.trial.placement.level_db_sl for one in self.trials if one.trial.placement is not None])
-
-    @property
-    def correct(self) -> NDArray[np.bool_]:
-        """Return the outcome of every trial, shape (trials,)."""
-        return np.array([one.correct for one in self.trials], dtype=np.bool_)
-
-    def refit(self, prior: RefitPrior | None = None) -> Refit:
-        """Return the Bayesian refit of the run's trials."""
-        return refit(self.levels_db_sl, self.correct, prior)
-
-
-def run_detection(
-    detection: Detection, procedure: Procedure, subject: Subject, frequency_hz: float, seed: Sequence[int]
-) -> RunRecord:
-    """Run trials until the procedure ends.
-
-    frequency_hz: of every trial, unless the procedure chooses frequencies itself. seed: determines every trial.
-    """
-    records: list[TrialRecord] = []
-    while (placement := procedure.placement()) is not None:
-        frequency = frequency_hz if placement.frequency_hz is None else placement.frequency_hz
-        trial = detection.paradigm.trial(len(records), placement, seed)
-        intervals, shown = detection.play(trial, frequency, seed)
-        response = subject.answer(trial, frequency, intervals, shown.lasted_s)
-        correct = trial.judge(response)
-        procedure.record(correct)
-        records.append(TrialRecord(trial, frequency, response, correct, intervals))
-    return RunRecord(frequency_hz, tuple(records), procedure.estimate(), procedure.flags)

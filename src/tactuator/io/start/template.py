@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # the kinds are asked for by the command line, which must not
     from tactuator.model.plant_model import PlantModel
 
 DISPLAY_KINDS = ("tactuator", "voice-coil", "lra", "exciter", "piezo")
-PROTOCOL_KINDS = ("imece2004", "up-down", "quest-plus", "curve", "identification", "middle-of-three", "abx")
+PROTOCOL_KINDS = ("imece2004", "up-down", "quest-plus", "curve", "recognition", "middle-of-three", "abx")
 
 
 def display_template(kind: str) -> str:

@@ -1,23 +1,14 @@
-"""Identification as a session: blocks, introductions, breaks, and stores of before."""
-
-import sqlite3
-from dataclasses import replace
-from pathlib import Path
+"""Recognition as a session: blocks, introductions, breaks."""
 
 import numpy as np
 import pytest
 from sqlalchemy import select
 
 from tactuator.errors import BadInput
-from tactuator.experiment.protocol.file import parse_identification, parse_protocol
-from tactuator.experiment.result.confusion import identification_results
-from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.identification_task import IdentificationTask
-from tactuator.experiment.session.studies import open_session, open_study
+from tactuator.experiment.result.confusion import recognition_results
 from tactuator.experiment.store import schema
-from tactuator.experiment.store.store import Store
-from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, apparatus, begin, nobody, token
-from tests.experiment.session.identifying import (  # noqa: F401
+from tests.experiment.session.apparatuses import nobody
+from tests.experiment.session.recognising import (  # noqa: F401
     answer,
     controller,
     go_on,
@@ -26,8 +17,6 @@ from tests.experiment.session.identifying import (  # noqa: F401
     opened_apparatus,
     protocol_text,
 )
-
-STORES = Path(__file__).parents[1] / "store" / "stores"
 
 
 def test_session__stages__are_consent_introduction_trials_break_introduction_trials(opened) -> None:
@@ -138,7 +127,7 @@ def test_session__block_given_up__is_left_out_of_the_results(opened) -> None:
     go_on(presented, 4)
     presented.give_up_run()
     go_on(presented, 6)
-    (result,), _ = identification_results(store, np.random.default_rng(0))
+    (result,), _ = recognition_results(store, np.random.default_rng(0))
     assert result.counts.sum() == 6
     assert [one.state for one in presented.session.tally] == ["stopped", "done"]
     assert [(one.answered, one.correct) for one in presented.session.tally] == [(4, 4), (6, 6)]
@@ -159,51 +148,6 @@ def test_tally__after_a_restart__is_what_it_was(opened) -> None:
     again = study.presented().session
     assert [(one.state, one.answered, one.correct) for one in again.tally] == before
     assert again.course.picture()["counts"] == presented.session.course.picture()["counts"]
-
-
-def restored(path, name) -> Store:
-    connection = sqlite3.connect(path)
-    connection.executescript((STORES / name).read_text())
-    connection.close()
-    return Store(path)
-
-
-def test_store_of_0_1_0__identification_begun__goes_on_at_the_same_trial(tmp_path, items, controller) -> None:
-    store = restored(tmp_path / "lab.db", "identification-0.1.0.sql")
-    with store.begin() as connection:
-        text = connection.execute(select(schema.protocol_version.c.toml)).scalar_one()
-        task = IdentificationTask.load(parse_identification(text), items, opened_apparatus(controller))
-        for item in task.items.values():  # the samples' last bits are this machine's
-            row = schema.stimulus.update().where(schema.stimulus.c.label == item.label)
-            connection.execute(row.values(sha256=item.sha256))
-    clock = ObedientClock()
-    session = open_session(open_study(store, task, text, clock, token), "S1")
-    assert [(one.state, one.answered, one.correct) for one in session.tally] == [("done", 3, 3), ("running", 7, 7)]
-    assert session.next_trial().trial.number == 7
-    assert session.stage == "trial"
-    store.close()
-
-
-BEFORE = PROTOCOL.replace("[30, 90, 210]", "[50, 100, 200]")
-"""The detection protocol that the store of 0.1.0 was made with."""
-
-
-def test_store_of_0_1_0__detection_begun__goes_on_at_the_same_trial(tmp_path) -> None:
-    store = restored(tmp_path / "lab.db", "detection-0.1.0.sql")
-    clock = ObedientClock()
-    task = DetectionTask(parse_protocol(BEFORE), apparatus())
-    session = open_session(open_study(store, task, BEFORE, clock, token), "S1")
-    following = session.next_trial()
-    assert (following.planned.position, following.trial.number) == (1, 7)
-    whole = Store(tmp_path / "whole.db")
-    presented = begin(whole, clock)
-    for _ in range(9):
-        answer_one(presented, clock)
-    now = presented.session.next_trial().trial  # of today's protocol: 50 Hz stands too near mains for a new study
-    assert now.placement is not None
-    assert replace(now, placement=replace(now.placement, frequency_hz=50.0)) == following.trial
-    store.close()
-    whole.close()
 
 
 def test_session__unknown_subject__is_refused(opened) -> None:

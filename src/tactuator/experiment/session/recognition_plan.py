@@ -1,4 +1,4 @@
-"""Trials of an identification block: every item equally often, in an order that a seed alone decides."""
+"""Trials of a recognition block: every item equally often, in an order that a seed alone decides."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from itertools import combinations
 import numpy as np
 
 from tactuator.experiment.language.words import Words, shipped_words
-from tactuator.experiment.protocol.identification import BlockPart, IdentificationProtocol, Paradigm
 from tactuator.experiment.protocol.plan import ALL_FINGERS, PlannedRun
+from tactuator.experiment.protocol.recognition import BlockPart, Paradigm, RecognitionProtocol
 from tactuator.experiment.trial.trial import Trial
 
 ABX_RESPONSES = ("A", "B")
 
 
-def plan_blocks(protocol: IdentificationProtocol, words: Words | None = None) -> tuple[PlannedRun, ...]:
+def plan_blocks(protocol: RecognitionProtocol, words: Words | None = None) -> tuple[PlannedRun, ...]:
     """Return every block as a run, which is the same for all subjects but for the order of its trials.
 
     words: the language of titles, English by default.
@@ -24,8 +24,8 @@ def plan_blocks(protocol: IdentificationProtocol, words: Words | None = None) ->
     return tuple(_planned(protocol, told, position, block) for position, block in enumerate(protocol.block))
 
 
-def _planned(protocol: IdentificationProtocol, words: Words, position: int, block: BlockPart) -> PlannedRun:
-    paradigm, count = protocol.identification.paradigm, len(protocol.item)
+def _planned(protocol: RecognitionProtocol, words: Words, position: int, block: BlockPart) -> PlannedRun:
+    paradigm, count = protocol.recognition.paradigm, len(protocol.item)
     trials = block.repetitions * (2 * count * (count - 1) if paradigm == "abx" else count)
     kind = words(f"run.{block.kind}")
     title = words("run.block", number=position + 1, count=len(protocol.block), kind=kind)
@@ -45,7 +45,7 @@ def _planned(protocol: IdentificationProtocol, words: Words, position: int, bloc
 
 
 def block_seed(
-    protocol: IdentificationProtocol, subject: int, position: int, attempt: int = 0, visit: int = 1
+    protocol: RecognitionProtocol, subject: int, position: int, attempt: int = 0, visit: int = 1
 ) -> tuple[int, ...]:
     """Return the seed of a subject's block; subjects count from 0, visits from 1.
 
@@ -56,11 +56,11 @@ def block_seed(
 
 
 def block_trials(
-    protocol: IdentificationProtocol, subject: int, position: int, attempt: int = 0, visit: int = 1
+    protocol: RecognitionProtocol, subject: int, position: int, attempt: int = 0, visit: int = 1
 ) -> tuple[Trial, ...]:
     """Return the trials of a subject's block, which are the same after any interruption."""
     return plan_trials(
-        protocol.identification.paradigm,
+        protocol.recognition.paradigm,
         protocol.labels,
         protocol.block[position].repetitions,
         np.random.default_rng(block_seed(protocol, subject, position, attempt, visit)),
@@ -72,7 +72,7 @@ def plan_trials(
 ) -> tuple[Trial, ...]:
     """Return the trials of a block in random order.
 
-    identification: one item, `repetitions` of each, answered with its label. middle-of-three: the same between two
+    recognition: one item, `repetitions` of each, answered with its label. middle-of-three: the same between two
     items drawn at random. abx: every pair `repetitions` times in both orders, X being either, answered A or B.
     """
     if paradigm == "abx":

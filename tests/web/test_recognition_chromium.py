@@ -1,4 +1,4 @@
-"""Identification in a real Chromium: from the first key to bits, through reloads and kills, on a phone and a laptop."""
+"""Recognition in a real Chromium: from the first key to bits, through reloads and kills, on a phone and a laptop."""
 
 import json
 import re
@@ -9,11 +9,11 @@ from playwright.sync_api import Page
 from sqlalchemy import select
 
 from tactuator.cli.main import main
-from tactuator.experiment.protocol.file import parse_identification
-from tactuator.experiment.session.identification_plan import block_trials
+from tactuator.experiment.protocol.file import parse_recognition
+from tactuator.experiment.session.recognition_plan import block_trials
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
-from tests.experiment.session.identifying import controller, items, protocol_text, scripted_answer  # noqa: F401
+from tests.experiment.session.recognising import controller, items, protocol_text, scripted_answer  # noqa: F401
 from tests.web.study import (
     ASKED,
     Server,
@@ -48,7 +48,7 @@ def serve(tmp_path, items, controller):
 
 def opened(page: Page, server: Server, text: str) -> Subject:
     """A scripted subject whose keys are the protocol's; runs of the one subject count from 1."""
-    protocol = parse_identification(text)
+    protocol = parse_recognition(text)
     keys = {item.label: item.key for item in protocol.item} | {"A": "a", "B": "2"}
     page.goto(server.addresses["subject S1"])
     return Subject(page, server.protocol, lambda run, number: keys[scripted_answer(text, run - 1, number)])
@@ -67,7 +67,7 @@ def stored(path: Path) -> list[tuple[int, int, str, str]]:
 
 def planned(text: str) -> list[tuple[int, int, str, str]]:
     """What an undisturbed session stores."""
-    protocol = parse_identification(text)
+    protocol = parse_recognition(text)
     return [
         (block, trial.number, trial.correct, scripted_answer(text, block, trial.number))
         for block in range(len(protocol.block))

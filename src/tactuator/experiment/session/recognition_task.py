@@ -1,4 +1,4 @@
-"""Identification as a session's task: blocks of trials, each answered with the label of what was felt, or A or B."""
+"""Recognition as a session's task: blocks of trials, each answered with the label of what was felt, or A or B."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from sqlalchemy import Connection
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import Words, shipped_words
-from tactuator.experiment.protocol.identification import IdentificationProtocol
 from tactuator.experiment.protocol.plan import PlannedRun
+from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.result.confusion import session_results
 from tactuator.experiment.result.tables import ResultTable, abx_table, information_table, matrix_table
 from tactuator.experiment.session.apparatus import Apparatus
-from tactuator.experiment.session.identification_items import LoadedItem, keep_items, load_items
-from tactuator.experiment.session.identification_plan import ABX_RESPONSES, block_seed, block_trials, plan_blocks
+from tactuator.experiment.session.recognition_items import LoadedItem, keep_items, load_items
+from tactuator.experiment.session.recognition_plan import ABX_RESPONSES, block_seed, block_trials, plan_blocks
 from tactuator.experiment.session.task import Envelope, OfferedResponse, Picture, PlaybackCallbacks, Question, Rules
 from tactuator.experiment.store.answer_records import PlayedTrial
 from tactuator.experiment.store.store import Store
@@ -28,18 +28,18 @@ from tactuator.experiment.trial.trial import IntervalRecord, Trial
 
 
 @dataclass(frozen=True)
-class IdentificationTask:
-    """An identification protocol with its items, at an apparatus."""
+class RecognitionTask:
+    """A recognition protocol with its items, at an apparatus."""
 
-    protocol: IdentificationProtocol
+    protocol: RecognitionProtocol
     items: Mapping[str, LoadedItem]
     apparatus: Apparatus
     words: Words = field(default_factory=lambda: shipped_words("en"))
 
     @classmethod
     def load(
-        cls, protocol: IdentificationProtocol, beside: Path, apparatus: Apparatus, words: Words | None = None
-    ) -> IdentificationTask:
+        cls, protocol: RecognitionProtocol, beside: Path, apparatus: Apparatus, words: Words | None = None
+    ) -> RecognitionTask:
         """Return the task with its items read from files in `beside`. Raises BadInput as `load_items` does."""
         return cls(protocol, load_items(protocol, beside, apparatus.rig), apparatus, words or shipped_words("en"))
 
@@ -49,7 +49,7 @@ class IdentificationTask:
 
         A, B and X are told apart as they play; other items are not.
         """
-        paradigm = self.protocol.identification.paradigm
+        paradigm = self.protocol.recognition.paradigm
         if paradigm == "abx":
             pairs = zip(ABX_RESPONSES, "12", strict=True)
             choices = tuple(OfferedResponse(name, (name.lower(), name, digit)) for name, digit in pairs)
@@ -62,7 +62,7 @@ class IdentificationTask:
         """Return the rules of a session, as the protocol has them; a block that was interrupted may always go on."""
         session = self.protocol.session
         return Rules(
-            feedback_s=self.protocol.identification.feedback_s,
+            feedback_s=self.protocol.recognition.feedback_s,
             break_after_trials=session.break_after_trials,
             break_between_runs=session.break_between_blocks,
             break_s=session.break_s,
@@ -78,8 +78,8 @@ class IdentificationTask:
 
     def expected(self, planned: PlannedRun) -> tuple[float, float]:
         """Return the number of trials of a block, and how many seconds one of them plays."""
-        asking, rate_hz = self.protocol.identification, self.apparatus.rig.rate_hz
-        intervals = 1 if asking.paradigm == "identification" else 3
+        asking, rate_hz = self.protocol.recognition, self.apparatus.rig.rate_hz
+        intervals = 1 if asking.paradigm == "recognition" else 3
         longest_s = max(len(item.reference) for item in self.items.values()) / rate_hz
         played_s = asking.lead_s + intervals * longest_s + (intervals - 1) * asking.gap_s
         return float(planned.trials or 1), played_s + (asking.feedback_s if planned.feedback else 0.0)
@@ -110,7 +110,7 @@ class IdentificationTask:
         A trial always takes as long as the longest items would, and in ABX so does each of its intervals: how long
         something takes on the subject's page then says nothing of what it was.
         """
-        asking, rig = self.protocol.identification, self.apparatus.rig
+        asking, rig = self.protocol.recognition, self.apparatus.rig
         longest = max(len(item.reference) for item in self.items.values())
         references = [self.items[label].reference for label in trial.stimuli]
         if asking.paradigm == "abx":
@@ -135,7 +135,7 @@ def _filled(reference: FloatArray, length: int) -> FloatArray:
 class BlockCourse:
     """Course of one block: its trials, and the responses to those that are answered."""
 
-    task: IdentificationTask
+    task: RecognitionTask
     planned: PlannedRun
     planned_trials: tuple[Trial, ...]
     seed: tuple[int, ...]

@@ -1,4 +1,4 @@
-"""The items of an identification experiment, read from rendered references and checked against the rig."""
+"""The items of a recognition experiment, read from rendered references and checked against the rig."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sqlalchemy import Connection, insert, select
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.protocol.identification import IdentificationProtocol
+from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.store import schema
 from tactuator.io.reference import content_sha256, open_reference
 from tactuator.rig.player import check_reference
@@ -34,7 +34,7 @@ class LoadedItem:
     sha256: str
 
 
-def load_items(protocol: IdentificationProtocol, beside: Path, rig: Rig) -> Mapping[str, LoadedItem]:
+def load_items(protocol: RecognitionProtocol, beside: Path, rig: Rig) -> Mapping[str, LoadedItem]:
     """Return every item of the protocol, by label; files lie beside the protocol.
 
     Raises BadInput for a file that is not a reference for this rig, is beyond comfort, or lasts over a minute.
@@ -52,7 +52,7 @@ def load_items(protocol: IdentificationProtocol, beside: Path, rig: Rig) -> Mapp
 
 
 def keep_items(
-    connection: Connection, study: int, protocol: IdentificationProtocol, items: Mapping[str, LoadedItem]
+    connection: Connection, study: int, protocol: RecognitionProtocol, items: Mapping[str, LoadedItem]
 ) -> None:
     """Store the items that are new to the study. Raises BadInput where one of them, or its key, has changed."""
     stored = list(connection.execute(select(schema.stimulus).where(schema.stimulus.c.study_id == study)))

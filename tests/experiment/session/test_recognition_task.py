@@ -1,4 +1,4 @@
-"""What identification trials play and show, and what results and exports say of them."""
+"""What recognition trials play and show, and what results and exports say of them."""
 
 import json
 
@@ -10,7 +10,7 @@ from tactuator.experiment.export.export import export
 from tactuator.experiment.store import answer_records
 from tactuator.experiment.store.store import Store
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin
-from tests.experiment.session.identifying import THREE, answer, controller, go_on, items, opened, protocol_text  # noqa: F401
+from tests.experiment.session.recognising import THREE, answer, controller, go_on, items, opened, protocol_text  # noqa: F401
 
 
 class Listener:
@@ -28,7 +28,7 @@ class Listener:
         self.events.append((interval, begins, self.samples))
 
 
-@pytest.mark.parametrize("paradigm", ["identification", "middle-of-three", "abx"])
+@pytest.mark.parametrize("paradigm", ["recognition", "middle-of-three", "abx"])
 def test_trial__items_of_different_lengths__takes_as_long_whatever_is_played(opened, paradigm) -> None:
     study, rig, _ = opened(protocol_text(paradigm, training=0, test=3, labels=THREE))
     presented = study.presented()
@@ -50,7 +50,7 @@ def test_trial__items_of_different_lengths__takes_as_long_whatever_is_played(ope
 @pytest.mark.parametrize(
     ("paradigm", "prompt", "responses", "intervals"),
     [
-        ("identification", "Which one was it?", THREE, ()),
+        ("recognition", "Which one was it?", THREE, ()),
         ("middle-of-three", "Which one was in the middle?", THREE, ()),
         ("abx", "Was X like A or like B?", ("A", "B"), ("A", "B", "X")),
     ],
@@ -108,18 +108,18 @@ def test_results__of_a_detection_session__are_its_thresholds(tmp_path) -> None:
     ("form", "names"),
     [
         ("tidy", {"trials.csv"}),
-        ("psych-ds", {"data/subject-S1_task-identification_description-trials_data.csv"}),
+        ("psych-ds", {"data/subject-S1_task-recognition_description-trials_data.csv"}),
         (
             "bids",
             {
-                f"sub-S1/beh/sub-S1_task-identification_run-{run}_beh.{kind}"
+                f"sub-S1/beh/sub-S1_task-recognition_run-{run}_beh.{kind}"
                 for run in ("01", "02")
                 for kind in ("tsv", "json")
             },
         ),
     ],
 )
-def test_export__identification__is_under_its_own_task(opened, tmp_path, form, names) -> None:
+def test_export__recognition__is_under_its_own_task(opened, tmp_path, form, names) -> None:
     study, _, store = opened(protocol_text(test=1))
     go_on(study.presented(), 6)
     assert export(store, tmp_path / "out", form) == 6
@@ -127,5 +127,5 @@ def test_export__identification__is_under_its_own_task(opened, tmp_path, form, n
     assert names <= written
     assert not any("detection" in name for name in written)
     if form == "bids":
-        sidecar = json.loads((tmp_path / "out" / "sub-S1/beh/sub-S1_task-identification_run-01_beh.json").read_text())
-        assert sidecar["TaskName"] == "identification"
+        sidecar = json.loads((tmp_path / "out" / "sub-S1/beh/sub-S1_task-recognition_run-01_beh.json").read_text())
+        assert sidecar["TaskName"] == "recognition"

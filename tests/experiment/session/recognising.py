@@ -1,14 +1,14 @@
-"""An identification study on one simulated finger: its items, its protocol, and a subject's way through it."""
+"""A recognition study on one simulated finger: its items, its protocol, and a subject's way through it."""
 
 from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from tactuator.experiment.protocol.file import parse_identification
+from tactuator.experiment.protocol.file import parse_recognition
 from tactuator.experiment.session.apparatus import Apparatus
-from tactuator.experiment.session.identification_plan import block_trials
-from tactuator.experiment.session.identification_task import IdentificationTask
 from tactuator.experiment.session.presented_session import PresentedSession
+from tactuator.experiment.session.recognition_plan import block_trials
+from tactuator.experiment.session.recognition_task import RecognitionTask
 from tactuator.experiment.session.respondent import run_session
 from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.store import answer_records
@@ -62,7 +62,7 @@ def write_items(controller, folder):
         write_waveforms(one, controller, folder)
 
 
-def protocol_text(paradigm="identification", training=1, test=20, subjects=("S1",), labels=None, consent="", extra=""):
+def protocol_text(paradigm="recognition", training=1, test=20, subjects=("S1",), labels=None, consent="", extra=""):
     """Items by label from files of that name, a block of training with feedback and one of test without."""
     items = "".join(
         f'[[item]]\nlabel = "{label}"\nfile = "{label}.wav"\nkey = "{key}"\n'
@@ -76,7 +76,7 @@ def protocol_text(paradigm="identification", training=1, test=20, subjects=("S1"
     people = "".join(f'[[subject]]\ncode = "{code}"\n' for code in subjects)
     return (
         f'[study]\nname = "words"\nseed = 5\nconsent = "{consent}"\n'
-        f'[identification]\nparadigm = "{paradigm}"\nlead_s = 0.0\ngap_s = 0.05\nfeedback_s = 0.0\n'
+        f'[recognition]\nparadigm = "{paradigm}"\nlead_s = 0.0\ngap_s = 0.05\nfeedback_s = 0.0\n'
         f"{extra}{items}{blocks}{people}"
     )
 
@@ -85,7 +85,7 @@ class Opened:
     """A study in a store, and its subjects' ways through it."""
 
     def __init__(self, protocol, text, items, place, store, clock=None):
-        self.task, self.store, self.clock = IdentificationTask.load(protocol, items, place), store, clock or Ticking()
+        self.task, self.store, self.clock = RecognitionTask.load(protocol, items, place), store, clock or Ticking()
         self.study = open_study(store, self.task, text, self.clock, token, beside=items)
 
     def presented(self, code="S1"):
@@ -97,7 +97,7 @@ class Opened:
 
 def scripted_answer(text, block, number):
     """What the scripted subject answers: right, but for every fourth trial."""
-    trial = block_trials(parse_identification(text), 0, block)[number]
+    trial = block_trials(parse_recognition(text), 0, block)[number]
     if number % 4 != 3:
         return trial.correct
     return trial.responses[(trial.responses.index(trial.correct) + 1) % len(trial.responses)]
@@ -124,7 +124,7 @@ def opened(controller, items, tmp_path):
         rig.load(controller)
         store = Store(tmp_path / "lab.db")
         return (
-            Opened(parse_identification(text), text, items, Apparatus(rig, controller, "simulated"), store),
+            Opened(parse_recognition(text), text, items, Apparatus(rig, controller, "simulated"), store),
             rig,
             store,
         )

@@ -1,4 +1,4 @@
-"""The verbs `experiment identify` and `experiment information`: closed-set identification, from items to bits."""
+"""The verbs `experiment recognise` and `experiment information`: closed-set recognition, from items to bits."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from tactuator.cli.experiment.apparatus import opened_apparatus
 from tactuator.cli.experiment.terminal import Terminal
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import shipped_words
-from tactuator.experiment.protocol.file import read_identification
-from tactuator.experiment.protocol.identification import IdentificationProtocol
-from tactuator.experiment.result.confusion import AbxResult, SubjectResult, identification_results
+from tactuator.experiment.protocol.file import read_recognition
+from tactuator.experiment.protocol.recognition import RecognitionProtocol
+from tactuator.experiment.result.confusion import AbxResult, SubjectResult, recognition_results
 from tactuator.experiment.result.information import Information, information
 from tactuator.experiment.result.tables import information_table
 from tactuator.experiment.session.clock import SystemClock
@@ -33,7 +33,7 @@ from tactuator.experiment.store.store import Store
 from tactuator.io.matrix import read_matrix
 
 
-def identify_items(
+def recognise_items(
     protocol: Path,
     store: Path,
     subject: str | None,
@@ -44,8 +44,8 @@ def identify_items(
     seed: int,
     as_json: bool,
 ) -> None:
-    """Take a subject through an identification experiment at the terminal; it goes on where it stopped."""
-    read, text = read_identification(protocol)
+    """Take a subject through a recognition experiment at the terminal; it goes on where it stopped."""
+    read, text = read_recognition(protocol)
     code = _subject(read, subject)
     scripted = None if scripted_error is None else ErringRespondent(scripted_error, np.random.default_rng([seed, 7]))
     speed = 1.0 if scripted_error is None else None
@@ -65,7 +65,7 @@ def identify_items(
     answer({"subject": code, "trials": trials, "store": str(store)}, as_json, table)
 
 
-def _subject(protocol: IdentificationProtocol, subject: str | None) -> str:
+def _subject(protocol: RecognitionProtocol, subject: str | None) -> str:
     codes = [one.code for one in protocol.subject]
     if subject is None and len(codes) > 1:
         raise BadInput(f"{len(codes)} subjects are in the protocol", f"--subject with one of {', '.join(codes)}")
@@ -99,7 +99,7 @@ def transfer(
     assert store is not None
     database = Store(store, must_exist=True)
     try:
-        results, abx = identification_results(database, rng, study, draws)
+        results, abx = recognition_results(database, rng, study, draws)
     finally:
         database.close()
     figures = {"results": [_result(one) for one in results], "abx": [asdict(one) for one in abx]}

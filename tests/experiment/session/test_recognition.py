@@ -1,4 +1,4 @@
-"""Identification experiments: plans, a scripted run from items to bits through engine and store, refusals."""
+"""Recognition experiments: plans, a scripted run from items to bits through engine and store, refusals."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ import pytest
 from sqlalchemy import select
 
 from tactuator.errors import BadInput
-from tactuator.experiment.protocol.file import parse_identification, read_identification
-from tactuator.experiment.result.confusion import identification_results
-from tactuator.experiment.session.identification_plan import block_trials, plan_trials
+from tactuator.experiment.protocol.file import parse_recognition, read_recognition
+from tactuator.experiment.result.confusion import recognition_results
+from tactuator.experiment.session.recognition_plan import block_trials, plan_trials
 from tactuator.experiment.simulated.respondents import ErringRespondent, FeelingRespondent
 from tactuator.experiment.store import schema
 from tactuator.speech.waveforms import Component, WaveformSet, write_waveforms
-from tests.experiment.session.identifying import SET, controller, items, opened, protocol_text  # noqa: F401
+from tests.experiment.session.recognising import SET, controller, items, opened, protocol_text  # noqa: F401
 
 
-def test_plan__identification__every_item_equally_often_and_the_seed_decides():
+def test_plan__recognition__every_item_equally_often_and_the_seed_decides():
     labels = ("a", "b", "c")
-    trials = plan_trials("identification", labels, 4, np.random.default_rng(1))
+    trials = plan_trials("recognition", labels, 4, np.random.default_rng(1))
     assert sorted(trial.correct for trial in trials) == sorted(labels * 4)
     assert all(trial.stimuli == (trial.correct,) and trial.responses == labels for trial in trials)
-    assert trials == plan_trials("identification", labels, 4, np.random.default_rng(1))
-    assert trials != plan_trials("identification", labels, 4, np.random.default_rng(2))
+    assert trials == plan_trials("recognition", labels, 4, np.random.default_rng(1))
+    assert trials != plan_trials("recognition", labels, 4, np.random.default_rng(2))
 
 
 def test_plan__middle_of_three__asks_for_the_middle_one():
@@ -44,7 +44,7 @@ def test_study__scripted_subject__matrix_and_bits_come_out_of_the_store(opened):
     study, _, store = opened(protocol_text(test=60))
     answered = study.run("S1", ErringRespondent(0.2, np.random.default_rng(3)))
     assert answered == 3 + 180
-    (result,), abx = identification_results(store, np.random.default_rng(0))
+    (result,), abx = recognition_results(store, np.random.default_rng(0))
     assert abx == []
     assert result.counts.sum() == 180  # training does not count
     np.testing.assert_array_equal(result.counts.sum(axis=1), 60)
@@ -57,18 +57,18 @@ def test_study__scripted_subject__matrix_and_bits_come_out_of_the_store(opened):
     with store.read() as connection:
         runs = connection.execute(select(schema.run)).all()
         assert [(run.paradigm, run.practice, run.state) for run in runs] == [
-            ("identification", True, "done"),
-            ("identification", False, "done"),
+            ("recognition", True, "done"),
+            ("recognition", False, "done"),
         ]
         assert len(connection.execute(select(schema.interval)).all()) == 183
 
 
 def test_study__subject_who_goes_by_what_is_felt__learns_and_tells_items_apart(opened, controller):
     study, rig, store = opened(protocol_text(training=4, test=12))
-    subject = FeelingRespondent("identification", controller.display, np.random.default_rng(2))
+    subject = FeelingRespondent("recognition", controller.display, np.random.default_rng(2))
     subject.listen(rig)
     study.run("S1", subject)
-    (result,), _ = identification_results(store, np.random.default_rng(0))
+    (result,), _ = recognition_results(store, np.random.default_rng(0))
     assert result.information.share_correct > 0.9
 
 
@@ -77,7 +77,7 @@ def test_study__abx__share_of_right_answers(opened, controller):
     subject = FeelingRespondent("abx", controller.display, np.random.default_rng(2))
     subject.listen(rig)
     study.run("S1", subject)
-    results, (one,) = identification_results(store, np.random.default_rng(0))
+    results, (one,) = recognition_results(store, np.random.default_rng(0))
     assert results == []
     assert one.trials == 24
     assert one.share_correct > 0.9
@@ -86,7 +86,7 @@ def test_study__abx__share_of_right_answers(opened, controller):
 def test_study__middle_of_three__seconds_from_onset_to_onset(opened):
     study, _, store = opened(protocol_text("middle-of-three", training=0, test=5))
     study.run("S1", ErringRespondent(0.0, np.random.default_rng(3)))
-    (result,), _ = identification_results(store, np.random.default_rng(0))
+    (result,), _ = recognition_results(store, np.random.default_rng(0))
     assert result.seconds_per_stimulus == pytest.approx(0.175)
 
 
@@ -115,7 +115,7 @@ def test_study__interrupted__goes_on_at_the_same_trial_and_rests(opened):
     assert again.run("S1", ErringRespondent(0.0, np.random.default_rng(0))) == 33 - 10
     with store.read() as connection:
         asked = [row.correct_response for row in connection.execute(select(schema.trial).order_by(schema.trial.c.id))]
-    planned = [trial.correct for block in (0, 1) for trial in block_trials(parse_identification(text), 0, block)]
+    planned = [trial.correct for block in (0, 1) for trial in block_trials(parse_recognition(text), 0, block)]
     assert asked == planned
     assert again.run("S1", ErringRespondent(0.0, np.random.default_rng(0))) == 0
 
@@ -124,7 +124,7 @@ def test_study__two_subjects__each_and_together(opened):
     study, _, store = opened(protocol_text(test=5, subjects=("S1", "S2")))
     for code, error in (("S1", 0.0), ("S2", 0.5)):
         study.run(code, ErringRespondent(error, np.random.default_rng(3)))
-    results, _ = identification_results(store, np.random.default_rng(0))
+    results, _ = recognition_results(store, np.random.default_rng(0))
     assert [result.subject for result in results] == ["S1", "S2", None]
     np.testing.assert_array_equal(results[2].counts, results[0].counts + results[1].counts)
     assert results[0].information.warning is not None
@@ -155,7 +155,7 @@ def test_study__unknown_subject__refused(opened):
     [
         (('label = "C-index"', 'label = "M-index"'), "item labels"),
         (('key = "2"', 'key = "1"'), "keys"),
-        (('paradigm = "identification"', 'paradigm = "guessing"'), "paradigm"),
+        (('paradigm = "recognition"', 'paradigm = "guessing"'), "paradigm"),
         (("repetitions = 20", "repetitions = 0"), "repetitions"),
         (("[study]", "[studies]"), "study"),
         (('code = "S1"', 'code = "S 1"'), "code"),
@@ -164,13 +164,13 @@ def test_study__unknown_subject__refused(opened):
 )
 def test_protocol__amiss__refused_in_one_line(change, words):
     with pytest.raises(BadInput, match=words) as refusal:
-        parse_identification(protocol_text().replace(*change, 1))
+        parse_recognition(protocol_text().replace(*change, 1))
     assert "\n" not in str(refusal.value)
 
 
 def test_protocol__no_file__refused(tmp_path):
     with pytest.raises(BadInput, match="No such file"):
-        read_identification(tmp_path / "none.toml")
+        read_recognition(tmp_path / "none.toml")
 
 
 def test_study__item_file_missing__refused(opened):
@@ -180,8 +180,8 @@ def test_study__item_file_missing__refused(opened):
 
 def test_results__store_without_answers__refused(opened):
     _, _, store = opened(protocol_text())
-    with pytest.raises(BadInput, match="no answers of any identification study"):
-        identification_results(store, np.random.default_rng(0))
+    with pytest.raises(BadInput, match="no answers of any recognition study"):
+        recognition_results(store, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("error", [-0.1, 1.1])

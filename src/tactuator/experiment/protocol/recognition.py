@@ -1,4 +1,4 @@
-"""Protocol files (TOML) of identification experiments: the items, how they are asked, in which blocks, of whom."""
+"""Protocol files (TOML) of recognition experiments: the items, how they are asked, in which blocks, of whom."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from tactuator.experiment.part import Part
 from tactuator.experiment.protocol.study import Seconds as BreakSeconds
 from tactuator.experiment.protocol.study import StudyProtocol, each_once
 
-Paradigm = Literal["identification", "middle-of-three", "abx"]
+Paradigm = Literal["recognition", "middle-of-three", "abx"]
 Seconds = Annotated[float, Field(ge=0.0, le=60.0, allow_inf_nan=False)]
 
 
 class ItemPart(Part):
-    """An item that subjects identify.
+    """An item that subjects recognise.
 
     label: its name. file: a rendered reference, as a path from the protocol's folder. key: the key that names it.
     """
@@ -41,12 +41,12 @@ class BlockPart(Part):
 class AskingPart(Part):
     """The question of a trial, and its timing.
 
-    paradigm: `identification` of one item alone, `middle-of-three` items in a row (Tan et al. 1999), or `abx`: A, B and
+    paradigm: `recognition` of one item alone, `middle-of-three` items in a row (Tan et al. 1999), or `abx`: A, B and
     which of them X was. lead_s: silence before the first item. gap_s: silence between the items of a trial. feedback_s:
     time for which feedback is shown.
     """
 
-    paradigm: Paradigm = "identification"
+    paradigm: Paradigm = "recognition"
     lead_s: Seconds = 0.3
     gap_s: Seconds = 0.3
     feedback_s: Seconds = 1.0
@@ -60,10 +60,10 @@ class BreakRules(Part):
     break_s: BreakSeconds = 0.0
 
 
-class IdentificationProtocol(StudyProtocol):
-    """The protocol file of an identification study."""
+class RecognitionProtocol(StudyProtocol):
+    """The protocol file of a recognition study."""
 
-    identification: AskingPart = AskingPart()
+    recognition: AskingPart = AskingPart()
     item: tuple[ItemPart, ...] = Field(min_length=2)
     block: tuple[BlockPart, ...] = Field(min_length=1)
     session: BreakRules = BreakRules()

@@ -1,4 +1,4 @@
-"""Identification over the server's connections: what is said before an answer, what after, and what is refused."""
+"""Recognition over the server's connections: what is said before an answer, what after, and what is refused."""
 
 import asyncio
 import json
@@ -7,11 +7,11 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.experiment.protocol.file import parse_identification
-from tactuator.experiment.session.identification_plan import block_trials
+from tactuator.experiment.protocol.file import parse_recognition
+from tactuator.experiment.session.recognition_plan import block_trials
 from tactuator.web.app import build_app
 from tests.experiment.session.apparatuses import ObedientClock
-from tests.experiment.session.identifying import THREE, Opened, controller, items, opened_apparatus, protocol_text  # noqa: F401
+from tests.experiment.session.recognising import THREE, Opened, controller, items, opened_apparatus, protocol_text  # noqa: F401
 from tests.web.labs import TOKEN, make_lab, response_count, until  # noqa: F401
 from tests.web.server import served
 
@@ -23,7 +23,7 @@ def make(make_lab, items, controller):
     def lab(text, auto_start=True):
         apparatus = opened_apparatus(controller)
         return make_lab(
-            lambda store: Opened(parse_identification(text), text, items, apparatus, store, ObedientClock()).study,
+            lambda store: Opened(parse_recognition(text), text, items, apparatus, store, ObedientClock()).study,
             auto_start,
         )
 
@@ -49,7 +49,7 @@ def respond(socket, asked, response):
 
 
 def planned(text, block):
-    return block_trials(parse_identification(text), 0, block)
+    return block_trials(parse_recognition(text), 0, block)
 
 
 def test_subject__hello__offers_the_labels_with_their_keys(make) -> None:
@@ -67,7 +67,7 @@ def test_subject__hello__offers_the_labels_with_their_keys(make) -> None:
         assert "training, 3 trials" in until(socket, "stage")["introduction"]
 
 
-@pytest.mark.parametrize("paradigm", ["identification", "middle-of-three", "abx"])
+@pytest.mark.parametrize("paradigm", ["recognition", "middle-of-three", "abx"])
 def test_subject__before_the_answer__every_trial_is_told_in_the_same_words(make, paradigm) -> None:
     text = protocol_text(paradigm, training=0, test=4, labels=THREE)
     trials = planned(text, 0)
@@ -111,9 +111,9 @@ def test_subject__feedback__comes_with_the_acknowledgement_and_only_in_training(
 @pytest.mark.parametrize(
     ("paradigm", "response"),
     [
-        ("identification", "A"),
-        ("identification", "m-index"),
-        ("identification", "1"),
+        ("recognition", "A"),
+        ("recognition", "m-index"),
+        ("recognition", "1"),
         ("abx", "X"),
         ("abx", "a"),
         ("abx", "M-index"),
