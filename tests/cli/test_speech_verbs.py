@@ -1,4 +1,4 @@
-"""render, play, corpus, waveforms and experiment identify/information from the command line."""
+"""render, play, corpus, waveforms and experiment recognise/information from the command line."""
 
 from __future__ import annotations
 
