@@ -24,7 +24,7 @@ from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import sampled_plant
-from tactuator.synthesis.prefilter.fit import fit_prefilter, prefilter_goal
+from tactuator.synthesis.prefilter import fit_prefilter, prefilter_goal
 
 RATE_HZ = 4000.0
 POLES = 8

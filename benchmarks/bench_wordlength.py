@@ -11,8 +11,8 @@ from timing import in_turn
 from tactuator.errors import BadInput
 from tactuator.model.controller import Controller
 from tactuator.wordlength.assessment import assess, holds
+from tactuator.wordlength.bits import at_rate
 from tactuator.wordlength.formats import FORMATS
-from tactuator.wordlength.resampled import at_rate
 from tactuator.wordlength.roundoff import double_step, roundoff_reference, run_loop
 
 RATE_HZ = 64_000.0

@@ -5,7 +5,6 @@ import pickle
 
 import pytest
 
-from tactuator.api.verdict import whole_verdict
 from tactuator.cli.main import main
 from tactuator.console.figures import channel_figures, settled_figures
 from tactuator.console.shaping.factors import LoopShape
@@ -14,6 +13,7 @@ from tactuator.errors import BadInput
 from tactuator.io.controller import controller_text, read_controller
 from tactuator.io.start.shipped import EXAMPLES
 from tactuator.report.tables import design_rows, finding_row
+from tactuator.synthesis.verdict import whole_verdict
 
 ONE = (EXAMPLES / "display.toml").read_text("utf-8").partition('[[channel]]\nname = "thumb"')[0]
 

@@ -14,11 +14,10 @@ from tactuator.signals.discretise import bilinear
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
-from tactuator.synthesis.design import design_controller
+from tactuator.synthesis.design import design_controller, headroom
 from tactuator.synthesis.family import sampled_plant
-from tactuator.synthesis.friction_loss import dahl_harmonic
-from tactuator.synthesis.headroom import headroom
-from tactuator.synthesis.loop.sections import anti_windup, feedback_sections
+from tactuator.synthesis.felt import dahl_harmonic
+from tactuator.synthesis.sections import anti_windup, feedback_sections
 from tests.synthesis.displays import (
     channel,
     of,

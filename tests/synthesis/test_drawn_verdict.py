@@ -10,8 +10,8 @@ from scipy import stats
 
 from tactuator.arrays import FloatArray
 from tactuator.model.verdict import Finding, Outcome
-from tactuator.synthesis.drawn_verdict import drawn_assumptions, judge_drawn
 from tactuator.synthesis.monte_carlo import DrawnPlants, monte_carlo
+from tactuator.synthesis.verdict import drawn_assumptions, judge_drawn
 from tests.synthesis.displays import paper_alone, paper_controller
 from tests.synthesis.test_monte_carlo import MODELS, channel
 

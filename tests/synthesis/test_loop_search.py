@@ -17,16 +17,12 @@ from tactuator.model.description import Display
 from tactuator.model.requirements import FeedbackRequirements
 from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.systems import ContinuousSystem
+from tactuator.synthesis.candidates import LoopStructure, crossovers_hz, shapes
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import plant_family
-from tactuator.synthesis.loop.candidates import crossovers_hz, shapes
-from tactuator.synthesis.loop.hopping import hops
-from tactuator.synthesis.loop.problem import LoopProblem
-from tactuator.synthesis.loop.screening import Screen
-from tactuator.synthesis.loop.solution import is_sound
-from tactuator.synthesis.loop.starts import bounds, classical_starts
-from tactuator.synthesis.loop.structure import LoopStructure
-from tactuator.synthesis.loop.synthesis import Task, judged, synthesise
+from tactuator.synthesis.loop_synthesis import Task, judged, synthesise
+from tactuator.synthesis.problem import LoopProblem, bounds, classical_starts, hops, is_sound
+from tactuator.synthesis.screening import Screen
 from tests.synthesis.brute_force import best_simple_loop
 from tests.synthesis.displays import FINGER_LIMITS, channel, of
 from tests.synthesis.plants import (

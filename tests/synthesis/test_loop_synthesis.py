@@ -13,12 +13,11 @@ from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.sections import backward_difference
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis import paper
+from tactuator.synthesis.assessment import assess, command_noise_gain, shortfalls
+from tactuator.synthesis.candidates import COUNT, LoopStructure
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import plant_family
-from tactuator.synthesis.loop.assessment import assess, shortfalls
-from tactuator.synthesis.loop.problem import LoopProblem
-from tactuator.synthesis.loop.structure import COUNT, LoopStructure
-from tactuator.synthesis.noise_gain import command_noise_gain
+from tactuator.synthesis.problem import LoopProblem
 from tests.synthesis.displays import channel, of, paper_alone, three_finger_controller, three_fingers
 
 RATE_HZ = 4000.0

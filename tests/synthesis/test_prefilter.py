@@ -18,9 +18,9 @@ from tactuator.signals.magnitude import MagnitudeGoal, fit_magnitude, fraction_r
 from tactuator.signals.sections import sections_response
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
+from tactuator.synthesis import prefilter as fit
 from tactuator.synthesis.family import sampled_plant
-from tactuator.synthesis.prefilter import fit
-from tactuator.synthesis.prefilter.fit import PrefilterFit, fit_prefilter, response_error_db
+from tactuator.synthesis.prefilter import PrefilterFit, fit_prefilter, response_error_db
 from tests.synthesis.displays import channel, three_finger_controller, three_fingers
 
 MORIOKA = Threshold(curve("morioka-griffin-2006"), (8.0, 315.0))

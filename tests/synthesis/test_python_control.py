@@ -10,8 +10,7 @@ from tactuator.errors import BadInput
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
-from tactuator.synthesis.exchange.continuous_form import continuous_form
-from tactuator.synthesis.exchange.python_control import from_control, to_control
+from tactuator.synthesis.exchange import continuous_form, from_control, to_control
 from tactuator.synthesis.family import sampled_plant
 from tests.synthesis.displays import three_finger_controller
 

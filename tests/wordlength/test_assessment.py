@@ -22,9 +22,8 @@ from tactuator.wordlength.assessment import (
     require_safe,
     response_error_db,
 )
-from tactuator.wordlength.direct_forms import FULL_SCALE_V
-from tactuator.wordlength.formats import FORMATS
-from tactuator.wordlength.resampled import at_rate
+from tactuator.wordlength.bits import at_rate
+from tactuator.wordlength.formats import FORMATS, FULL_SCALE_V
 from tests.runtime.paper_display import changed, channel, controller, display, louder
 from tests.signals.precisely import difference_response, polynomial_response
 

@@ -10,8 +10,8 @@ from scipy import signal
 
 from tactuator.errors import BadInput
 from tactuator.signals.sections import sections_response
-from tactuator.wordlength.direct_forms import FixedSections, SingleSections
-from tactuator.wordlength.quantised import rows_response
+from tactuator.wordlength.bits import rows_response
+from tactuator.wordlength.formats import FixedSections, SingleSections
 from tests.runtime.paper_display import feedback_sections, prefilter_sections
 
 HZ = np.geomspace(0.4, 300.0, 40)

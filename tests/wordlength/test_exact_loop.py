@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from tactuator.runtime.coefficients import delta_coefficients
-from tactuator.wordlength import exact_loop as module
-from tactuator.wordlength.exact_loop import exact_loop
-from tactuator.wordlength.roundoff import double_step, roundoff_reference, run_loop
+from tactuator.wordlength import roundoff as module
+from tactuator.wordlength.roundoff import double_step, exact_loop, roundoff_reference, run_loop
 from tests.runtime.paper_display import channel, controller, display
 
 

@@ -11,7 +11,7 @@ from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.loop import is_stable as loop_is_stable
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis import paper
-from tactuator.wordlength.quantised import FORMS, in_difference, is_stable, quantised_rows, rounded, rows_response
+from tactuator.wordlength.bits import FORMS, in_difference, is_stable, quantised_rows, rounded, rows_response
 from tests.runtime.paper_display import PAPER_F, feedback_sections, prefilter_sections
 from tests.signals.precisely import polynomial_response
 

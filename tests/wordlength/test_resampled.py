@@ -10,7 +10,7 @@ from tactuator.model.controller import AntiWindup
 from tactuator.runtime.coefficients import delta_coefficients
 from tactuator.runtime.image import FORMATS, ImageRefusal, build_image, check_image
 from tactuator.signals.sections import sections_response
-from tactuator.wordlength.resampled import at_rate
+from tactuator.wordlength.bits import at_rate
 from tests.runtime.paper_display import channel, controller, display, feedback_sections, prefilter_sections
 
 MADE = controller(display(channel()))

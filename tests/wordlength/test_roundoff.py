@@ -11,9 +11,8 @@ from tactuator.model.description import Display
 from tactuator.runtime.coefficients import delta_coefficients
 from tactuator.runtime.q31 import REFERENCE_FULL_SCALE, VOLTS_FULL_SCALE, full_scales
 from tactuator.signals.discretise import zero_order_hold
-from tactuator.wordlength.direct_forms import FULL_SCALE_V
-from tactuator.wordlength.formats import FORMATS, Written
-from tactuator.wordlength.quantised import rows_response
+from tactuator.wordlength.bits import rows_response
+from tactuator.wordlength.formats import FORMATS, FULL_SCALE_V, Written
 from tactuator.wordlength.roundoff import double_step, felt_db_sl, roundoff_reference, run_loop
 from tests.runtime.paper_display import channel, controller, display, lock_in, tone
 

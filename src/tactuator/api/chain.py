@@ -18,7 +18,6 @@ from tactuator.api.nouns import (
     VerdictResult,
 )
 from tactuator.api.result import promoted
-from tactuator.api.verdict import whole_verdict
 from tactuator.identification import identify as identification
 from tactuator.identification.calibration import fit_line
 from tactuator.identification.fixed.value import Fixed
@@ -34,7 +33,8 @@ from tactuator.model.description import Display
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.record import Record
 from tactuator.synthesis.design import design_controller
-from tactuator.wordlength.buildable import built
+from tactuator.synthesis.verdict import whole_verdict
+from tactuator.wordlength.assessment import built
 
 Place = str | PathLike[str]
 

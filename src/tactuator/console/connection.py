@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 from fastapi import WebSocket, WebSocketDisconnect
 
-from tactuator.api.verdict import whole_verdict
 from tactuator.console import messages
 from tactuator.console.asked import Answer, ViewRequest, number_of
 from tactuator.console.chart.frame import MARKS_HZ, frame
@@ -21,6 +20,7 @@ from tactuator.console.shaping.moved_point import with_point_at
 from tactuator.console.workshop import Workshop
 from tactuator.errors import TactuatorError
 from tactuator.io.controller import controller_text
+from tactuator.synthesis.verdict import whole_verdict
 from tactuator.web.sockets import first_to_end, receive_text, send
 
 _DEFECT = "a defect of the console, which the server's log tells; what is in the page is still there"

@@ -13,9 +13,9 @@ from tactuator.model.verdict import Finding, Verdict, verdict_of
 from tactuator.report.tables import FINDING_COLUMNS, design_rows, finding_row
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.design import assemble
-from tactuator.synthesis.prefilter.fit import fit_prefilter
+from tactuator.synthesis.prefilter import fit_prefilter
 from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, RESONANCE, judge_channel
-from tactuator.wordlength.buildable import buildable
+from tactuator.wordlength.assessment import buildable
 
 _TILES = ("error of |H|", FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|")
 """Quantities of a verdict that stand in large figures."""

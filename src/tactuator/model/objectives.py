@@ -1,7 +1,7 @@
 """Objectives that a verdict judges: the paper's four (its section 2), and what a controller needs to run on a board.
 
 An objective begins as a line here. Its findings are made by whoever judges it: `synthesis/verdict.py` from the model,
-`measure/` from a measurement, `wordlength/buildable.py` from a build. Tolerances stand in `requirements.py`.
+`measure/` from a measurement, `wordlength/assessment.py` from a build. Tolerances stand in `requirements.py`.
 """
 
 OBJECTIVES = {

@@ -13,7 +13,7 @@ from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis import paper
-from tactuator.synthesis.prefilter.fit import PrefilterFit, fit_prefilter
+from tactuator.synthesis.prefilter import PrefilterFit, fit_prefilter
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ import numpy as np
 from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis import paper
-from tactuator.wordlength.bits import BitsNeeded, Needed, filter_bits, loop_bits
-from tactuator.wordlength.quantised import FORMS
+from tactuator.wordlength.bits import FORMS, BitsNeeded, Needed, filter_bits, loop_bits
 
 RATES_HZ = (4000.0, 8000.0, 16000.0, 32000.0)
 

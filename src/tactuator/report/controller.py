@@ -20,9 +20,8 @@ from tactuator.report.plate import Plate, save_plates
 from tactuator.report.style import BLUE, CYCLE, FAINT, GREEN, INK, ORANGE, RED, figure, frequency_axis, legend
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import FeedbackLoop, System, TwoDegreeLoop
-from tactuator.synthesis.design import headroom_grid_hz
+from tactuator.synthesis.design import Headroom, headroom, headroom_grid_hz
 from tactuator.synthesis.family import UNLOADED, plant_family
-from tactuator.synthesis.headroom import Headroom, headroom
 from tactuator.synthesis.touch import fed_response
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from typing import Any
@@ -13,25 +13,23 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from tactuator import __version__
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput, NoDesign
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
-from tactuator.model.description import Channel, Display
+from tactuator.model.description import KNOWN_EDGE, Channel, Display
+from tactuator.model.load import DERIVATIVES
 from tactuator.model.touch import FeedForward
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.spectra import third_octave_bands
-from tactuator.signals.systems import SampledSystem
+from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
+from tactuator.synthesis.assessment import MemberAssessment, assess, loop_report
 from tactuator.synthesis.family import Member, plant_family
-from tactuator.synthesis.headroom import headroom
-from tactuator.synthesis.loop.assessment import MemberAssessment, assess, loop_report
-from tactuator.synthesis.loop.refusal import diagnosis, require_consistent
-from tactuator.synthesis.loop.sections import anti_windup, feedback_sections
-from tactuator.synthesis.loop.synthesis import Task, synthesise
-from tactuator.synthesis.prefilter.fit import PrefilterFit, fit_prefilter
-from tactuator.synthesis.suitability import require_suitable
+from tactuator.synthesis.loop_synthesis import Task, diagnosis, require_consistent, synthesise
+from tactuator.synthesis.prefilter import PrefilterFit, fit_prefilter
+from tactuator.synthesis.sections import anti_windup, feedback_sections
 from tactuator.synthesis.touch import design_feed_forward, fed_response, require_adaptive
 
 _SERVES, _GOOD = 0.75, 1.95
@@ -208,6 +206,52 @@ def _limits(display: Display, channel: Channel) -> Limits:
     return Limits(channel.converter.range_v, travel_v, display.objectives.comfort_db_sl)
 
 
+BINDING = ("travel", "command", "comfort")
+
+
+@dataclass(frozen=True)
+class Headroom:
+    """At frequency_hz (n,): the greatest sinusoidal reference in dB SL, and which limit stops it."""
+
+    frequency_hz: FloatArray
+    level_db_sl: FloatArray
+    binding: tuple[str, ...]
+
+    def document(self) -> dict[str, Any]:
+        """Return the headroom as it stands in controller.json."""
+        return {
+            "frequency_hz": self.frequency_hz.tolist(),
+            "level": self.level_db_sl.tolist(),
+            "binding": list(self.binding),
+        }
+
+
+def headroom(
+    channel: Channel,
+    loop: TwoDegreeLoop,
+    frequency_hz: FloatArray,
+    comfort_db_sl: float,
+    answer: ComplexArray | None = None,
+) -> Headroom:
+    """Return the headroom of the channel's loop at `frequency_hz` (hertz, shape (n,)), for one sinusoid at a time.
+
+    travel: displacement at +/- travel_mm. command: the command at the converter's range less the motor's offset.
+    comfort: the felt level at comfort_db_sl. answer: H where something is fed forward besides, (n,); the command
+    is then what moves the loop's plant so far.
+    """
+    moved = loop.position_response(frequency_hz) if answer is None else answer
+    position = np.abs(moved)
+    speed = (2.0 * np.pi * frequency_hz) ** DERIVATIVES[channel.quantity]
+    displacement_mm = position / channel.sensor_gain_v_per_mm / speed
+    own = loop.command_response(frequency_hz) if answer is None else moved / loop.plant.response(frequency_hz)
+    command = np.abs(own)
+    room_v = channel.converter.range_v - abs(channel.converter.offset_v)
+    felt_error = db(displacement_mm / channel.threshold.curve.displacement_mm(frequency_hz))
+    levels = np.vstack([db(channel.travel_mm / displacement_mm), db(room_v / command), comfort_db_sl - felt_error])
+    which = np.argmin(levels, axis=0)
+    return Headroom(frequency_hz, levels[which, np.arange(which.size)], tuple(BINDING[i] for i in which))
+
+
 def headroom_grid_hz(channel: Channel) -> NDArray[np.float64]:
     """Return the edges of the band and the third octaves between them."""
     low, high = channel.threshold.band_hz
@@ -241,3 +285,63 @@ def _report(
             answer = fed_response(fed, channel, nominal, loaded, member.load, grid, display.rate_hz)
             report["headroom_db_sl_loaded"][member.name] = headroom(channel, loaded, grid, comfort, answer).document()
     return report
+
+
+def require_suitable(channel: Channel, rate_hz: float) -> None:
+    """Raise BadInput if the channel's plant, or a model of its family, cannot be designed for at `rate_hz`.
+
+    Whether a loop can be found for an unstable plant, or one with zeros right of the axis, is the synthesis's to say.
+    """
+    looped = channel.feedback.structure != "none"
+    if not looped:
+        _require_known(channel)
+    for model, plant in enumerate((channel.plant, *channel.family)):
+        where = f"channel {channel.name!r}: " + ("the plant" if model == 0 else f"model {model} of the family")
+        _require_sound(plant, where, looped)
+        _require_below_nyquist(plant, where, rate_hz)
+    if channel.feedback.structure == "integrator-lead-lag" and np.any(channel.plant.zeros == 0.0):
+        raise BadInput(
+            f"channel {channel.name!r}: the plant gives nothing at rest (a zero at s = 0), where an integrator would "
+            "run away",
+            'structure = "none", or a plant of displacement',
+        )
+
+
+def _require_known(channel: Channel) -> None:
+    """Raise BadInput where a prefilter would equalise what nobody measured: without a loop all rests on the plant."""
+    low, high = channel.threshold.band_hz
+    first, last = channel.valid_hz or (0.0, np.inf)
+    if low < first / KNOWN_EDGE or high > last * KNOWN_EDGE:
+        raise BadInput(
+            f"channel {channel.name!r}: band_hz is [{low:g}, {high:g}], but the plant is known from {first:.4g} to "
+            f"{last:.4g} Hz only (valid_hz); allowed without a loop: a band within that"
+        )
+
+
+def _require_sound(plant: ContinuousSystem, where: str, looped: bool) -> None:
+    if plant.gain == 0.0:
+        raise BadInput(f"{where} has zero gain", "a plant that moves")
+    if not plant.is_proper:
+        raise BadInput(
+            f"{where} is improper ({plant.zeros.size} zeros, {plant.poles.size} poles)", "no more zeros than poles"
+        )
+    if not looped and not plant.is_stable:
+        worst = plant.poles[np.argmax(plant.poles.real)]
+        raise BadInput(
+            f"{where} runs away without a loop (a pole at {worst:.4g} rad/s)",
+            'every pole left of the axis, or structure = "integrator-lead-lag"',
+        )
+    at_low = plant.gain * float(np.real(np.prod(-plant.zeros[plant.zeros != 0.0])))
+    at_low /= float(np.real(np.prod(-plant.poles[plant.poles != 0.0])))
+    if looped and plant.is_stable and at_low < 0.0:
+        raise BadInput(f"{where} has a negative gain at rest ({at_low:.4g})", "a positive one, with polarity = -1")
+
+
+def _require_below_nyquist(plant: ContinuousSystem, where: str, rate_hz: float) -> None:
+    pairs = plant.poles[plant.poles.imag > 0.0]
+    fastest_hz = float(np.max(np.abs(pairs), initial=0.0)) / (2.0 * np.pi)
+    if fastest_hz >= 0.5 * rate_hz:
+        raise BadInput(
+            f"{where} has a pole pair at {fastest_hz:.4g} Hz, above half the rate",
+            f"below {0.5 * rate_hz:g} Hz, or a higher rate_hz",
+        )

@@ -15,14 +15,16 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
+from tactuator.model.verdict import Finding, Outcome
 from tactuator.runtime.coefficients import delta_coefficients
+from tactuator.runtime.image import CHANNELS_MAX, build_image
+from tactuator.runtime.image import FORMATS as IMAGE_FORMATS
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.systems import SampledSystem
-from tactuator.wordlength.exact_loop import exact_loop
+from tactuator.wordlength.bits import is_stable, rows_response
 from tactuator.wordlength.formats import FORMATS, NumberFormat, Written
-from tactuator.wordlength.quantised import is_stable, rows_response
-from tactuator.wordlength.roundoff import felt_db_sl, roundoff_reference, run_loop
+from tactuator.wordlength.roundoff import exact_loop, felt_db_sl, roundoff_reference, run_loop
 
 ERROR_MAX_DB = 0.1
 FELT_MAX_DB_SL = -6.0
@@ -146,3 +148,32 @@ def _levels(controller: Controller, index: int, written: Written) -> tuple[float
     error = run_loop(channel, display, written.start(), reference) - exact
     roundoff, cycle = (felt_db_sl(error[stretch], channel, display.rate_hz) for stretch in (during, after))
     return roundoff, cycle
+
+
+_ALL = "all"
+
+
+def built(controller: Controller, number_format: str) -> tuple[bytes, FormatReport]:
+    """Return the image of a controller in a number format that is safe for it, and what the format does to it.
+
+    Raises BadInput, with the reason, where a board would refuse it or the format is not safe.
+    """
+    report = require_safe(controller, number_format)
+    return build_image(controller, number_format), report
+
+
+def buildable(controller: Controller) -> Finding:
+    """Return the finding that a board takes the controller in float32, the format that `build` writes unless told; not
+    judged where none does and the display is wired to a sound card, which takes no image.
+    """
+    try:
+        with np.errstate(all="ignore"):  # a figure that float32 does not hold ends as a refusal, not as a warning
+            _, report = built(controller, IMAGE_FORMATS[0])
+    except BadInput as error:
+        if controller.display.sound is not None:
+            remark = f"the display is wired to a sound card, which takes no image; a board would not take it: {error}"
+            return Finding("build", _ALL, "", Outcome.NOT_JUDGED, "no image", remark=remark)
+        return Finding("build", _ALL, "", Outcome.NOT_MET, "no image", remark=str(error))
+    error_db = report.response_error_db
+    remark = f"in {IMAGE_FORMATS[0]}; a board takes up to {CHANNELS_MAX} channels"
+    return Finding("build", _ALL, "", Outcome.MET, "error of |H|", error_db, ERROR_MAX_DB, "dB", remark=remark)

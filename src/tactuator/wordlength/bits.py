@@ -1,24 +1,195 @@
 """Fractional bits that a filter's coefficients need, by form and sampling rate (the paper's remark, section 5).
 
+    direct     one polynomial over one polynomial in 1/z        sections   second-order sections, b and a in 1/z
+    delta      second-order sections in d = z - 1, coefficients times the power of the rate that makes them those of the
+               continuous filter, or nearly (in float32 as they are, as the core has them)
+
 Poles crowd towards z = 1 as the rate rises, so coefficients of z^-1 need ever more bits; one direct form of high order
-more than second-order sections, and sections in delta form (polynomials in (z - 1) rate, whose coefficients tend to
-those of the continuous filter) hardly any.
+more than second-order sections, and sections in delta form hardly any. What the rounded numbers stand for is a table of
+rows b0, b1', ..., a1', ... in d (as core/arithmetic/section.h, or longer), and is examined in double precision there,
+where nothing more is lost.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
+from math import comb
+from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from tactuator.arrays import FloatArray
-from tactuator.model.controller import Controller
+from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.errors import BadInput
+from tactuator.model.controller import ChannelController, Controller
+from tactuator.runtime.coefficients import delta_coefficients
 from tactuator.signals.decibels import db
-from tactuator.signals.discretise import zero_order_hold
-from tactuator.signals.systems import SampledSystem
-from tactuator.wordlength.quantised import FORMS, Form, is_stable, quantised_rows, rows_response
-from tactuator.wordlength.resampled import at_rate
+from tactuator.signals.discretise import bilinear, zero_order_hold
+from tactuator.signals.loop import closed_roots
+from tactuator.signals.sections import backward_difference, check_sections
+from tactuator.signals.systems import ContinuousSystem, SampledSystem
+
+Form = Literal["direct", "sections", "delta"]
+FORMS: tuple[Form, ...] = ("direct", "sections", "delta")
+
+
+def rounded(values: ArrayLike, bits: int | None) -> FloatArray:
+    """Return the values rounded to the nearest multiple of 2^-bits, or to float32 for None."""
+    array = np.asarray(values, dtype=np.float64)
+    if bits is None:
+        return array.astype(np.float32).astype(np.float64)
+    return np.asarray(np.ldexp(np.round(np.ldexp(array, bits)), -bits))
+
+
+def quantised_rows(sos: ArrayLike, form: Form, bits: int | None, rate_hz: float) -> FloatArray:
+    """Return the rows in d of what is left of the cascade `sos` once its numbers in `form` are rounded: shape (n, 5),
+    or (1, 2 order + 1) for the direct form. Raises BadInput for a form that is not there.
+    """
+    sections = check_sections(sos)
+    if form == "delta":
+        scale = np.ones(5) if bits is None else rate_hz ** np.array([0.0, 1.0, 2.0, 1.0, 2.0])
+        return np.asarray(rounded(delta_coefficients(sections) * scale, bits) / scale)
+    if form == "sections":
+        plain = rounded(sections / sections[:, 3:4], bits)
+        plain[:, 3] = 1.0
+        return delta_coefficients(plain)
+    if form == "direct":
+        num, den = _product(sections[:, :3]), _product(sections[:, 3:])
+        num, den = num / den[0], np.append(1.0, rounded(den[1:] / den[0], bits))
+        return np.concatenate([in_difference(rounded(num, bits)), in_difference(den)[1:]])[None, :]
+    raise BadInput(f"form {form!r}", f"{', '.join(FORMS)}")
+
+
+def in_difference(coefficients: FloatArray) -> FloatArray:
+    """Return a polynomial in z, descending powers, as one in d = z - 1: every coefficient summed without rounding
+    error.
+    """
+    order = len(coefficients) - 1
+    sums = [Fraction(0)] * (order + 1)
+    for index, value in enumerate(coefficients):
+        power = order - index
+        for lower in range(power + 1):
+            sums[order - lower] += Fraction(float(value)) * comb(power, lower)
+    return np.array([float(one) for one in sums])
+
+
+def _product(factors: FloatArray) -> FloatArray:
+    """Return the product of polynomials, exact before it is rounded to double."""
+    exact = [Fraction(1)]
+    for factor in factors:
+        terms = [Fraction(float(value)) for value in factor]
+        longer = [Fraction(0)] * (len(exact) + len(terms) - 1)
+        for i, one in enumerate(exact):
+            for j, other in enumerate(terms):
+                longer[i + j] += one * other
+        exact = longer
+    return np.array([float(value) for value in exact])
+
+
+def rows_response(rows: FloatArray, frequency_hz: ArrayLike, rate_hz: float) -> ComplexArray:
+    """Return the response of a cascade of rows."""
+    frequency = np.asarray(frequency_hz, dtype=np.float64)
+    difference = np.exp(2j * np.pi * frequency / rate_hz) * backward_difference(frequency, rate_hz)
+    response = np.ones(frequency.shape, dtype=np.complex128)
+    for num, den in map(_fraction, rows):
+        response = response * np.polyval(num, difference) / np.polyval(den, difference)
+    return response
+
+
+def is_stable(rows: FloatArray, plant: SampledSystem | None = None) -> bool:
+    """Return whether the poles lie inside the unit circle; with a plant (its delay included): those of the loop closed
+    around both.
+    """
+    poles = np.concatenate([np.roots(den) for _, den in map(_fraction, rows)])
+    if plant is None:
+        return is_inside(poles)
+    zeros, gain = _zeros(rows)
+    delay = np.full(plant.delay_samples, -1.0 + 0.0j)
+    closed = closed_roots(
+        np.concatenate([zeros, plant.zeros - np.complex128(1.0)]),
+        np.concatenate([poles, plant.poles - 1.0, delay]),
+        gain * plant.gain,
+    )
+    return is_inside(closed)
+
+
+def is_inside(poles_in_d: ComplexArray) -> bool:
+    """Return whether |1 + d| < 1 for every pole: 2 Re d + |d|^2 < 0, which keeps its digits for slow poles."""
+    return bool(np.all(2.0 * poles_in_d.real + np.abs(poles_in_d) ** 2 < 0.0))
+
+
+def _fraction(row: FloatArray) -> tuple[FloatArray, FloatArray]:
+    order = (row.size - 1) // 2
+    return row[: order + 1], np.append(1.0, row[order + 1 :])
+
+
+def _zeros(rows: FloatArray) -> tuple[ComplexArray, float]:
+    """Return the zeros in d and the gain before them; without gain there are no zeros."""
+    zeros, gain = [np.empty(0, dtype=np.complex128)], 1.0
+    for row in rows:
+        numerator = np.trim_zeros(_fraction(row)[0], "f")
+        if numerator.size == 0:
+            return np.empty(0, dtype=np.complex128), 0.0
+        gain *= float(numerator[0])
+        zeros.append(np.asarray(np.roots(numerator), dtype=np.complex128))
+    return np.concatenate(zeros), gain
+
+
+_MATCH_HZ = 10.0
+
+
+def at_rate(controller: Controller, rate_hz: float) -> Controller:
+    """Return the same F and C, bilinear, at another rate (their own continuous counterparts, without prewarping).
+
+    The display's delay stays one of samples. Anti-windup gains scale with the period. Raises BadInput for a rate that
+    the display cannot have.
+    """
+    display = replace(controller.display, rate_hz=rate_hz)
+    channels = tuple(_channel_at(channel, controller.rate_hz, rate_hz) for channel in controller.channels)
+    return Controller(display, channels, controller.tool)
+
+
+def _channel_at(channel: ChannelController, old_hz: float, new_hz: float) -> ChannelController:
+    feedback = channel.feedback_sos
+    gains = channel.anti_windup.gains
+    ratio = old_hz / new_hz
+    return replace(
+        channel,
+        prefilter_sos=_sections_at(channel.prefilter_sos, old_hz, new_hz),
+        feedback_sos=None if feedback is None else _sections_at(feedback, old_hz, new_hz),
+        anti_windup=replace(channel.anti_windup, gains=(gains[0] * ratio, gains[1] * ratio**2)),
+    )
+
+
+def _sections_at(sos: FloatArray, old_hz: float, new_hz: float) -> FloatArray:
+    """Return the sections at the other rate, each by itself, so that the order (and the integrator's place) stays."""
+    return np.stack([_section_at(section, old_hz, new_hz) for section in sos])
+
+
+def _section_at(section: FloatArray, old_hz: float, new_hz: float) -> FloatArray:
+    sampled = SampledSystem.from_sections(section[None, :], old_hz)
+    finite = sampled.zeros[np.abs(sampled.zeros + 1.0) > 1e-9]
+    zeros = 2.0 * old_hz * (finite - 1.0) / (finite + 1.0)
+    poles = 2.0 * old_hz * (sampled.poles - 1.0) / (sampled.poles + 1.0)
+    shape = ContinuousSystem(zeros, poles, 1.0)
+    before, unit = (system.response(np.array([_MATCH_HZ])) for system in (sampled, bilinear(shape, old_hz)))
+    gain = float(np.real(before[0] / unit[0]))
+    moved = bilinear(ContinuousSystem(zeros, poles, gain), new_hz)
+    row: FloatArray = moved.sections()[0]
+    if np.any(poles == 0.0):
+        row[4:] = _with_integrator(float(row[5]))
+    return row
+
+
+def _with_integrator(other: float) -> tuple[float, float]:
+    """Return a1 and a2 of (z - 1)(z - other): their sum with 1 is exactly 0, else the integrator would leak, or run
+    away.
+    """
+    exact = float(np.ldexp(np.round(np.ldexp(other, 52)), -52))
+    return -(1.0 + exact), exact
+
 
 MOST_BITS = 44
 """Coefficients in double precision say nothing about more."""

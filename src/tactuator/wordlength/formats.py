@@ -1,11 +1,20 @@
 """Number formats: what each leaves of a channel's F and C, and the arithmetic in which it computes them.
 
-biquads   direct forms (tactuator.wordlength.direct_forms); examined, never loaded
+biquads   second-order sections in 1/z, as filters are usually written; examined, never loaded
 delta     what a board runs (core/arithmetic/section.h, section_q31.h): the core itself, from the image's own words
+
+    float32   transposed direct form II          y = b0 x + s1,  s1 = (b1 x - a1 y) + s2,  s2 = b2 x - a2 y
+    fixed     direct form I, one wide sum, rounded once to the word; where it is fed back, what rounding took from y
+              is added to the next sum (Thong & Liu 1977: error spectrum shaping)
+
+Fixed point has 1000 threshold units and 32 V for full scales at its ends and a power of two between sections, as Q31
+has on a board but for its 512 V (tactuator.runtime.q31); b shares a power of two within a section, a has all but two
+bits behind the point.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -16,11 +25,100 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.controller import Controller
 from tactuator.runtime._core import ffi, lib
+from tactuator.runtime.coefficients import delta_coefficients
 from tactuator.runtime.image import build_image
-from tactuator.runtime.q31 import REFERENCE_FULL_SCALE, VOLTS_FULL_SCALE, q31_cascade
-from tactuator.wordlength.direct_forms import FULL_SCALE_V, FixedSections, SingleSections, saturated
-from tactuator.wordlength.quantised import quantised_rows
+from tactuator.runtime.q31 import REFERENCE_FULL_SCALE, VOLTS_FULL_SCALE, full_scales, q31_cascade
+from tactuator.signals.sections import check_sections
+from tactuator.wordlength.bits import quantised_rows
 from tactuator.wordlength.roundoff import Step
+
+
+class SingleSections:
+    """A cascade of sections in float32."""
+
+    def __init__(self, sos: FloatArray) -> None:
+        single = (sos / sos[:, 3:4]).astype(np.float32)
+        self._coefficients = [(row[0], row[1], row[2], row[4], row[5]) for row in single]
+        self._states = [[np.float32(0.0), np.float32(0.0)] for _ in single]
+
+    def __call__(self, value: np.float32) -> np.float32:
+        """Step the cascade by one sample."""
+        for (b0, b1, b2, a1, a2), state in zip(self._coefficients, self._states, strict=True):
+            out = b0 * value + state[0]
+            state[0] = (b1 * value - a1 * out) + state[1]
+            state[1] = b2 * value - a2 * out
+            value = out
+        return value
+
+
+@dataclass(frozen=True)
+class _FixedSection:
+    """Integers; `b` counts 2^-b_bits, `a` 2^-a_bits."""
+
+    b: tuple[int, int, int]
+    b_bits: int
+    a: tuple[int, int]
+    a_bits: int
+
+    def row(self) -> FloatArray:
+        """Return the coefficients that the integers stand for: b0, b1, b2, 1, a1, a2."""
+        b = [math.ldexp(value, -self.b_bits) for value in self.b]
+        return np.array([*b, 1.0, *(math.ldexp(value, -self.a_bits) for value in self.a)])
+
+
+FULL_SCALE_V = 32.0
+"""Of the fixed-point direct forms' output; coarse words have none to spare."""
+
+
+class FixedSections:
+    """A cascade in words of `bits` (sign included), full_scale_in at its input, 32 V at its output."""
+
+    def __init__(self, sos: FloatArray, rate_hz: float, full_scale_in: float, bits: int, fed_back: bool) -> None:
+        sections = check_sections(sos)
+        scales = full_scales(sections, rate_hz, full_scale_in, full_scale_out=FULL_SCALE_V)
+        self._sections = [_fixed(row / row[3], scales[i] / scales[i + 1], bits) for i, row in enumerate(sections)]
+        self._gain = scales[-1] / scales[0]
+        self._most, self._fed_back = 2 ** (bits - 1), fed_back
+        self._states = [[0, 0, 0, 0, 0] for _ in sections]
+
+    def rows(self) -> FloatArray:
+        """Return the rows of what is left of the cascade, in d, from the unit of the input to volts."""
+        rows = delta_coefficients(np.stack([section.row() for section in self._sections]))
+        rows[0, :3] *= self._gain
+        return rows
+
+    def __call__(self, value: int) -> int:
+        """Step the cascade by one sample, in units of the last bit."""
+        most = self._most
+        for section, state in zip(self._sections, self._states, strict=True):
+            (b0, b1, b2), (a1, a2), bits = section.b, section.a, section.a_bits
+            x1, x2, y1, y2, left = state
+            fresh = b0 * value + b1 * x1 + b2 * x2
+            shift = section.b_bits - bits
+            total = (fresh >> shift if shift >= 0 else fresh << -shift) + left - a1 * y1 - a2 * y2
+            y = nearest = (total + (1 << (bits - 1))) >> bits
+            if not -most <= nearest < most:
+                y = saturated(nearest, most)
+            left = total - (y << bits) if self._fed_back and y == nearest else 0
+            state[:] = value, x1, y, y1, left
+            value = y
+        return value
+
+
+def saturated(value: int, most: int) -> int:
+    """Return the value, limited to -most .. most - 1."""
+    return max(-most, min(most - 1, value))
+
+
+def _fixed(row: FloatArray, gain: float, bits: int) -> _FixedSection:
+    b, a = row[:3] * gain, row[4:]
+    if np.max(np.abs(a)) > 2.0:
+        raise BadInput(f"a coefficient of {np.max(np.abs(a)):g} in a denominator; allowed in fixed point: up to 2")
+    b_bits = bits - 1 - math.frexp(float(np.max(np.abs(b))))[1]
+    most = 2 ** (bits - 1)
+    b0, b1, b2 = (saturated(round(math.ldexp(value, b_bits)), most) for value in b)
+    a1, a2 = (saturated(round(math.ldexp(value, bits - 2)), most) for value in a)
+    return _FixedSection((b0, b1, b2), b_bits, (a1, a2), bits - 2)
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactuator.api.verdict import whole_verdict
 from tactuator.cli import main
 from tactuator.errors import BadInput
 from tactuator.io.controller import parse_controller
 from tactuator.model.controller import Controller
 from tactuator.model.verdict import Outcome
-from tactuator.wordlength.buildable import built
+from tactuator.synthesis.verdict import whole_verdict
+from tactuator.wordlength.assessment import built
 from tests.cli.controller.forged import forged, resealed
 from tests.synthesis.displays import paper_controller, three_finger_controller
 

@@ -11,7 +11,7 @@ import pytest
 
 from tactuator.paper.plan import paper_display
 from tactuator.synthesis.design import design_controller
-from tactuator.wordlength.buildable import built
+from tactuator.wordlength.assessment import built
 
 ROOT = Path(__file__).resolve().parents[3]
 FLAGS = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror"]

@@ -106,7 +106,7 @@ def felt_peak_db_sl(guarded, displacement_mm, channel):
     """Peak of the truth through the designed H's inverse, in the band where H is designed and below."""
     from scipy import signal
 
-    from tactuator.synthesis.prefilter.felt_weighting import weighting_sections
+    from tactuator.synthesis.prefilter import weighting_sections
 
     described = guarded.display.channels[channel]
     position_v = described.sensor_gain_v_per_mm * displacement_mm

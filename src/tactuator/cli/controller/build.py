@@ -11,7 +11,7 @@ from tactuator.cli.controller.image import image_rows, image_table
 from tactuator.io.atomic import atomic_path
 from tactuator.io.controller import read_controller
 from tactuator.runtime.image import read_image_header
-from tactuator.wordlength.buildable import built
+from tactuator.wordlength.assessment import built
 
 
 def run(controller: Path, out: Path, number_format: str, as_json: bool) -> None:

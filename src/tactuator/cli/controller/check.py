@@ -12,7 +12,6 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from tactuator.api.verdict import whole_verdict
 from tactuator.cli.answer import answer, shown, working
 from tactuator.experiment.result.tables import ResultTable
 from tactuator.io.controller import read_controller
@@ -21,6 +20,7 @@ from tactuator.model.verdict import Outcome, Verdict
 from tactuator.report.tables import FINDING_COLUMNS, finding_row, remark_lines
 from tactuator.synthesis.monte_carlo import DrawnPlants
 from tactuator.synthesis.monte_carlo import monte_carlo as draw_plants
+from tactuator.synthesis.verdict import whole_verdict
 
 
 def run(controller: Path, display: Path | None, monte_carlo: int, mode_shift: float, seed: int, as_json: bool) -> None:

@@ -8,7 +8,6 @@ import typer
 from rich.console import Group
 from rich.table import Table
 
-from tactuator.api.verdict import whole_verdict
 from tactuator.cli.answer import answer, working, written
 from tactuator.cli.controller.check import verdict_table
 from tactuator.io.controller import write_controller
@@ -20,7 +19,8 @@ from tactuator.model.verdict import Outcome, Verdict
 from tactuator.report.tables import design_rows, printed_factors
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.design import design_controller
-from tactuator.synthesis.exchange.continuous_form import continuous_form
+from tactuator.synthesis.exchange import continuous_form
+from tactuator.synthesis.verdict import whole_verdict
 
 
 def run(

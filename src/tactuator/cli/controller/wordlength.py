@@ -15,9 +15,8 @@ from tactuator.io.controller import read_controller
 from tactuator.model.controller import Controller
 from tactuator.model.description import HIGHEST_RATE_HZ
 from tactuator.wordlength.assessment import FormatReport, assess, recommended
-from tactuator.wordlength.bits import controller_bits
+from tactuator.wordlength.bits import at_rate, controller_bits
 from tactuator.wordlength.formats import FORMATS
-from tactuator.wordlength.resampled import at_rate
 
 _RATE_DOUBLINGS = 4
 

@@ -10,7 +10,6 @@ import numpy as np
 from pydantic import Field
 from threadpoolctl import threadpool_limits
 
-from tactuator.api.verdict import whole_verdict
 from tactuator.arrays import FloatArray
 from tactuator.console.asked import Answer, Finite, Name, ViewRequest
 from tactuator.console.figures import verdict_rows
@@ -24,7 +23,8 @@ from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import sampled_plant
-from tactuator.synthesis.prefilter.fit import fit_prefilter, response_error_db
+from tactuator.synthesis.prefilter import fit_prefilter, response_error_db
+from tactuator.synthesis.verdict import whole_verdict
 
 _LINES = 160
 _DRAWN_NAME, _DRAWN_FILE = "drawn", "curve.csv"

@@ -23,7 +23,7 @@ from tactuator.runtime.safety_table import (
 )
 from tactuator.signals.decibels import from_db
 from tactuator.signals.discretise import zero_order_hold
-from tactuator.synthesis.prefilter.felt_weighting import weighting_sections
+from tactuator.synthesis.prefilter import weighting_sections
 
 LATENESS_MAX = 0.25
 SILENCE_S: float = 0.2

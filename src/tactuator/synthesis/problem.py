@@ -1,24 +1,46 @@
-"""Requirements on a synthesised loop as smooth functions of its parameters with exact derivatives.
+"""Requirements on a synthesised loop as smooth functions of its parameters, and the local optima of that problem.
 
 Every requirement becomes an excess in dB (phase: degrees / 5) that must not be positive. On a fixed grid, for every
 plant of the family at once: d log|S| = -Re(T dlogC), d log|T| = Re(S dlogC), d|CS|^2 = 2 |CS|^2 Re(S dlogC).
+
+A local optimum is found by sequential quadratic programming (SLSQP). Two further unknowns make the problem smooth and
+always solvable: the worst member's mean |S|, and one common excess that is punished so hard that it is zero wherever
+that is possible.
+
+A local solution that misses the limits says little. The problem has dozens of local optima a few tenths of a decibel
+apart, and which of them a start leads to changes with every limit, so that the same starts can find a loop under tight
+limits and none under looser ones. Each of the best local solutions is therefore left by a fixed sequence of steps and
+solved again, and what comes out closer to the limits takes its place (monotonic basin hopping: Leary, Journal of Global
+Optimization 18, 2000).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy import optimize, special
+from scipy.stats import qmc
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.requirements import FeedbackRequirements
+from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.sections import backward_difference
+from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.synthesis.assessment import quadrature
+from tactuator.synthesis.candidates import (
+    COUNT,
+    FREQUENCIES,
+    LIGHT_DAMPING,
+    POLE_DAMPINGS,
+    ZERO_DAMPINGS,
+    LoopStructure,
+    slow_pair,
+)
 from tactuator.synthesis.family import Member
-from tactuator.synthesis.loop.candidates import LIGHT_DAMPING
-from tactuator.synthesis.loop.structure import COUNT, LoopStructure
-from tactuator.synthesis.noise_gain import quadrature
+from tactuator.synthesis.screening import WEAKER
 
 DB = 20.0 / np.log(10.0)
 _SHARPNESS = 300.0
@@ -202,3 +224,182 @@ def _phase_margin_deg(loops: ComplexArray, levels: FloatArray) -> tuple[FloatArr
     margins[row] = found[worst]
     weights[row, j], weights[row, j + 1] = by_log * (1.0 - tau), by_log * tau
     return margins, weights
+
+
+_PUNISHMENT = 30.0
+_GAIN_RANGE = 4.0
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A local optimum: its parameters, the worst member's mean |S| in dB (or the excess that was minimised), and the
+    common excess, dB: zero where every requirement is kept."""
+
+    parameters: FloatArray
+    mean_db: float
+    excess_db: float
+
+
+def solve(
+    problem: LoopProblem, start: FloatArray, limits: optimize.Bounds, relaxed: frozenset[str] = frozenset()
+) -> Solution | None:
+    """Find one local solution; the excess of the requirements `relaxed`, if any, is minimised instead, all others being
+    kept.
+    """
+    free = np.array([label in relaxed for label, _ in problem.labels])
+    cache: dict[bytes, Point] = {}
+
+    def at(unknowns: FloatArray) -> Point:
+        key = unknowns[:COUNT].tobytes()
+        if key not in cache:
+            cache.clear()
+            cache[key] = problem.at(unknowns[:COUNT])
+        return cache[key]
+
+    def aims(point: Point) -> tuple[FloatArray, FloatArray]:
+        return (point.excess[free], point.excess_slope[free]) if relaxed else (point.mean_db, point.mean_slope)
+
+    def rooms(unknowns: FloatArray) -> FloatArray:
+        point = at(unknowns)
+        return np.concatenate([unknowns[COUNT] - aims(point)[0], unknowns[COUNT + 1] - point.excess[~free]])
+
+    def slopes(unknowns: FloatArray) -> FloatArray:
+        point = at(unknowns)
+        aim = aims(point)[1]
+        rows = np.zeros((aim.shape[0] + int(np.sum(~free)), COUNT + 2))
+        rows[: aim.shape[0], :COUNT], rows[: aim.shape[0], COUNT] = -aim, 1.0
+        rows[aim.shape[0] :, :COUNT], rows[aim.shape[0] :, COUNT + 1] = -point.excess_slope[~free], 1.0
+        return rows
+
+    cost = np.append(np.zeros(COUNT), [1.0, _PUNISHMENT])
+    low, high = limits.lb.copy(), limits.ub.copy()
+    low[0], high[0] = start[0] - _GAIN_RANGE, start[0] + _GAIN_RANGE
+    with np.errstate(all="ignore"):
+        point = problem.at(start)
+        first = [float(np.max(aims(point)[0])), max(0.0, float(np.max(point.excess[~free], initial=0.0)))]
+        result = optimize.minimize(
+            lambda unknowns: float(cost @ unknowns),
+            np.append(start, first),
+            jac=lambda unknowns: cost,
+            bounds=optimize.Bounds(low, high),
+            constraints=[{"type": "ineq", "fun": rooms, "jac": slopes}],
+            method="SLSQP",
+            options={"maxiter": 80, "ftol": 1e-3},
+        )
+    if not np.all(np.isfinite(result.x)):
+        return None
+    return Solution(result.x[:COUNT], float(result.x[COUNT]), float(result.x[COUNT + 1]))
+
+
+def is_sound(feedback: SampledSystem, family: Sequence[Member], must_bear_less: bool = True) -> bool:
+    """Tell whether the loop is stable on every plant and, where it must bear less, at lower gains too: not
+    conditionally stable."""
+    for member in family:
+        for factor in WEAKER if must_bear_less else WEAKER[:1]:
+            weaker = SampledSystem(feedback.zeros, feedback.poles, feedback.gain * factor, feedback.rate_hz)
+            if not FeedbackLoop(weaker, member.sampled).is_stable:
+                return False
+    return True
+
+
+_SLOWEST_ZEROS_HZ = 1.0
+_ZERO_DAMPING = (0.7, 4.0)
+_POLE_DAMPING = (0.9, 2.0)
+_STARTS = ((1.0, 1.0), (3.0, 1.0), (1.5, 0.5), (2.0, 0.35), (2.0, 2.0))
+"""(crossover over the rejection band's upper edge, corner of the lead over the crossover)."""
+
+
+def bounds(problem: LoopProblem, plant: ContinuousSystem) -> optimize.Bounds:
+    """Return bounds on the parameters, the aim and the excess, shape (COUNT + 2,).
+
+    Zeros of the integrator's section lie from 1 Hz, everything else from the rejection band's upper edge, up to just
+    below half the rate; zeros are damped by 0.7 or more, poles by 0.9: nothing in the controller rings, and T stays
+    smooth enough for a prefilter of few poles. Zeros may be as soft as the plant's own resonances, to cancel them.
+    """
+    to_radians = 2.0 * np.pi / problem.structure.rate_hz
+    low, high = np.full(COUNT + 2, -np.inf), np.full(COUNT + 2, np.inf)
+    fast = [*FREQUENCIES, 3]
+    low[fast] = np.log(to_radians * problem.requirements.rejection_band_hz[1])
+    low[1] = np.log(to_radians * _SLOWEST_ZEROS_HZ)
+    high[fast] = np.log(2.0 * np.pi * 0.45)
+    softest = min(_ZERO_DAMPING[0], 0.6 * max(_resonance(plant)[1], 1e-3))
+    low[list(ZERO_DAMPINGS)], high[list(ZERO_DAMPINGS)] = np.log(softest), np.log(_ZERO_DAMPING[1])
+    low[list(POLE_DAMPINGS)], high[list(POLE_DAMPINGS)] = np.log(_POLE_DAMPING[0]), np.log(_POLE_DAMPING[1])
+    low[COUNT + 1] = 0.0
+    return optimize.Bounds(low, high)
+
+
+def _resonance(plant: ContinuousSystem) -> tuple[float, float]:
+    """Return the natural frequency (rad/s) and damping of the plant's softest pole pair; (0, 1) if it has none."""
+    pairs = plant.poles[plant.poles.imag > 0.0]
+    if pairs.size == 0:
+        return 0.0, 1.0
+    damping = -pairs.real / np.abs(pairs)
+    softest = int(np.argmin(damping))
+    return float(np.abs(pairs[softest])), float(damping[softest])
+
+
+def classical_starts(problem: LoopProblem, nominal: Member, rate_hz: float) -> list[FloatArray]:
+    """Return starts with zeros on the plant's two slowest poles, the notch on its resonance, and several crossovers."""
+    own, damping = slow_pair(nominal.continuous)
+    resonance, softness = _resonance(nominal.continuous)
+    upper = problem.requirements.rejection_band_hz[1]
+    found = []
+    for times, corner in _STARTS:
+        crossover = min(times * upper, 0.05 * rate_hz)
+        omega = 2.0 * np.pi * crossover / rate_hz
+        lead = 2.0 * omega * corner
+        notch, depth = (resonance / rate_hz, max(softness, 1e-3)) if resonance > 1.5 * own else (4.0 * omega, 0.8)
+        values = [1.0, own / rate_hz, damping, 2.0 * omega, lead, 1.0, 2.0 * lead, 1.0, notch, depth, notch, 1.0]
+        parameters = np.log(values)
+        unit = problem.structure.system(parameters).response(crossover) * nominal.sampled.response(crossover)
+        parameters[0] -= np.log(np.abs(unit))
+        found.append(parameters)
+    return found
+
+
+_HOPS = 128
+_SIZES = (0.3, 0.7)
+"""Standard deviations of the steps, in turn: natural logarithms of gain, frequencies and dampings."""
+_POOL_MAX = 6
+_SAME_DB = 1e-3
+
+
+def hops(
+    problem: LoopProblem,
+    starts: Sequence[FloatArray],
+    limits: optimize.Bounds,
+    family: Sequence[Member],
+    must_bear_less: bool,
+) -> Iterator[Solution]:
+    """Yield stable local solutions, those of `starts` first: each the solution of a step away from one that was yielded
+    before, the nearer to the limits the more often. The sequence ends after 128 steps; whoever is content ends it
+    before.
+    """
+    pool: list[Solution] = []
+    low, high = limits.lb[:COUNT], limits.ub[:COUNT]
+    for begin in _begins(starts, pool):
+        solution = solve(problem, np.clip(begin, low, high), limits)
+        if solution is None:
+            continue
+        if is_sound(problem.structure.system(solution.parameters), family, must_bear_less):
+            if all(abs(solution.excess_db - known.excess_db) > _SAME_DB for known in pool):
+                pool[:] = sorted([*pool, solution], key=lambda one: one.excess_db)[:_POOL_MAX]
+            yield solution
+
+
+def _begins(starts: Sequence[FloatArray], pool: Sequence[Solution]) -> Iterator[FloatArray]:
+    """Yield the starts, then steps away from members of `pool` as it then is; from the starts while it is empty."""
+    yield from starts
+    for index, (share, step) in enumerate(_steps()):
+        left = [one.parameters for one in pool] or list(starts)
+        origin = left[min(int(-np.log2(share)), len(left) - 1)]
+        yield origin + _SIZES[index % len(_SIZES)] * step
+
+
+def _steps() -> Iterator[tuple[float, FloatArray]]:
+    """Yield a number in (0, 1) that chooses where to step from, and a normal step, shape (COUNT,): Sobol's points."""
+    sequence = qmc.Sobol(COUNT + 1, scramble=False)
+    sequence.fast_forward(1)  # the first point is zero
+    for point in sequence.random(_HOPS):
+        yield float(point[0]), np.asarray(special.ndtri(point[1:]))

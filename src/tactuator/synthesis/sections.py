@@ -1,4 +1,4 @@
-"""A feedback controller as sections: the integrator in the last one, exact, and the anti-windup gains that go with it.
+"""Filters as cascades of second-order sections: the integrator in the last one, exact, and the anti-windup gains.
 
 While the command is held at its limit, the last section's two states follow (delta form, d = z - 1)
 
@@ -18,7 +18,21 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.controller import AntiWindup
 from tactuator.signals.sections import exact_sum
 from tactuator.signals.systems import SampledSystem
-from tactuator.synthesis.prefilter.cascade import cascade
+
+
+def cascade(system: SampledSystem) -> FloatArray:
+    """Return the second-order sections of `system` (shape (n, 6), a0 = 1), each of unit gain at rest but the first,
+    which holds the gain of all: the signal keeps its size from section to section. Delay is left out.
+    """
+    sections = np.array(system.sections())
+    for index in range(1, len(sections)):
+        at_rest = exact_sum(*sections[index, :3]) / (exact_sum(*sections[index, 3:]) or np.inf)
+        size = abs(at_rest)
+        if 1e-6 < size < 1e6:
+            sections[index, :3] /= at_rest
+            sections[0, :3] *= at_rest
+    return sections
+
 
 _AT_ONE = 1e-9
 _GRAIN = 2.0**-45

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.requirements import FeedbackRequirements
 from tactuator.signals.sections import backward_difference
+from tactuator.synthesis.assessment import quadrature
+from tactuator.synthesis.candidates import LIGHT_DAMPING, LoopStructure, crossovers_hz
 from tactuator.synthesis.family import Member
-from tactuator.synthesis.loop.candidates import LIGHT_DAMPING, crossovers_hz
-from tactuator.synthesis.loop.structure import LoopStructure
-from tactuator.synthesis.noise_gain import quadrature
 
 DB = 20.0 / np.log(10.0)
 DEGREES_PER_DB = 5.0

@@ -1,1 +1,0 @@
-"""Exchange of controllers with other tools: python-control, continuous forms."""

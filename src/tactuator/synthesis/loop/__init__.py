@@ -1,1 +1,0 @@
-"""Feedback controllers: the problem, its structures, their synthesis and assessment."""

@@ -1,1 +1,0 @@
-"""The prefilter: fit to the threshold curve, cascade of sections, felt weighting."""
