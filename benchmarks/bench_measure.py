@@ -11,6 +11,7 @@ from bench_loop import RATE_HZ, paper_controller, paper_display
 from timing import in_turn
 
 from tactuator.measure.frequencies import tones
+from tactuator.measure.options import MeasurementOptions
 from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.decibels import from_db
@@ -45,11 +46,14 @@ def peer(own: SimulatedRig, frequency_hz: np.ndarray[tuple[int], np.dtype[np.flo
     return found
 
 
+OPTIONS = MeasurementOptions(LEVEL_DB_SL)
+
+
 def run() -> dict[str, object]:
     own = rig()
     asked = tones(off_mains(np.geomspace(1.0, 290.0, POINTS)), 60.0, (0.0, 0.45 * RATE_HZ))
-    spent = in_turn({"own": lambda: stepped_sine(own, asked, LEVEL_DB_SL), "least squares": lambda: peer(own, asked)})
-    measured = stepped_sine(own, asked, LEVEL_DB_SL)[0].amplitude_v
+    spent = in_turn({"own": lambda: stepped_sine(own, asked, OPTIONS), "least squares": lambda: peer(own, asked)})
+    measured = stepped_sine(own, asked, OPTIONS)[0].amplitude_v
     theirs = 1j * np.array(peer(own, asked))
     return {
         "own_s": spent["own"],

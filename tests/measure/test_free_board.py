@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tactuator.measure.multisine_response import multisine_response
+from tactuator.measure.options import MeasurementOptions
 from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
@@ -14,11 +15,13 @@ from tests.rig.guard.guarded import designed
 
 
 def stepped(rig):
-    return stepped_sine(rig, [20.0, 200.0], 35.0, longest_s=4.0, confidence_db=0.05)
+    return stepped_sine(rig, [20.0, 200.0], MeasurementOptions(35.0, longest_s=4.0, confidence_db=0.05))
 
 
 def multisine(rig):
-    return multisine_response(rig, [20.0, 55.0], 35.0, np.random.default_rng(2), longest_s=2.0, confidence_db=0.05)
+    return multisine_response(
+        rig, [20.0, 55.0], MeasurementOptions(35.0, longest_s=2.0, confidence_db=0.05), np.random.default_rng(2)
+    )
 
 
 @pytest.mark.parametrize("measure", [stepped, multisine])

@@ -8,6 +8,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.measure.error import response_verdict
 from tactuator.measure.multisine_response import multisine_response
+from tactuator.measure.options import MeasurementOptions
 from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.model.description import Converter
 from tactuator.model.verdict import Outcome
@@ -24,7 +25,7 @@ def test_stepped_sine__50_db_sl__within_a_tenth_of_a_decibel_and_in_phase() -> N
     described, made = full()
     rig = SimulatedRig(described, 1)
     rig.load(made)
-    found = stepped_sine(rig, [1.0, 10.0, 50.0, 120.0, 250.0], 50.0)[0]
+    found = stepped_sine(rig, [1.0, 10.0, 50.0, 120.0, 250.0], MeasurementOptions(50.0))[0]
     expected, _ = loop_response(made, found.frequency_hz)
     assert found.frequency_hz.tolist() == [1.0, 10.0, 50.0, 122.0, 250.0]
     assert np.max(np.abs(error_db(found, made))) < 0.1
@@ -42,7 +43,7 @@ def test_stepped_sine__0_db_sl_at_298_hz__below_a_converter_step_yet_within_its_
         described, made = quiet()
         rig = SimulatedRig(described, seed)
         rig.load(made)
-        found = stepped_sine(rig, [298.0], 0.0, confidence_db=1.5, longest_s=40.0)[0]
+        found = stepped_sine(rig, [298.0], MeasurementOptions(0.0, confidence_db=1.5, longest_s=40.0))[0]
         assert found.magnitude_v[0] < 20.0 / 65536.0
         assert found.confidence_db[0] <= 1.5
         inside += abs(error_db(found, made)[0]) <= found.confidence_db[0]
@@ -54,7 +55,7 @@ def test_stepped_sine__60_db_below_the_threshold__is_noise_and_not_judged() -> N
     described, made = quiet()
     rig = SimulatedRig(described, 6)
     rig.load(made)
-    found = stepped_sine(rig, [50.0, 250.0], -60.0, longest_s=2.0)[0]
+    found = stepped_sine(rig, [50.0, 250.0], MeasurementOptions(-60.0, longest_s=2.0))[0]
     assert np.all(np.isinf(found.confidence_db))
     assert response_verdict([found], described).outcome is Outcome.NOT_JUDGED
 
@@ -63,10 +64,10 @@ def test_stepped_sine__friction__distorts_and_is_reported_apart_from_noise() -> 
     described, made = full()
     rig = SimulatedRig(described, 2)
     rig.load(made)
-    rubbing = stepped_sine(rig, [5.0], 10.0)[0]
+    rubbing = stepped_sine(rig, [5.0], MeasurementOptions(10.0))[0]
     smooth = SimulatedRig(quiet()[0], 2)
     smooth.load(quiet()[1])
-    free = stepped_sine(smooth, [5.0], 10.0)[0]
+    free = stepped_sine(smooth, [5.0], MeasurementOptions(10.0))[0]
     assert rubbing.distortion_v[0] > 4.0 * free.distortion_v[0]
     assert rubbing.noise_v[0] < 0.05 * rubbing.magnitude_v[0]
 
@@ -76,7 +77,7 @@ def test_stepped_sine__beyond_the_range__is_marked_saturated() -> None:
     described = replace(paper, channels=(replace(paper.channels[0], converter=Converter(range_v=2.5)),))
     rig = SimulatedRig(described, 3)
     rig.load(controller(described))
-    found = stepped_sine(rig, [5.0, 250.0], 50.0)[0]
+    found = stepped_sine(rig, [5.0, 250.0], MeasurementOptions(50.0))[0]
     assert found.saturated.tolist() == [False, True]
 
 
@@ -85,12 +86,14 @@ def test_multisine__30_frequencies__quarter_decibel_within_ten_seconds_and_as_th
     rig = SimulatedRig(described, 4)
     rig.load(made)
     asked = np.geomspace(0.4, 300.0, 30)
-    found = multisine_response(rig, asked, 30.0, np.random.default_rng(1), exactly=False)[0]
+    found = multisine_response(
+        rig, asked, MeasurementOptions(30.0, longest_s=20.0), np.random.default_rng(1), exactly=False
+    )[0]
     assert found.frequency_hz.size == 30
     assert found.averaged_s[0] + 1.25 <= 10.0
     assert np.max(found.confidence_db) <= 0.25
     assert np.max(np.abs(error_db(found, made))) < 0.25
-    stepped = stepped_sine(rig, found.frequency_hz[::6], 30.0)[0]
+    stepped = stepped_sine(rig, found.frequency_hz[::6], MeasurementOptions(30.0))[0]
     assert np.max(np.abs(found.magnitude_db[::6] - stepped.magnitude_db)) < 0.25
     np.testing.assert_allclose(np.angle(found.amplitude_v[::6] / stepped.amplitude_v), 0.0, atol=0.03)
 
@@ -100,9 +103,16 @@ def test_multisine__friction__shows_on_silent_lines() -> None:
     for described, made in (full(), quiet()):
         rig = SimulatedRig(described, 5)
         rig.load(made)
-        found = multisine_response(rig, np.geomspace(0.4, 50.0, 12), 10.0, np.random.default_rng(2), exactly=False)[0]
+        options = MeasurementOptions(10.0, longest_s=20.0)
+        found = multisine_response(rig, np.geomspace(0.4, 50.0, 12), options, np.random.default_rng(2), exactly=False)[
+            0
+        ]
         levels.append(np.max(found.distortion_v / found.magnitude_v))
     assert levels[0] > 5.0 * levels[1]
+
+
+def options_of(asked) -> MeasurementOptions:
+    return MeasurementOptions(**{key: value for key, value in asked.items() if key != "frequency_hz"})
 
 
 @pytest.mark.parametrize(
@@ -114,7 +124,7 @@ def test_multisine__friction__shows_on_silent_lines() -> None:
         ({"frequency_hz": [], "level_db_sl": 10.0}, "allowed"),
         ({"frequency_hz": [1900.0], "level_db_sl": 10.0}, "below"),
         ({"frequency_hz": [10.0], "level_db_sl": 10.0, "channels": ["toe"]}, "toe"),
-        ({"frequency_hz": [10.0], "level_db_sl": 10.0, "confidence_db": 0.0}, "positive"),
+        ({"frequency_hz": [10.0], "level_db_sl": 10.0, "confidence_db": 0.0}, "confidence_db is 0; allowed: above 0"),
     ],
 )
 def test_response__impossible__is_refused_before_anything_moves(asked, match: str) -> None:
@@ -122,7 +132,7 @@ def test_response__impossible__is_refused_before_anything_moves(asked, match: st
     rig = SimulatedRig(described, 0)
     rig.load(controller(described))
     with pytest.raises(BadInput, match=match):
-        stepped_sine(rig, **asked)
+        stepped_sine(rig, asked["frequency_hz"], options_of(asked))
     with pytest.raises(BadInput, match=match):
-        multisine_response(rig, rng=np.random.default_rng(0), **asked)
+        multisine_response(rig, asked["frequency_hz"], options_of(asked), np.random.default_rng(0))
     assert rig.rate_hz == RATE_HZ

@@ -8,6 +8,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.measure.multisine_response import multisine_response
+from tactuator.measure.options import MeasurementOptions
 from tactuator.model.controller import Controller
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.rig import Rig
@@ -240,10 +241,9 @@ def test_finger__of_no_channel_or_under_no_load_or_pressed_by_nothing__is_refuse
 def test_measure__multisine__is_the_response_of_the_simulated_display(rig: AnyRig) -> None:
     plain = SimulatedRig(designed().display, 2)
     plain.load(designed())
+    options = MeasurementOptions(35.0, longest_s=0.5, confidence_db=0.3)
     measured = [
-        multisine_response(
-            each, [55.0, 200.0], 35.0, np.random.default_rng(2), settle_s=0.5, longest_s=0.5, confidence_db=0.3
-        )
+        multisine_response(each, [55.0, 200.0], options, np.random.default_rng(2), settle_s=0.5)
         for each in (rig, plain)
     ]
     for found, wanted in zip(*measured, strict=True):

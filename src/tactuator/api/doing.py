@@ -22,6 +22,7 @@ from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.io.atomic import atomic_folder
 from tactuator.io.reference import open_reference
 from tactuator.measure.noise import felt_noise
+from tactuator.measure.options import LISTENED_S, MAINS_HZ, MeasurementOptions
 from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.model.controller import Controller
 from tactuator.paper.plan import Plan, paper_display
@@ -41,9 +42,9 @@ def measure_response(
     rig: Rig,
     controller: Controller,
     frequency_hz: ArrayLike,
-    level_db_sl: float = 30.0,
+    level_db_sl: float = MeasurementOptions.level_db_sl,
     load: str = "none",
-    mains_hz: float | None = 60.0,
+    mains_hz: float | None = MAINS_HZ,
 ) -> MeasuredResponses:
     """Load the controller and measure the response by stepped sine at frequencies (m,), a level and a load.
 
@@ -54,13 +55,13 @@ def measure_response(
     """
     touch_all(rig, controller.display.channels, load)
     rig.load(controller)
-    found = stepped_sine(
-        rig, frequency_hz, level_db_sl, load=load, mains_hz=mains_hz, controller_hash=controller.content_hash
+    options = MeasurementOptions(
+        level_db_sl, load=load, mains_hz=mains_hz or 0.0, controller_hash=controller.content_hash
     )
-    return MeasuredResponses(tuple(found), controller.display)
+    return MeasuredResponses(stepped_sine(rig, frequency_hz, options), controller.display)
 
 
-def noise(rig: Rig, controller: Controller, duration_s: float = 8.0, load: str = "none") -> FeltLevels:
+def noise(rig: Rig, controller: Controller, duration_s: float = LISTENED_S, load: str = "none") -> FeltLevels:
     """Load the controller, hold the display at rest and return what a resting finger would feel of hum and noise.
 
     >>> sorted(tt.noise(rig, controller, duration_s=4.0).headline())

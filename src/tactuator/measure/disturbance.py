@@ -13,6 +13,7 @@ from scipy import stats
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.measure.options import EXCURSION_MM, MAINS_HZ
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.model.load import DERIVATIVES
@@ -21,7 +22,7 @@ from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.excitation import ramps
 from tactuator.signals.spectra import LockIn, lock_in, mains_multiples, off_mains
-from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.signals.systems import SampledSystem
 
 TREMOR_HZ = (4.0, 12.0)
 """Band of a finger's tremor (physiological 8-12 Hz, pathological from 4 Hz)."""
@@ -91,19 +92,18 @@ def disturbance(
     frequency_hz: ArrayLike,
     rng: np.random.Generator,
     *,
-    model: ContinuousSystem | None = None,
-    excursion_mm: float = 1.0,
-    mains_hz: float | None = 60.0,
+    excursion_mm: float = EXCURSION_MM,
+    mains_hz: float | None = MAINS_HZ,
 ) -> DisturbanceReport:
-    """Return the disturb `channel` at its finger port while the controller holds it at rest, and compare with S.
+    """Disturb `channel` at its finger port while the controller holds it at rest, and compare with S.
 
-    frequency_hz (m,): of the rejection. model: identified plant (default: the display's). excursion_mm: what each force
+    frequency_hz (m,): of the rejection. excursion_mm: what each force
     would move without the loop, as far as half the command range allows. Raises BadInput for an unknown channel.
     """
     described = controller.display.channel(channel)
     if excursion_mm <= 0.0:
         raise BadInput(f"excursion {excursion_mm:g} mm", "a positive number")
-    plant = zero_order_hold(model or described.plant, rig.rate_hz)
+    plant = zero_order_hold(described.plant, rig.rate_hz)
     bench = _Bench(rig, port, rig.channels.index(channel), described, plant, excursion_mm)
     loop = _Loop(controller, channel, plant)
     rejection = bench.rejection(np.unique(off_mains(frequency_hz, mains_hz)), loop, mains_hz)

@@ -15,6 +15,7 @@ from scipy import optimize, stats
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
+from tactuator.measure.options import FINGER_LEVEL_DB_SL, FINGER_S
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.model.load import Load
@@ -285,8 +286,8 @@ def measure_finger(
     rng: np.random.Generator,
     *,
     channels: Sequence[str] | None = None,
-    level_db_sl: float = 24.0,
-    seconds: float = 60.0,
+    level_db_sl: float = FINGER_LEVEL_DB_SL,
+    seconds: float = FINGER_S,
 ) -> tuple[FingerEstimate, ...]:
     """Play multisines with nothing on the display, call `touch`, play them once more as strongly as it takes for the
     same motion, all in `seconds`; return what touches each of `channels` (default: all).

@@ -7,7 +7,6 @@ Schoukens, System Identification: A Frequency Domain Approach, 2012, chapter 4).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import chain, repeat, takewhile
 
 import numpy as np
@@ -15,75 +14,60 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.measure.frequencies import multisine_lines, sweep_lines
-from tactuator.measure.stepped_sine import check_asked
+from tactuator.measure.options import MeasurementOptions
+from tactuator.measure.stepped_sine import check_asked, on_columns
 from tactuator.rig.rig import Rig
 from tactuator.rig.trace import recut_traces
 from tactuator.signals.decibels import from_db, half_width_db
 from tactuator.signals.multisine import Multisine, multisine
 from tactuator.signals.record import Response
 
-
-@dataclass(frozen=True, eq=False)
-class _Spectra:
-    """Peak amplitudes of every line, (periods, lines), and whether anything was limited."""
-
-    lines: ComplexArray
-    saturated: bool
+SETTLE_S = 1.25
 
 
 def multisine_response(
     rig: Rig,
     frequency_hz: ArrayLike,
-    level_db_sl: float,
+    options: MeasurementOptions,
     rng: np.random.Generator,
     *,
-    channels: Sequence[str] | None = None,
-    load: str = "none",
-    confidence_db: float = 0.25,
-    longest_s: float = 20.0,
-    settle_s: float = 1.25,
-    mains_hz: float | None = 60.0,
-    band_hz: tuple[float, float] | None = None,
     exactly: bool = True,
-    controller_hash: str = "",
+    settle_s: float = SETTLE_S,
 ) -> tuple[Response, ...]:
-    """Measure the response at `frequency_hz` (m,), each line at `level_db_sl`, one Response for each of `channels`
-    (default all).
+    """Measure the response at `frequency_hz` (m,), all lines at once, one Response for each of the channels asked for.
 
     Lines stand at odd multiples of one period's frequency, within 2 % of what is asked, 2 Hz off mains and inside
-    band_hz (default: below 0.45 of the rate): the shortest period that has them all. Not `exactly`: the nearest lines
-    inside the band, for a sweep whose frequencies nobody asked for. After
-    settle_s of the same signal two periods are averaged, and more until every line's 95 % half-width is at most
-    confidence_db or longest_s are over. The half-width covers noise and distortion. Raises BadInput as `stepped_sine`
-    does.
+    the band: the shortest period that has them all. Not `exactly`: the nearest lines inside the band, for a sweep whose
+    frequencies nobody asked for. After settle_s of the same signal two periods are averaged, and more until every
+    line's 95 % half-width is at most confidence_db or longest_s are over. The half-width covers noise and distortion.
+    Raises BadInput as `stepped_sine` does.
     """
-    names = check_asked(rig, frequency_hz, level_db_sl, confidence_db, longest_s, channels)
+    columns = check_asked(rig, frequency_hz, options)
     frequency = np.sort(np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64)))
     lines = multisine_lines if exactly else sweep_lines
-    period, bins = lines(frequency, rig.rate_hz, longest_s, mains_hz, band_hz or (0.0, 0.45 * rig.rate_hz))
-    excited = multisine(rig.rate_hz, period, bins, float(from_db(level_db_sl)), rng)
-    columns = [rig.channels.index(name) for name in names]
-    player = _Player(rig, excited, columns, mains_hz)
-    player.play(settle_s, int(longest_s * rig.rate_hz / period), confidence_db)
+    band_hz = options.band_hz or (0.0, 0.45 * rig.rate_hz)
+    period, bins = lines(frequency, rig.rate_hz, options.longest_s, options.mains_hz, band_hz)
+    excited = multisine(rig.rate_hz, period, bins, float(from_db(options.level_db_sl)), rng)
+    player = _Player(rig, excited, columns, options)
+    player.play(settle_s)
     rig.rest()
-    return tuple(
-        player.response(k, name, load, level_db_sl, confidence_db, controller_hash) for k, name in enumerate(names)
-    )
+    return tuple(player.response(k) for k in range(len(columns)))
 
 
 class _Player:
     """Plays periods of one multisine and keeps their spectra."""
 
-    def __init__(self, rig: Rig, excited: Multisine, columns: list[int], mains_hz: float | None) -> None:
-        self._rig, self._excited, self._columns = rig, excited, columns
+    def __init__(self, rig: Rig, excited: Multisine, columns: Sequence[int], options: MeasurementOptions) -> None:
+        self._rig, self._excited, self._columns, self._options = rig, excited, columns, options
         self._wave = excited.one_period()
         self._kept: list[ComplexArray] = []
         self._saturated = np.zeros(len(columns), dtype=bool)
         spacing = excited.rate_hz / excited.period
         lines = np.arange(excited.period // 2 + 1)
         off = np.full(lines.size, np.inf)
-        if mains_hz:
-            off = np.abs(lines * spacing - mains_hz * np.maximum(np.round(lines * spacing / mains_hz), 1.0))
+        if options.mains_hz:
+            nearest = options.mains_hz * np.maximum(np.round(lines * spacing / options.mains_hz), 1.0)
+            off = np.abs(lines * spacing - nearest)
         self._clear = off > 1.0
 
     @property
@@ -91,14 +75,14 @@ class _Player:
         """Return the number of periods averaged."""
         return len(self._kept)
 
-    def play(self, settle_s: float, most: int, confidence_db: float) -> None:
-        """Play the multisine: settle, then period after period, two at least and `most` at most, until every line is
-        known so well.
-        """
+    def play(self, settle_s: float) -> None:
+        """Play the multisine: settle, then period after period, two at least, until every line is known so well."""
+        confidence_db = self._options.confidence_db
+        most = max(2, int(self._options.longest_s * self._rig.rate_hz / self._excited.period))
         settling = self._settling(settle_s)
         enough = False
         periods = takewhile(lambda wave: not enough, repeat(self._wave))
-        references = map(self._on_columns, chain([settling], periods))
+        references = (on_columns(self._rig, self._columns, wave) for wave in chain([settling], periods))
         cut = recut_traces(self._rig.stream(references), chain([settling.size], repeat(self._wave.size)))
         next(cut)
         for trace in cut:
@@ -109,7 +93,7 @@ class _Player:
             known = self.periods > 1 and all(
                 float(np.max(self.confidence_db(k))) <= confidence_db for k in range(len(self._columns))
             )
-            enough = known or self.periods >= max(2, most)
+            enough = known or self.periods >= most
 
     def _settling(self, settle_s: float) -> FloatArray:
         """Return the end of the period, faded in, so that the next sample is its beginning."""
@@ -119,16 +103,11 @@ class _Player:
         gain = np.minimum(1.0, np.arange(count) / fade)
         return np.asarray(wave * (0.5 - 0.5 * np.cos(np.pi * gain)))
 
-    def _on_columns(self, wave: FloatArray) -> FloatArray:
-        reference = np.zeros((wave.size, len(self._rig.channels)))
-        reference[:, self._columns] = wave[:, None]
-        return reference
-
     def _parts(self, column: int) -> tuple[ComplexArray, FloatArray, FloatArray]:
         """Return the mean amplitude (m,), the variance of that mean by noise, and the power of distortion on a line, at
         the excited lines.
         """
-        spectra = np.stack([one[:, column] for one in self._kept])
+        spectra = np.stack([spectra[:, column] for spectra in self._kept])
         mean = spectra.mean(axis=0)
         scatter = np.sum(np.abs(spectra - mean) ** 2, axis=0) / (self.periods - 1)
         silent = self._clear.copy()
@@ -142,7 +121,7 @@ class _Player:
         """Return the mean of the usable lines around each excited one: 12 at least, a tenth of the frequency to each
         side.
         """
-        made = []
+        means = []
         places = np.flatnonzero(usable)
         for line in self._excited.bins:
             # places ascend: the twelve nearest are among the twelve to either side
@@ -150,8 +129,8 @@ class _Player:
             near = np.sort(np.abs(places[max(0, middle - 12) : middle + 12] - line))
             reach = max(0.1 * line, float(near[min(11, near.size - 1)]))
             first, last = np.searchsorted(places, line - reach), np.searchsorted(places, line + reach, side="right")
-            made.append(power[places[first:last]].mean())
-        return np.array(made)
+            means.append(power[places[first:last]].mean())
+        return np.array(means)
 
     def confidence_db(self, column: int) -> FloatArray:
         """Return the 95 % half-widths of the excited lines' magnitudes, dB, (m,)."""
@@ -160,17 +139,16 @@ class _Player:
         half_width = 1.96 * np.sqrt(0.5 * (noise + distortion))
         return half_width_db(mean, half_width)
 
-    def response(
-        self, column: int, name: str, load: str, level_db_sl: float, confidence_db: float, controller_hash: str
-    ) -> Response:
+    def response(self, column: int) -> Response:
         """Return the response measured on one channel."""
+        options = self._options
         mean, noise, distortion = self._parts(column)
         confidence = self.confidence_db(column)
         count = mean.size
         return Response(
-            channel=name,
-            load=load,
-            level_db_sl=level_db_sl,
+            channel=self._rig.channels[self._columns[column]],
+            load=options.load,
+            level_db_sl=options.level_db_sl,
             method="multisine",
             frequency_hz=self._excited.frequency_hz,
             # phases against the reference's own; a cosine there, a cosine here
@@ -180,7 +158,7 @@ class _Player:
             noise_v=np.sqrt(noise * self.periods),
             distortion_v=np.sqrt(distortion),
             saturated=np.full(count, bool(self._saturated[column])),
-            reached=confidence <= confidence_db,
+            reached=confidence <= options.confidence_db,
             averaged_s=np.full(count, self.periods * self._excited.period / self._excited.rate_hz),
-            controller_hash=controller_hash,
+            controller_hash=options.controller_hash,
         )

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.measure.options import LISTENED_S, MAINS_HZ
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.model.description import Channel, Display
 from tactuator.model.load import DERIVATIVES
@@ -70,7 +71,7 @@ def sensor_noise(
     rate_hz: float,
     channel: Channel,
     plant: ContinuousSystem,
-    mains_hz: float | None = 60.0,
+    mains_hz: float | None = MAINS_HZ,
 ) -> SensorNoise:
     """Return what the sensor adds to a display at rest.
 
@@ -178,11 +179,10 @@ def felt_noise(
     rig: Rig,
     display: Display,
     *,
-    duration_s: float = 8.0,
+    duration_s: float = LISTENED_S,
     settle_s: float = 2.0,
     load: str | None = None,
-    models: dict[str, ContinuousSystem] | None = None,
-    mains_hz: float | None = 60.0,
+    mains_hz: float | None = MAINS_HZ,
 ) -> tuple[FeltNoise, ...]:
     """Let the loaded controller hold the display at rest for duration_s, and say what would be felt on each channel.
 
@@ -198,7 +198,7 @@ def felt_noise(
     heard = []
     for name in display_channels(display, rig):
         channel = display.channel(name)
-        plant = (models or {}).get(name, channel.plant)
+        plant = channel.plant
         touched = None if load in (None, "none") else channel.load(str(load))
         if touched is not None:
             plant = touched.applied_to(plant, channel.quantity)
@@ -225,7 +225,7 @@ def felt_of_command(
     channel: Channel,
     plant: ContinuousSystem,
     load: str = "none",
-    mains_hz: float | None = 60.0,
+    mains_hz: float | None = MAINS_HZ,
     saturated: bool = False,
 ) -> FeltNoise:
     """Return the noise that `command_v` (n,) makes a finger feel through `plant` (volts of command to volts of y)."""

@@ -14,6 +14,7 @@ from tactuator.errors import BadInput, NoDesign
 from tactuator.measure.broadband import Followed, Heard, Level, broadband, find_level, follow, hear, plant_of_levels
 from tactuator.measure.error import ChannelPrediction, error_db
 from tactuator.measure.multisine_response import multisine_response
+from tactuator.measure.options import MeasurementOptions
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.load import DERIVATIVES
@@ -103,29 +104,22 @@ class Flatness:
 
 
 def felt_flatness(
-    rig: Rig,
-    controller: Controller,
-    name: str,
-    level_db_sl: float,
-    rng: np.random.Generator,
-    mains_hz: float | None,
-    longest_s: float,
+    rig: Rig, controller: Controller, name: str, request: CalibrationRequest, rng: np.random.Generator
 ) -> Flatness:
     """Measure the loaded controller's felt level over the channel's band: 48 lines and more about its resonances, each
-    at level_db_sl, as many at a time as command, travel and comfort allow. A group that was cut after all is measured
-    again in halves: its lines stand up to 2 % beside those that were asked for, which is much at an antiresonance.
+    at the level asked, as many at a time as command, travel and comfort allow. A group that was cut after all is
+    measured again in halves: its lines stand up to 2 % beside those asked for, which is much at an antiresonance.
     """
     display = controller.display
     band_hz = display.channel(name).threshold.band_hz
-    lines = _lines(controller, name, band_hz)
-    groups = _groups(controller, name, lines, level_db_sl)
+    options = MeasurementOptions(
+        request.level_db_sl, channels=[name], longest_s=request.longest_s, mains_hz=request.mains_hz, band_hz=band_hz
+    )
+    groups = _groups(controller, name, _lines(controller, name, band_hz), request.level_db_sl)
     parts = []
     while groups:
         group = groups.pop(0)
-        (response,) = multisine_response(
-            rig, group, level_db_sl, rng,
-            channels=[name], longest_s=longest_s, mains_hz=mains_hz, band_hz=band_hz, exactly=False, confidence_db=0.25,
-        )  # fmt: skip
+        (response,) = multisine_response(rig, group, options, rng, exactly=False)
         if group.size > 1 and np.any(response.saturated):
             groups += [group[::2], group[1::2]]
             continue
@@ -188,12 +182,12 @@ _TRIES = 3
 @dataclass(frozen=True)
 class CalibrationRequest:
     """Wishes of a calibration. band_hz: within which the usable band is sought; level_db_sl: at which it must be
-    usable and is verified; mains_hz: kept off, None: nothing is.
+    usable and is verified; mains_hz: kept off, 0: none.
     """
 
     band_hz: tuple[float, float]
     level_db_sl: float = 20.0
-    mains_hz: float | None = 50.0
+    mains_hz: float = 50.0
     longest_s: float = 12.0
 
 
@@ -388,9 +382,7 @@ def _measured(
         note(f"{name}: verifying")
         for left in reversed(range(_TRIES)):
             try:
-                found.append(
-                    felt_flatness(rig, controller, name, asked.level_db_sl, rng, asked.mains_hz, asked.longest_s)
-                )
+                found.append(felt_flatness(rig, controller, name, asked, rng))
                 break
             except SoundGap:
                 if not left:

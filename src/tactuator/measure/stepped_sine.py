@@ -13,6 +13,7 @@ from scipy import stats
 from tactuator.arrays import ComplexArray
 from tactuator.errors import BadInput
 from tactuator.measure.frequencies import tones
+from tactuator.measure.options import MeasurementOptions
 from tactuator.perception.curve import check_level
 from tactuator.rig.rig import Rig
 from tactuator.rig.sensing import require_sensors
@@ -42,65 +43,38 @@ class _Point:
 def stepped_sine(
     rig: Rig,
     frequency_hz: ArrayLike,
-    level_db_sl: float,
+    options: MeasurementOptions,
     *,
-    channels: Sequence[str] | None = None,
-    load: str = "none",
-    confidence_db: float = 0.25,
-    longest_s: float = 30.0,
-    coverage: float = 0.95,
-    mains_hz: float | None = 60.0,
-    band_hz: tuple[float, float] | None = None,
-    controller_hash: str = "",
     progress: Progress | None = None,
     so_far: SoFar | None = None,
 ) -> tuple[Response, ...]:
-    """Measure the response of the loaded controller and display at `level_db_sl`, one Response each for `channels`
-    (default: all).
+    """Measure the response of the loaded controller and display, one Response for each of the channels asked for.
 
-    frequency_hz (m,): any order; each is played as it is, or within 2 % of it where it has to keep 2 Hz off multiples
-    of mains_hz; band_hz: none is played outside (default: below 0.45 of the rate). After settling it is played in
-    blocks of whole periods until every channel's half-width at `coverage` is at most confidence_db, or for longest_s.
-    A simultaneous statement about m points asks for a coverage of 1 - 0.05/m (Bonferroni). `load`
-    only names what touches the display: whoever holds the finger port puts it there. progress is told the number of
-    points done and of all, so_far the responses of those done, after each. Raises BadInput above the comfort level, for
-    frequencies outside the band or too near to mains, or an unknown channel.
+    frequency_hz (m,): any order; each is played as it is, or within 2 % of it where it has to keep 2 Hz off mains.
+    After settling it is played in blocks of whole periods until every channel's confidence is reached, or for
+    longest_s. progress is told the number of points done and of all, so_far the responses of those done, after each.
+    Raises BadInput above the comfort level, for frequencies outside the band or too near to mains, or an unknown
+    channel.
     """
-    names = check_asked(rig, frequency_hz, level_db_sl, confidence_db, longest_s, channels)
-    frequencies = tones(frequency_hz, mains_hz, band_hz or (0.0, 0.45 * rig.rate_hz))
-    columns = [rig.channels.index(name) for name in names]
+    columns = check_asked(rig, frequency_hz, options)
+    frequencies = tones(frequency_hz, options.mains_hz, options.band_hz or (0.0, 0.45 * rig.rate_hz))
     points: list[_Point] = []
-
-    def responses() -> tuple[Response, ...]:
-        made = (frequencies[: len(points)], points, float(from_db(level_db_sl)), confidence_db)
-        return tuple(
-            _response(name, load, level_db_sl, controller_hash, column, *made) for column, name in enumerate(names)
-        )
-
-    for done, frequency in enumerate(frequencies):
-        tone = _Tone(rig, float(frequency), float(from_db(level_db_sl)), columns, mains_hz, coverage)
-        points.append(tone.measure(confidence_db, longest_s))
+    for frequency in frequencies:
+        points.append(_Tone(rig, float(frequency), columns, options).measure())
         if progress is not None:
-            progress(done + 1, frequencies.size)
+            progress(len(points), frequencies.size)
         if so_far is not None:
-            so_far(responses())
+            so_far(_responses(rig, columns, frequencies, points, options))
     rig.rest()
-    return responses()
+    return _responses(rig, columns, frequencies, points, options)
 
 
-def check_asked(
-    rig: Rig,
-    frequency_hz: ArrayLike,
-    level_db_sl: float,
-    confidence_db: float,
-    longest_s: float,
-    channels: Sequence[str] | None,
-) -> tuple[str, ...]:
-    """Return the channels to measure. Raises BadInput for what cannot be measured or should not be felt."""
-    check_level(level_db_sl)
-    if not (confidence_db > 0.0 and longest_s > 0.0):
-        raise BadInput(f"confidence {confidence_db:g} dB within {longest_s:g} s", "both positive")
-    names = tuple(rig.channels if channels is None else channels)
+def check_asked(rig: Rig, frequency_hz: ArrayLike, options: MeasurementOptions) -> list[int]:
+    """Return the columns of the channels to measure. Raises BadInput for what cannot be measured or should not be
+    felt.
+    """
+    check_level(options.level_db_sl)
+    names = tuple(options.channels or rig.channels)
     for name in names:
         if name not in rig.channels:
             raise BadInput(f"channel {name!r} is not there", f"{', '.join(rig.channels)}")
@@ -108,24 +82,24 @@ def check_asked(
     frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
     if frequency.size == 0 or not (np.min(frequency) > 0.0 and np.max(frequency) < 0.45 * rig.rate_hz):
         raise BadInput(f"frequencies {frequency.tolist()} Hz", f"above 0, below {0.45 * rig.rate_hz:g} Hz")
-    return names
+    return [rig.channels.index(name) for name in names]
+
+
+def on_columns(rig: Rig, columns: Sequence[int], wave: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a reference (n, channels) with `wave` (n,) on the columns that are measured; the others stay silent."""
+    reference = np.zeros((wave.size, len(rig.channels)))
+    reference[:, columns] = wave[:, None]
+    return reference
 
 
 class _Tone:
     """One frequency being played on the measured channels; the others stay silent."""
 
-    def __init__(
-        self,
-        rig: Rig,
-        frequency_hz: float,
-        reference: float,
-        columns: list[int],
-        mains_hz: float | None,
-        coverage: float,
-    ) -> None:
-        self._rig, self._frequency, self._reference, self._columns = rig, frequency_hz, reference, columns
-        self._tail = 0.5 * (1.0 - coverage)
-        mains = mains_multiples(mains_hz, min(420.0, 0.45 * rig.rate_hz))
+    def __init__(self, rig: Rig, frequency_hz: float, columns: Sequence[int], options: MeasurementOptions) -> None:
+        self._rig, self._frequency, self._columns, self._options = rig, frequency_hz, columns, options
+        self._reference = float(from_db(options.level_db_sl))
+        self._tail = 0.5 * (1.0 - options.coverage)
+        mains = mains_multiples(options.mains_hz, min(420.0, 0.45 * rig.rate_hz))
         harmonics = frequency_hz * np.arange(1, _HARMONICS + 1)
         harmonics = harmonics[harmonics < 0.45 * rig.rate_hz]
         # what stands at a multiple of mains is hum, whatever it is a harmonic of
@@ -138,11 +112,12 @@ class _Tone:
         self._block = round(periods * rig.rate_hz / frequency_hz)
         self._lock_in = LockIn(lines, rig.rate_hz, self._block)
 
-    def measure(self, confidence_db: float, longest_s: float) -> _Point:
+    def measure(self) -> _Point:
         """Measure at one frequency: settle, then block after block, all in one stream; what was fed ahead is played
         out.
         """
-        most = max(_FEWEST_BLOCKS, int(longest_s * self._rig.rate_hz / self._block))
+        confidence_db = self._options.confidence_db
+        most = max(_FEWEST_BLOCKS, int(self._options.longest_s * self._rig.rate_hz / self._block))
         settling = round(max(0.5, 1.25 / self._frequency) * self._rig.rate_hz)
         blocks: list[ComplexArray] = []
         saturated = np.zeros(len(self._columns), dtype=bool)
@@ -158,10 +133,10 @@ class _Tone:
             saturated |= np.any(trace.saturated[:, self._columns], axis=0)
             if len(blocks) < wanted:
                 continue
-            found = self._point(np.stack(blocks), saturated)
-            worst = float(np.max(found.confidence_db))
+            mean = self._point(np.stack(blocks), saturated)
+            worst = float(np.max(mean.confidence_db))
             if worst <= confidence_db or len(blocks) >= most:
-                point = found
+                point = mean
             growth = (worst / confidence_db) ** 2 if np.isfinite(worst) else 4.0
             wanted = int(np.clip(np.ceil(len(blocks) * min(growth, 4.0)), len(blocks) + 1, most))
         assert point is not None  # the stream goes on until there is one
@@ -171,18 +146,13 @@ class _Tone:
         angle = 2.0 * np.pi * self._frequency * np.arange(start, start + count) / self._rig.rate_hz
         return np.asarray(self._reference * np.sin(angle))
 
-    def _on_columns(self, wave: NDArray[np.float64]) -> NDArray[np.float64]:
-        reference = np.zeros((wave.size, len(self._rig.channels)))
-        reference[:, self._columns] = wave[:, None]
-        return reference
-
     def _settling(self, count: int) -> NDArray[np.float64]:
         rise = np.minimum(1.0, np.arange(count) / (0.4 * count))
-        return self._on_columns(self._wave(0, count) * (0.5 - 0.5 * np.cos(np.pi * rise)))
+        return on_columns(self._rig, self._columns, self._wave(0, count) * (0.5 - 0.5 * np.cos(np.pi * rise)))
 
     def _blocks(self, start: int, wanted: Callable[[], bool]) -> Iterator[NDArray[np.float64]]:
         while wanted():
-            yield self._on_columns(self._wave(start, self._block))
+            yield on_columns(self._rig, self._columns, self._wave(start, self._block))
             start += self._block
 
     def _amplitudes(self, trace: Trace, start: int) -> ComplexArray:
@@ -202,31 +172,35 @@ class _Tone:
         return _Point(mean[0], confidence, np.sqrt(2.0 * variance), distortion, saturated.copy(), averaged)
 
 
-def _response(
-    name: str,
-    load: str,
-    level_db_sl: float,
-    controller_hash: str,
-    column: int,
+def _responses(
+    rig: Rig,
+    columns: Sequence[int],
     frequencies: NDArray[np.float64],
-    points: list[_Point],
-    reference: float,
-    confidence_db: float,
-) -> Response:
-    confidence = np.array([point.confidence_db[column] for point in points])
-    return Response(
-        channel=name,
-        load=load,
-        level_db_sl=level_db_sl,
-        method="stepped-sine",
-        frequency_hz=frequencies,
-        amplitude_v=np.array([point.amplitude[column] for point in points]),
-        reference=np.full(frequencies.size, reference),
-        confidence_db=confidence,
-        noise_v=np.array([point.noise_v[column] for point in points]),
-        distortion_v=np.array([point.distortion_v[column] for point in points]),
-        saturated=np.array([point.saturated[column] for point in points]),
-        reached=confidence <= confidence_db,
-        averaged_s=np.array([point.averaged_s for point in points]),
-        controller_hash=controller_hash,
+    points: Sequence[_Point],
+    options: MeasurementOptions,
+) -> tuple[Response, ...]:
+    """Return the response of every measured channel at the frequencies that are done."""
+    done = frequencies[: len(points)]
+    amplitude, confidence, noise, distortion, saturated = (
+        np.array([getattr(point, name) for point in points]).T
+        for name in ("amplitude", "confidence_db", "noise_v", "distortion_v", "saturated")
+    )
+    return tuple(
+        Response(
+            channel=rig.channels[column],
+            load=options.load,
+            level_db_sl=options.level_db_sl,
+            method="stepped-sine",
+            frequency_hz=done,
+            amplitude_v=amplitude[row],
+            reference=np.full(done.size, float(from_db(options.level_db_sl))),
+            confidence_db=confidence[row],
+            noise_v=noise[row],
+            distortion_v=distortion[row],
+            saturated=saturated[row],
+            reached=confidence[row] <= options.confidence_db,
+            averaged_s=np.array([point.averaged_s for point in points]),
+            controller_hash=options.controller_hash,
+        )
+        for row, column in enumerate(columns)
     )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactuator.arrays import ComplexArray
+from tactuator.measure.options import MeasurementOptions
 from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
@@ -70,8 +71,8 @@ def measure_responses(
         rig = SimulatedRig(controller.display, plan.seed_of(f"{step} at {level:g} dB SL, {load}"))
         touch(rig, controller.display, load)
         rig.load(controller)
-        wanted = CONFIDENCE_DB[level]
-        responses = stepped_sine(rig, RESPONSE_HZ, level, load=load, confidence_db=wanted, coverage=together)
+        options = MeasurementOptions(level, load=load, confidence_db=CONFIDENCE_DB[level], coverage=together)
+        responses = stepped_sine(rig, RESPONSE_HZ, options)
         for measured in responses:
             hertz = measured.frequency_hz
             expected = np.abs(nominal_response(controller, measured.channel, hertz)) * from_db(level)

@@ -16,6 +16,7 @@ from tactuator.errors import TactuatorError
 from tactuator.measure.error import error_db
 from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.open_loop import Calibrated, CalibrationRequest, _groups, calibrate, usable_band
+from tactuator.measure.options import MeasurementOptions
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.demo.exciter import Exciter
 from tactuator.rig.sound.demo.server import simulated_card
@@ -42,6 +43,7 @@ def felt_error_db(made: Calibrated, exciter: Exciter, rng: np.random.Generator) 
     display = exciter_display(exciter, felt=True)
     frequency = made.channels[0].last.frequency_hz
     band = made.controller.display.channels[0].threshold.band_hz
+    options = MeasurementOptions(ASKED.level_db_sl, channels=["exciter"], mains_hz=50.0, band_hz=band, longest_s=12.0)
     found = []
     with open_rig("sound:-exciters", display) as rig:
         assert isinstance(rig, SoundRig)
@@ -50,10 +52,7 @@ def felt_error_db(made: Calibrated, exciter: Exciter, rng: np.random.Generator) 
         for group in _groups(made.controller, "exciter", frequency, ASKED.level_db_sl):  # none of which is cut
             for left in (2, 1, 0):
                 try:
-                    (response,) = multisine_response(
-                        rig, group, ASKED.level_db_sl, rng,
-                        channels=["exciter"], mains_hz=50.0, band_hz=band, exactly=False, longest_s=12.0,
-                    )  # fmt: skip
+                    (response,) = multisine_response(rig, group, options, rng, exactly=False)
                     break
                 except SoundGap:
                     if not left:

@@ -21,6 +21,7 @@ from tactuator.measure.adaptive import Learnt, settle_weights
 from tactuator.measure.error import error_db, expected_level_db_sl, response_verdict
 from tactuator.measure.frequencies import over_the_band
 from tactuator.measure.multisine_response import multisine_response
+from tactuator.measure.options import METHODS, MeasurementOptions
 from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.model.controller import Controller
 from tactuator.model.verdict import Outcome
@@ -28,8 +29,6 @@ from tactuator.rig.open import open_rig
 from tactuator.rig.rig import Rig
 from tactuator.rig.touchable import touch_all
 from tactuator.signals.record import Response
-
-METHODS = ("stepped", "multisine")
 
 Frequencies = np.ndarray[tuple[int], np.dtype[np.float64]]
 
@@ -58,25 +57,20 @@ def run(
     require_stable(made, load)
     band_hz = _common_band(made, channel)
     wanted = over_the_band(band_hz, mains_hz) if frequency is None else frequencies(frequency)
-    asked: dict[str, Any] = {
-        "channels": channel,
-        "load": load,
-        "confidence_db": confidence_db,
-        "longest_s": longest_s,
-        "mains_hz": mains_hz or None,
-        "band_hz": band_hz,
-        "controller_hash": made.content_hash,
-    }
+    options = MeasurementOptions(
+        level_db_sl, channel, load, confidence_db, longest_s,
+        mains_hz=mains_hz, band_hz=band_hz, controller_hash=made.content_hash,
+    )  # fmt: skip
     with open_rig(rig, made.display, seed) as opened:
         ask_for_load(touch_all(opened, made.display.channels, load), load)
         opened.load(made)
         rng = np.random.default_rng(seed)
         learnt = settle_weights(opened, made, level_db_sl, np.random.default_rng(seed))
         if method == "stepped":
-            responses = _stepped(opened, wanted, level_db_sl, asked)
+            responses = _stepped(opened, wanted, options)
         else:
             with working("multisine"):
-                responses = multisine_response(opened, wanted, level_db_sl, rng, exactly=frequency is not None, **asked)
+                responses = multisine_response(opened, wanted, options, rng, exactly=frequency is not None)
     if out is not None:
         write_responses(out, responses)
     if figures is not None:
@@ -120,7 +114,7 @@ def _common_band(made: Controller, channels: Sequence[str] | None) -> tuple[floa
     return max(low for low, _ in bands or [(0.0, 0.0)]), min(high for _, high in bands or [(0.0, 0.45 * made.rate_hz)])
 
 
-def _stepped(rig: Rig, wanted: Frequencies, level_db_sl: float, asked: dict[str, Any]) -> tuple[Response, ...]:
+def _stepped(rig: Rig, wanted: Frequencies, options: MeasurementOptions) -> tuple[Response, ...]:
     """Measure frequency by frequency, with a progress bar."""
     with progress() as bar:
         task = bar.add_task("response", total=wanted.size)
@@ -128,7 +122,7 @@ def _stepped(rig: Rig, wanted: Frequencies, level_db_sl: float, asked: dict[str,
         def show(done: int, total: int) -> None:
             bar.update(task, completed=done, total=total)
 
-        return stepped_sine(rig, wanted, level_db_sl, progress=show, **asked)
+        return stepped_sine(rig, wanted, options, progress=show)
 
 
 def frequencies(text: str) -> Frequencies:

@@ -40,7 +40,7 @@ def run(
     described = read_display(display)
     if curve is not None:
         described = with_curve(described, resolve_curve(curve))
-    asked = CalibrationRequest(_band(described, band_hz), level_db_sl, mains_hz or None)
+    asked = CalibrationRequest(_band(described, band_hz), level_db_sl, mains_hz)
     deliver(described, rig, out, asked, seed, as_json)
 
 

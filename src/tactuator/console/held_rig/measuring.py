@@ -12,6 +12,7 @@ from tactuator.arrays import FloatArray
 from tactuator.console.held_rig.orders import MeasureOrder, Points
 from tactuator.io.response import write_responses
 from tactuator.measure.error import ChannelPrediction, error_db, expected_level_db_sl
+from tactuator.measure.options import MeasurementOptions
 from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.model.controller import Controller
 from tactuator.rig.rig import Rig
@@ -21,19 +22,17 @@ from tactuator.signals.record import Response
 
 def measured(rig: Rig, order: MeasureOrder, tell: Callable[[tuple[Response, ...]], None]) -> tuple[Response, ...]:
     """Measure as `measure` does, and call `tell` with the responses so far after every point."""
-    return stepped_sine(
-        rig,
-        np.array(order.frequency_hz),
+    options = MeasurementOptions(
         order.level_db_sl,
         channels=order.channels,
         load=order.load,
         confidence_db=order.confidence_db,
         longest_s=order.longest_s,
-        mains_hz=order.mains_hz or None,
+        mains_hz=order.mains_hz,
         band_hz=order.band_hz,
         controller_hash=order.controller.content_hash,
-        so_far=tell,
     )
+    return stepped_sine(rig, np.array(order.frequency_hz), options, so_far=tell)
 
 
 def points_of(responses: tuple[Response, ...], order: MeasureOrder, folder: Path, over: bool) -> Points:

@@ -20,6 +20,7 @@ from tactuator.console.workshop import FILE, Workshop
 from tactuator.errors import BadInput
 from tactuator.io.controller import read_controller
 from tactuator.measure.frequencies import over_the_band
+from tactuator.measure.options import MeasurementOptions
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.synthesis.design import design_controller
@@ -169,10 +170,12 @@ class Desk:
         if request.frequency_hz:
             words.append("--frequency-hz " + ",".join(f"{one:g}" for one in request.frequency_hz))
         for option, value, usual in (
-            ("level-db-sl", request.level_db_sl, 30.0), ("load", request.load, "none"),
-            ("confidence-db", request.confidence_db, 0.25), ("longest-s", request.longest_s, 30.0),
-            ("mains-hz", request.mains_hz, 60.0), ("rig", self._host.spec, "simulated"),
-            ("seed", self._host.seed, 0),
+            ("level-db-sl", request.level_db_sl, MeasurementOptions.level_db_sl),
+            ("load", request.load, MeasurementOptions.load),
+            ("confidence-db", request.confidence_db, MeasurementOptions.confidence_db),
+            ("longest-s", request.longest_s, MeasurementOptions.longest_s),
+            ("mains-hz", request.mains_hz, MeasurementOptions.mains_hz),
+            ("rig", self._host.spec, "simulated"), ("seed", self._host.seed, 0),
         ):  # fmt: skip
             if value != usual:
                 words.append(f"--{option} {value if isinstance(value, str) else format(value, 'g')}")

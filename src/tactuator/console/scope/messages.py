@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from tactuator.console.asked import Count, Finite, Name, checked_request
 from tactuator.console.messages import CHANNELS_MAX
+from tactuator.measure.options import MeasurementOptions
 
 _Channels = Annotated[list[Name], Field(max_length=CHANNELS_MAX, min_length=1)]
 _Frequency = Annotated[Finite, Field(gt=0.0, le=1e5)]
@@ -68,11 +69,11 @@ class MeasureResponse(_Request):
     do: Literal["measure"]
     channels: _Channels
     level_db_sl: Finite
-    load: Name = "none"
+    load: Name = MeasurementOptions.load
     frequency_hz: Annotated[list[_Frequency], Field(max_length=200)] = []
-    confidence_db: Annotated[Finite, Field(gt=0.0, le=20.0)] = 0.25
-    longest_s: Annotated[Finite, Field(gt=0.0, le=600.0)] = 30.0
-    mains_hz: Annotated[Finite, Field(ge=0.0, le=1000.0)] = 60.0
+    confidence_db: Annotated[Finite, Field(gt=0.0, le=20.0)] = MeasurementOptions.confidence_db
+    longest_s: Annotated[Finite, Field(gt=0.0, le=600.0)] = MeasurementOptions.longest_s
+    mains_hz: Annotated[Finite, Field(ge=0.0, le=1000.0)] = MeasurementOptions.mains_hz
 
 
 class Expected(_Request):
