@@ -19,8 +19,7 @@ from timing import in_turn, of_program
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule, Tables
 from tactuator.experiment.procedure.refit import refit
 from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.session.apparatus import Apparatus
-from tactuator.experiment.session.clock import SystemClock
+from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.simulated.procedure_quality import Setting, simulate
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers
 from tactuator.experiment.store.store import Store

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from tactuator.cli.answer import answer, plain, progress, shown
-from tactuator.experiment.result.tables import ResultTable
+from tactuator.experiment.result.confusion import ResultTable
 from tactuator.report.tables import with_error
 
 

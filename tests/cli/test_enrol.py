@@ -8,8 +8,7 @@ from sqlalchemy import select
 
 from tactuator.cli.main import main
 from tactuator.experiment.store import schema
-from tactuator.experiment.store.lock import sessions_of
-from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.store import Store, sessions_of
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, opened_study
 
 AGE = '[[demographic]]\nname = "age"\nlabel = "Age"\nkind = "number"\nhigh = 120\n\n'

@@ -8,8 +8,7 @@ import pytest
 from tactuator.cli.main import main
 from tactuator.experiment.protocol.file import parse_recognition
 from tactuator.experiment.session.recognition_plan import block_trials
-from tactuator.experiment.store.lock import sessions_of
-from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.store import Store, sessions_of
 from tactuator.io.controller import write_controller
 from tests.experiment.session.apparatuses import PROTOCOL
 from tests.experiment.session.recognising import controller, items, protocol_text  # noqa: F401

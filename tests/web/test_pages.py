@@ -5,7 +5,7 @@ from sqlalchemy import select
 from websockets.exceptions import ConnectionClosed
 
 from tactuator.errors import StoreFault
-from tactuator.experiment.store import answer_records, schema
+from tactuator.experiment.store import records, schema
 from tactuator.web.sockets import CLOSE_FORBIDDEN
 from tactuator.web.study_pages import CLOSE_UNKNOWN
 from tests.experiment.session.apparatuses import ObedientClock, opened_study
@@ -138,7 +138,7 @@ def test_subject__store_fails__is_told_and_the_answer_may_come_again(client, lab
             raise StoreFault("lab.db: database or disk is full")
 
         with monkeypatch.context() as broken:
-            broken.setattr(answer_records, "save_answer", full)
+            broken.setattr(records, "save_answer", full)
             socket.send_json(message)
             assert "full" in until(socket, "fault")["detail"]
             assert response_count(lab) == 0

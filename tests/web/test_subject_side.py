@@ -5,7 +5,7 @@ from itertools import pairwise
 import pytest
 from sqlalchemy import select
 
-from tactuator.experiment.store import schema, study_records
+from tactuator.experiment.store import records, schema
 from tactuator.web.app import build_app
 from tests.experiment.session.apparatuses import PROTOCOL, response_of
 from tests.web.labs import TOKEN, answer, make, make_lab, stage, until  # noqa: F401
@@ -24,7 +24,7 @@ def begun(socket):
 
 def session(lab, number=0):
     with lab.store.read() as connection:
-        return study_records.sessions(connection, lab.study.id)[number]
+        return records.sessions(connection, lab.study.id)[number]
 
 
 def events(lab):
@@ -174,7 +174,7 @@ def test_time_left__falls_with_every_run_and_is_nothing_at_the_end(make) -> None
     left = [presented.time_left_s]
     presented.give_consent()
     from tactuator.experiment.session.presented_session import PresentedSession
-    from tactuator.experiment.store.answer_records import Answer
+    from tactuator.experiment.store.records import Answer
 
     at = PresentedSession(presented)
     while presented.stage != "done":

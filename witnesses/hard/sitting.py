@@ -20,11 +20,11 @@ from functools import cache
 from pathlib import Path
 
 from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.studies import open_session, open_study
-from tactuator.experiment.store.answer_records import Answer
+from tactuator.experiment.session.task import Apparatus
+from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
 from tactuator.model.controller import Controller
 from tactuator.paper.controllers import paper_controller

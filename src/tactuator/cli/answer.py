@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from tactuator.api.plain import plain
-from tactuator.experiment.result.tables import ResultTable
+from tactuator.experiment.result.confusion import ResultTable
 
 
 def answer(result: Mapping[str, object], as_json: bool, shown: RenderableType) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactuator.experiment.simulated.observer import Observer
+from tactuator.experiment.simulated.sitting import Observer
 from tactuator.io.display import read_display
 from tactuator.model.description import Display
 from tactuator.perception.curve import ThresholdCurve

@@ -17,12 +17,10 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.result.group_curve import group_curve
+from tactuator.experiment.result.store_results import group_curve
 from tactuator.experiment.result.thresholds import MeasuredThreshold, thresholds
-from tactuator.experiment.session.apparatus import Apparatus
-from tactuator.experiment.session.clock import SystemClock
-from tactuator.experiment.simulated.observer import Observer
-from tactuator.experiment.simulated.sitting import run_study
+from tactuator.experiment.session.task import Apparatus, SystemClock
+from tactuator.experiment.simulated.sitting import Observer, run_study
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.helper_process import begin_helper, helper_context

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.result.group_curve import PersonThresholds
-from tactuator.experiment.result.psychometric_trials import PsychometricTrials
+from tactuator.experiment.result.store_results import PersonThresholds, PsychometricTrials
 from tactuator.measure.felt import HEARD_DB_SL, LONG_FRAME_S, SHORT_FRAME_S, FeltReport, FingerFelt
 from tactuator.model.description import Channel
 from tactuator.model.load import DERIVATIVES

@@ -13,13 +13,13 @@ from typing import TypeVar
 
 from tactuator.errors import BadInput, StoreFault, TactuatorError
 from tactuator.experiment.language.words import Words
-from tactuator.experiment.result.tables import ResultTable
-from tactuator.experiment.session.clock import JumpWatch
+from tactuator.experiment.result.confusion import ResultTable
 from tactuator.experiment.session.presented_session import PresentedSession
-from tactuator.experiment.session.standing import NextTrial
+from tactuator.experiment.session.session import NextTrial
 from tactuator.experiment.session.studies import Study
-from tactuator.experiment.store import run_records
-from tactuator.experiment.store.cells import Found
+from tactuator.experiment.session.task import JumpWatch
+from tactuator.experiment.store import records
+from tactuator.experiment.store.records import Found
 from tactuator.experiment.trial.presenter import Halted, Watch
 
 _T = TypeVar("_T")
@@ -140,7 +140,7 @@ class Lab:
         """
         async with self._opening:
             if row.id not in self._presented:
-                sitting = run_records.Sitting("person", self.shown)
+                sitting = records.Sitting("person", self.shown)
                 self._presented[row.id] = await self.work(lambda: PresentedSession(self.study.session(row, sitting)))
             return self._presented[row.id]
 
@@ -220,7 +220,7 @@ class Lab:
         jump_s = self.jumps.jump_s()
         if jump_s is not None:
             with self.store.begin() as connection:
-                run_records.note(
+                records.note(
                     connection, None, "clock-jump", f"the wall clock moved by {jump_s:.1f} s", self.clock.utc()
                 )
 

@@ -10,10 +10,9 @@ from fastapi import WebSocket
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.study import SubjectPart
-from tactuator.experiment.session.enrolment import Correction
-from tactuator.experiment.session.session import Session
-from tactuator.experiment.session.standing import RunTally
-from tactuator.experiment.store.cells import Found
+from tactuator.experiment.session.session import RunTally, Session
+from tactuator.experiment.session.studies import Correction
+from tactuator.experiment.store.records import Found
 from tactuator.web.lab import Lab, LabFault
 from tactuator.web.messages import Command, Correct, Day, Enrol, NewVisit, OperatorMessage, operator_message
 from tactuator.web.sockets import first_to_end, receive_text, send

@@ -13,9 +13,9 @@ from fastapi import WebSocket, WebSocketDisconnect
 
 from tactuator.errors import BadInput
 from tactuator.experiment.session.presented_session import PresentedSession
-from tactuator.experiment.session.standing import Acknowledged
-from tactuator.experiment.store import answer_records
-from tactuator.experiment.store.cells import Found
+from tactuator.experiment.session.session import Acknowledged
+from tactuator.experiment.store import records
+from tactuator.experiment.store.records import Found
 from tactuator.experiment.trial.presenter import Halted, Watch
 from tactuator.web.lab import Lab, LabFault, RigAtRest
 from tactuator.web.messages import (
@@ -235,7 +235,7 @@ class SubjectTab:
 
     async def _answer(self, presented: PresentedSession, message: AnswerMessage, incoming: _Incoming) -> None:
         """Save an answer and acknowledge it, or say why it is refused."""
-        answer = answer_records.Answer(
+        answer = records.Answer(
             message.response,
             incoming.received,
             message.shown_ms,
@@ -266,7 +266,7 @@ class SubjectTab:
         )
         self.lab.notify()
 
-    def _save(self, presented: PresentedSession, message: AnswerMessage, answer: answer_records.Answer) -> Acknowledged:
+    def _save(self, presented: PresentedSession, message: AnswerMessage, answer: records.Answer) -> Acknowledged:
         waits = presented.pending
         if waits is not None and (waits[0].run, waits[0].trial.number) == (message.run, message.number):
             return presented.answer(answer)

@@ -12,7 +12,7 @@ from tactuator.console.held_rig.worker import RigWorker
 from tactuator.console.scope.controls import Controls
 from tactuator.console.study.rig import ConsoleRig
 from tactuator.errors import BadInput, DeviceFault, TimingMissed
-from tactuator.experiment.session.apparatus import Apparatus
+from tactuator.experiment.session.task import Apparatus
 from tactuator.experiment.trial.presenter import Halted, Presenter
 from tactuator.rig.rig import Ticking
 from tactuator.rig.simulated import SimulatedRig

@@ -9,9 +9,8 @@ from tactuator.cli.main import main
 from tactuator.console.app import build_console
 from tactuator.console.scope.routes import CLOSE_NO_RIG
 from tactuator.console.workshop import Workshop
-from tactuator.experiment.store.answer_records import Answer
-from tactuator.experiment.store.lock import sessions_of
-from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.records import Answer
+from tactuator.experiment.store.store import Store, sessions_of
 from tactuator.web.sockets import CLOSE_FORBIDDEN
 from tests.console.pages import TOKEN
 from tests.console.study.studies import Studies, answered, link, loaded, operator, rows

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 from tactuator.experiment.export.export import export
-from tactuator.experiment.export.writing import cell
+from tactuator.experiment.export.rows import cell
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.result.thresholds import thresholds
-from tactuator.experiment.session.enrolment import Correction
+from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers
-from tactuator.experiment.store.answer_records import Answer
+from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredIntervals, StoredRun
 from tactuator.experiment.trial.trial import LOUD, SIGNAL

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.answering import Answering
+from tactuator.experiment.procedure.curve_prior import CurveKind, CurvePrior
+from tactuator.experiment.procedure.procedure import Answering
 from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule
-from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
-from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
-from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurve, WholeCurveRule
+from tactuator.experiment.procedure.whole_curve import WholeCurve, WholeCurveRule
 
 
 @pytest.mark.parametrize(

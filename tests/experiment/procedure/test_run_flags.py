@@ -6,12 +6,10 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule
-from tactuator.experiment.procedure.quest_plus_batch import estimates
+from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule, estimates
 from tactuator.experiment.procedure.refit import RefitPrior, refit
 from tactuator.experiment.procedure.run_flags import run_flags
-from tactuator.experiment.procedure.up_down import IMECE2004
-from tactuator.experiment.procedure.up_down_batch import run_tracks
+from tactuator.experiment.procedure.up_down import IMECE2004, run_tracks
 from tactuator.perception.psychometric import Logistic, Psychometric
 
 LOUD_SHARE = 0.2

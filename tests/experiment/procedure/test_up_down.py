@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.up_down import IMECE2004, UpDown, UpDownRule
-from tactuator.experiment.procedure.up_down_batch import run_tracks
+from tactuator.experiment.procedure.up_down import IMECE2004, UpDown, UpDownRule, run_tracks
 
 
 def track(rule: UpDownRule, start: float, responses: str) -> UpDown:

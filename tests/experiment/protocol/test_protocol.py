@@ -5,10 +5,10 @@ from itertools import pairwise
 import pytest
 
 from tactuator.errors import BadInput
+from tactuator.experiment.procedure.curve_prior import CurvePrior
 from tactuator.experiment.procedure.kinds import PriorPart, QuestPlusProcedure, UpDownProcedure
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule
 from tactuator.experiment.procedure.up_down import UpDownRule
-from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
 from tactuator.experiment.protocol.file import parse_protocol, read_protocol
 from tactuator.experiment.protocol.plan import latin_square, plan_runs, run_seed
 from tests.experiment.session.apparatuses import PROTOCOL

@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 from sklearn.metrics import mutual_info_score
 
 from tactuator.errors import BadInput
-from tactuator.experiment.result.confusion_posterior import information_of
 from tactuator.experiment.result.information import (
     POSTERIOR,
     all_estimates,
     confusion_counts,
     information,
+    information_of,
     plug_in_bits,
 )
 

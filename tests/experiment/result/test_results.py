@@ -10,10 +10,9 @@ from tactuator.errors import BadInput
 from tactuator.experiment.export.export import export
 from tactuator.experiment.procedure.refit import refit
 from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.result.group_curve import circumstances, group_curve
-from tactuator.experiment.result.psychometric_trials import psychometric_trials
+from tactuator.experiment.result.store_results import circumstances, group_curve, psychometric_trials
 from tactuator.experiment.result.thresholds import thresholds
-from tactuator.experiment.session.clock import SystemClock
+from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs

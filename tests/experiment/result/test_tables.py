@@ -7,9 +7,16 @@ import numpy as np
 import pytest
 
 from tactuator.experiment.language.words import Words, shipped_languages, shipped_words
-from tactuator.experiment.result.confusion import AbxResult, SubjectResult
+from tactuator.experiment.result.confusion import (
+    AbxResult,
+    ResultTable,
+    SubjectResult,
+    abx_table,
+    information_table,
+    matrix_table,
+    threshold_table,
+)
 from tactuator.experiment.result.information import ESTIMATORS, POSTERIOR, information
-from tactuator.experiment.result.tables import ResultTable, abx_table, information_table, matrix_table, threshold_table
 from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold
 
 MARKED = Words("qps", {key: f"⟦{text}⟧" for key, text in shipped_words("en").texts.items()})

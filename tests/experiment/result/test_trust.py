@@ -8,18 +8,17 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import shipped_words
-from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
-from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurve, WholeCurveRule
+from tactuator.experiment.procedure.curve_prior import CurvePrior
+from tactuator.experiment.procedure.whole_curve import WholeCurve, WholeCurveRule
 from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.result.group_curve import group_curve, person_thresholds
-from tactuator.experiment.result.psychometric_trials import psychometric_trials
-from tactuator.experiment.result.tables import threshold_table
+from tactuator.experiment.result.confusion import threshold_table
+from tactuator.experiment.result.played import delivered_level
+from tactuator.experiment.result.store_results import group_curve, person_thresholds, psychometric_trials
 from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold, replayed, thresholds
-from tactuator.experiment.session.clock import SystemClock
+from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
-from tactuator.experiment.trial.delivered_level import delivered_level
 from tactuator.perception import curve as library
 from tactuator.perception.curve import RelativeCurve
 from tactuator.report.felt import psychometric_plate, thresholds_plate

@@ -5,13 +5,12 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from tactuator.experiment.protocol.file import parse_recognition
-from tactuator.experiment.session.apparatus import Apparatus
-from tactuator.experiment.session.presented_session import PresentedSession
+from tactuator.experiment.session.presented_session import PresentedSession, run_session
 from tactuator.experiment.session.recognition_plan import block_trials
 from tactuator.experiment.session.recognition_task import RecognitionTask
-from tactuator.experiment.session.respondent import run_session
 from tactuator.experiment.session.studies import open_session, open_study
-from tactuator.experiment.store import answer_records
+from tactuator.experiment.session.task import Apparatus
+from tactuator.experiment.store import records
 from tactuator.experiment.store.store import Store
 from tactuator.io.display import parse_display
 from tactuator.rig.open import open_rig
@@ -137,7 +136,7 @@ THREE = ("M-index", "C-index", "L-index")
 
 def answer(presented, response=None, watch=nobody):
     following = presented.present(watch)
-    return presented.answer(answer_records.Answer(response or following.trial.correct, presented.session.clock.utc()))
+    return presented.answer(records.Answer(response or following.trial.correct, presented.session.clock.utc()))
 
 
 def go_on(presented, trials):

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.session.apparatus import Apparatus
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.studies import Study, open_session, open_study
+from tactuator.experiment.session.task import Apparatus
 from tactuator.experiment.store.store import Store
 from tactuator.model.controller import Controller
 from tactuator.rig.simulated import SimulatedRig

@@ -6,7 +6,7 @@ from sqlalchemy import select
 
 from tactuator.errors import BadInput
 from tactuator.experiment.store import schema
-from tactuator.experiment.store.answer_records import Answer
+from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
 from tactuator.rig.board.stream import StreamDry
 from tactuator.rig.sound.rows import SoundGap

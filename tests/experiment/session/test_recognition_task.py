@@ -7,7 +7,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.experiment.export.export import export
-from tactuator.experiment.store import answer_records
+from tactuator.experiment.store import records
 from tactuator.experiment.store.store import Store
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin
 from tests.experiment.session.recognising import THREE, answer, controller, go_on, items, opened, protocol_text  # noqa: F401
@@ -40,7 +40,7 @@ def test_trial__items_of_different_lengths__takes_as_long_whatever_is_played(ope
         durations.add(sum(study.task.items[label].duration_s for label in following.trial.stimuli))
         lengths.add(listener.samples)
         onsets.add(tuple(listener.events))
-        presented.answer(answer_records.Answer(following.trial.correct, study.clock.utc()))
+        presented.answer(records.Answer(following.trial.correct, study.clock.utc()))
     assert len(durations) > 1
     assert len(lengths) == 1
     if paradigm == "abx":  # the only one whose intervals are shown

@@ -7,10 +7,10 @@ from sqlalchemy import select
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_recognition
 from tactuator.experiment.result.confusion import recognition_results
-from tactuator.experiment.session.apparatus import Apparatus
-from tactuator.experiment.session.respondent import Respondent
+from tactuator.experiment.session.presented_session import Respondent
+from tactuator.experiment.session.task import Apparatus
 from tactuator.experiment.simulated.respondents import ErringRespondent, FeelingRespondent
-from tactuator.experiment.store import schema, study_records
+from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.store import Store
 from tactuator.rig.open import open_rig
 from tactuator.rig.touchable import touchable
@@ -28,7 +28,7 @@ def test_run_session__no_consent__ends_at_once_and_stores_nothing(opened) -> Non
     assert study.run("S1", Unwilling(0.0, np.random.default_rng(0))) == 0
     with store.read() as connection:
         assert connection.execute(select(schema.run)).all() == []
-        row = study_records.sessions(connection, study.study.id)[0]
+        row = records.sessions(connection, study.study.id)[0]
     assert (row.consented_utc, row.ended) == (None, "declined")
 
 

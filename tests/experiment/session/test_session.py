@@ -9,7 +9,7 @@ from tactuator.errors import BadInput, StoreFault
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.studies import open_session
-from tactuator.experiment.store import answer_records, run_records, schema, study_records
+from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.store import Store
 from tests.experiment.session.apparatuses import (
     PROTOCOL,
@@ -86,7 +86,7 @@ def test_trial__stored__has_levels_labels_times_and_apparatus(store) -> None:
         intervals = connection.execute(select(schema.interval).order_by(schema.interval.c.position)).all()
         response = connection.execute(select(schema.response)).one()
         run = connection.execute(select(schema.run)).one()
-        session = study_records.session(connection, presented.session.id)
+        session = records.session(connection, presented.session.id)
     assert [one.stimulus for one in intervals].count("tone") == 1
     tone = next(one for one in intervals if one.stimulus == "tone")
     assert str(tone.position + 1) == trial.correct_response
@@ -158,7 +158,7 @@ def test_answer__disk_full__is_not_acknowledged_and_may_come_again(store) -> Non
         stands = presented.pending[0]
         with store.engine.connect() as connection:
             connection.exec_driver_sql("PRAGMA max_page_count = 1000000")
-        answer = answer_records.Answer(response_of(stands.trial), clock.utc())
+        answer = records.Answer(response_of(stands.trial), clock.utc())
         assert presented.answer(answer).number == stands.trial.number
         assert len(stored(store)) == len(acknowledged) + 1
 
@@ -171,7 +171,7 @@ def test_answer__database_locked__is_told_and_may_come_again(store) -> None:
         connection.exec_driver_sql("PRAGMA busy_timeout = 1")
     other = sqlite3.connect(store.path, isolation_level=None)
     other.execute("BEGIN IMMEDIATE")
-    answer = answer_records.Answer("1", clock.utc())
+    answer = records.Answer("1", clock.utc())
     with pytest.raises(StoreFault, match="locked"):
         presented.answer(answer)
     other.execute("ROLLBACK")
@@ -184,7 +184,7 @@ def test_answer__sent_again__is_acknowledged_again_and_stored_once(store) -> Non
     clock = ObedientClock()
     presented = begin(store, clock)
     run = presented.present(nobody).run
-    first = presented.answer(answer_records.Answer("1", clock.utc()))
+    first = presented.answer(records.Answer("1", clock.utc()))
     again = presented.session.already(run, 0)
     assert again is not None
     assert (again.correct, again.again) == (first.correct, True)
@@ -196,7 +196,7 @@ def test_already__another_sessions_run__is_nothing(store) -> None:
     clock = ObedientClock()
     mine, other = begin(store, clock), begin(store, clock, subject=1)
     run = mine.present(nobody).run
-    mine.answer(answer_records.Answer("1", clock.utc()))
+    mine.answer(records.Answer("1", clock.utc()))
     assert other.session.already(run, 0) is None
 
 
@@ -206,14 +206,14 @@ def test_answer__not_allowed__is_refused_and_nothing_stored(store, response) -> 
     presented = begin(store, clock)
     presented.present(nobody)
     with pytest.raises(BadInput, match="allowed: 1, 2, 3"):
-        presented.answer(answer_records.Answer(response, clock.utc()))
+        presented.answer(records.Answer(response, clock.utc()))
     assert stored(store) == []
 
 
 def test_answer__without_a_trial__is_refused(store) -> None:
     clock = ObedientClock()
     with pytest.raises(BadInput, match="no trial waits"):
-        begin(store, clock).answer(answer_records.Answer("1", clock.utc()))
+        begin(store, clock).answer(records.Answer("1", clock.utc()))
 
 
 def test_break__after_its_trials__waits_until_it_is_ended_and_is_remembered(store) -> None:
@@ -236,13 +236,13 @@ def test_give_up_run__goes_on_with_the_next_and_marks_it(store) -> None:
     presented.give_up_run()
     assert answer_one(presented, clock) == (2, 0)
     with store.read() as connection:
-        assert [run.state for run in run_records.latest_runs(connection, presented.session.id)] == [
+        assert [run.state for run in records.latest_runs(connection, presented.session.id)] == [
             "done",
             "stopped",
             "running",
         ]
     with pytest.raises(BadInput, match="no trial waits"):
-        presented.answer(answer_records.Answer("1", clock.utc()))
+        presented.answer(records.Answer("1", clock.utc()))
 
 
 def test_replay__store_changed_by_hand__is_refused(store) -> None:

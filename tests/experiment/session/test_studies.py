@@ -5,10 +5,9 @@ from sqlalchemy import select
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.study import SubjectPart
-from tactuator.experiment.session.enrolment import Correction
-from tactuator.experiment.session.studies import open_session
+from tactuator.experiment.session.studies import Correction, open_session
 from tactuator.experiment.store import schema
-from tactuator.experiment.store.run_records import Sitting
+from tactuator.experiment.store.records import Sitting
 from tactuator.experiment.store.store import Store
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, opened_study
 

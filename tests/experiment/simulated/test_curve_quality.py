@@ -1,6 +1,6 @@
 """What is said of the whole-curve procedure, and for whom."""
 
-from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule
+from tactuator.experiment.procedure.whole_curve import WholeCurveRule
 from tactuator.experiment.simulated.curve_quality import simulate_curve
 from tactuator.experiment.simulated.procedure_quality import Setting
 

@@ -7,10 +7,9 @@ from hypothesis import strategies as st
 
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule
 from tactuator.experiment.procedure.up_down import IMECE2004
-from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule
+from tactuator.experiment.procedure.whole_curve import WholeCurveRule
 from tactuator.experiment.simulated.curve_quality import simulate_curve
-from tactuator.experiment.simulated.loud_trials import with_loud_trials
-from tactuator.experiment.simulated.procedure_quality import Setting, simulate
+from tactuator.experiment.simulated.procedure_quality import Setting, simulate, with_loud_trials
 
 
 @settings(max_examples=50)

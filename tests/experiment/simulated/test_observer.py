@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import norm
 
 from tactuator.errors import BadInput
-from tactuator.experiment.simulated.observer import Observer, respond
+from tactuator.experiment.simulated.sitting import Observer, respond
 from tactuator.perception.curve import curve
 from tactuator.perception.psychometric import Logistic, MaxOfM, Psychometric, Weibull
 

@@ -3,7 +3,7 @@
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.experiment.store.opening import opened_store
+from tactuator.experiment.store.store import opened_store
 from tests.experiment.session.apparatuses import ObedientClock, answer_one, begin, opened_study
 
 

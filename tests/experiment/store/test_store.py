@@ -12,8 +12,7 @@ from sqlalchemy import inspect
 
 from tactuator.errors import BadInput
 from tactuator.experiment.store import schema
-from tactuator.experiment.store.lock import sessions_of
-from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.store import Store, sessions_of
 
 
 def test_store__new__has_the_latest_schema_in_wal_mode(tmp_path) -> None:
@@ -131,7 +130,7 @@ def test_lock__second_holder__is_refused_in_one_line_and_let_in_after(tmp_path) 
 def test_lock__holder_killed__is_free(tmp_path) -> None:
     store = tmp_path / "lab.db"
     held = subprocess.Popen(
-        [sys.executable, "-c", f"from tactuator.experiment.store.lock import sessions_of\n"
+        [sys.executable, "-c", f"from tactuator.experiment.store.store import sessions_of\n"
          f"with sessions_of({str(store)!r}): print('held', flush=True); input()"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
     )  # fmt: skip

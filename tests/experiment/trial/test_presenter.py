@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.experiment.trial.marks import Marks
 from tactuator.experiment.trial.presenter import Halted, Presenter
+from tactuator.experiment.trial.trial import Marks
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.trace import Trace

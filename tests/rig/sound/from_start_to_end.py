@@ -17,14 +17,12 @@ from sqlalchemy import select
 
 from tactuator.cli import main
 from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.session.apparatus import Apparatus
-from tactuator.experiment.session.clock import SystemClock
 from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.presented_session import PresentedSession
-from tactuator.experiment.session.respondent import Respondent, run_session
+from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
 from tactuator.experiment.session.studies import open_session, open_study
+from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.store import schema
-from tactuator.experiment.store.answer_records import PlayedTrial
+from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.trial import Trial
 from tactuator.io.controller import write_controller

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tactuator.cli.answer import answer, shown, working
-from tactuator.experiment.result.tables import ResultTable
+from tactuator.experiment.result.confusion import ResultTable
 from tactuator.io.controller import read_controller
 from tactuator.io.display import read_display
 from tactuator.model.verdict import Outcome, Verdict

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from tactuator.cli.answer import answer, progress, shown, working, written
 from tactuator.errors import BadInput
-from tactuator.experiment.result.tables import ResultTable
+from tactuator.experiment.result.confusion import ResultTable
 from tactuator.io.controller import read_controller
 from tactuator.model.controller import Controller
 from tactuator.paper.plan import paper_display

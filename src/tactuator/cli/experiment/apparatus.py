@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tactuator.cli.chosen import chosen_controller
 from tactuator.errors import BadInput
-from tactuator.experiment.session.apparatus import Apparatus
+from tactuator.experiment.session.task import Apparatus
 from tactuator.paper.controllers import paper_controller
 from tactuator.paper.plan import paper_display
 from tactuator.rig.open import open_rig

@@ -13,12 +13,11 @@ from tactuator.cli.answer import answer
 from tactuator.cli.experiment.observers import pairs
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.study import Group, SubjectPart
-from tactuator.experiment.session.clock import SystemClock
-from tactuator.experiment.session.enrolment import Correction, add_visit, books_of, enrol, fresh_token
-from tactuator.experiment.session.enrolment import correct as correct_subject
-from tactuator.experiment.store import study_records
-from tactuator.experiment.store.lock import sessions_of
-from tactuator.experiment.store.store import Store
+from tactuator.experiment.session.studies import Correction, add_visit, books_of, enrol, fresh_token
+from tactuator.experiment.session.studies import correct as correct_subject
+from tactuator.experiment.session.task import SystemClock
+from tactuator.experiment.store import records
+from tactuator.experiment.store.store import Store, sessions_of
 
 
 def run(
@@ -44,7 +43,7 @@ def run(
                 add_visit(connection, books, code)
             else:
                 enrol(connection, books, _part(code, group, participant_id, skin_temperature_c, fact or []))
-            rows = [row for row in study_records.sessions(connection, books.study) if row.subject_code == code]
+            rows = [row for row in records.sessions(connection, books.study) if row.subject_code == code]
     finally:
         database.close()
     visits = [{"visit": row.visit, "path": f"/s/{row.link_token}"} for row in rows]

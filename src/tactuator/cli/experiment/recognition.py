@@ -17,19 +17,14 @@ from tactuator.errors import BadInput
 from tactuator.experiment.language.words import shipped_words
 from tactuator.experiment.protocol.file import read_recognition
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
-from tactuator.experiment.result.confusion import AbxResult, SubjectResult, recognition_results
+from tactuator.experiment.result.confusion import AbxResult, SubjectResult, information_table, recognition_results
 from tactuator.experiment.result.information import Information, information
-from tactuator.experiment.result.tables import information_table
-from tactuator.experiment.session.clock import SystemClock
-from tactuator.experiment.session.enrolment import fresh_token
-from tactuator.experiment.session.presented_session import PresentedSession
-from tactuator.experiment.session.respondent import run_session
-from tactuator.experiment.session.studies import open_session, open_study, task_of
+from tactuator.experiment.session.presented_session import PresentedSession, run_session
+from tactuator.experiment.session.studies import fresh_token, open_session, open_study, task_of
+from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.simulated.respondents import ErringRespondent
-from tactuator.experiment.store.lock import sessions_of
-from tactuator.experiment.store.opening import opened_store
-from tactuator.experiment.store.run_records import Sitting
-from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.records import Sitting
+from tactuator.experiment.store.store import Store, opened_store, sessions_of
 from tactuator.io.matrix import read_matrix
 
 

@@ -10,8 +10,8 @@ from rich.console import Group
 from tactuator.cli.answer import shown, working, written
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import shipped_words
-from tactuator.experiment.result.group_curve import GroupCurve, store_results
-from tactuator.experiment.result.tables import threshold_table
+from tactuator.experiment.result.confusion import threshold_table
+from tactuator.experiment.result.store_results import GroupCurve, store_results
 from tactuator.io.curve import write_curve
 from tactuator.report.felt import psychometric_plate, thresholds_plate
 

@@ -13,13 +13,10 @@ import uvicorn
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import read_any_protocol
-from tactuator.experiment.session.apparatus import Apparatus
-from tactuator.experiment.session.clock import SystemClock
-from tactuator.experiment.session.enrolment import fresh_token
-from tactuator.experiment.session.studies import open_study, task_of
-from tactuator.experiment.store.cells import Found
-from tactuator.experiment.store.lock import sessions_of
-from tactuator.experiment.store.opening import opened_store
+from tactuator.experiment.session.studies import fresh_token, open_study, task_of
+from tactuator.experiment.session.task import Apparatus, SystemClock
+from tactuator.experiment.store.records import Found
+from tactuator.experiment.store.store import opened_store, sessions_of
 from tactuator.io.formats.text import read_text
 from tactuator.web.address import Address
 from tactuator.web.app import build_app

@@ -11,7 +11,7 @@ from tactuator.api.plain import plain
 from tactuator.cli.answer import answer, progress, working
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.quest_plus import QuestPlusRule
-from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule
+from tactuator.experiment.procedure.whole_curve import WholeCurveRule
 from tactuator.experiment.simulated.curve_quality import CurveQuality, simulate_curve
 from tactuator.experiment.simulated.procedure_quality import PROCEDURES, Setting, simulate
 from tactuator.io.curve import read_relative_curve

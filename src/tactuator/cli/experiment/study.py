@@ -16,11 +16,9 @@ from tactuator.cli.experiment.results import results
 from tactuator.cli.experiment.serve import serve
 from tactuator.experiment.export.export import export
 from tactuator.experiment.protocol.file import read_protocol
-from tactuator.experiment.session.clock import SystemClock
+from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
-from tactuator.experiment.store.lock import sessions_of
-from tactuator.experiment.store.opening import opened_store
-from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.store import Store, opened_store, sessions_of
 from tactuator.rig.touchable import touchable, usual_load
 from tactuator.web.address import Address
 

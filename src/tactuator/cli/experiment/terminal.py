@@ -6,8 +6,8 @@ import typer
 from rich.console import Console
 
 from tactuator.experiment.language.words import Words
-from tactuator.experiment.session.respondent import Respondent
-from tactuator.experiment.session.standing import Acknowledged, NextTrial
+from tactuator.experiment.session.presented_session import Respondent
+from tactuator.experiment.session.session import Acknowledged, NextTrial
 from tactuator.experiment.session.task import Question
 from tactuator.experiment.trial.trial import Trial
 

@@ -15,7 +15,7 @@ from tactuator.cli.answer import answer, progress, shown, working, written
 from tactuator.cli.chosen import ask_for_load, chosen_controller, require_stable
 from tactuator.cli.controller.check import verdict_table
 from tactuator.errors import BadInput
-from tactuator.experiment.result.tables import ResultTable
+from tactuator.experiment.result.confusion import ResultTable
 from tactuator.io.response import write_responses
 from tactuator.measure.adaptive import Learnt, settle_weights
 from tactuator.measure.error import error_db, expected_level_db_sl, response_verdict

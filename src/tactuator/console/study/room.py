@@ -21,13 +21,9 @@ from tactuator.console.workshop import Workshop
 from tactuator.errors import BadInput
 from tactuator.experiment.export.export import export
 from tactuator.experiment.protocol.file import read_any_protocol
-from tactuator.experiment.session.apparatus import Apparatus
-from tactuator.experiment.session.clock import SystemClock
-from tactuator.experiment.session.enrolment import fresh_token
-from tactuator.experiment.session.studies import open_study, task_of
-from tactuator.experiment.store.lock import sessions_of
-from tactuator.experiment.store.opening import opened_store
-from tactuator.experiment.store.store import Store
+from tactuator.experiment.session.studies import fresh_token, open_study, task_of
+from tactuator.experiment.session.task import Apparatus, SystemClock
+from tactuator.experiment.store.store import Store, opened_store, sessions_of
 from tactuator.model.controller import Controller
 from tactuator.web.lab import Lab
 from tactuator.web.study_pages import StudyPages

@@ -1,12 +1,18 @@
-"""A store as tables of plain values, in the order of the dictionary; withdrawn data are left out."""
+"""A store as tables of plain values, in the order of the dictionary, and as text; withdrawn data are left out."""
 
 from __future__ import annotations
 
+import csv
+import io
 import json
+import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import count
 from math import isnan
+from pathlib import Path
 from typing import Any
 
 from sqlalchemy import Connection, Row, ScalarSelect, Select, func, select
@@ -22,11 +28,117 @@ from tactuator.experiment.export.dictionary import (
 )
 from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.file import parse_any_protocol
+from tactuator.experiment.protocol.plan import FORCED_CHOICE
 from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.result.thresholds import refit_prior, thresholds
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
+
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+"""Characters that spreadsheets take for the beginning of a formula."""
+
+
+def table_text(
+    table: ExportTable, separator: str = ",", missing: str = "", rows: Iterable[TableRow] | None = None
+) -> str:
+    """Return the table (or those of its rows) as separated values with a header; missing: of cells with nothing."""
+    names = [one.name for one in table.columns]
+    cells = ([cell(row[name], missing) for name in names] for row in (table.rows if rows is None else rows))
+    return lines([names, *cells], separator)
+
+
+def cell(value: Value, missing: str = "") -> Value:
+    """Return the value as a cell: words that a spreadsheet would execute begin with an apostrophe."""
+    if value is None or value == "":
+        return missing
+    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
+
+
+def lines(rows: Iterable[Sequence[object]], separator: str) -> str:
+    """Return rows of separated values, each line ended by a line feed."""
+    stream = io.StringIO()
+    csv.writer(stream, delimiter=separator, lineterminator="\n").writerows(rows)
+    return stream.getvalue()
+
+
+def write_json(path: Path, document: object) -> None:
+    """Write the document as indented JSON."""
+    path.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def described(columns: Iterable[Meaning]) -> dict[str, dict[str, str]]:
+    """Return a BIDS side-car's description of columns."""
+    return {one.name: {"Description": one.description, **({"Units": one.unit} if one.unit else {})} for one in columns}
+
+
+def label(text: str) -> str:
+    """Return the text as a label in a file's name may be: letters and digits."""
+    return re.sub(r"[^A-Za-z0-9]", "", text)
+
+
+def task_name(row: TableRow) -> str:
+    """Return the task of a trial: detection or recognition."""
+    return "detection" if row["paradigm"] == FORCED_CHOICE else "recognition"
+
+
+def task_names(rows: Sequence[TableRow]) -> list[str]:
+    """Return the tasks of the trials, each once."""
+    return sorted({task_name(row) for row in rows})
+
+
+def study_names(found: Exported) -> str:
+    """Return the names of the studies, joined."""
+    return "; ".join(sorted({str(row["study"]) for row in found.trials.rows}))
+
+
+@dataclass(frozen=True)
+class Participant:
+    """A subject of one study. label: the name in files, letters and digits, that no other participant has."""
+
+    study: Value
+    subject: Value
+    label: str
+
+    def has(self, row: TableRow) -> bool:
+        """Tell whether a row of a table is of this participant."""
+        return (row["study"], row["subject"]) == (self.study, self.subject)
+
+
+def participants(found: Exported) -> list[Participant]:
+    """Return the participants with trials, by study and code.
+
+    A code that two studies of the store have, or two codes that a file system may take for one, are told apart: the
+    name of the study stands before the code and, if that is not enough, a number follows.
+    """
+    each = sorted({(str(row["study"]), str(row["subject"])) for row in found.trials.rows})
+    codes = Counter(label(subject).casefold() for _, subject in each)
+    taken: set[str] = set()
+    all_of_them = []
+    for study, subject in each:
+        name = label(subject) if codes[label(subject).casefold()] == 1 else label(study) + label(subject)
+        numbered = (name if number == 1 else f"{name}n{number}" for number in count(1))
+        free = next(one for one in numbered if one.casefold() not in taken)
+        taken.add(free.casefold())
+        all_of_them.append(Participant(study, subject, free))
+    return all_of_them
+
+
+def runs_of(rows: Sequence[TableRow]) -> list[Value]:
+    """Return the runs of the trials, each once, in the order of the store."""
+    return list(dict.fromkeys(row["run"] for row in rows))
+
+
+def description(found: Exported) -> str:
+    """Return a description of the data in a sentence or two, which calls simulated data simulated."""
+    text = f"Vibrotactile {' and '.join(task_names(found.trials.rows))}, one row for each answered trial."
+    simulated = {row["respondent"] for row in found.trials.rows} & {"simulated", "script"}
+    if simulated:
+        text += " Simulated subjects answered; see the column respondent."
+    elif any(row["rig_simulated"] == 1 for row in found.trials.rows):
+        text += " The display was simulated: nothing could be felt; see the columns rig_simulated and shown."
+    return text
+
 
 Value = str | int | float | None
 TableRow = Mapping[str, Value]
@@ -188,8 +300,8 @@ def _subjects(connection: Connection) -> ExportTable:
     for row in connection.execute(select(schema.demographic).order_by(schema.demographic.c.id)):
         facts.setdefault(row.subject_id, {})[row.name] = row.value
         meanings.setdefault(row.name, Meaning(row.name, "As the laboratory defines it", row.unit))
-    for label in connection.execute(select(schema.protocol_version.c.toml)).scalars():
-        for one in parse_any_protocol(label).demographic:
+    for text in connection.execute(select(schema.protocol_version.c.toml)).scalars():
+        for one in parse_any_protocol(text).demographic:
             meanings[one.name] = Meaning(one.name, one.label, one.unit)
     subject = schema.subject
     query = (

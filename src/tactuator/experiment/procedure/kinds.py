@@ -9,13 +9,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from tactuator.experiment.part import Part, Positive
-from tactuator.experiment.procedure.answering import Answering
-from tactuator.experiment.procedure.procedure import Playable, Procedure
+from tactuator.experiment.keys import Part, Positive
+from tactuator.experiment.procedure.curve_prior import CurvePrior
+from tactuator.experiment.procedure.procedure import Answering, Playable, Procedure
 from tactuator.experiment.procedure.quest_plus import QuestPlus, QuestPlusRule
 from tactuator.experiment.procedure.up_down import IMECE2004, UpDown, UpDownRule
-from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
-from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurve, WholeCurveRule
+from tactuator.experiment.procedure.whole_curve import WholeCurve, WholeCurveRule
 from tactuator.perception.curve import COMFORT_DB_SL, LOWEST_DB_SL
 
 Level = Annotated[float, Field(ge=LOWEST_DB_SL, le=COMFORT_DB_SL, allow_inf_nan=False)]

@@ -6,15 +6,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from tactuator.experiment.part import Part, Positive
+from tactuator.experiment.keys import Part, Positive
 from tactuator.experiment.procedure.kinds import AnyProcedure, Level
-from tactuator.experiment.procedure.practice import Practice
-from tactuator.experiment.procedure.procedure import Playable, Procedure
+from tactuator.experiment.procedure.procedure import Playable, Practice, Procedure
 from tactuator.experiment.protocol.study import Seconds, StudyProtocol
-from tactuator.experiment.trial.marks import Marks
-from tactuator.experiment.trial.stimulus import Masker
-from tactuator.experiment.trial.timing import Timing
-from tactuator.experiment.trial.trial import ForcedChoice
+from tactuator.experiment.trial.trial import ForcedChoice, Marks, Masker, Timing
 
 
 class Conditions(Part):

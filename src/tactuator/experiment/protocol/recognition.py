@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from tactuator.experiment.part import Part
+from tactuator.experiment.keys import Part
 from tactuator.experiment.protocol.study import Seconds as BreakSeconds
 from tactuator.experiment.protocol.study import StudyProtocol, each_once
 

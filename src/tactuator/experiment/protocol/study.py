@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, StringConstraints, model_validator
 
-from tactuator.experiment.part import Part, Positive
+from tactuator.experiment.keys import Part, Positive
 
 Seconds = Annotated[float, Field(ge=0.0, le=86400.0, allow_inf_nan=False)]
 Celsius = Annotated[float, Field(gt=0.0, lt=50.0)]

@@ -1,4 +1,9 @@
-"""Intervals of a stored run as arrays: levels played and levels at the sensor, and faults of the playing."""
+"""What was played in a stored run, and what of it a reader must know: hum, catch trials, the level delivered.
+
+The delivered level is that at the sensor relative to the commanded one. Above FRICTION_HZ a display's gain does not
+depend on the level, so all stimuli of a run contribute, the loudest most. Below it friction makes the gain depend on
+the level, and only stimuli near threshold contribute.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +11,105 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binom
 
 from tactuator.arrays import FloatArray
 from tactuator.experiment.store.stored_runs import StoredRun
-from tactuator.experiment.trial.timing import Timing
+from tactuator.experiment.trial.trial import Timing
 from tactuator.signals.decibels import from_db
+
+_LAPSE_RATE = 0.03
+_FALSE_ALARM_RATE = 0.02
+"""A run is flagged where the errors in loud trials have a probability below _FALSE_ALARM_RATE at a lapse rate of
+_LAPSE_RATE, or the right answers in blank ones have a probability below _FALSE_ALARM_RATE by chance."""
+
+
+def catch_kinds(run: StoredRun) -> NDArray[np.str_]:
+    """Return the kind of each trial, shape (trials,): "loud", "blank", or "" for trials that the procedure placed."""
+    trials = run.correct.size
+    each = run.intervals.saturated.size // max(trials, 1)
+    if each == 0:
+        return np.full(trials, "", dtype="<U5")
+    seen = run.intervals
+    loud, tone = (of[: trials * each].reshape(trials, each).any(axis=1) for of in (seen.is_loud, seen.is_tone))
+    return np.where(loud, "loud", np.where(tone, "", "blank"))
+
+
+def inattentive(missed: int, loud: int) -> bool:
+    """Return whether more of the loud trials were missed than a lapse rate of 3 % explains."""
+    return bool(loud and binom.sf(missed - 1, loud, _LAPSE_RATE) < _FALSE_ALARM_RATE)
+
+
+def attention(run: StoredRun) -> tuple[str, ...]:
+    """Return the flags of the catch trials.
+
+    `attention` stands for too many errors in loud trials, `cue` for too many right answers where nothing was played.
+    """
+    kinds = catch_kinds(run)
+    loud, blank = run.correct[kinds == "loud"], run.correct[kinds == "blank"]
+    found = []
+    if inattentive(int(np.sum(~loud)), loud.size):
+        found.append("attention")
+    if blank.size and binom.sf(np.sum(blank) - 1, blank.size, run.protocol.forced_choice().guess) < _FALSE_ALARM_RATE:
+        found.append("cue")
+    return tuple(found)
+
+
+FRICTION_HZ = 25.0
+_NEAR_THRESHOLD_DB = 4.0
+_LARGEST_SD_DB = 3.0
+
+
+@dataclass(frozen=True)
+class DeliveredLevel:
+    """Gain of the display in a run.
+
+    offset_db: level at the sensor above the commanded level. sd_db: its standard deviation. Both NaN where noise hides
+    it.
+    """
+
+    offset_db: float
+    sd_db: float
+
+
+def delivered_level(
+    commanded_db_sl: FloatArray,
+    measured_db_sl: FloatArray,
+    frequency_hz: float,
+    level_db_sl: float,
+    near_db: float = _NEAR_THRESHOLD_DB,
+) -> DeliveredLevel:
+    """Estimate the display's gain at a frequency from intervals played there.
+
+    commanded_db_sl (NaN in blank intervals), measured_db_sl: (intervals,). level_db_sl: the threshold; near_db: how
+    near to it a stimulus must be below FRICTION_HZ. The power at the sensor is g^2 c + b (c: commanded; b: hum and
+    noise, from the blank intervals) with the variance b^2 + 2 g^2 c b of a sinusoid in noise; g^2 is its weighted
+    least-squares estimate. Where the powers scatter more than that, the standard deviation grows with them.
+    """
+    known = np.isfinite(measured_db_sl)
+    blank = known & np.isnan(commanded_db_sl)
+    played = known & np.isfinite(commanded_db_sl)
+    if frequency_hz < FRICTION_HZ:
+        with np.errstate(invalid="ignore"):
+            played &= np.abs(commanded_db_sl - level_db_sl) <= near_db
+    nothing = DeliveredLevel(float("nan"), float("nan"))
+    if not played.any():
+        return nothing
+    hum = from_db(measured_db_sl[blank]) ** 2
+    base, base_sd = (float(hum.mean()), float(hum.std() / np.sqrt(hum.size))) if hum.size else (0.0, 0.0)
+    signal = from_db(commanded_db_sl[played]) ** 2
+    seen = from_db(measured_db_sl[played]) ** 2 - base
+    gain = max(float(seen.sum() / signal.sum()), 1e-3)
+    for _ in range(3):
+        weight = 1.0 / (base**2 + 2.0 * gain * signal * base + 1e-6 * (gain * signal) ** 2)
+        gain = max(float(np.sum(weight * signal * seen) / np.sum(weight * signal**2)), 1e-9)
+    scatter = 1.0 / np.sum(weight * signal**2) + (base_sd * np.sum(weight * signal) / np.sum(weight * signal**2)) ** 2
+    excess = float(np.sum(weight * (seen - gain * signal) ** 2)) / max(signal.size - 1, 1)
+    sd_db = float(10.0 / np.log(10.0) * np.sqrt(scatter * max(excess, 1.0)) / gain)
+    if not sd_db <= _LARGEST_SD_DB:
+        return nothing
+    return DeliveredLevel(float(10.0 * np.log10(gain)), sd_db)
+
 
 _MAINS_HZ = (50.0, 60.0)
 _FELT_RE_THRESHOLD_DB = -10.0

@@ -7,19 +7,62 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.experiment.procedure.curve_belief import CurveBelief
+from tactuator.experiment.procedure.curve_prior import clear_of_mains
 from tactuator.experiment.procedure.procedure import Playable, Procedure
 from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
 from tactuator.experiment.procedure.run_flags import RunFlags, run_flags
 from tactuator.experiment.procedure.up_down import UpDown
-from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurve
-from tactuator.experiment.result.catch import attention, catch_kinds
-from tactuator.experiment.result.curve_runs import curve_run
-from tactuator.experiment.result.played import PlayedIntervals, hum_is_felt, is_simulated, played
+from tactuator.experiment.procedure.whole_curve import CurveFlags, Trials, WholeCurve, WholeCurveRule, curve_flags
+from tactuator.experiment.result.played import (
+    DeliveredLevel,
+    PlayedIntervals,
+    attention,
+    catch_kinds,
+    delivered_level,
+    hum_is_felt,
+    is_simulated,
+    played,
+)
 from tactuator.experiment.store.stored_runs import StoredRun
-from tactuator.experiment.trial.delivered_level import DeliveredLevel, delivered_level
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP
+
+_POINT_COUNT = 12
+
+
+@dataclass(frozen=True)
+class CurveRun:
+    """The curve of a whole-curve run, each array (12,).
+
+    frequency_hz: twelve frequencies over the band. level_db_sl, sd_db: of the curve there. flags: of the run.
+    """
+
+    frequency_hz: FloatArray
+    level_db_sl: FloatArray
+    sd_db: FloatArray
+    flags: CurveFlags
+
+
+def curve_run(
+    rule: WholeCurveRule, frequency_hz: FloatArray, levels_db_sl: FloatArray, correct: NDArray[np.bool_]
+) -> CurveRun:
+    """Return the curve after trials, each array (trials,), as they were played, whatever placed them."""
+    prior = rule.prior
+    belief = CurveBelief(prior, rule.answering)
+    points = np.argmin(np.abs(np.log(frequency_hz[:, None] / prior.frequency_hz)), axis=1)
+    for point, level, right in zip(points, levels_db_sl, correct, strict=True):
+        belief.learn(np.array([point]), np.array([level]), np.array([right]))
+    flags = curve_flags(belief, Trials(points[None, :], levels_db_sl[None, :], correct[None, :]))
+    asked = clear_of_mains(
+        np.geomspace(*prior.band_hz, _POINT_COUNT), prior.mains_hz, prior.clearance_hz, prior.band_hz
+    )
+    mean, sd = belief.curve(asked)
+    return CurveRun(asked, mean[0], sd[0], flags)
+
 
 DISQUALIFYING = frozenset({"attention", "chance", "drift", "lapses", "mains", "out-of-range", "trial-limit"})
 """Flags of runs whose threshold a group curve leaves out unless it is told to keep them."""

@@ -11,25 +11,29 @@ from sqlalchemy import Connection, select
 
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import Words, shipped_words
-from tactuator.experiment.procedure.practice import Practice
-from tactuator.experiment.procedure.procedure import Procedure
+from tactuator.experiment.procedure.procedure import Practice, Procedure
 from tactuator.experiment.procedure.run_flags import LEAST_LOG_EVIDENCE
 from tactuator.experiment.procedure.up_down import UpDown
-from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurve
+from tactuator.experiment.procedure.whole_curve import WholeCurve
 from tactuator.experiment.protocol.plan import PlannedRun, plan_runs, run_seed
 from tactuator.experiment.protocol.protocol import Protocol
-from tactuator.experiment.result.tables import ResultTable, threshold_table
+from tactuator.experiment.result.confusion import ResultTable, threshold_table
 from tactuator.experiment.result.thresholds import thresholds
-from tactuator.experiment.session.apparatus import Apparatus
-from tactuator.experiment.session.task import Envelope, OfferedResponse, Picture, PlaybackCallbacks, Question, Rules
+from tactuator.experiment.session.task import (
+    Apparatus,
+    Envelope,
+    OfferedResponse,
+    Picture,
+    PlaybackCallbacks,
+    Question,
+    Rules,
+)
 from tactuator.experiment.store import schema
-from tactuator.experiment.store.answer_records import PlayedTrial
+from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
-from tactuator.experiment.trial.detection_run import Detection
-from tactuator.experiment.trial.presenter import Presenter
-from tactuator.experiment.trial.timing import Timing
-from tactuator.experiment.trial.trial import BLANK, LOUD, SIGNAL, Trial, trial_rng
+from tactuator.experiment.trial.presenter import Detection, Presenter
+from tactuator.experiment.trial.trial import BLANK, LOUD, SIGNAL, Timing, Trial, trial_rng
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.excitation import ramps
 

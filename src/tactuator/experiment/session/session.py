@@ -7,19 +7,113 @@ and the same next trial stands there.
 from __future__ import annotations
 
 import hashlib
+from collections import deque
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Literal
 
 from tactuator.errors import BadInput, StoreFault
 from tactuator.experiment.protocol.plan import PlannedRun
-from tactuator.experiment.session.clock import Clock
-from tactuator.experiment.session.pace import Pace
-from tactuator.experiment.session.standing import Acknowledged, NextTrial, Running, RunTally, replay
-from tactuator.experiment.session.task import Course, SessionTask
-from tactuator.experiment.store import answer_records, run_records, study_records
-from tactuator.experiment.store.cells import Found, stamp
+from tactuator.experiment.session.task import Clock, Course, SessionTask
+from tactuator.experiment.store import records
+from tactuator.experiment.store.records import Found, stamp
 from tactuator.experiment.store.store import Store
+from tactuator.experiment.trial.trial import Trial
+
+_BETWEEN_TRIALS_S = 1.5
+"""Time from the end of a trial to the next one where nothing is known of the subject yet."""
+_PAUSE_S = 60.0
+"""A longer time between two answers is a break, which is left out of the pace."""
+_TRIALS_AVERAGED = 30
+
+
+@dataclass
+class Pace:
+    """Seconds that trials take beside what they play: the mean of the last thirty."""
+
+    _beside_s: deque[float] = field(init=False, default_factory=lambda: deque(maxlen=_TRIALS_AVERAGED))
+    _last_s: float | None = field(init=False, default=None)
+
+    def answered(self, now_s: float, played_s: float) -> None:
+        """Take the time of an answer into account; played_s: duration of its trial's presentation."""
+        if self._last_s is not None and now_s - self._last_s < _PAUSE_S + played_s:
+            self._beside_s.append(max(0.0, now_s - self._last_s - played_s))
+        self._last_s = now_s
+
+    @property
+    def beside_s(self) -> float:
+        """Return the seconds between trials, as measured or, before any answer, as assumed."""
+        return sum(self._beside_s) / len(self._beside_s) if self._beside_s else _BETWEEN_TRIALS_S
+
+
+_LEVEL_TOLERANCE_DB = 1e-6
+
+
+@dataclass(frozen=True)
+class NextTrial:
+    """The trial to present next; run: its row in the store; seed: of the run."""
+
+    run: int
+    planned: PlannedRun
+    trial: Trial
+    seed: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Acknowledged:
+    """An answer that is in the store.
+
+    right: the right response, where the run has feedback. again: True where the answer was in the store already.
+    """
+
+    run: int
+    number: int
+    correct: bool
+    right: str | None
+    again: bool = False
+
+
+@dataclass(frozen=True)
+class RunTally:
+    """Progress of a planned run; state: as in the store, or `planned`."""
+
+    planned: PlannedRun
+    state: str
+    answered: int
+    correct: int
+
+
+@dataclass
+class Running:
+    """The run that goes on, with its course."""
+
+    row: int
+    planned: PlannedRun
+    attempt: int
+    course: Course
+    last_heard_s: float
+
+
+def replay(course: Course, run: int, answers: Sequence[Found]) -> None:
+    """Take a course through a run's answers. Raises BadInput where the store's trials are not those of the course."""
+    for row in answers:
+        trial = course.trial()
+        if trial is None or not _is_stored(trial, row):
+            raise BadInput(f"run {run}, trial {row.number}: the store does not replay", "its own protocol")
+        course.record(row.response)
+
+
+def _is_stored(trial: Trial, row: Found) -> bool:
+    """Return whether a trial is the one in the store's row."""
+    level = None if trial.placement is None else trial.placement.level_db_sl
+    if level is None or row.level_db_sl is None:
+        same = level is row.level_db_sl
+    else:
+        same = abs(level - row.level_db_sl) <= _LEVEL_TOLERANCE_DB
+    return same and trial.correct == row.correct_response
+
 
 Stage = Literal["consent", "break", "introduction", "trial", "done", "ended"]
 
@@ -39,10 +133,10 @@ class Session:
         task: SessionTask,
         version: int,
         clock: Clock,
-        sitting: run_records.Sitting | None = None,
+        sitting: records.Sitting | None = None,
     ) -> None:
         self.store, self.id, self.task, self.version, self.clock = store, int(row.id), task, version, clock
-        self.sitting = sitting or run_records.Sitting()
+        self.sitting = sitting or records.Sitting()
         self._who = (int(row.subject_number), int(row.visit))
         self.runs = task.runs(*self._who)
         self.held: PlannedRun | None = None
@@ -60,16 +154,16 @@ class Session:
 
     def _load(self) -> None:
         with self.store.read() as connection:
-            row = study_records.session(connection, self.id)
+            row = records.session(connection, self.id)
             self._ended, pinned = row.ended, row.protocol_version_id
             self._consented = row.consented_utc is not None or not self.task.protocol.study.consent
-            last = answer_records.last_answer_utc(connection, self.id)
-            self.trials = answer_records.trial_count(connection, self.id)
-            self._since_break = self.trials - run_records.last_break(connection, self.id)
-            runs = run_records.latest_runs(connection, self.id)
-            tallies = answer_records.tallies(connection, self.id)
+            last = records.last_answer_utc(connection, self.id)
+            self.trials = records.trial_count(connection, self.id)
+            self._since_break = self.trials - records.last_break(connection, self.id)
+            runs = records.latest_runs(connection, self.id)
+            tallies = records.tallies(connection, self.id)
             going = next((run for run in runs if run.state == "running"), None)
-            answers = [] if going is None else answer_records.answers(connection, going.id)
+            answers = [] if going is None else records.answers(connection, going.id)
         if pinned not in (None, self.version):
             raise BadInput(f"session {self.id} began under another version of the protocol", "that one")
         self._rested_since_s = self.clock.monotonic_s() - (0.0 if last is None else max(self._since_s(last), 0.0))
@@ -197,27 +291,25 @@ class Session:
 
     def _attempts(self, position: int) -> int:
         with self.store.read() as connection:
-            return run_records.attempts(connection, self.id, position)
+            return records.attempts(connection, self.id, position)
 
     def _begin(self, planned: PlannedRun, attempt: int, replaced: Running | None = None) -> Running:
         now = self.clock.utc()
         with self.store.begin() as connection:
             if replaced is not None:
-                run_records.end_run(connection, replaced.row, "restarted", now)
+                records.end_run(connection, replaced.row, "restarted", now)
                 limit = self.task.rules.resume_within_s
-                run_records.note(connection, self.id, "restart", f"run {replaced.row} lay longer than {limit:g} s", now)
+                records.note(connection, self.id, "restart", f"run {replaced.row} lay longer than {limit:g} s", now)
             apparatus = self.task.apparatus.record(planned.finger)
-            row = run_records.begin_run(
-                connection, self.id, planned, attempt, apparatus, self.sitting, self.version, now
-            )
-            study_records.change_session(connection, self.id, protocol_version_id=self.version)
+            row = records.begin_run(connection, self.id, planned, attempt, apparatus, self.sitting, self.version, now)
+            records.change_session(connection, self.id, protocol_version_id=self.version)
         self._states[planned.position], self._tally[planned.position] = "running", (0, 0)
         self._running = self._new_running(row, planned, attempt)
         return self._running
 
     # -- answers and events
 
-    def answer(self, played: answer_records.PlayedTrial, answer: answer_records.Answer) -> Acknowledged:
+    def answer(self, played: records.PlayedTrial, answer: records.Answer) -> Acknowledged:
         """Save the answer to the trial that stands; it returns only after the commit.
 
         Raises BadInput for an answer that is not allowed or to another trial, and StoreFault, with nothing changed,
@@ -229,7 +321,7 @@ class Session:
             raise BadInput(f"answer to trial {number}", "to the trial that stands")
         correct = played.trial.judge(answer.response)
         with self.store.begin() as connection:
-            answer_records.save_answer(connection, running.row, played, answer)
+            records.save_answer(connection, running.row, played, answer)
         running.course.record(answer.response)
         running.last_heard_s = self._rested_since_s = self.clock.monotonic_s()
         self._pace.answered(running.last_heard_s, self.task.expected(running.planned)[1])
@@ -244,7 +336,7 @@ class Session:
     def already(self, run: int, number: int) -> Acknowledged | None:
         """Return the acknowledgement of an answer that is in the store, for one that is sent again, or None."""
         with self.store.read() as connection:
-            row = answer_records.answer(connection, self.id, run, number)
+            row = records.answer(connection, self.id, run, number)
         if row is None:
             return None
         told = row.correct_response if self.runs[row.position].feedback else None
@@ -262,11 +354,11 @@ class Session:
         self._leave_run(state)
         with suppress(StoreFault), self.store.begin() as connection:
             now = self.clock.utc()
-            run_records.end_run(connection, running.row, state, now)
+            records.end_run(connection, running.row, state, now)
             if state == "restarted":
                 self.held = running.planned
                 detail = f"run {running.row}: {running.course.trials} trials"
-                run_records.note(connection, self.id, "practice-not-passed", detail, now)
+                records.note(connection, self.id, "practice-not-passed", detail, now)
 
     def _leave_run(self, state: str) -> None:
         assert self._running is not None
@@ -277,7 +369,7 @@ class Session:
         """Store consent to this text, in this version of the protocol, which the session stays with."""
         study = self.task.protocol.study
         with self.store.begin() as connection:
-            study_records.change_session(
+            records.change_session(
                 connection,
                 self.id,
                 consented_utc=stamp(self.clock.utc()),
@@ -300,15 +392,15 @@ class Session:
         running = self._running
         if running is not None:
             with self.store.begin() as connection:
-                run_records.end_run(connection, running.row, "stopped", self.clock.utc())
+                records.end_run(connection, running.row, "stopped", self.clock.utc())
             self._leave_run("stopped")
         self._end("withdrawn" if keep else "withdrawn-discard", "answers kept" if keep else "answers not to be used")
 
     def _end(self, how: str, detail: str) -> None:
         now = self.clock.utc()
         with self.store.begin() as connection:
-            study_records.change_session(connection, self.id, ended=how, ended_utc=stamp(now))
-            run_records.note(connection, self.id, how, detail, now)
+            records.change_session(connection, self.id, ended=how, ended_utc=stamp(now))
+            records.note(connection, self.id, how, detail, now)
         self._ended = how
 
     def end_break(self) -> None:
@@ -335,16 +427,16 @@ class Session:
         if self._running is None:
             raise BadInput("no run goes on", "stopping one that does")
         with self.store.begin() as connection:
-            run_records.end_run(connection, self._running.row, "stopped", self.clock.utc())
+            records.end_run(connection, self._running.row, "stopped", self.clock.utc())
         self._leave_run("stopped")
 
     def _give_up_held(self, planned: PlannedRun) -> None:
         with self.store.begin() as connection:
-            row = next(run for run in run_records.latest_runs(connection, self.id) if run.position == planned.position)
-            run_records.end_run(connection, row.id, "stopped", self.clock.utc())
+            row = next(run for run in records.latest_runs(connection, self.id) if run.position == planned.position)
+            records.end_run(connection, row.id, "stopped", self.clock.utc())
         self._states[planned.position], self.held = "stopped", None
 
     def note(self, kind: str, detail: str, trials: int | None = None) -> None:
         """Store an event of that kind."""
         with self.store.begin() as connection:
-            run_records.note(connection, self.id, kind, detail, self.clock.utc(), trials)
+            records.note(connection, self.id, kind, detail, self.clock.utc(), trials)

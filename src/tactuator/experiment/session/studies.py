@@ -1,8 +1,14 @@
-"""Studies: a protocol of either kind at an apparatus, its versions, and a session for every visit of a subject."""
+"""Studies: a protocol of either kind at an apparatus, its versions, its subjects, and a session for every visit.
+
+Subjects are enrolled and corrected without any apparatus; what stood where something was corrected stays as an event.
+"""
 
 from __future__ import annotations
 
+import secrets
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -14,18 +20,162 @@ from tactuator.experiment.protocol.file import parse_any_protocol
 from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
-from tactuator.experiment.session.apparatus import Apparatus
-from tactuator.experiment.session.clock import Clock
 from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.enrolment import Books, Correction, add_visit, change_day, correct, enrol
 from tactuator.experiment.session.recognition_task import RecognitionTask
 from tactuator.experiment.session.session import Session
-from tactuator.experiment.session.task import SessionTask
-from tactuator.experiment.store import study_records
-from tactuator.experiment.store.cells import Found, stamp
-from tactuator.experiment.store.run_records import Sitting, note
+from tactuator.experiment.session.task import Apparatus, Clock, SessionTask
+from tactuator.experiment.store import records
+from tactuator.experiment.store.records import Change, Found, NewSubject, Sitting, Tokens, note, stamp
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.store.study_records import Tokens
+
+_TOKEN_BYTES = 16
+
+
+def fresh_token(code: str, visit: int) -> str:
+    """Return a token for the link of a subject's visit: nobody guesses it."""
+    return secrets.token_urlsafe(_TOKEN_BYTES)
+
+
+@dataclass(frozen=True)
+class Books:
+    """Row, newest protocol, tokens of links and time: all that enrolment in a study needs."""
+
+    study: int
+    protocol: StudyProtocol
+    tokens: Tokens
+    now: datetime
+
+
+def books_of(connection: Connection, name: str | None, tokens: Tokens, now: datetime) -> Books:
+    """Return the books of the store's study of that name; without a name, of its only one.
+
+    Raises BadInput where there is none, or several and no name.
+    """
+    names = records.study_names(connection)
+    if name is None and len(names) != 1:
+        raise BadInput(f"the store has {len(names)} studies", f"--study with one of: {', '.join(names) or 'none'}")
+    study = records.study_by_name(connection, names[0] if name is None else name)
+    if study is None:
+        raise BadInput(f"study {name!r} is not in the store", f"{', '.join(names) or 'none: it is empty'}")
+    newest = records.versions(connection, study)[-1]
+    return Books(study, parse_any_protocol(newest.toml), tokens, now)
+
+
+def enrol(connection: Connection, books: Books, part: SubjectPart) -> None:
+    """Add a subject with a session for each visit. Raises BadInput for one that is there, or facts not allowed."""
+    known = records.subjects(connection, books.study)
+    if any(part.code == one.code for one in known):
+        raise BadInput(f"subject {part.code!r} is enrolled already", "a code that is not taken")
+    if part.participant_id is not None and any(part.participant_id == one.participant_id for one in known):
+        raise BadInput(f"participant id {part.participant_id!r} is another subject's", "one that is not taken")
+    try:
+        facts = books.protocol.facts(part.demographics)
+    except ValueError as error:
+        raise BadInput(str(error)) from None
+    new = NewSubject(part.code, part.group, part.participant_id, facts=facts)
+    row = records.add_subject(connection, books.study, new, books.now)
+    for visit in range(1, books.protocol.study.visits + 1):
+        token = books.tokens(part.code, visit)
+        records.add_session(connection, books.protocol, row, token, books.now, part.skin_temperature_c)
+
+
+def add_visit(connection: Connection, books: Books, subject: str) -> None:
+    """Add a further visit of the subject of that code. Raises BadInput where there is none."""
+    rows = [row for row in records.sessions(connection, books.study) if row.subject_code == subject]
+    if not rows:
+        raise BadInput(f"subject {subject!r} is not in the study", "one that is enrolled")
+    who = next(one for one in records.subjects(connection, books.study) if one.code == subject)
+    token = books.tokens(subject, rows[-1].visit + 1)
+    records.add_session(connection, books.protocol, who, token, books.now)
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Values that replace what was noted of a subject or a visit.
+
+    facts: demographic items by name, "" to take one away. visit: whose data of the day are corrected, None: the first's
+    unless there are several. A value of None leaves what is there.
+    """
+
+    group: str | None = None
+    participant_id: str | None = None
+    facts: Mapping[str, str] = field(default_factory=dict)
+    visit: int | None = None
+    skin_temperature_c: float | None = None
+    preload_n: float | None = None
+
+
+def correct(connection: Connection, books: Books, code: str, correction: Correction, reason: str) -> list[Change]:
+    """Write correct data of the subject of that code and return the changes, each now an event with the reason.
+
+    Raises BadInput for a subject or visit that is not there, values that are not allowed, no reason, or where nothing
+    differs from what is there.
+    """
+    if not reason.strip():
+        raise BadInput("no reason", "one in words, which is kept with the correction")
+    rows = [row for row in records.sessions(connection, books.study) if row.subject_code == code]
+    if not rows:
+        raise BadInput(f"subject {code!r} is not in the study", "one that is enrolled")
+    found = _of_subject(connection, books, rows[0], correction)
+    day = {"skin_temperature_c": correction.skin_temperature_c, "preload_n": correction.preload_n}
+    asked = {name: value for name, value in day.items() if value is not None}
+    if asked or correction.visit is not None:
+        found += change_day(connection, _visit(rows, code, correction.visit), asked)
+    if not found:
+        raise BadInput(f"nothing of subject {code!r} differs from what is there", "another value")
+    for session, change in found:
+        note(connection, session, "correction", reason.strip(), books.now, subject=rows[0].subject_id, change=change)
+    return [change for _, change in found]
+
+
+def change_day(
+    connection: Connection, row: Found, values: Mapping[str, float | None]
+) -> list[tuple[int | None, Change]]:
+    """Write columns of a visit's row and return (session, change) for each that differs."""
+    before = row._mapping
+    found = [(row.id, Change(name, _text(before[name]), _text(value))) for name, value in values.items()]
+    if values:
+        records.change_session(connection, row.id, **values)
+    return [(session, change) for session, change in found if change.before != change.after]
+
+
+def _of_subject(
+    connection: Connection, books: Books, row: Found, correction: Correction
+) -> list[tuple[int | None, Change]]:
+    group, others = correction.group, records.subjects(connection, books.study)
+    outside = correction.participant_id
+    if outside is not None and any(one.participant_id == outside and one.id != row.subject_id for one in others):
+        raise BadInput(f"participant id {outside!r} is another subject's", "one that is not taken")
+    found = []
+    if group is not None and group != row.subject_group:
+        found.append(Change("subject_group", row.subject_group, group))
+        records.change_subject(connection, row.subject_id, subject_group=group)
+    if outside is not None and outside != row.participant_id:
+        found.append(Change("outside_id", row.participant_id, outside))
+        records.change_subject(connection, row.subject_id, participant_id=outside)
+    stands = records.facts(connection, books.study).get(row.subject_id, {})
+    for name, text in correction.facts.items():
+        try:
+            value, unit = books.protocol.fact(name, text)
+        except ValueError as error:
+            raise BadInput(str(error)) from None
+        if value != stands.get(name):
+            found.append(Change(name, stands.get(name), value))
+            records.set_fact(connection, row.subject_id, name, value, unit)
+    return [(None, change) for change in found]
+
+
+def _visit(rows: list[Found], code: str, visit: int | None) -> Found:
+    if visit is None and len(rows) > 1:
+        raise BadInput(f"data of a day of subject {code!r}, who has {len(rows)} visits", "with the visit")
+    row = next((one for one in rows if one.visit == (visit or 1)), None)
+    if row is None:
+        raise BadInput(f"visit {visit} of subject {code!r} is not planned", f"1 to {len(rows)}")
+    return row
+
+
+def _text(value: float | None) -> str | None:
+    return None if value is None else f"{value:.10g}"
 
 
 def task_of(protocol: StudyProtocol, beside: Path, apparatus: Apparatus) -> SessionTask:
@@ -67,7 +217,7 @@ class Study:
     def sessions(self) -> list[Found]:
         """Return the rows of the study's sessions, by subject and visit."""
         with self.store.read() as connection:
-            return study_records.sessions(connection, self.id)
+            return records.sessions(connection, self.id)
 
     def session(self, row: Found, sitting: Sitting | None = None) -> Session:
         """Return the session of that row, resumed in the version of the protocol that it began with.
@@ -82,7 +232,7 @@ class Study:
             return self.task
         if version not in self._tasks:
             with self.store.read() as connection:
-                rows = study_records.versions(connection, self.id)
+                rows = records.versions(connection, self.id)
             text = next(row.toml for row in rows if row.id == version)
             self._tasks[version] = task_of(parse_any_protocol(text), self.beside, self.task.apparatus)
         return self._tasks[version]
@@ -104,7 +254,7 @@ class Study:
         """Store the data of the day of a session; what was there before is kept as an event."""
         values = {"skin_temperature_c": skin_temperature_c, "preload_n": preload_n}
         with self.store.begin() as connection:
-            row, now = study_records.session(connection, session), self.clock.utc()
+            row, now = records.session(connection, session), self.clock.utc()
             for _, change in change_day(connection, row, values):
                 note(connection, session, "day", "", now, subject=row.subject_id, change=change)
 
@@ -118,7 +268,7 @@ class Study:
     def facts(self) -> dict[int, dict[str, str]]:
         """Return the demographic items of subjects by their row and the item's name."""
         with self.store.read() as connection:
-            return study_records.facts(connection, self.id)
+            return records.facts(connection, self.id)
 
     def claim(self, row: Found, participant_id: str) -> None:
         """Store the name that others have for the subject of that session.
@@ -130,13 +280,13 @@ class Study:
         except ValidationError:
             raise BadInput("participant id", "1 to 64 letters, digits, dots, dashes or underscores") from None
         with self.store.begin() as connection:
-            mine = study_records.session(connection, row.id).participant_id
+            mine = records.session(connection, row.id).participant_id
             if mine == taken:
                 return
-            known = study_records.subjects(connection, self.id)
+            known = records.subjects(connection, self.id)
             if mine is not None or any(one.participant_id == taken for one in known):
                 raise BadInput("this link is another participant's", "one's own")
-            study_records.change_subject(connection, row.subject_id, participant_id=participant_id)
+            records.change_subject(connection, row.subject_id, participant_id=participant_id)
 
 
 def open_study(
@@ -159,7 +309,7 @@ def open_study(
         study, version = _version(connection, task, text, clock, amend)
         task.enrol(connection, study)
         opened = Study(store, study, task, version, beside or Path(), clock, tokens)
-        known = {one.code for one in study_records.subjects(connection, study)}
+        known = {one.code for one in records.subjects(connection, study)}
         for part in task.protocol.subject:
             if part.code not in known:
                 enrol(connection, opened._books(), part)
@@ -169,11 +319,11 @@ def open_study(
 def _version(connection: Connection, task: SessionTask, text: str, clock: Clock, amend: str | None) -> tuple[int, int]:
     """Return the rows of the study and of the version of its protocol that has this text."""
     name, now = task.protocol.study.name, clock.utc()
-    study = study_records.study_by_version(connection, text) or study_records.study_by_name(connection, name)
+    study = records.study_by_version(connection, text) or records.study_by_name(connection, name)
     if study is None:
-        study = study_records.add_study(connection, name, now)
-        return study, study_records.add_version(connection, study, text, "", now)
-    rows = study_records.versions(connection, study)
+        study = records.add_study(connection, name, now)
+        return study, records.add_version(connection, study, text, "", now)
+    rows = records.versions(connection, study)
     same = next((row for row in rows if row.toml == text), None)
     if same is not None and same is not rows[-1]:
         raise BadInput(
@@ -191,7 +341,7 @@ def _version(connection: Connection, task: SessionTask, text: str, clock: Clock,
             )
         amend = "subjects"
     note(connection, None, "amended", f"{name}: version {rows[-1].number + 1} at {stamp(now)}: {amend}", now)
-    return study, study_records.add_version(connection, study, text, amend, now)
+    return study, records.add_version(connection, study, text, amend, now)
 
 
 def open_session(study: Study, subject: str, visit: int | None = None, sitting: Sitting | None = None) -> Session:

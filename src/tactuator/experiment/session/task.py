@@ -1,26 +1,127 @@
-"""Protocols of a task in a session, be it detection or recognition, and what tasks show of their trials."""
+"""Tasks of a session, be it detection or recognition: what they ask and show, their apparatus and their clock."""
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import ClassVar, Protocol
 
 import numpy as np
 from sqlalchemy import Connection
 
 from tactuator.arrays import FloatArray
+from tactuator.errors import BadInput
 from tactuator.experiment.language.words import Words
-from tactuator.experiment.protocol.plan import PlannedRun
+from tactuator.experiment.procedure.procedure import Playable
+from tactuator.experiment.protocol.plan import ALL_FINGERS, PlannedRun
 from tactuator.experiment.protocol.study import StudyProtocol
-from tactuator.experiment.result.tables import ResultTable
-from tactuator.experiment.session.apparatus import Apparatus
-from tactuator.experiment.store.answer_records import PlayedTrial
+from tactuator.experiment.result.confusion import ResultTable
+from tactuator.experiment.store.records import ApparatusRecord, PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.presenter import Watch
-from tactuator.experiment.trial.trial import Trial
+from tactuator.experiment.trial.trial import Timing, Trial
+from tactuator.model.controller import Controller
+from tactuator.model.description import Channel
+from tactuator.rig.paced import Paced
+from tactuator.rig.rig import Rig
+from tactuator.rig.touchable import TouchableRig
+
+
+class Clock(Protocol):
+    """A clock: `utc` for records, `monotonic_s` for durations within one process."""
+
+    def utc(self) -> datetime:
+        """Return the present time with its time zone."""
+        ...
+
+    def monotonic_s(self) -> float:
+        """Return seconds that only go forward."""
+        ...
+
+
+class SystemClock:
+    """The clock of the machine."""
+
+    def utc(self) -> datetime:
+        """Return the present time in UTC."""
+        return datetime.now(UTC)
+
+    def monotonic_s(self) -> float:
+        """Return the seconds since some start."""
+        return time.monotonic()
+
+
+class JumpWatch:
+    """Detector of jumps of the wall clock, relative to the monotonic one."""
+
+    def __init__(self, clock: Clock, tolerance_s: float = 2.0) -> None:
+        self._clock = clock
+        self._tolerance_s = tolerance_s
+        self._utc, self._monotonic_s = clock.utc(), clock.monotonic_s()
+
+    def jump_s(self) -> float | None:
+        """Return how far the wall clock has jumped since the last call (forward positive), or None."""
+        utc, monotonic_s = self._clock.utc(), self._clock.monotonic_s()
+        jump = (utc - self._utc).total_seconds() - (monotonic_s - self._monotonic_s)
+        self._utc, self._monotonic_s = utc, monotonic_s
+        return jump if abs(jump) > self._tolerance_s else None
+
+
+@dataclass(frozen=True)
+class Apparatus:
+    """A rig with a controller loaded, and its name."""
+
+    rig: Rig
+    controller: Controller
+    name: str
+
+    def channel(self, finger: str) -> Channel:
+        """Return the channel for that finger (the first for all of them). Raises BadInput if the display has none."""
+        for channel in self.controller.display.channels:
+            if finger in (channel.finger, ALL_FINGERS):
+                return channel
+        fingers = ", ".join(channel.finger for channel in self.controller.display.channels)
+        raise BadInput(f"finger {finger!r} is not on the display", f"{fingers}")
+
+    def record(self, finger: str) -> ApparatusRecord:
+        """Return the description of the apparatus that is stored with a run on that finger."""
+        channel = self.channel(finger)
+        curve = channel.threshold.curve
+        return ApparatusRecord(
+            self.name,
+            self.controller.display.name,
+            self.controller.content_hash,
+            curve.name,
+            curve.content_hash,
+            channel.sensor_gain_v_per_mm,
+            *self.band_hz,
+            self.simulated,
+            self.rig.rate_hz,
+            self.rig.speed if isinstance(self.rig, Paced) else None,
+        )
+
+    def playable(self, timing: Timing) -> Playable:
+        """Return the range of stimuli of that timing that a procedure which chooses frequencies may use."""
+        return Playable(self.band_hz, self.mains_hz, timing.clearance_hz(self.mains_hz or 100.0))
+
+    @property
+    def mains_hz(self) -> float:
+        """Return the fundamental of the hum that the display's first channel is said to have; 0 for none."""
+        return min(self.controller.display.channels[0].environment.hum_hz, default=0.0)
+
+    @property
+    def simulated(self) -> bool:
+        """Return whether the display is simulated, so that nobody can feel anything there."""
+        return isinstance(self.rig, TouchableRig) and self.rig.has_finger_ports
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Return the band of the display's first channel."""
+        return self.controller.display.channels[0].threshold.band_hz
+
 
 Picture = Mapping[str, object]
 """A run as an operator's page draws it, in JSON's types: "kind" (track or confusion), "title", what that kind needs."""

@@ -12,13 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
-from tactuator.experiment.procedure.whole_curve.curve_drift import Trials
-from tactuator.experiment.procedure.whole_curve.curve_flags import curve_flags
-from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
-from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule
-from tactuator.experiment.simulated.loud_trials import with_loud_trials
-from tactuator.experiment.simulated.procedure_quality import Setting, shares
+from tactuator.experiment.procedure.curve_belief import CurveBelief
+from tactuator.experiment.procedure.curve_prior import CurveKind
+from tactuator.experiment.procedure.whole_curve import Trials, WholeCurveRule, curve_flags
+from tactuator.experiment.simulated.procedure_quality import Setting, shares, with_loud_trials
 from tactuator.perception.curve import RelativeCurve
 from tactuator.perception.psychometric import Psychometric, Weibull, weibull_rise
 

@@ -1,32 +1,149 @@
-"""A whole study with simulated subjects at a simulated display, into a store."""
+"""Simulated subjects whose finger is on a simulated display, and a whole study with them, into a store."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
+from tactuator.experiment.procedure.curve_prior import CurveKind
 from tactuator.experiment.protocol.file import protocol_hash
 from tactuator.experiment.protocol.protocol import Protocol
-from tactuator.experiment.session.apparatus import Apparatus
-from tactuator.experiment.session.clock import Clock
 from tactuator.experiment.session.detection_task import DetectionTask
-from tactuator.experiment.session.presented_session import PresentedSession
-from tactuator.experiment.session.respondent import Respondent, run_session
-from tactuator.experiment.session.standing import NextTrial
+from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
+from tactuator.experiment.session.session import NextTrial
 from tactuator.experiment.session.studies import open_session, open_study
-from tactuator.experiment.simulated.observer import Observer
-from tactuator.experiment.simulated.observer_at_rig import ObserverAtRig
-from tactuator.experiment.store.answer_records import PlayedTrial
-from tactuator.experiment.store.run_records import Sitting
+from tactuator.experiment.session.task import Apparatus, Clock
+from tactuator.experiment.store.records import PlayedTrial, Sitting
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.trial.trial import Trial
+from tactuator.experiment.trial.presenter import amplitude
+from tactuator.experiment.trial.trial import IntervalRecord, Timing, Trial, trial_rng
 from tactuator.perception.curve import RelativeCurve, ThresholdCurve
-from tactuator.perception.psychometric import Psychometric, Weibull
+from tactuator.perception.psychometric import MaxOfM, Psychometric, Weibull
 from tactuator.rig.touchable import TouchableRig, touchable
+from tactuator.signals.decibels import db
+
+
+@dataclass(frozen=True)
+class Observer:
+    """A subject with a threshold curve of its own.
+
+    curve: level (dB re 1 um peak) at which psi reaches its target. A Weibull or logistic observer notices each interval
+    independently with probability F (a high threshold), picks the strongest that it noticed, and guesses where it
+    noticed none; with the signal in one interval that is psi exactly. A MaxOfM observer takes the largest of m noisy
+    impressions. interval_bias: weights of the intervals in guesses and lapses (none: even). drift_db_per_trial: rise of
+    the threshold from trial to trial. Raises BadInput for weights that cannot be.
+    """
+
+    name: str
+    curve: ThresholdCurve
+    psychometric: Psychometric = field(default_factory=lambda: Psychometric(Weibull(2.5), lapse=0.02))
+    interval_bias: tuple[float, ...] | None = None
+    drift_db_per_trial: float = 0.0
+
+    def __post_init__(self) -> None:
+        bias = self.interval_bias
+        if bias is not None and (len(bias) < 2 or min(bias) < 0.0 or sum(bias) <= 0.0):
+            raise BadInput(f"observer {self.name!r}: interval_bias {list(bias)}", "weights >= 0, not all zero")
+
+    def respond(self, felt_db_re_1um: ArrayLike, frequency_hz: float, trial: int, rng: np.random.Generator) -> int:
+        """Return the index of the interval picked; felt_db_re_1um: (m,) level of each; trial: counted from 0."""
+        threshold = float(self.curve.level_db_re_1um_at(frequency_hz)) + self.drift_db_per_trial * trial
+        level = np.asarray(felt_db_re_1um, dtype=np.float64) - threshold
+        return respond(self.psychometric, level, self._weights(level.size), rng)
+
+    def _weights(self, intervals: int) -> FloatArray:
+        if self.interval_bias is None:
+            return np.full(intervals, 1.0 / intervals)
+        if len(self.interval_bias) != intervals:
+            raise BadInput(
+                f"observer {self.name!r}: interval_bias has {len(self.interval_bias)} weights for {intervals} intervals"
+            )
+        weights = np.asarray(self.interval_bias, dtype=np.float64)
+        return weights / float(weights.sum())
+
+
+def respond(psychometric: Psychometric, level_db: FloatArray, weights: FloatArray, rng: np.random.Generator) -> int:
+    """Return the index of the interval picked; level_db: (m,) re own threshold; weights: (m,) of guesses.
+
+    A lapse ignores what was felt, with probability lapse / (1 - guess), so that the highest psi is 1 - lapse.
+    """
+    intervals = level_db.size
+    inattentive = rng.random() < psychometric.lapse / (1.0 - psychometric.guess)
+    if isinstance(psychometric.shape, MaxOfM):
+        impression = psychometric.shape.d_prime(level_db, psychometric.at_threshold) + rng.standard_normal(intervals)
+        impression += _criterion_shift(weights)
+        picked = int(np.argmax(impression))
+    else:
+        noticed = rng.random(intervals) < psychometric.rise(level_db)
+        strongest = int(np.argmax(np.where(noticed, level_db, -np.inf)))
+        picked = strongest if noticed.any() else int(rng.choice(intervals, p=weights))
+    return int(rng.choice(intervals, p=weights)) if inattentive else picked
+
+
+def _criterion_shift(weights: FloatArray) -> FloatArray:
+    """Return what is added to each impression so that preferred intervals win more often; zero for even weights."""
+    return np.asarray(np.log(np.maximum(weights, 1e-6) * weights.size))
+
+
+_UM_PER_MM = 1000.0
+
+
+@dataclass
+class ObserverAtRig:
+    """An observer whose finger is on `channel`, with that load.
+
+    It judges each interval by the peak displacement at the stimulus's frequency, hum, noise and friction included. A
+    matched filter takes it from the stretches that the records of the intervals name.
+    """
+
+    observer: Observer
+    rig: TouchableRig
+    channel: str
+    timing: Timing
+    seed: tuple[int, ...]
+    load: str | None = None
+    _felt: list[FloatArray] = field(init=False, default_factory=list)
+
+    def __post_init__(self) -> None:
+        port = self.rig.finger(self.channel)
+        port.touch(self.load)
+        port.attach(self.feel)
+
+    def feel(self, displacement_mm: FloatArray) -> None:
+        """Keep the displacement of one block, shape (n,), in millimetres."""
+        self._felt.append(displacement_mm)
+
+    def levels_db_re_1um(self, frequency_hz: float, intervals: Sequence[IntervalRecord], lasted_s: float) -> FloatArray:
+        """Return the level felt in each interval, shape (m,), of a trial that took the last lasted_s seconds."""
+        felt, rate_hz = np.concatenate(self._felt), self.rig.rate_hz
+        begins = felt.size - round(lasted_s * rate_hz)
+        ramp_s, peaks_mm = self.timing.ramp_at_s(frequency_hz), []
+        for one in intervals:
+            assert one.onset_s is not None
+            assert one.duration_s is not None
+            onset = begins + round(one.onset_s * rate_hz)
+            stretch = felt[onset : onset + round(one.duration_s * rate_hz)]
+            peaks_mm.append(amplitude(stretch, frequency_hz, rate_hz, ramp_s))
+        return db(np.maximum(np.array(peaks_mm), 1e-12) * _UM_PER_MM)
+
+    def answer(self, trial: Trial, frequency_hz: float, intervals: Sequence[IntervalRecord], lasted_s: float) -> str:
+        """Return the interval picked, as a response, and forget what was felt so far."""
+        rng = trial_rng((*self.seed, 1), trial.number)
+        levels = self.levels_db_re_1um(frequency_hz, intervals, lasted_s)
+        self._felt.clear()
+        return trial.responses[self.observer.respond(levels, frequency_hz, trial.number, rng)]
+
+    def leave(self) -> None:
+        """Take the finger off the display."""
+        port = self.rig.finger(self.channel)
+        port.detach(self.feel)
+        port.touch(None)
+
 
 LOW_RAISED_DB, HIGH_LOWERED_DB = 4.0, -5.0
 """The paper's finding (its figure 11): thresholds on the display higher at low, lower at high frequencies."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import logging
 import os
 import sqlite3
@@ -10,11 +11,90 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, create_engine, event, insert, inspect, select
+from sqlalchemy import Connection, Engine, Table, create_engine, event, exists, insert, inspect, select
 from sqlalchemy.exc import DatabaseError, OperationalError
 
 from tactuator.errors import BadInput, StoreFault
 from tactuator.experiment.store import schema
+
+
+@contextmanager
+def sessions_of(store: str | Path) -> Iterator[None]:
+    """Hold the sessions of the store at that path for the length of the context.
+
+    The lock is the operating system's, on a file beside the store, so that it ends with the process, however that ends.
+    Raises BadInput, naming the process that has it, where another one runs the sessions.
+    """
+    path = Path(f"{store}.lock")
+    if not path.parent.is_dir():
+        raise BadInput(f"store {store}: its folder is not there", "a place in a folder that exists")
+    handle = _locked(path, store)
+    try:
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+        os.close(handle)
+
+
+def _locked(path: Path, store: str | Path) -> int:
+    """Open and lock the file at the path; one that its last holder removed meanwhile is opened anew."""
+    while True:
+        try:
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        except OSError as error:
+            raise BadInput(f"store {store}: {path.name}: {error.strerror}", "a folder that can be written") from None
+        try:
+            _lock(handle, store)
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(handle), path.stat()):
+                    return handle
+        except BadInput:
+            os.close(handle)
+            raise
+        os.close(handle)
+
+
+def _lock(handle: int, store: str | Path) -> None:
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        who = os.read(handle, 200).decode(errors="replace").strip() or "another process"
+        raise BadInput(f"store {store}: its sessions are run by {who}", "one at a time") from None
+    os.ftruncate(handle, 0)
+    with suppress(OSError):  # a full disk: it is locked all the same, by "another process"
+        os.pwrite(handle, f"process {os.getpid()} on {os.uname().nodename}\n".encode(), 0)
+
+
+@contextmanager
+def opened_store(path: Path) -> Iterator[Store]:
+    """Yield the database at the path, open for the length of the context; it is made if it is not there.
+
+    A database that was made here is taken away at the end if it holds no study, or if what was asked for was refused
+    (BadInput) before anything was presented. Raises BadInput as `Store` does.
+    """
+    was_there = path.exists()
+    store = Store(path)
+    for_nothing = not was_there
+    try:
+        yield store
+        for_nothing = for_nothing and not _holds(store, schema.study)
+    except BadInput:
+        for_nothing = for_nothing and not _holds(store, schema.run)
+        raise
+    except BaseException:
+        for_nothing = for_nothing and not _holds(store, schema.study)
+        raise
+    finally:
+        store.close()
+        if for_nothing:
+            for end in ("", "-wal", "-shm"):
+                Path(f"{path}{end}").unlink(missing_ok=True)
+
+
+def _holds(store: Store, table: Table) -> bool:
+    with store.read() as connection:
+        return bool(connection.execute(select(exists(select(table.c.id)))).scalar_one())
+
 
 _BUSY_TIMEOUT_MS = 2000
 

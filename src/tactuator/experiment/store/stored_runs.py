@@ -16,9 +16,8 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.store import schema
-from tactuator.experiment.store.cells import Found
+from tactuator.experiment.store.records import Found, session_query
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.store.study_records import session_query
 from tactuator.experiment.trial.trial import LOUD, SIGNAL
 
 _RUNS = 256

@@ -4,16 +4,105 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.trial.marks import Marks
+from tactuator.experiment.trial.trial import (
+    ForcedChoice,
+    IntervalRecord,
+    Marks,
+    Masker,
+    Timing,
+    ToneInterval,
+    Trial,
+    trial_rng,
+)
+from tactuator.model.description import Channel
 from tactuator.rig.rig import Rig, Ticking
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.trace import Trace, join_traces
+from tactuator.signals.decibels import db
+from tactuator.signals.excitation import ramps
+
+
+def amplitude(signal: FloatArray, frequency_hz: float, rate_hz: float, ramp_s: float) -> float:
+    """Return the peak amplitude at `frequency_hz` of a tone with these ramps over the whole of signal, shape (n,).
+
+    It comes by least squares over envelope x cos, envelope x sin and a constant: the matched filter of a ramped tone.
+    It has no leakage from the tone's own negative frequency, which a plain lock-in has when only a few periods are
+    there, and none from an offset.
+    """
+    cosine, sine = _analysis(signal.size, frequency_hz, rate_hz, ramp_s) @ signal
+    return float(np.hypot(cosine, sine))
+
+
+@lru_cache(maxsize=64)
+def _analysis(count: int, frequency_hz: float, rate_hz: float, ramp_s: float) -> FloatArray:
+    """Return the two rows of the pseudo-inverse that give the cosine and sine amplitudes, shape (2, count)."""
+    envelope = ramps(count, rate_hz, ramp_s)
+    phase = 2.0 * np.pi * frequency_hz * np.arange(count) / rate_hz
+    basis = np.column_stack([envelope * np.cos(phase), envelope * np.sin(phase), np.ones(count)])
+    return np.ascontiguousarray(np.linalg.solve(basis.T @ basis, basis.T)[:2])
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Settings of detection trials on one channel, and the presenter that plays them.
+
+    channel: the display's description of the channel that the presenter plays on.
+    """
+
+    presenter: Presenter
+    channel: Channel
+    timing: Timing = field(default_factory=Timing)
+    paradigm: ForcedChoice = field(default_factory=ForcedChoice)
+    masker: Masker | None = None
+
+    def play(
+        self, trial: Trial, frequency_hz: float, seed: Sequence[int]
+    ) -> tuple[tuple[IntervalRecord, ...], Presentation]:
+        """Play a trial, and return the records of its intervals and the presentation."""
+        tones = self.paradigm.tones(trial, frequency_hz)
+        references = [
+            self._reference(tone, trial_rng((*seed, 2, index), trial.number)) for index, tone in enumerate(tones)
+        ]
+        shown = self.presenter.present(references, self.timing.lead_s, self.timing.gap_s)
+        records = tuple(
+            self._record(label, tone, played)
+            for label, tone, played in zip(trial.stimuli, tones, shown.intervals, strict=True)
+        )
+        return records, shown
+
+    def _reference(self, tone: ToneInterval, rng: np.random.Generator) -> FloatArray:
+        rate_hz = self.presenter.rig.rate_hz
+        reference = self.presenter.on_channel(tone.wave(rate_hz, self.timing))
+        if self.masker is not None:
+            channel = self.masker.channel or self.presenter.channel
+            ramp_s = self.timing.ramp_at_s(tone.frequency_hz)
+            column = self.presenter.rig.channels.index(channel)
+            reference[:, column] += self.masker.wave(len(reference), rate_hz, ramp_s, rng)
+        return reference
+
+    def _record(self, label: str, tone: ToneInterval, played: PlayedInterval) -> IntervalRecord:
+        column, trace = self.presenter.column, played.trace
+        ramp_s = self.timing.ramp_at_s(tone.frequency_hz)
+        peak_v = amplitude(trace.position_v[:, column], tone.frequency_hz, trace.rate_hz, ramp_s)
+        unit_v = float(self.channel.threshold_voltage(tone.frequency_hz))
+        measured = float(db(max(peak_v, 1e-12) / unit_v))
+        return IntervalRecord(
+            label,
+            tone.level_db_sl,
+            measured,
+            bool(trace.saturated[:, column].any()),
+            played.onset_s,
+            played.duration_s,
+            played.lamp_late_s,
+        )
+
 
 Watch = Callable[[int, bool], None]
 """A function called with (interval from 0, True) as it begins and (interval, False) as it ends, by the rig's time."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactuator.experiment.result.group_curve import PersonThresholds
+from tactuator.experiment.result.store_results import PersonThresholds
 from tactuator.paper.loops import sampled_loop
 from tactuator.paper.response import LOADED, UNLOADED, ResponsePoint, nominal_response
 from tactuator.paper.run import PaperStudy

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from tactuator.experiment.procedure.answering import Answering
-from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
-from tactuator.experiment.procedure.whole_curve.curve_drift import LEAST_LOG_ODDS, Trials, curve_drift
-from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
-from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurveRule
+from tactuator.experiment.procedure.curve_belief import CurveBelief
+from tactuator.experiment.procedure.curve_prior import CurvePrior
+from tactuator.experiment.procedure.procedure import Answering
+from tactuator.experiment.procedure.whole_curve import LEAST_LOG_ODDS, Trials, WholeCurveRule, curve_drift
 from tactuator.experiment.simulated.curve_quality import simulate_curve
 from tactuator.experiment.simulated.procedure_quality import Setting
 from tactuator.perception.psychometric import Logistic, Psychometric

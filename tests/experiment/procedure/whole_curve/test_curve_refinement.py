@@ -5,10 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactuator.experiment.procedure.answering import Answering
-from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
-from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
-from tactuator.experiment.procedure.whole_curve.curve_refinement import PointLikelihoods, Sites, refine
+from tactuator.experiment.procedure.curve_belief import CurveBelief, PointLikelihoods, Sites, refine
+from tactuator.experiment.procedure.curve_prior import CurvePrior
+from tactuator.experiment.procedure.procedure import Answering
 
 ANSWERING = Answering(slopes=(2.0,), lapses=(0.05,), lapse_shares=(1.0,))
 MEAN, COVARIANCE = np.array([2.0, 3.0]), np.array([[25.0, 15.0], [15.0, 36.0]])

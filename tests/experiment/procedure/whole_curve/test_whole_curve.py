@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from scipy.linalg import cho_factor, cho_solve
 
-from tactuator.experiment.procedure.answering import Answering
-from tactuator.experiment.procedure.whole_curve.curve_belief import CurveBelief
-from tactuator.experiment.procedure.whole_curve.curve_kind import CurveKind
-from tactuator.experiment.procedure.whole_curve.curve_prior import CurvePrior
-from tactuator.experiment.procedure.whole_curve.whole_curve import WholeCurve, WholeCurveRule
+from tactuator.experiment.procedure.curve_belief import CurveBelief
+from tactuator.experiment.procedure.curve_prior import CurveKind, CurvePrior
+from tactuator.experiment.procedure.procedure import Answering
+from tactuator.experiment.procedure.whole_curve import WholeCurve, WholeCurveRule
 from tactuator.experiment.simulated.curve_quality import CurveQuality, simulate_curve
 from tactuator.experiment.simulated.procedure_quality import Setting
 from tactuator.perception.curve import RelativeCurve

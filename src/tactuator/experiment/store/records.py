@@ -1,0 +1,431 @@
+"""Reading and writing of studies, subjects, sessions, runs, trials and the responses to them, in a store."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import Connection, Integer, Row, Select, cast, delete, func, insert, select, update
+
+from tactuator import __version__
+from tactuator.experiment.protocol.file import protocol_hash
+from tactuator.experiment.protocol.plan import PlannedRun
+from tactuator.experiment.protocol.study import StudyProtocol
+from tactuator.experiment.store import schema
+from tactuator.experiment.trial.trial import IntervalRecord, Trial
+
+Found = Row[Any]
+
+
+def stamp(when: datetime) -> str:
+    """Return an instant as the store writes it: ISO 8601 with its zone, to the microsecond."""
+    return when.isoformat(timespec="microseconds")
+
+
+Tokens = Callable[[str, int], str]
+"""A function of the subject's code and the number of the visit that returns the token of a link."""
+
+
+@dataclass(frozen=True)
+class NewSubject:
+    """A subject to enrol; facts: (value, unit) of each demographic item by its name."""
+
+    code: str
+    group: str = "unknown"
+    participant_id: str | None = None
+    skin_temperature_c: float | None = None
+    facts: Mapping[str, tuple[str, str]] | None = None
+
+
+def add_study(connection: Connection, name: str, now: datetime) -> int:
+    """Store a new study and return its id."""
+    row = {"name": name, "created_utc": stamp(now)}
+    return int(connection.execute(insert(schema.study).values(row).returning(schema.study.c.id)).scalar_one())
+
+
+def study_by_version(connection: Connection, text: str) -> int | None:
+    """Return the newest study that has had a protocol of exactly that text, or None."""
+    version = schema.protocol_version
+    query = select(func.max(version.c.study_id)).where(version.c.sha256 == protocol_hash(text))
+    return connection.execute(query).scalar()
+
+
+def study_by_name(connection: Connection, name: str) -> int | None:
+    """Return the newest study of that name, or None."""
+    return connection.execute(select(func.max(schema.study.c.id)).where(schema.study.c.name == name)).scalar()
+
+
+def study_names(connection: Connection) -> list[str]:
+    """Return the name of every study of the store once, in order."""
+    return list(connection.execute(select(schema.study.c.name).distinct().order_by(schema.study.c.name)).scalars())
+
+
+def versions(connection: Connection, study: int) -> list[Found]:
+    """Return every version of the study's protocol, the oldest first."""
+    table = schema.protocol_version
+    return list(connection.execute(select(table).where(table.c.study_id == study).order_by(table.c.number)))
+
+
+def add_version(connection: Connection, study: int, text: str, reason: str, now: datetime) -> int:
+    """Store a further version of the study's protocol and return its id."""
+    table = schema.protocol_version
+    last = connection.execute(select(func.max(table.c.number)).where(table.c.study_id == study)).scalar() or 0
+    row = {
+        "study_id": study,
+        "number": last + 1,
+        "toml": text,
+        "sha256": protocol_hash(text),
+        "reason": reason,
+        "tool_version": __version__,
+        "created_utc": stamp(now),
+    }
+    return int(connection.execute(insert(table).values(row).returning(table.c.id)).scalar_one())
+
+
+def subjects(connection: Connection, study: int) -> list[Found]:
+    """Return the study's subjects in the order in which they were enrolled."""
+    table = schema.subject
+    return list(connection.execute(select(table).where(table.c.study_id == study).order_by(table.c.number)))
+
+
+def add_subject(connection: Connection, study: int, new: NewSubject, now: datetime) -> Found:
+    """Store a subject under the next number and return the row."""
+    table = schema.subject
+    last = connection.execute(select(func.max(table.c.number)).where(table.c.study_id == study)).scalar()
+    row = {
+        "study_id": study,
+        "number": 0 if last is None else last + 1,
+        "code": new.code,
+        "subject_group": new.group,
+        "participant_id": new.participant_id,
+        "enrolled_utc": stamp(now),
+    }
+    made = connection.execute(insert(table).values(row).returning(table)).one()
+    for name, (value, unit) in (new.facts or {}).items():
+        set_fact(connection, made.id, name, value, unit)
+    return made
+
+
+def add_session(
+    connection: Connection,
+    protocol: StudyProtocol,
+    subject: Found,
+    token: str,
+    now: datetime,
+    skin_temperature_c: float | None = None,
+) -> None:
+    """Store the subject's next visit, under the circumstances of the protocol."""
+    table = schema.session
+    last = connection.execute(select(func.max(table.c.visit)).where(table.c.subject_id == subject.id)).scalar() or 0
+    circumstances = protocol.circumstances.model_dump()
+    if skin_temperature_c is not None:
+        circumstances["skin_temperature_c"] = skin_temperature_c
+    row = {
+        "study_id": subject.study_id,
+        "subject_id": subject.id,
+        "visit": last + 1,
+        "link_token": token,
+        "experimenter": protocol.study.experimenter,
+        "created_utc": stamp(now),
+        **circumstances,
+    }
+    connection.execute(insert(table).values(row))
+
+
+def session_query() -> Select[Any]:
+    """Return a query of sessions with their subjects (subject_number, subject_code, subject_group)."""
+    who = schema.subject
+    return select(
+        schema.session,
+        who.c.number.label("subject_number"),
+        who.c.code.label("subject_code"),
+        who.c.subject_group,
+        who.c.participant_id,
+    ).join(who, who.c.id == schema.session.c.subject_id)
+
+
+def sessions(connection: Connection, study: int) -> list[Found]:
+    """Return the study's sessions in order of subjects and visits."""
+    query = session_query().where(schema.session.c.study_id == study)
+    return list(connection.execute(query.order_by(schema.subject.c.number, schema.session.c.visit)))
+
+
+def session(connection: Connection, session: int) -> Found:
+    """Return the session's row with its subject."""
+    return connection.execute(session_query().where(schema.session.c.id == session)).one()
+
+
+def change_session(connection: Connection, session: int, **values: Any) -> None:
+    """Write columns of a session's row."""
+    connection.execute(update(schema.session).where(schema.session.c.id == session).values(**values))
+
+
+def change_subject(connection: Connection, subject: int, **values: Any) -> None:
+    """Write columns of a subject's row."""
+    connection.execute(update(schema.subject).where(schema.subject.c.id == subject).values(**values))
+
+
+def facts(connection: Connection, study: int) -> dict[int, dict[str, str]]:
+    """Return the demographic items of the study's subjects by their row and the item's name."""
+    fact, found = schema.demographic, dict[int, dict[str, str]]()
+    query = select(fact).join(schema.subject).where(schema.subject.c.study_id == study).order_by(fact.c.id)
+    for row in connection.execute(query):
+        found.setdefault(row.subject_id, {})[row.name] = row.value
+    return found
+
+
+def set_fact(connection: Connection, subject: int, name: str, value: str | None, unit: str) -> None:
+    """Write a demographic item of a subject; with None, take it away."""
+    fact = schema.demographic
+    connection.execute(delete(fact).where(fact.c.subject_id == subject, fact.c.name == name))
+    if value is not None:
+        connection.execute(insert(fact).values(subject_id=subject, name=name, value=value, unit=unit))
+
+
+@dataclass(frozen=True)
+class ApparatusRecord:
+    """The apparatus that plays the stimuli, as it is stored with every run.
+
+    rig_simulated: True where nothing can be felt. speed: of presentation, 1 being real time, None as fast as the rig
+    can.
+    """
+
+    rig: str
+    display: str
+    controller_sha256: str
+    curve: str
+    curve_sha256: str
+    sensor_gain_v_per_mm: float
+    band_low_hz: float
+    band_high_hz: float
+    rig_simulated: bool = False
+    rig_rate_hz: float | None = None
+    speed: float | None = None
+
+
+@dataclass(frozen=True)
+class Sitting:
+    """The respondent of a sitting and what of the stimuli they can see or hear, as stored with every run.
+
+    respondent: person, simulated or script. shown: empty, or "seen" or "seen and heard" in a demonstration.
+    """
+
+    respondent: str = "person"
+    shown: str = ""
+
+
+def latest_runs(connection: Connection, session: int) -> list[Found]:
+    """Return the last attempt at every position, in order."""
+    query = (
+        select(schema.run)
+        .where(schema.run.c.session_id == session)
+        .order_by(schema.run.c.position, schema.run.c.attempt)
+    )
+    return list({row.position: row for row in connection.execute(query)}.values())
+
+
+def attempts(connection: Connection, session: int, position: int) -> int:
+    """Return the number of attempts at a planned run."""
+    query = select(func.count()).where(schema.run.c.session_id == session, schema.run.c.position == position)
+    return int(connection.execute(query).scalar_one())
+
+
+def begin_run(
+    connection: Connection,
+    session: int,
+    planned: PlannedRun,
+    attempt: int,
+    apparatus: ApparatusRecord,
+    sitting: Sitting,
+    version: int,
+    now: datetime,
+) -> int:
+    """Store a new attempt at a planned run under that version of the protocol, and return its id."""
+    row = {
+        "session_id": session,
+        "position": planned.position,
+        "attempt": attempt,
+        "state": "running",
+        "practice": planned.practice,
+        "paradigm": planned.paradigm,
+        "procedure": planned.procedure,
+        "finger": planned.finger,
+        "frequency_hz": planned.frequency_hz,
+        "started_utc": stamp(now),
+        "protocol_version_id": version,
+        **vars(apparatus),
+        **vars(sitting),
+    }
+    return int(connection.execute(insert(schema.run).values(row).returning(schema.run.c.id)).scalar_one())
+
+
+def end_run(connection: Connection, run: int, state: str, now: datetime) -> None:
+    """Store that a run is done, restarted or stopped."""
+    connection.execute(update(schema.run).where(schema.run.c.id == run).values(state=state, ended_utc=stamp(now)))
+
+
+@dataclass(frozen=True)
+class Change:
+    """A value that was replaced; item: its name, as the exports' columns have it. None: nothing stood, or stands."""
+
+    item: str
+    before: str | None
+    after: str | None
+
+
+def note(
+    connection: Connection,
+    session: int | None,
+    kind: str,
+    detail: str,
+    now: datetime,
+    trials: int | None = None,
+    subject: int | None = None,
+    change: Change | None = None,
+) -> None:
+    """Store an event of that kind; subject: whose it is, where it is of no session; change: what it replaced."""
+    row = {"session_id": session, "at_utc": stamp(now), "kind": kind, "detail": detail, "trials": trials}
+    row |= {"subject_id": subject, **(vars(change) if change is not None else {})}
+    connection.execute(insert(schema.event).values(row))
+
+
+def last_break(connection: Connection, session: int) -> int:
+    """Return the number of trials that the session had when its last break ended; 0 if there was none."""
+    query = select(func.max(schema.event.c.trials)).where(
+        schema.event.c.session_id == session, schema.event.c.kind == "break"
+    )
+    return int(connection.execute(query).scalar() or 0)
+
+
+def answers(connection: Connection, run: int) -> list[Found]:
+    """Return every trial of a run with its response, in order."""
+    query = (
+        select(schema.trial, schema.response)
+        .join(schema.response, schema.response.c.trial_id == schema.trial.c.id)
+        .where(schema.trial.c.run_id == run)
+        .order_by(schema.trial.c.number)
+    )
+    return list(connection.execute(query))
+
+
+def tallies(connection: Connection, session: int) -> dict[int, tuple[int, int]]:
+    """Return the numbers of answered and of right trials of a session's runs, by the run's row."""
+    query = (
+        select(schema.run.c.id, func.count(), func.sum(cast(schema.response.c.correct, Integer)))
+        .select_from(schema.run.join(schema.trial).join(schema.response))
+        .where(schema.run.c.session_id == session)
+        .group_by(schema.run.c.id)
+    )
+    return {int(run): (int(count), int(right)) for run, count, right in connection.execute(query)}
+
+
+def answer(connection: Connection, session: int, run: int, number: int) -> Found | None:
+    """Return a trial of one of the session's runs with its response and the run's position, or None."""
+    query = (
+        select(schema.trial, schema.response, schema.run.c.position)
+        .select_from(schema.response.join(schema.trial).join(schema.run))
+        .where(schema.run.c.session_id == session, schema.trial.c.run_id == run, schema.trial.c.number == number)
+    )
+    return connection.execute(query).first()
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A response as it arrived.
+
+    client_shown_ms, client_pressed_ms: by the client's own clock. client_lit_ms: when the client lit each interval's
+    lamp, by the same clock. received_s: by the server's monotonic clock, where it was read as the response arrived.
+    """
+
+    response: str
+    received: datetime
+    client_shown_ms: float | None = None
+    client_pressed_ms: float | None = None
+    client_lit_ms: tuple[float | None, ...] = ()
+    received_s: float | None = None
+
+
+@dataclass(frozen=True)
+class PlayedTrial:
+    """A trial that has been played.
+
+    frequency_hz, curve_level_db_re_1um: None where it is not at one frequency. presented, ended: its beginning and end
+    by the server's clock (ended_s by its monotonic one). rig_tick: its beginning by the rig's clock. lasted_s: its
+    duration there. presentations: how often it was played until then.
+    """
+
+    trial: Trial
+    intervals: tuple[IntervalRecord, ...]
+    presented: datetime
+    frequency_hz: float | None = None
+    curve_level_db_re_1um: float | None = None
+    rig_tick: int | None = None
+    lasted_s: float = 0.0
+    ended: datetime | None = None
+    ended_s: float | None = None
+    presentations: int = 1
+
+
+def save_answer(connection: Connection, run: int, played: PlayedTrial, answer: Answer) -> None:
+    """Store the trial, its intervals and its response, all of them or, with the transaction, none."""
+    trial, placement = played.trial, played.trial.placement
+    row = {
+        "run_id": run,
+        "number": trial.number,
+        "frequency_hz": played.frequency_hz,
+        "level_db_sl": None if placement is None else placement.level_db_sl,
+        "curve_level_db_re_1um": played.curve_level_db_re_1um,
+        "correct_response": trial.correct,
+        "presented_utc": stamp(played.presented),
+        "ended_utc": None if played.ended is None else stamp(played.ended),
+        "presentations": played.presentations,
+        "rig_tick": played.rig_tick,
+    }
+    # the row goes beside the statement, not into it: the statement is then compiled once for all trials
+    key = connection.execute(insert(schema.trial).returning(schema.trial.c.id), row).scalar_one()
+    lit = [*answer.client_lit_ms, *([None] * len(played.intervals))]
+    rows = [
+        {"trial_id": key, "position": index, **vars(one), "client_lit_ms": lit[index]}
+        for index, one in enumerate(played.intervals)
+    ]
+    if rows:
+        connection.execute(insert(schema.interval), rows)
+    values = {
+        "trial_id": key,
+        "response": answer.response,
+        "correct": trial.judge(answer.response),
+        "client_shown_ms": answer.client_shown_ms,
+        "client_pressed_ms": answer.client_pressed_ms,
+        "server_received_utc": stamp(answer.received),
+        "server_after_end_s": _after_s(played, answer),
+    }
+    connection.execute(insert(schema.response), values)
+
+
+def _after_s(played: PlayedTrial, answer: Answer) -> float | None:
+    """Return the seconds from the end of the last interval to the response's arrival, by a monotonic clock."""
+    if played.ended_s is None or answer.received_s is None:
+        return None
+    return answer.received_s - played.ended_s
+
+
+def last_answer_utc(connection: Connection, session: int) -> str | None:
+    """Return the arrival time of the session's last response, or None without one."""
+    query = (
+        select(func.max(schema.response.c.server_received_utc))
+        .select_from(schema.response.join(schema.trial).join(schema.run))
+        .where(schema.run.c.session_id == session)
+    )
+    return connection.execute(query).scalar()
+
+
+def trial_count(connection: Connection, session: int) -> int:
+    """Return the number of answered trials of the session, those of runs that were given up included."""
+    query = (
+        select(func.count())
+        .select_from(schema.response.join(schema.trial).join(schema.run))
+        .where(schema.run.c.session_id == session)
+    )
+    return int(connection.execute(query).scalar_one())
