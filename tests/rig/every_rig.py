@@ -10,8 +10,7 @@ import numpy as np
 from tactuator.model.description import Display
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
-from tactuator.rig.board_rigs import emulated_rig, in_process_rig
-from tactuator.rig.open import open_rig
+from tactuator.rig.open import emulated_rig, in_process_rig, open_rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport.transport import InProcess
 from tactuator.runtime.simulated_board import simulated_board_bytes

@@ -11,7 +11,7 @@ from tactuator.rig.board.frames import ANSWER, Frame, Request, RequestOutcome, f
 from tactuator.rig.board.link import STREAM, LinkClient, Mode
 from tactuator.rig.board.tones import BoardTone
 from tactuator.rig.board_check.streaming_check import check_streaming
-from tactuator.rig.board_rigs import in_process_rig
+from tactuator.rig.open import in_process_rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.transport.serial import SerialPort
 from tactuator.rig.transport.transport import LinkDown

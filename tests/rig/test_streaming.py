@@ -13,8 +13,7 @@ from tactuator.rig.board.link import STREAM, LinkClient, Mode, RigFault
 from tactuator.rig.board.rig import STREAM_LEAD_S, BoardRig
 from tactuator.rig.board.stream import BoardStream, StreamDry
 from tactuator.rig.board_check.streaming_check import NotJudged, StreamingCheck, check_streaming
-from tactuator.rig.board_rigs import in_process_rig
-from tactuator.rig.open import open_rig
+from tactuator.rig.open import in_process_rig, open_rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.trace import join_traces, recut_traces
 from tactuator.rig.transport.emulator import EmulatorUart

@@ -1,39 +1,125 @@
-"""Rigs by name: "simulated", "emulated:mps2-an500", "board:URL", "sound:DEVICE"."""
+"""Rigs by name: "simulated", "emulated:mps2-an500", "board:URL", "sound:DEVICE", and those of other packages.
+
+A rig's name, up to a colon, is an entry point of the group `tactuator.rigs`: a function of what stands behind the
+colon, of the display and of a seed that returns the rig (docs/rig.md). The project's own are declared in pyproject.toml.
+"""
 
 from __future__ import annotations
 
+from tactuator.entry_points import plugin, plugins
 from tactuator.errors import BadInput
 from tactuator.model.description import Display
-from tactuator.rig.board_rigs import emulated_rig, in_process_rig, serial_rig
-from tactuator.rig.boards import BOARDS
+from tactuator.rig.board.link import LinkClient
+from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.sound.open import sound_rig
+from tactuator.rig.transport.emulator import emulator
+from tactuator.rig.transport.serial import SerialPort
+from tactuator.rig.transport.socket import SCHEME, connect
+from tactuator.rig.transport.transport import InProcess, Transport
+from tactuator.runtime.simulated_board import simulated_board_bytes
 
-
-def rig_names() -> str:
-    """Return the names of rigs that may be asked for, as a message or a help text lists them."""
-    return ", ".join(
-        ["simulated", "in-process", *(f"emulated:{name}" for name in BOARDS), "board:URL", "sound:DEVICE[@RATE]"]
-    )
+RIGS = "tactuator.rigs"
+"""The group of the entry points."""
+_EMULATED_ANSWER_S = 10.0
+_SERIAL_ANSWER_S = 1.0
 
 
 def open_rig(spec: str, display: Display, seed: int = 0) -> Rig:
     """Return the rig of that name with `display` on it.
 
-    URL: a serial port (COM3, /dev/ttyACM0) or `socket://host:port`. Raises BadInput for another name, or for what is
-    missing (the emulator, the cross-compiler, pyserial, PortAudio, the card), and DeviceFault where a port or a card
-    cannot be opened.
+    spec: NAME or NAME:REST; for `board` REST is a serial port (COM3, /dev/ttyACM0) or `socket://host:port`. Raises
+    BadInput for another name, or for what is missing (the emulator, the cross-compiler, pyserial, PortAudio, the card),
+    and DeviceFault where a port or a card cannot be opened.
     """
-    kind, _, rest = spec.partition(":")
-    if spec == "simulated":
-        return SimulatedRig(display, seed)
-    if spec == "in-process":
-        return in_process_rig(display, seed)
-    if kind == "emulated" and rest:
-        return emulated_rig(rest, display, seed)
-    if kind == "board" and rest:
-        return serial_rig(rest, display, seed)
-    if kind == "sound":
-        return sound_rig(rest, display)
-    raise BadInput(f"rig {spec!r} is not known", f"{rig_names()}")
+    name, _, rest = spec.partition(":")
+    if name not in plugins(RIGS):
+        raise BadInput(f"rig {spec!r} is not known", f"{', '.join(plugins(RIGS))}, with what it takes behind a colon")
+    rig = plugin(RIGS, name)(rest, display, seed)
+    if not isinstance(rig, Rig):
+        raise BadInput(f"rig {spec!r} is a {type(rig).__name__}", "what has all that tactuator.rig.rig.Rig asks for")
+    return rig
+
+
+def open_simulated(rest: str, display: Display, seed: int) -> SimulatedRig:
+    """Return the simulated display as a rig; `rest` is empty."""
+    _require_empty(rest, "simulated")
+    return SimulatedRig(display, seed)
+
+
+def open_in_process(rest: str, display: Display, seed: int) -> BoardRig:
+    """Return the board in this process as a rig; `rest` is empty."""
+    _require_empty(rest, "in-process")
+    return in_process_rig(display, seed)
+
+
+def _require_empty(rest: str, name: str) -> None:
+    if rest:
+        raise BadInput(f"rig {name}:{rest}", f"{name}, with nothing behind it")
+
+
+def emulated_rig(
+    board: str,
+    display: Display,
+    seed: int = 0,
+    number_format: str = "float32",
+    counting: str | None = "shift=3,sleep=off",
+) -> BoardRig:
+    """Return a rig of `display`, simulated, on a board of the emulator ("mps2-an500"). Raises BadInput if QEMU or the
+    cross-compiler is missing.
+    """
+    return simulated_board_rig(emulator(board, counting), display, seed, number_format)
+
+
+def in_process_rig(display: Display, seed: int = 0, number_format: str = "float32") -> BoardRig:
+    """Return a rig with the same board and link in this very process, with which the emulated ones are compared."""
+    return simulated_board_rig(InProcess(), display, seed, number_format)
+
+
+def simulated_board_rig(
+    transport: Transport, display: Display, seed: int, number_format: str, answer_s: float = _EMULATED_ANSWER_S
+) -> BoardRig:
+    """Return the rig of a board with a simulated display behind any transport; it is closed again if it cannot be set
+    up. answer_s: how long an answer is waited for before the board is asked again.
+    """
+    client = LinkClient(transport, answer_s)
+    try:
+        rig = BoardRig(client, display, number_format)
+        content, loads = simulated_board_bytes(display, seed)
+        rig.simulate(content, loads)
+    except BaseException:
+        client.close()
+        raise
+    return rig
+
+
+def serial_rig(url: str, display: Display, seed: int = 0) -> BoardRig:
+    """Return the rig of `display` on the board at `url`, a serial port or socket://host:port. A board whose display is
+    simulated gets this one, with `seed`.
+    """
+    client = _at(url)
+    try:
+        rig = BoardRig(client, display)
+        rig.off()  # whoever was here before may have left it running
+        if client.status().allows_hold:
+            rig.simulate(*simulated_board_bytes(display, seed))
+    except BaseException:
+        client.close()
+        raise
+    return rig
+
+
+def acknowledge_faults(url: str) -> int:
+    """Tell the board at `url` that a person knows of its sensor and travel faults; give how many there were."""
+    client = _at(url)
+    try:
+        return client.acknowledge()
+    finally:
+        client.close()
+
+
+def _at(url: str) -> LinkClient:
+    if not url:
+        raise BadInput("board: without a port", "board:PORT, a serial port or socket://host:port")
+    transport: Transport = connect(url) if url.startswith(SCHEME) else SerialPort(url)
+    return LinkClient(transport, _SERIAL_ANSWER_S)

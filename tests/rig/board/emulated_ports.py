@@ -41,7 +41,7 @@ def _emulator(serial: str) -> Iterator[subprocess.Popen[str]]:
         assert process.stdout
         watch = HostWatch(1, waited=lambda: waited_s() + _emulator_waited_s(process))
         try:
-            with patch("tactuator.rig.board_rigs._SERIAL_ANSWER_S", ANSWER_S):
+            with patch("tactuator.rig.open._SERIAL_ANSWER_S", ANSWER_S):
                 yield process
         except (StreamDry, LinkDown) as error:
             if process.poll() is not None or not watch.is_starved():

@@ -8,8 +8,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.rig.board.link import Mode, RigFault
-from tactuator.rig.board_rigs import emulated_rig, in_process_rig, simulated_board_rig
-from tactuator.rig.open import open_rig
+from tactuator.rig.open import emulated_rig, in_process_rig, open_rig, simulated_board_rig
 from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.rig.trace import join_traces
@@ -92,8 +91,13 @@ def test_rig__safety_table__outlives_other_images(rig):
 def test_open__names__give_rigs_or_say_what_is_allowed():
     display = designed().display
     assert isinstance(open_rig("simulated", display), SimulatedRig)
-    with pytest.raises(BadInput, match="allowed: simulated, in-process, emulated:mps2-an386"):
+    with pytest.raises(BadInput, match="allowed: board, emulated, in-process, simulated, sound"):
         open_rig("toaster", display)
+    for name in ("simulated", "in-process"):
+        with pytest.raises(BadInput, match=f"{name}:x; allowed: {name}, with nothing behind it"):
+            open_rig(f"{name}:x", display)
+    with pytest.raises(BadInput, match="board: without a port; allowed: board:PORT"):
+        open_rig("board", display)
     with pytest.raises(LinkDown, match="cannot be opened"):
         open_rig("board:no-such-port", display)
     with pytest.raises(BadInput, match="is none"):

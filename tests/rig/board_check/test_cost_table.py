@@ -6,7 +6,7 @@ import pytest
 
 from tactuator.rig.board.frames import Request
 from tactuator.rig.board_check.period_cost import COUNTING
-from tactuator.rig.board_rigs import emulated_rig
+from tactuator.rig.open import emulated_rig
 from tests.rig.board_check.cost_table import documented, row, table
 from tests.rig.guard.guarded import designed
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from tactuator.rig.board_rigs import in_process_rig
+from tactuator.rig.open import in_process_rig
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.safety_table import Fault
 from tests.rig.guard.guarded import SENSORS, Guarded, designed, spoilt

@@ -11,7 +11,7 @@ from tactuator.errors import BadInput
 from tactuator.rig.board.commissioning import LOCK_FAULTS, LOCK_S, TRAVEL_SHARE
 from tactuator.rig.board.frames import Request, RequestOutcome
 from tactuator.rig.board.link import Mode, RigFault, RigLocked
-from tactuator.rig.board_rigs import in_process_rig
+from tactuator.rig.open import in_process_rig
 from tactuator.runtime._core import lib
 from tactuator.runtime.safety_table import Fault
 from tests.rig.guard.felt_reference import FeltReference

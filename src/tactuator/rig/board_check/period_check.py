@@ -16,7 +16,7 @@ from tactuator.rig.board.frames import Request
 from tactuator.rig.board.link import RigFault, understood
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board.tones import BoardTone
-from tactuator.rig.board_rigs import in_process_rig
+from tactuator.rig.open import in_process_rig
 from tactuator.rig.trace import Trace
 from tactuator.runtime.image import FORMATS, build_image
 from tactuator.runtime.safety_table import Fault, safety_bytes

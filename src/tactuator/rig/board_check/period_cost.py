@@ -14,8 +14,8 @@ from tactuator.rig.board.commissioning import soft_ticks
 from tactuator.rig.board.frames import Request
 from tactuator.rig.board.link import STIMULUS, STREAM, LinkClient, understood
 from tactuator.rig.board.tones import TONES_MAX, BoardTone, stimulus_payloads
-from tactuator.rig.board_rigs import emulated_rig
 from tactuator.rig.boards import find_board
+from tactuator.rig.open import emulated_rig
 from tactuator.rig.samples import REFERENCE_MAX
 
 COUNTING, INSTRUCTION_S = "shift=10,sleep=off", 1024e-9

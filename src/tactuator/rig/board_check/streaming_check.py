@@ -18,7 +18,7 @@ from tactuator.rig.board.link import LinkClient, RigFault
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board.stream import StreamDry
 from tactuator.rig.board_check.host_watch import HostWatch, waited_s
-from tactuator.rig.board_rigs import in_process_rig
+from tactuator.rig.open import in_process_rig
 from tactuator.rig.trace import Trace, join_traces
 from tactuator.rig.transport.emulator import EmulatorUart
 from tactuator.runtime.safety_table import Fault

@@ -13,12 +13,13 @@ RING_S = 4.0 * PATIENT_S
 """Length of the rings: what is taken in may wait for the program four times as long as it is fed ahead."""
 
 
-def sound_rig(spec: str, display: Display) -> SoundRig:
+def sound_rig(spec: str, display: Display, seed: int = 0) -> SoundRig:
     """Return the rig of `display` on the card DEVICE[@RATE]; without a device, on the one that [sound] names.
 
     Raises BadInput for a card that is not there or has too few channels, for a rate that is not the display's, and
     where a loop is asked for; DeviceFault where the card cannot be opened.
     """
+    del seed  # nothing is drawn
     card = sound_wiring(display)
     name, rate_hz = sound_name(spec)
     if rate_hz is not None and rate_hz != display.rate_hz:
