@@ -28,8 +28,8 @@ from tactuator.model.controller import Controller
 from tactuator.paper import thresholds
 from tactuator.paper.controllers import paper_controller
 from tactuator.paper.plan import Plan, observers, paper_display
+from tactuator.rig.rig import Trace
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.trace import Trace
 
 REPEATS = 5
 ALLOWED = {"help_s": 0.4, "help_goal_s": 0.15, "help_mb": 60.0, "refusal_s": 0.5, "import_s": 0.06}

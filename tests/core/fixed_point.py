@@ -13,7 +13,7 @@ import numpy as np
 from apytypes import APyFixed, APyFloat, OverflowMode, QuantizationMode
 from numpy.typing import NDArray
 
-from tactuator.runtime.q31 import Q31Section
+from tactuator.runtime.coefficients import Q31Section
 from tests.core.single_precision import finite
 
 SIGNAL = {"int_bits": 1, "frac_bits": 31}

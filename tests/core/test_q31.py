@@ -13,19 +13,20 @@ from scipy import signal
 from tactuator.errors import BadInput
 from tactuator.model.controller import AntiWindup, Limits
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.conditioning import conditioning, reference_max
-from tactuator.runtime.image import build_image
-from tactuator.runtime.q31 import (
+from tactuator.runtime.coefficients import (
     REFERENCE_FULL_SCALE,
     SHIFT_MAX,
     SHIFT_MIN,
     VOLTS_FULL_SCALE,
     Q31Section,
+    conditioning,
     q31_cascade,
     q31_conditioning,
     q31_row,
     q31_section,
+    reference_max,
 )
+from tactuator.runtime.image import build_image
 from tests.core import fixed_point
 from tests.runtime.paper_display import controller, display, feedback_sections, prefilter_sections
 

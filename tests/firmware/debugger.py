@@ -8,7 +8,7 @@ import subprocess
 import time
 from pathlib import Path
 
-from tactuator.rig.program import build_firmware
+from tactuator.rig.boards import build_firmware
 
 R0, R1, LR, PC = 0, 1, 14, 15
 STR_R1_R0 = 0x6001

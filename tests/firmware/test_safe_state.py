@@ -14,12 +14,11 @@ from pathlib import Path
 
 import pytest
 
-from tactuator.rig.board.frames import Frame, Request, RequestOutcome, frame_bytes
-from tactuator.rig.board.link import SILENT, LinkClient, Mode
+from tactuator.rig.board.link import SILENT, Frame, LinkClient, Mode, Request, RequestOutcome, frame_bytes
 from tactuator.rig.board.rig import BoardRig
-from tactuator.rig.program import build_firmware
-from tactuator.rig.transport.emulator import EmulatorUart
-from tactuator.runtime.simulated_board import simulated_board_bytes
+from tactuator.rig.boards import build_firmware
+from tactuator.rig.emulator import EmulatorUart
+from tactuator.runtime.tables import simulated_board_bytes
 from tests.firmware.debugger import BRANCH_TO_ITSELF, CPSID_I, LR, PC, Debugger
 from tests.rig.guard.guarded import designed
 

@@ -8,12 +8,21 @@ from pathlib import Path
 import numpy as np
 
 from tactuator.rig.board.commissioning import safety_table
-from tactuator.rig.board.frames import Frame as LinkFrame
-from tactuator.rig.board.frames import Request, cobs_encode, frame_bytes
-from tactuator.rig.board.link import IMAGE, SAFETY, SILENT, SIMULATED_DISPLAY, STIMULUS, STREAM
+from tactuator.rig.board.link import (
+    IMAGE,
+    SAFETY,
+    SILENT,
+    SIMULATED_DISPLAY,
+    STIMULUS,
+    STREAM,
+    Request,
+    cobs_encode,
+    frame_bytes,
+)
+from tactuator.rig.board.link import Frame as LinkFrame
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import safety_bytes
-from tactuator.runtime.simulated_board import simulated_board_bytes
+from tactuator.runtime.tables import simulated_board_bytes
 from tests.runtime.paper_display import channel, controller, display
 
 _PIECE = 240

@@ -9,8 +9,8 @@ from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.transport.transport import InProcess
-from tactuator.runtime.simulated_board import simulated_board_bytes
+from tactuator.rig.transport import InProcess
+from tactuator.runtime.tables import simulated_board_bytes
 from tests.rig.guard.guarded import designed
 
 

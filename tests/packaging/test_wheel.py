@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tactuator.rig.boards import BOARDS
-from tactuator.rig.program import build_firmware
+from tactuator.rig.boards import BOARDS, build_firmware
 from tests.packaging.conftest import ROOT, Installation
 from tools import wheel as maker
 

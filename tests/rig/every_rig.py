@@ -12,8 +12,8 @@ from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.open import emulated_rig, in_process_rig, open_rig
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.transport.transport import InProcess
-from tactuator.runtime.simulated_board import simulated_board_bytes
+from tactuator.rig.transport import InProcess
+from tactuator.runtime.tables import simulated_board_bytes
 from tests.rig.board.emulated_ports import socket_board
 from tests.rig.guard.guarded import designed
 

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from tactuator.rig.transport.emulator import Emulator
-from tactuator.rig.transport.transport import LinkDown
+from tactuator.rig.emulator import Emulator
+from tactuator.rig.transport import LinkDown
 
 OPENED = """
 import os, sys, time
-from tactuator.rig.transport.emulator import emulator
+from tactuator.rig.emulator import emulator
 board = emulator(sys.argv[1])
 print(os.getpid(), flush=True)
 time.sleep(60)

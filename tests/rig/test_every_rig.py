@@ -11,9 +11,8 @@ from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.options import MeasurementOptions
 from tactuator.model.controller import Controller
 from tactuator.rig.board.rig import BoardRig
-from tactuator.rig.rig import Rig
+from tactuator.rig.rig import Rig, join_traces
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.trace import join_traces
 from tests.rig.every_rig import RIGS, SEED, begin, tones
 from tests.rig.guard.guarded import designed
 from tests.runtime import paper_display

@@ -3,8 +3,8 @@
 import numpy as np
 
 from tactuator.rig.paced import PacedRig
+from tactuator.rig.rig import join_traces
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.trace import join_traces
 from tests.runtime.paper_display import controller, display
 
 

@@ -6,8 +6,8 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.io.reference import ReferenceHead, open_reference, write_reference
 from tactuator.rig.player import play_reference
+from tactuator.rig.rig import Trace
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.trace import Trace
 
 CHANNELS = ("a", "b")
 

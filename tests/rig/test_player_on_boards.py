@@ -7,8 +7,8 @@ from tactuator.io.reference import ReferenceHead, open_reference, write_referenc
 from tactuator.rig.board.link import LinkClient, Mode, RigFault
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.player import play_reference
-from tactuator.rig.transport.transport import InProcess
-from tactuator.runtime.simulated_board import simulated_board_bytes
+from tactuator.rig.transport import InProcess
+from tactuator.runtime.tables import simulated_board_bytes
 
 RATE_HZ = 4000.0
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.rig import program
-from tactuator.rig.program import build_firmware
+from tactuator.rig import boards as program
+from tactuator.rig.boards import build_firmware
 
 
 def test_build_firmware__asked_twice_at_once__compiles_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

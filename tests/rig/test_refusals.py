@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.rig.board.frames import ANSWER, Frame, Request, RequestOutcome, frame_bytes
-from tactuator.rig.board.link import STREAM, LinkClient, Mode
-from tactuator.rig.board.tones import BoardTone
+from tactuator.rig.board.link import ANSWER, STREAM, Frame, LinkClient, Mode, Request, RequestOutcome, frame_bytes
+from tactuator.rig.board.stream import BoardTone
 from tactuator.rig.board_check.streaming_check import check_streaming
 from tactuator.rig.open import in_process_rig
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.transport.serial import SerialPort
-from tactuator.rig.transport.transport import LinkDown
+from tactuator.rig.transport import LinkDown, SerialPort
 from tactuator.runtime._core import lib
 from tactuator.runtime.simulation import block_samples
 from tests.rig.guard.guarded import SENSORS, Guarded, designed

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
-from tactuator.rig.samples import REFERENCE_MAX, take_reference
+from tactuator.runtime.simulation import REFERENCE_MAX, take_reference
 
 SIXTY_DB_SL = 10.0 ** (60.0 / 20.0)
 

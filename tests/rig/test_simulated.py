@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
+from tactuator.rig.rig import Trace
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.trace import Trace
 from tests.runtime.paper_display import channel, controller, display, lock_in, tone
 
 

@@ -14,8 +14,8 @@ from scipy import integrate
 from tactuator.errors import BadInput
 from tactuator.model.description import Channel, Converter
 from tactuator.model.load import Load
-from tactuator.runtime.held_plant import held_plants
 from tactuator.runtime.simulation import Simulation
+from tactuator.runtime.tables import held_plants
 from tactuator.signals.systems import ContinuousSystem
 from tests.runtime.paper_display import QUIET, RATE_HZ, channel, display
 

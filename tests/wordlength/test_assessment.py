@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from tactuator.errors import BadInput
 from tactuator.model.controller import Controller, Limits
+from tactuator.runtime.coefficients import VOLTS_FULL_SCALE
 from tactuator.runtime.image import build_image
-from tactuator.runtime.q31 import VOLTS_FULL_SCALE
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.wordlength.assessment import (
     ERROR_MAX_DB,

@@ -8,8 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tactuator.model.description import Display
-from tactuator.runtime.coefficients import delta_coefficients
-from tactuator.runtime.q31 import REFERENCE_FULL_SCALE, VOLTS_FULL_SCALE, full_scales
+from tactuator.runtime.coefficients import REFERENCE_FULL_SCALE, VOLTS_FULL_SCALE, delta_coefficients, full_scales
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.wordlength.bits import rows_response
 from tactuator.wordlength.formats import FORMATS, FULL_SCALE_V, Written

@@ -17,8 +17,7 @@ from scipy import stats
 from tactuator.arrays import FloatArray
 from tactuator.measure.finger import measure_finger
 from tactuator.model.controller import Controller
-from tactuator.rig.rig import DisplayRig, Rig
-from tactuator.rig.trace import Trace
+from tactuator.rig.rig import DisplayRig, Rig, Trace
 from witnesses.touch import felt
 from witnesses.touch.device import Device
 from witnesses.touch.fingers import one_mass

@@ -31,9 +31,9 @@ from tactuator.paper.publication.publish import OWN_NAMES, publish
 from tactuator.paper.publication.summary import summary
 from tactuator.paper.run import run_study
 from tactuator.paper.speech import check_speech
+from tactuator.rig.finger import touch_all
 from tactuator.rig.player import play_reference
 from tactuator.rig.rig import Rig
-from tactuator.rig.touchable import touch_all
 from tactuator.speech.codings import coding_of
 from tactuator.speech.render import LEVEL_DB_SL, RenderJob, render_file
 

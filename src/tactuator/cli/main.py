@@ -133,7 +133,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # All is done: a late Ctrl-C would only kill the interpreter while it tidies up, without a word.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGALRM, signal.SIG_IGN)
-    sound = sys.modules.get("tactuator.rig.sound.library")
+    sound = sys.modules.get("tactuator.rig.sound.cards")
     if sound is not None and sound.PORTAUDIO.lost:
         _leave_at_once(status)
     return status

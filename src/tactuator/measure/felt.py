@@ -22,8 +22,8 @@ from scipy import fft
 from tactuator.errors import BadInput
 from tactuator.measure.error import ChannelPrediction
 from tactuator.model.controller import Controller
+from tactuator.rig.finger import TouchableRig
 from tactuator.rig.rig import Rig
-from tactuator.rig.touchable import TouchableRig
 from tactuator.signals.spectra import Band, third_octave_bands
 
 LONG_FRAME_S, SHORT_FRAME_S = 0.5, 0.1

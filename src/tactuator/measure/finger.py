@@ -20,8 +20,7 @@ from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.model.load import Load
 from tactuator.perception.curve import check_level
-from tactuator.rig.rig import Rig
-from tactuator.rig.sensing import require_sensors
+from tactuator.rig.rig import Rig, require_sensors
 from tactuator.signals.decibels import from_db
 from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.multisine import Periods, multisine, odd_lines

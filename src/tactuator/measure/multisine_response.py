@@ -16,8 +16,7 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.measure.frequencies import multisine_lines, sweep_lines
 from tactuator.measure.options import MeasurementOptions
 from tactuator.measure.stepped_sine import check_asked, on_columns
-from tactuator.rig.rig import Rig
-from tactuator.rig.trace import recut_traces
+from tactuator.rig.rig import Rig, recut_traces
 from tactuator.signals.decibels import from_db, half_width_db
 from tactuator.signals.multisine import Multisine, multisine
 from tactuator.signals.record import Response

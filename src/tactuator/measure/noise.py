@@ -21,8 +21,7 @@ from tactuator.model.controller import AntiWindup, ChannelController, Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.load import DERIVATIVES
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
-from tactuator.rig.rig import Rig
-from tactuator.rig.sensing import require_sensors
+from tactuator.rig.rig import Rig, require_sensors
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.loop import FeedbackLoop

@@ -19,10 +19,9 @@ from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.load import DERIVATIVES
 from tactuator.perception.curve import COMFORT_DB_SL
-from tactuator.rig.rig import Rig
-from tactuator.rig.sensing import require_sensors
+from tactuator.rig.rig import Rig, require_sensors
 from tactuator.rig.sound.rig import SoundRig
-from tactuator.rig.sound.rows import SoundGap
+from tactuator.rig.sound.stream import SoundGap
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller

@@ -15,9 +15,7 @@ from tactuator.errors import BadInput
 from tactuator.measure.frequencies import tones
 from tactuator.measure.options import MeasurementOptions
 from tactuator.perception.curve import check_level
-from tactuator.rig.rig import Rig
-from tactuator.rig.sensing import require_sensors
-from tactuator.rig.trace import Trace, recut_traces
+from tactuator.rig.rig import Rig, Trace, recut_traces, require_sensors
 from tactuator.signals.decibels import from_db, half_width_db
 from tactuator.signals.record import Response
 from tactuator.signals.spectra import LockIn, mains_multiples

@@ -24,7 +24,7 @@ FORMAT = "tactuator-controller/1"
 @dataclass(frozen=True)
 class AntiWindup:
     """Back-calculation gains on the two states of the last feedback section (delta form): state_i += gain_i (clamped
-    u - u), of what conditioning (tactuator.runtime.conditioning) leaves of the difference."""
+    u - u), of what conditioning (tactuator.runtime.image) leaves of the difference."""
 
     gains: tuple[float, float] = (0.0, 0.0)
 

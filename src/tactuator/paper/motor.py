@@ -10,8 +10,8 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.estimate.recursive import RecursiveEstimate, identify_recursively
 from tactuator.model.description import Channel
 from tactuator.paper.plan import MAINS_HZ, MOTOR_HZ, Plan, Progress
+from tactuator.rig.rig import Trace
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.trace import Trace
 from tactuator.signals.decibels import db
 from tactuator.signals.excitation import paper_mix
 from tactuator.signals.spectra import lock_in

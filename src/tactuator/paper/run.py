@@ -22,7 +22,7 @@ from tactuator.paper.response import UNLOADED, ResponsePoint, measure_responses,
 from tactuator.paper.speech import Spoken, speak
 from tactuator.paper.thresholds import KnownThreshold, observers_at_work
 from tactuator.perception.curve import ThresholdCurve
-from tactuator.rig.trace import Trace
+from tactuator.rig.rig import Trace
 from tactuator.speech.reading import SpeechFile
 from tactuator.wordlength.bits import Needed
 

@@ -1,7 +1,7 @@
 """Rigs by name: "simulated", "emulated:mps2-an500", "board:URL", "sound:DEVICE", and those of other packages.
 
 A rig's name, up to a colon, is an entry point of the group `tactuator.rigs`: a function of what stands behind the
-colon, of the display and of a seed that returns the rig (docs/rig.md). The project's own are declared in pyproject.toml.
+colon, of the display and of a seed, which returns the rig (docs/rig.md). The project's own stand in pyproject.toml.
 """
 
 from __future__ import annotations
@@ -11,13 +11,11 @@ from tactuator.errors import BadInput
 from tactuator.model.description import Display
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
+from tactuator.rig.emulator import emulator
 from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.transport.emulator import emulator
-from tactuator.rig.transport.serial import SerialPort
-from tactuator.rig.transport.socket import SCHEME, connect
-from tactuator.rig.transport.transport import InProcess, Transport
-from tactuator.runtime.simulated_board import simulated_board_bytes
+from tactuator.rig.transport import SCHEME, InProcess, SerialPort, Transport, connect
+from tactuator.runtime.tables import simulated_board_bytes
 
 RIGS = "tactuator.rigs"
 """The group of the entry points."""

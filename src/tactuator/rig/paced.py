@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactuator.errors import BadInput
-from tactuator.rig.finger import Finger
-from tactuator.rig.rig import Rig, Ticking, WrappedRig
-from tactuator.rig.touchable import TouchableRig
-from tactuator.rig.trace import Trace
+from tactuator.rig.finger import Finger, TouchableRig
+from tactuator.rig.rig import Rig, Ticking, Trace, WrappedRig
 
 
 @runtime_checkable

@@ -12,10 +12,8 @@ from tactuator.errors import BadInput
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.rig.finger import Finger, let_feel, take_forces
-from tactuator.rig.rig import DisplayRig
-from tactuator.rig.samples import take_command, take_reference
-from tactuator.rig.trace import Trace
-from tactuator.runtime.simulation import SimulatedBlock, Simulation, block_samples
+from tactuator.rig.rig import DisplayRig, Trace
+from tactuator.runtime.simulation import SimulatedBlock, Simulation, block_samples, take_command, take_reference
 
 
 class FingerPort(Finger):

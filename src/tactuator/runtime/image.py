@@ -14,17 +14,19 @@ from numpy.typing import NDArray
 from tactuator.errors import BadInput
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.coefficients import FEEDBACK_SECTIONS_MAX, PREFILTER_SECTIONS_MAX, delta_coefficients_single
-from tactuator.runtime.conditioning import conditioning, reference_max
-from tactuator.runtime.q31 import (
+from tactuator.runtime.coefficients import (
+    FEEDBACK_SECTIONS_MAX,
+    PREFILTER_SECTIONS_MAX,
     REFERENCE_FULL_SCALE,
     VOLTS_FULL_SCALE,
     Q31Section,
+    delta_coefficients_single,
     q31_cascade,
     q31_conditioning,
     q31_row,
 )
 from tactuator.runtime.touch_table import touch_bytes
+from tactuator.signals.decibels import from_db
 
 Format = Literal["float32", "q31"]
 FORMATS: tuple[Format, ...] = ("float32", "q31")
@@ -33,6 +35,8 @@ CHANNELS_MAX: int = lib.TACT_CHANNELS_MAX
 _MAGIC, _VERSION = b"TACI", 3
 _FORMAT_CODES: dict[str, int] = {"float32": 1, "q31": 2}
 _Q31_RANGE_MAX_V = 15.0
+CONDITIONING_MAX = 1e6
+"""Threshold units for a volt; beyond it F hardly reaches u' at once, and nothing is conditioned."""
 CHANNEL_HEAD = struct.Struct("<16sBBHf")
 """Of a channel in an image: name, prefilter sections, feedback sections, 2 where it feeds forward for a finger, command
 limit in volts."""
@@ -158,6 +162,26 @@ def _channel_head(channel: ChannelController) -> bytes:
     feedback = 0 if channel.feedback_sos is None else channel.feedback_sos.shape[0]
     adapts = lib.TACT_TOUCH_LAYOUT if channel.feed_forward is not None else 0
     return CHANNEL_HEAD.pack(name, channel.prefilter_sos.shape[0], feedback, adapts, channel.limits.command_v)
+
+
+def conditioning(channel: ChannelController) -> float:
+    """Return the threshold units of reference that a volt of command is worth: 1/D, D the product of all direct gains
+    from r to u'; 0 without feedback, or where D is next to nothing.
+
+    Where u' is cut to u, the reference of which u is the answer is r + (u - u')/D (Hanus, Kinnaert & Henrotte 1987,
+    Automatica 23, 729-739): with F and C as that reference would have left them, the loop is as linear as before, and
+    what is felt is that reference. The core keeps it within comfort (or r).
+    """
+    if channel.feedback_sos is None:
+        return 0.0
+    sections = np.concatenate([channel.prefilter_sos, channel.feedback_sos])
+    direct = float(np.prod(sections[:, 0] / sections[:, 3]))
+    return 1.0 / direct if abs(direct) > 1.0 / CONDITIONING_MAX else 0.0
+
+
+def reference_max(channel: ChannelController) -> float:
+    """Return the greatest reference that conditioning may come to, in threshold units: the comfort level."""
+    return float(from_db(channel.limits.comfort_db_sl))
 
 
 def float32_channel(channel: ChannelController) -> bytes:

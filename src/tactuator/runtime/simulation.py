@@ -16,6 +16,10 @@ from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.tables import controller_table, display_table
 from tactuator.runtime.touch_table import touch_table
 
+REFERENCE_MAX = 1000.0
+"""Threshold units: 60 dB SL, the full scale of a reference in a WAV and in Q31."""
+_ROUNDED_MAX = REFERENCE_MAX * (1.0 + 2.0**-25)  # what single precision takes for the largest
+_SINGLE_MAX = float(np.finfo(np.float32).max)
 _TRACE, _DOUBLES, _FLAGS = (ffi.typeof(name) for name in ("tact_trace *", "double[]", "uint8_t[]"))
 
 
@@ -178,3 +182,30 @@ def block_samples(samples: ArrayLike, channels: int, name: str) -> FloatArray:
         raise BadInput(f"{name} holds {array.dtype}", "real numbers")
     whole = np.ascontiguousarray(array, dtype=np.float64)
     return whole if whole.flags.aligned else whole.copy()
+
+
+def take_reference(reference: FloatArray) -> FloatArray:
+    """Return a checked copy of a reference of any shape, contiguous, threshold units.
+
+    Raises BadInput for what is not finite or beyond 60 dB SL.
+    """
+    own = _taken(reference, _ROUNDED_MAX)
+    if own is None:
+        raise BadInput(
+            "the reference is not finite or beyond 60 dB SL", f"finite, at most {REFERENCE_MAX:g} threshold units"
+        )
+    return own
+
+
+def take_command(command_v: FloatArray) -> FloatArray:
+    """Return a checked copy of a command of any shape, contiguous, volts. Raises BadInput for what is not finite."""
+    own = _taken(command_v, _SINGLE_MAX)
+    if own is None:
+        raise BadInput("the command is not finite", "volts")
+    return own
+
+
+def _taken(samples: FloatArray, most: float) -> FloatArray | None:
+    own = np.empty(samples.shape)
+    theirs, ours = (ffi.from_buffer("double[]", array) for array in (samples, own))
+    return own if lib.tact_reference_take(theirs, ours, own.size, most) else None

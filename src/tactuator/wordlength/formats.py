@@ -8,8 +8,8 @@ delta     what a board runs (core/arithmetic/section.h, section_q31.h): the core
               is added to the next sum (Thong & Liu 1977: error spectrum shaping)
 
 Fixed point has 1000 threshold units and 32 V for full scales at its ends and a power of two between sections, as Q31
-has on a board but for its 512 V (tactuator.runtime.q31); b shares a power of two within a section, a has all but two
-bits behind the point.
+has on a board but for its 512 V (tactuator.runtime.coefficients); b shares a power of two within a section, a has
+all but two bits behind the point.
 """
 
 from __future__ import annotations
@@ -25,9 +25,14 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.controller import Controller
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.coefficients import delta_coefficients
+from tactuator.runtime.coefficients import (
+    REFERENCE_FULL_SCALE,
+    VOLTS_FULL_SCALE,
+    delta_coefficients,
+    full_scales,
+    q31_cascade,
+)
 from tactuator.runtime.image import build_image
-from tactuator.runtime.q31 import REFERENCE_FULL_SCALE, VOLTS_FULL_SCALE, full_scales, q31_cascade
 from tactuator.signals.sections import check_sections
 from tactuator.wordlength.bits import quantised_rows
 from tactuator.wordlength.roundoff import Step

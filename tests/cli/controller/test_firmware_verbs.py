@@ -12,12 +12,11 @@ import pytest
 from tactuator.cli import main
 from tactuator.io.controller import write_controller
 from tactuator.model.description import Display
-from tactuator.rig import program
+from tactuator.rig import boards as program
+from tactuator.rig import emulator
 from tactuator.rig.board_check.period_check import PeriodCheck
 from tactuator.rig.board_check.period_cost import PeriodCost
-from tactuator.rig.boards import BOARDS
-from tactuator.rig.program import build_firmware
-from tactuator.rig.transport import emulator
+from tactuator.rig.boards import BOARDS, build_firmware
 from tests.cli.controller.controller_files import paper_file
 from tests.cli.refusals import refused
 from tests.runtime.paper_display import channel, controller, display

@@ -5,7 +5,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from tactuator.rig.transport.transport import InProcess
+from tactuator.rig.transport import InProcess
 
 
 class BoardAtPort:

@@ -13,7 +13,7 @@ from tactuator.console.scope.host import RigHost
 from tactuator.errors import BadInput, DeviceFault
 from tactuator.rig.board.link import Mode
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.transport.transport import LinkDown
+from tactuator.rig.transport import LinkDown
 from tests.rig.sound.turned_card import OVERFLOW, flat_controller, sound_display, turned_rig
 
 TONE = GeneratorWave("tone", 30.0, ("index",), 80.0)

@@ -14,9 +14,9 @@ from tactuator.console.study.rig import ConsoleRig
 from tactuator.errors import BadInput, DeviceFault, TimingMissed
 from tactuator.experiment.session.task import Apparatus
 from tactuator.experiment.trial.presenter import Halted, Presenter
+from tactuator.rig.finger import TouchableRig
 from tactuator.rig.rig import Ticking
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.touchable import TouchableRig
 
 
 class Host:

@@ -19,7 +19,7 @@ from tactuator.console.app import build_console
 from tactuator.console.scope.host import RigHost
 from tactuator.console.workshop import Workshop
 from tactuator.io.controller import write_controller
-from tactuator.rig.sound.demo.server import PERIOD, simulated_card
+from tactuator.rig.sound.simulated_card import PERIOD, simulated_card
 from tests.console.pages import TOKEN, address_of, opened_page, tab_to
 from tests.rig.sound.from_start_to_end import EXCITER, PROTOCOL, RATE_HZ, TRUE_DB_SL, controller
 from tests.web.server import served

@@ -9,7 +9,7 @@ from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
 from tactuator.rig.board.stream import StreamDry
-from tactuator.rig.sound.rows import SoundGap
+from tactuator.rig.sound.stream import SoundGap
 from tests.experiment.session.apparatuses import ObedientClock, begin, nobody
 
 

@@ -12,8 +12,8 @@ from tactuator.experiment.session.task import Apparatus
 from tactuator.experiment.simulated.respondents import ErringRespondent, FeelingRespondent
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.store import Store
+from tactuator.rig.finger import touchable
 from tactuator.rig.open import open_rig
-from tactuator.rig.touchable import touchable
 from tests.experiment.session.recognising import Opened, controller, items, opened, protocol_text  # noqa: F401
 
 

@@ -10,9 +10,9 @@ from tactuator.experiment.trial.presenter import Halted, Presenter
 from tactuator.experiment.trial.trial import Marks
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
-from tactuator.rig.trace import Trace
-from tactuator.rig.transport.transport import InProcess
-from tactuator.runtime.simulated_board import simulated_board_bytes
+from tactuator.rig.rig import Trace
+from tactuator.rig.transport import InProcess
+from tactuator.runtime.tables import simulated_board_bytes
 from tests.experiment.session.apparatuses import apparatus
 from tests.rig.guard.guarded import designed
 

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.model.controller import Controller
-from tactuator.rig.rig import ClosingRig
-from tactuator.rig.trace import Trace
+from tactuator.rig.rig import ClosingRig, Trace
 from tests.measure.loops import RATE_HZ
 
 GAIN, DAMPING, STIFFNESS = 2875.0, 94.0, 290.0

@@ -18,10 +18,10 @@ from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.open_loop import Calibrated, CalibrationRequest, _groups, calibrate, usable_band
 from tactuator.measure.options import MeasurementOptions
 from tactuator.rig.open import open_rig
-from tactuator.rig.sound.demo.exciter import Exciter
-from tactuator.rig.sound.demo.server import simulated_card
+from tactuator.rig.sound.exciter import Exciter
 from tactuator.rig.sound.rig import SoundRig
-from tactuator.rig.sound.rows import SoundGap
+from tactuator.rig.sound.simulated_card import simulated_card
+from tactuator.rig.sound.stream import SoundGap
 from tests.measure.open_loop.exciters import drawn_exciter, exciter_display
 
 ASKED = CalibrationRequest((10.0, 400.0), 20.0, 50.0)

@@ -10,9 +10,9 @@ from tactuator.io.curve import resolve_curve
 from tactuator.io.display import parse_display, with_curve
 from tactuator.model.description import Display
 from tactuator.perception.curve import ThresholdCurve
-from tactuator.rig.sound.demo.exciter import Exciter, RunningExciter
+from tactuator.rig.sound.exciter import Exciter, RunningExciter
 from tactuator.rig.sound.rig import SoundRig
-from tactuator.rig.sound.rows import CardRows
+from tactuator.rig.sound.stream import CardRows
 from tactuator.runtime._core import ffi, lib
 
 RATE_HZ = 48000.0

@@ -15,8 +15,8 @@ from tactuator.measure.broadband import broadband, find_level, follow, hear, nea
 from tactuator.measure.open_loop import _groups, usable_band
 from tactuator.model.controller import Controller
 from tactuator.report.open_loop import equaliser_document, impulse_response, toml_text
-from tactuator.rig.sensing import require_sensors
-from tactuator.rig.sound.demo.exciter import Exciter
+from tactuator.rig.rig import require_sensors
+from tactuator.rig.sound.exciter import Exciter
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold

@@ -19,10 +19,10 @@ from unittest.mock import patch
 import pytest
 
 from tactuator.rig.board.stream import StreamDry
-from tactuator.rig.board_check.host_watch import HostWatch, waited_s
-from tactuator.rig.program import build_firmware
-from tactuator.rig.transport.emulator import emulator_command
-from tactuator.rig.transport.transport import LinkDown
+from tactuator.rig.board_check.streaming_check import HostWatch, waited_s
+from tactuator.rig.boards import build_firmware
+from tactuator.rig.emulator import emulator_command
+from tactuator.rig.transport import LinkDown
 
 BOARD = "mps2-an500"
 COUNTING = "shift=3,sleep=off"

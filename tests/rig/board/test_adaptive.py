@@ -11,7 +11,7 @@ from tactuator.model.description import Display
 from tactuator.model.touch import Touch
 from tactuator.rig.board.commissioning import ADAPTIVE_DB, safety_table
 from tactuator.rig.open import in_process_rig, simulated_board_rig
-from tactuator.rig.transport.transport import InProcess
+from tactuator.rig.transport import InProcess
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import FORMATS
 from tactuator.runtime.touch_table import touch_table

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactuator.rig.board.frames import Frame, FrameReader, cobs_decode, cobs_encode, frame_bytes, parse_frame
+from tactuator.rig.board.link import Frame, FrameReader, cobs_decode, cobs_encode, frame_bytes, parse_frame
 from tactuator.runtime._core import ffi, lib
 
 contents = st.binary(max_size=1200) | st.integers(0, 1100).map(lambda size: b"\x01" * size)

@@ -10,10 +10,9 @@ import pytest
 
 from tactuator.errors import DeviceFault, TactuatorError
 from tactuator.model.controller import Controller
-from tactuator.rig.board.frames import Frame, FrameReader, Request, frame_bytes
-from tactuator.rig.board.link import LinkClient
+from tactuator.rig.board.link import Frame, FrameReader, LinkClient, Request, frame_bytes
 from tactuator.rig.board.rig import BoardRig
-from tactuator.rig.transport.transport import InProcess, LinkDown
+from tactuator.rig.transport import InProcess, LinkDown
 
 FEW, MANY = 200, 100_000
 PATIENCE = 20_000

@@ -9,10 +9,9 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.rig.board.link import Mode, RigFault
 from tactuator.rig.open import emulated_rig, in_process_rig, open_rig, simulated_board_rig
-from tactuator.rig.rig import Rig
+from tactuator.rig.rig import Rig, join_traces
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.trace import join_traces
-from tactuator.rig.transport.transport import LinkDown
+from tactuator.rig.transport import LinkDown
 from tests.rig.every_rig import BOARDS, begin, tones
 from tests.rig.guard.guarded import designed
 
@@ -113,7 +112,7 @@ def test_emulator__missing__is_told_with_what_to_install(monkeypatch):
 
 
 def test_emulator__ends_on_its_own__is_told():
-    from tactuator.rig.transport.emulator import Emulator
+    from tactuator.rig.emulator import Emulator
 
     transport = Emulator("mps2-an500")
     rig = simulated_board_rig(transport, designed().display, 1, "float32")

@@ -5,7 +5,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.rig.board.link import STIMULUS, Mode, RigFault
-from tactuator.rig.board.tones import TONES_MAX, BoardTone
+from tactuator.rig.board.stream import TONES_MAX, BoardTone
 from tactuator.rig.open import emulated_rig, in_process_rig
 from tactuator.runtime._core import lib
 from tests.rig.guard.guarded import Guarded, designed

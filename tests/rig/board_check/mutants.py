@@ -12,8 +12,7 @@ import subprocess
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tactuator.rig.boards import ROOT, find_board
-from tactuator.rig.program import _command, sources
+from tactuator.rig.boards import ROOT, _command, find_board, sources
 
 
 @dataclass(frozen=True)

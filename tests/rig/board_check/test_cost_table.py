@@ -4,7 +4,7 @@ import struct
 
 import pytest
 
-from tactuator.rig.board.frames import Request
+from tactuator.rig.board.link import Request
 from tactuator.rig.board_check.period_cost import COUNTING
 from tactuator.rig.open import emulated_rig
 from tests.rig.board_check.cost_table import documented, row, table

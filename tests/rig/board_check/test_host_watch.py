@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tactuator.rig.board_check.host_watch import HostWatch, waited_s
+from tactuator.rig.board_check.streaming_check import HostWatch, waited_s
 
 
 def watched(marks: list[tuple[int, float, float]], window: int) -> HostWatch:

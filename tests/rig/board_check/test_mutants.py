@@ -14,11 +14,10 @@ from tactuator.errors import TactuatorError
 from tactuator.model.controller import Controller
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board_check.period_check import STRETCH_TICKS, check_period
-from tactuator.rig.boards import BOARDS
+from tactuator.rig.boards import BOARDS, ROOT
+from tactuator.rig.emulator import Emulator
 from tactuator.rig.open import simulated_board_rig
-from tactuator.rig.program import ROOT
-from tactuator.rig.transport.emulator import Emulator
-from tactuator.rig.transport.transport import LinkDown
+from tactuator.rig.transport import LinkDown
 from tactuator.runtime.image import FORMATS
 from tests.rig.board_check.mutants import FEW, MANY, Bench, Mutant
 from tests.rig.guard.guarded import adaptive, designed

@@ -8,7 +8,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.rig.board.link import LinkClient, Mode
 from tactuator.rig.board_check.streaming_check import NotJudged, check_streaming
-from tactuator.rig.transport.transport import InProcess
+from tactuator.rig.transport import InProcess
 from tactuator.runtime._core import lib
 from tactuator.runtime.safety_table import Fault
 from tests.rig.guard.guarded import designed

@@ -8,9 +8,9 @@ import pytest
 
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board_check.period_check import check_period
+from tactuator.rig.boards import build_firmware
+from tactuator.rig.emulator import Emulator
 from tactuator.rig.open import emulated_rig, open_rig, simulated_board_rig
-from tactuator.rig.program import build_firmware
-from tactuator.rig.transport.emulator import Emulator
 from tests.rig.board.emulated_ports import serial_board
 from tests.rig.guard.guarded import designed
 

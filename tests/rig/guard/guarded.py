@@ -11,15 +11,13 @@ from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.model.touch import Touch
 from tactuator.paper.plan import paper_display
-from tactuator.rig.board.finger import SENSOR_FAULTS
-from tactuator.rig.board.frames import Request
-from tactuator.rig.board.link import IMAGE, STREAM, LinkClient, Mode
-from tactuator.rig.board.rig import BoardRig
-from tactuator.rig.transport.transport import InProcess
+from tactuator.rig.board.link import IMAGE, STREAM, LinkClient, Mode, Request
+from tactuator.rig.board.rig import SENSOR_FAULTS, BoardRig
+from tactuator.rig.transport import InProcess
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import Fault
-from tactuator.runtime.simulated_board import simulated_board_bytes
+from tactuator.runtime.tables import simulated_board_bytes
 from tactuator.synthesis.design import design_controller
 
 SENSORS = SENSOR_FAULTS[:5]

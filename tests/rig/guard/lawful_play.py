@@ -10,7 +10,7 @@ from pathlib import Path
 from tactuator.rig.board.commissioning import safety_table
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import Fault, safety_bytes
-from tactuator.runtime.simulated_board import simulated_board_bytes
+from tactuator.runtime.tables import simulated_board_bytes
 from tests.rig.guard.guarded import adaptive, designed
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -9,8 +9,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.rig.board.commissioning import LOCK_FAULTS, LOCK_S, TRAVEL_SHARE
-from tactuator.rig.board.frames import Request, RequestOutcome
-from tactuator.rig.board.link import Mode, RigFault, RigLocked
+from tactuator.rig.board.link import Mode, Request, RequestOutcome, RigFault, RigLocked
 from tactuator.rig.open import in_process_rig
 from tactuator.runtime._core import lib
 from tactuator.runtime.safety_table import Fault

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
-from tactuator.rig.sound.demo.server import simulated_card
+from tactuator.rig.sound.simulated_card import simulated_card
 from tests.rig.sound.through_portaudio import RATE_HZ, delay_of, opened
 
 BLOCK, COUNT, FULL_V = 2400, 3, 2.0

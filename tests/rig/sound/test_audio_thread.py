@@ -11,8 +11,8 @@ import threading
 import pytest
 
 from tactuator.errors import DeviceFault
-from tactuator.rig.sound import audio_thread
-from tactuator.rig.sound.audio_thread import AudioThread
+from tactuator.rig.sound import cards as audio_thread
+from tactuator.rig.sound.cards import AudioThread
 
 
 def test_answer__several_jobs__their_results_from_one_thread():
@@ -49,7 +49,7 @@ def test_answer__job_that_hangs__one_fault_and_each_later_call_fails(monkeypatch
 GIVES_UP = """
 import ctypes, os, sys, threading
 from tactuator.errors import DeviceFault
-from tactuator.rig.sound import audio_thread
+from tactuator.rig.sound import cards as audio_thread
 audio_thread.ANSWER_S = 1e4  # the fault does not wait for it
 calls = audio_thread.AudioThread()
 print(calls.answer(lambda: 7, "counting"))

@@ -6,7 +6,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.rig.open import open_rig
-from tactuator.rig.sound import library
+from tactuator.rig.sound import cards as library
 from tactuator.rig.sound.cards import Card, find_card, sound_name
 from tests.rig.sound.turned_card import sound_display
 from tests.three_fingers import three_finger_display

@@ -8,8 +8,7 @@ from scipy import signal
 
 from tactuator.errors import BadInput, DeviceFault
 from tactuator.rig.rig import Rig, Ticking
-from tactuator.rig.sound.rows import CardRows, SoundGap
-from tactuator.rig.sound.run import CardGone
+from tactuator.rig.sound.stream import CardGone, CardRows, SoundGap
 from tests.rig.sound.turned_card import OVERFLOW, PERIOD, RATE_HZ, flat_controller, sound_display, turned_rig
 
 

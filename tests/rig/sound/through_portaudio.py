@@ -16,10 +16,10 @@ from tactuator.errors import DeviceFault
 from tactuator.io.display import parse_display
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.cards import list_cards
-from tactuator.rig.sound.demo.exciter import SUBSTEPS, Exciter
-from tactuator.rig.sound.demo.server import simulated_card
+from tactuator.rig.sound.exciter import SUBSTEPS, Exciter
 from tactuator.rig.sound.rig import SoundRig
-from tactuator.rig.sound.rows import SoundGap
+from tactuator.rig.sound.simulated_card import simulated_card
+from tactuator.rig.sound.stream import SoundGap
 
 RATE_HZ = 48000.0
 QUIET = {"noise": 0.0, "hum": 0.0}

@@ -11,7 +11,7 @@ from tactuator.io.display import parse_display
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.model.description import Display
 from tactuator.rig.sound.rig import SoundRig
-from tactuator.rig.sound.rows import CardRows
+from tactuator.rig.sound.stream import CardRows
 from tactuator.runtime._core import ffi, lib
 
 RATE_HZ = 8000.0

@@ -20,12 +20,10 @@ from tactuator.model.controller import Controller
 from tactuator.paper.plan import paper_display
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.board_check.period_check import check_period
-from tactuator.rig.board_check.period_cost import count_instructions
-from tactuator.rig.board_check.period_cycles import count_cycles
+from tactuator.rig.board_check.period_cost import count_cycles, count_instructions
 from tactuator.rig.board_check.streaming_check import StreamingCheck, check_streaming
-from tactuator.rig.boards import BOARDS, find_board
+from tactuator.rig.boards import BOARDS, build_firmware, find_board, form_of, memory_used, write_program
 from tactuator.rig.open import acknowledge_faults, open_rig
-from tactuator.rig.program import build_firmware, form_of, memory_used, write_program
 from tactuator.runtime.image import FORMATS
 from tactuator.synthesis.design import design_controller
 

@@ -19,7 +19,7 @@ from tactuator.experiment.protocol.file import read_protocol
 from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
 from tactuator.experiment.store.store import Store, opened_store, sessions_of
-from tactuator.rig.touchable import touchable, usual_load
+from tactuator.rig.finger import touchable, usual_load
 from tactuator.web.address import Address
 
 

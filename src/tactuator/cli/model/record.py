@@ -18,8 +18,7 @@ from tactuator.io.display import read_display
 from tactuator.io.record import write_record
 from tactuator.model.description import Channel
 from tactuator.rig.open import open_rig
-from tactuator.rig.rig import Rig
-from tactuator.rig.sensing import require_sensors
+from tactuator.rig.rig import Rig, require_sensors
 from tactuator.signals.excitation import log_chirp, noise, paper_mix, plan_amplitude, prbs, sample_count, steps
 from tactuator.signals.multisine import Periods, multisine, odd_lines
 from tactuator.signals.record import Record

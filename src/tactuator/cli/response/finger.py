@@ -14,8 +14,8 @@ from rich.table import Table
 from tactuator.cli.answer import answer, working
 from tactuator.cli.chosen import ask_for_load, chosen_controller
 from tactuator.measure.finger import CANNOT_TELL, CHAIN, NEITHER, ONE, FingerEstimate, measure_finger
+from tactuator.rig.finger import touch_all, usual_load
 from tactuator.rig.open import open_rig
-from tactuator.rig.touchable import touch_all, usual_load
 
 _SAYS = {
     ONE: "one mass, damper, spring",

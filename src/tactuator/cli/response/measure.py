@@ -25,9 +25,9 @@ from tactuator.measure.options import METHODS, MeasurementOptions
 from tactuator.measure.stepped_sine import stepped_sine
 from tactuator.model.controller import Controller
 from tactuator.model.verdict import Outcome
+from tactuator.rig.finger import touch_all
 from tactuator.rig.open import open_rig
 from tactuator.rig.rig import Rig
-from tactuator.rig.touchable import touch_all
 from tactuator.signals.record import Response
 
 Frequencies = np.ndarray[tuple[int], np.dtype[np.float64]]

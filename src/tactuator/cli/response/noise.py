@@ -19,8 +19,8 @@ from tactuator.io.formats.environment import write_environment
 from tactuator.measure.noise import FeltNoise, felt_noise, noise_verdict, proportional_controller, unstable_channels
 from tactuator.model.controller import Controller
 from tactuator.model.verdict import Outcome
+from tactuator.rig.finger import touch_all
 from tactuator.rig.open import open_rig
-from tactuator.rig.touchable import touch_all
 
 
 def run(

@@ -11,8 +11,8 @@ import numpy as np
 
 from tactuator.cli.sound.calibrate_display import deliver
 from tactuator.measure.open_loop import CalibrationRequest
-from tactuator.rig.sound.demo.display import demo_display, demo_exciter
-from tactuator.rig.sound.demo.server import SimulatedCard, simulated_card
+from tactuator.rig.sound.exciter import demo_display, demo_exciter
+from tactuator.rig.sound.simulated_card import SimulatedCard, simulated_card
 
 
 def run(out: Path, seed: int, keep: bool, as_json: bool) -> None:

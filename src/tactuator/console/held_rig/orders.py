@@ -8,7 +8,7 @@ from typing import Any, Literal
 from tactuator.arrays import FloatArray
 from tactuator.console.held_rig.generator import GeneratorWave
 from tactuator.model.controller import Controller
-from tactuator.rig.trace import Trace
+from tactuator.rig.rig import Trace
 
 Mode = Literal["idle", "live", "measuring", "presenting", "fault", "gone"]
 

@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterator
 from tactuator.console.held_rig.orders import Presented, PresentOrder
 from tactuator.console.held_rig.watched import RigHalted, WatchedRig
 from tactuator.errors import TactuatorError, TimingMissed
-from tactuator.rig.rig import Rig, Ticking
-from tactuator.rig.trace import Trace
+from tactuator.rig.rig import Rig, Ticking, Trace
 
 
 def presented(

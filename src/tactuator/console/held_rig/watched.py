@@ -6,9 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 from numpy.typing import ArrayLike
 
-from tactuator.rig.rig import Rig, WrappedRig
-from tactuator.rig.sensing import PartlyDeaf
-from tactuator.rig.trace import Trace
+from tactuator.rig.rig import PartlyDeaf, Rig, Trace, WrappedRig
 
 
 class RigHalted(Exception):

@@ -28,14 +28,13 @@ from tactuator.errors import BadInput, TactuatorError
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.rig.board.rig import BoardRig
+from tactuator.rig.finger import TouchableRig, touch_all
 from tactuator.rig.open import open_rig
 from tactuator.rig.paced import PacedRig
-from tactuator.rig.rig import Rig
+from tactuator.rig.rig import Rig, Trace
 from tactuator.rig.sound.rig import SoundRig
-from tactuator.rig.sound.run import CardGone
-from tactuator.rig.touchable import TouchableRig, touch_all
-from tactuator.rig.trace import Trace
-from tactuator.rig.transport.transport import LinkDown
+from tactuator.rig.sound.stream import CardGone
+from tactuator.rig.transport import LinkDown
 from tactuator.signals.record import Response
 
 BLOCK_S = 0.02

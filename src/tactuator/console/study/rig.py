@@ -14,8 +14,7 @@ from tactuator.console.scope.host import RigHost
 from tactuator.errors import BadInput, DeviceFault, TimingMissed
 from tactuator.model.controller import Controller
 from tactuator.rig.finger import Finger
-from tactuator.rig.rig import DisplayRig
-from tactuator.rig.trace import Trace, join_traces
+from tactuator.rig.rig import DisplayRig, Trace, join_traces
 
 _SILENT_S = 30.0
 """Time after which a process that tells nothing counts as gone."""

@@ -25,9 +25,9 @@ from tactuator.experiment.trial.presenter import Watch
 from tactuator.experiment.trial.trial import Timing, Trial
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
+from tactuator.rig.finger import TouchableRig
 from tactuator.rig.paced import Paced
 from tactuator.rig.rig import Rig
-from tactuator.rig.touchable import TouchableRig
 
 
 class Clock(Protocol):

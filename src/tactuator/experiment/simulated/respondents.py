@@ -14,7 +14,7 @@ from tactuator.experiment.session.session import Acknowledged
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.trial.trial import Trial
 from tactuator.model.description import Display
-from tactuator.rig.touchable import TouchableRig
+from tactuator.rig.finger import TouchableRig
 from tactuator.signals.spectra import third_octave_bands
 
 

@@ -24,7 +24,7 @@ from tactuator.experiment.trial.presenter import amplitude
 from tactuator.experiment.trial.trial import IntervalRecord, Timing, Trial, trial_rng
 from tactuator.perception.curve import RelativeCurve, ThresholdCurve
 from tactuator.perception.psychometric import MaxOfM, Psychometric, Weibull
-from tactuator.rig.touchable import TouchableRig, touchable
+from tactuator.rig.finger import TouchableRig, touchable
 from tactuator.signals.decibels import db
 
 

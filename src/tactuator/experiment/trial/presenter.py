@@ -22,9 +22,8 @@ from tactuator.experiment.trial.trial import (
     trial_rng,
 )
 from tactuator.model.description import Channel
-from tactuator.rig.rig import Rig, Ticking
+from tactuator.rig.rig import Rig, Ticking, Trace, join_traces
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.rig.trace import Trace, join_traces
 from tactuator.signals.decibels import db
 from tactuator.signals.excitation import ramps
 

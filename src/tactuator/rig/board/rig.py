@@ -1,7 +1,9 @@
-"""A board as a rig: whatever runs the core's firmware, behind any transport."""
+"""A board as a rig, whatever runs the core's firmware, behind any transport; and its finger ports."""
 
 from __future__ import annotations
 
+import math
+import struct
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
@@ -13,8 +15,6 @@ from tactuator.errors import BadInput, DeviceFault
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.rig.board.commissioning import SILENCE_S, safety_table, soft_ticks
-from tactuator.rig.board.finger import BoardFinger
-from tactuator.rig.board.frames import Request
 from tactuator.rig.board.link import (
     IMAGE,
     SAFETY,
@@ -23,21 +23,25 @@ from tactuator.rig.board.link import (
     STREAM,
     LinkClient,
     Mode,
+    Request,
     RigFault,
     Status,
     TraceRows,
     understood,
 )
-from tactuator.rig.board.stream import BoardStream, Rows, take_rows
-from tactuator.rig.board.tones import LONGEST_S, BoardTone, read_run, stimulus_payloads
-from tactuator.rig.rig import DisplayRig
-from tactuator.rig.samples import take_command, take_reference
-from tactuator.rig.trace import Trace, join_traces
-from tactuator.rig.transport.transport import LinkDown
+from tactuator.rig.board.stream import LONGEST_S, BoardStream, BoardTone, Rows, read_run, stimulus_payloads, take_rows
+from tactuator.rig.finger import Finger
+from tactuator.rig.rig import DisplayRig, Trace, join_traces
+from tactuator.rig.transport import LinkDown
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import safety_bytes
-from tactuator.runtime.simulation import block_samples
+from tactuator.runtime.simulation import block_samples, take_command, take_reference
 
+SENSOR_FAULTS = (
+    "sound", "open", "shorted", "frozen", "reversed", "stuck", "offset", "drift", "gain", "lag", "swapped", "bit",
+    "end stop",
+)  # fmt: skip
+"""What may happen to a simulated sensor (core/display/sensor_fault.h)."""
 STREAM_LEAD_S = 0.25
 """Time by which a stream is fed ahead of what is played; a pause or a stop comes later by as much."""
 _RECOVERY_S = 0.25
@@ -45,6 +49,35 @@ _SETTLE_TRIES, _PROMPT_TRIES = 2000, 100
 _BLOCK_LEAD_S = 0.5
 _WAITING_LEAD_S = 0.6 * SILENCE_S
 """A board that waits for its stream does so before the link's silence is a fault, however slow the host is."""
+
+
+class BoardFinger(Finger):
+    """The finger port of one channel over the link: touched, pressed, and felt, as that of a simulated rig."""
+
+    def __init__(self, client: LinkClient, channel: int, loads: tuple[str | None, ...]) -> None:
+        super().__init__()
+        self._client, self._channel, self._loads = client, channel, loads
+
+    def touch(self, load: str | None) -> None:
+        """Put a load of the display file on, by name; None takes it off."""
+        if load not in self._loads:
+            allowed = ", ".join(name or "none" for name in self._loads)
+            raise BadInput(f"load {load!r} is not described", f"{allowed}")
+        self._client.must(Request.TOUCH, struct.pack("<BB", self._channel, self._loads.index(load)))
+
+    def break_sensor(self, what: str, value: float = math.nan) -> None:
+        """Let the channel's sensor fail in one of the ways of SENSOR_FAULTS; "sound" mends it.
+
+        value: the code about which it is "stuck", within two codes (where it is, if none is given); volts of an
+        "offset"; volts a tick of a "drift"; the factor of a "gain"; ticks of a "lag"; the number of the channel that it
+        is "swapped" with; the number of the "bit" that is turned over; mm of an "end stop" (not the sensor's fault).
+        Raises BadInput for another fault, and where a value is missing.
+        """
+        if what not in SENSOR_FAULTS:
+            raise BadInput(f"sensor fault {what!r}", f"{', '.join(SENSOR_FAULTS)}")
+        if math.isnan(value) and what in SENSOR_FAULTS[SENSOR_FAULTS.index("offset") :]:
+            raise BadInput(f"sensor fault {what!r} without a value", "a number")
+        self._client.must(Request.BREAK, struct.pack("<BBf", self._channel, SENSOR_FAULTS.index(what), value))
 
 
 class BoardRig(DisplayRig):

@@ -12,15 +12,14 @@ from numpy.typing import NDArray
 from tactuator.errors import BadInput, DeviceFault
 from tactuator.model.controller import Controller
 from tactuator.rig.board.commissioning import safety_table
-from tactuator.rig.board.frames import Request
-from tactuator.rig.board.link import RigFault, understood
+from tactuator.rig.board.link import Request, RigFault, understood
 from tactuator.rig.board.rig import BoardRig
-from tactuator.rig.board.tones import BoardTone
+from tactuator.rig.board.stream import BoardTone
 from tactuator.rig.open import in_process_rig
-from tactuator.rig.trace import Trace
+from tactuator.rig.rig import Trace
 from tactuator.runtime.image import FORMATS, build_image
 from tactuator.runtime.safety_table import Fault, safety_bytes
-from tactuator.runtime.simulated_board import simulated_board_bytes
+from tactuator.runtime.tables import simulated_board_bytes
 
 STRETCH_TICKS = 10_000
 """Ticks of one request: a fraction of a second on a board at 168 MHz."""

@@ -12,8 +12,7 @@ from tactuator.io.curve import resolve_curve
 from tactuator.model.description import Channel, Converter, Display, Threshold
 from tactuator.model.requirements import FeedbackRequirements
 from tactuator.model.sound_card import SoundCard, Wires
-from tactuator.rig.rig import Rig
-from tactuator.rig.sensing import PartlyDeaf
+from tactuator.rig.rig import PartlyDeaf, Rig
 from tactuator.signals.systems import ContinuousSystem
 
 LEAST_RATE_HZ = 1000.0

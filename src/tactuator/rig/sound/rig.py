@@ -9,30 +9,75 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import signal
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, DeviceFault
-from tactuator.model.controller import Controller
-from tactuator.model.description import Display
+from tactuator.model.controller import ChannelController, Controller
+from tactuator.model.description import Channel, Display
+from tactuator.model.load import DERIVATIVES
 from tactuator.model.sound_card import SoundCard, Wires
-from tactuator.rig.rig import DisplayRig
-from tactuator.rig.samples import take_command, take_reference
-from tactuator.rig.sound.open_loop import OpenLoop
-from tactuator.rig.sound.port import Port
-from tactuator.rig.sound.rows import CardRows, Rows, SoundGap
-from tactuator.rig.sound.run import CardGone, CardRun
-from tactuator.rig.trace import Trace, join_traces
-from tactuator.runtime.simulation import block_samples
+from tactuator.perception.curve import COMFORT_DB_SL
+from tactuator.rig.rig import DisplayRig, Trace, join_traces
+from tactuator.rig.sound.cards import find_card, list_cards, sound_name
+from tactuator.rig.sound.stream import CardGone, CardPort, CardRows, CardRun, Port, Rows, SoundGap
+from tactuator.runtime.simulation import block_samples, take_command, take_reference
+from tactuator.signals.decibels import db, from_db
+from tactuator.signals.discretise import bilinear, zero_order_hold
+from tactuator.signals.systems import ContinuousSystem
 
 CLIPPED = 0.9999
 """Share of full scale from which an input counts as clipped: the top code of 16 bits is above it."""
 SOFT_S = 0.02
 PATIENT_S = 4.0
 DRIVE_TRIES = 3
-
+RING_S = 4.0 * PATIENT_S
+"""Length of the rings: what is taken in may wait for the program four times as long as it is fed ahead."""
+_ROUNDING = 1.001
+_RING_S, _RING_DB, _FADE_S = 0.5, -80.0, 0.02
+_SLOWEST = 0.5
+"""Share of the band's lower edge below which a sensor of velocity or acceleration does not tell of displacement."""
 Flags = NDArray[np.bool_]
 _Piece = tuple[FloatArray, FloatArray, Flags]
 """Reference, command in volts, and where it was cut, each (n, channels)."""
+
+
+def sound_rig(spec: str, display: Display, seed: int = 0) -> SoundRig:
+    """Return the rig of `display` on the card DEVICE[@RATE]; without a device, on the one that [sound] names.
+
+    Raises BadInput for a card that is not there or has too few channels, for a rate that is not the display's, and
+    where a loop is asked for; DeviceFault where the card cannot be opened.
+    """
+    del seed  # nothing is drawn
+    card = sound_wiring(display)
+    name, rate_hz = sound_name(spec)
+    if rate_hz is not None and rate_hz != display.rate_hz:
+        raise BadInput(f"sound card at {rate_hz:g} Hz; allowed for this display: its rate_hz, {display.rate_hz:g} Hz")
+    for channel in display.channels:
+        if channel.feedback.structure != "none":
+            raise BadInput(
+                f"channel {channel.name!r}: structure is {channel.feedback.structure!r}, and a loop through a sound "
+                "card answers tens of milliseconds late",
+                'structure = "none" in [feedback]',
+            )
+    cards = list_cards()
+    out = find_card(name or card.device, cards)
+    outputs = max(wires.output for wires in card.wires)
+    inputs = max(wires.input for wires in card.wires)
+    taken_from = find_card(card.input_device, cards) if card.input_device else out
+    rows = CardRows(outputs, inputs, round(RING_S * display.rate_hz), display.rate_hz)
+    port = CardPort(out, taken_from if inputs else None, outputs, inputs, display.rate_hz, rows)
+    return SoundRig(display, rows, port)
+
+
+def sound_wiring(display: Display) -> SoundCard:
+    """Return the display's wiring. Raises BadInput where it has none."""
+    if display.sound is None:
+        raise BadInput(
+            f"display {display.name!r} does not say how it is wired to a sound card",
+            "a table [sound] with output_full_scale_v (docs/sound.md)",
+        )
+    return display.sound
 
 
 class SoundRig(DisplayRig):
@@ -261,11 +306,115 @@ class _Asked:
         return replace(asked, position_v=position_v, saturated=saturated)
 
 
-def sound_wiring(display: Display) -> SoundCard:
-    """Return the display's wiring. Raises BadInput where it has none."""
-    if display.sound is None:
+class OpenLoop:
+    """The channels of a controller whose F gives the command itself. Raises BadInput for a closed loop."""
+
+    def __init__(self, controller: Controller) -> None:
+        self._channels = [
+            _OpenChannel(described, own, controller.rate_hz)
+            for described, own in zip(controller.display.channels, controller.channels, strict=True)
+        ]
+        self._names = [channel.name for channel in controller.channels]
+        self._held = np.zeros((controller.delay_samples, len(self._names)))
+        comfort_db_sl = min(COMFORT_DB_SL, *(one.limits.comfort_db_sl for one in controller.channels))
+        self._most = _ROUNDING * float(from_db(comfort_db_sl))
+        self._comfort_db_sl = comfort_db_sl
+        self._rate_hz = controller.rate_hz
+        self.reset()
+
+    def reset(self) -> None:
+        """Bring every state to rest."""
+        self._held[:] = 0.0
+        for channel in self._channels:
+            channel.reset()
+
+    def command(self, reference: FloatArray) -> tuple[FloatArray, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
+        """Return the volts (n, channels) for a reference (n, channels), threshold units, and where they were cut to the
+        command's limit.
+
+        Raises BadInput for a reference beyond comfort, and for one that takes a channel beyond its travel by the
+        display's model.
+        """
+        peak = float(np.max(np.abs(reference), initial=0.0))
+        if peak > self._most:
+            raise BadInput(
+                f"the reference reaches {float(db(peak)):.1f} dB SL", f"comfort, {self._comfort_db_sl:g} dB SL"
+            )
+        made = [channel.command(column) for channel, column in zip(self._channels, reference.T, strict=True)]
+        wanted = np.column_stack([volts for volts, _ in made])
+        limited = np.column_stack([cut for _, cut in made])
+        later = np.concatenate([self._held, wanted])
+        self._held = later[len(wanted) :].copy()
+        return later[: len(wanted)], limited
+
+    def ringing(self) -> FloatArray:
+        """Return the volts (n, channels) by which the controller dies away from here, faded out at their end."""
+        count = round(_RING_S * self._rate_hz)
+        volts, _ = self.command(np.zeros((count, len(self._names))))
+        level = np.max(np.abs(volts), axis=1)
+        loud = np.flatnonzero(level > float(from_db(_RING_DB)) * max(1e-9, float(np.max(level, initial=0.0))))
+        fade = min(count, round(_FADE_S * self._rate_hz))
+        end = min(count, int(loud[-1]) + 1 + fade if loud.size else fade)
+        line = np.ones(end)
+        line[-fade:] = 0.5 + 0.5 * np.cos(np.pi * np.arange(1, fade + 1) / fade)
+        return np.asarray(volts[:end] * line[:, None])
+
+
+class _OpenChannel:
+    def __init__(self, channel: Channel, own: ChannelController, rate_hz: float) -> None:
+        if own.feedback_sos is not None:
+            raise BadInput(
+                f"channel {own.name!r}: the controller closes a loop, and a sound card answers tens of milliseconds "
+                "late",
+                'structure = "none" in [feedback]',
+            )
+        self._name, self._limits, self._travel_mm = own.name, own.limits, channel.travel_mm
+        self._prefilter = own.prefilter_sos / own.prefilter_sos[:, 3:4]
+        self._moves = displacement_sections(channel, rate_hz)
+        self.reset()
+
+    def reset(self) -> None:
+        """Bring the states to rest."""
+        self._state = np.zeros((len(self._prefilter), 2))
+        self._moved = [np.zeros((len(sections), 2)) for sections in self._moves]
+
+    def command(self, reference: FloatArray) -> tuple[FloatArray, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
+        """Return the volts (n,) and where they were cut. Raises BadInput beyond the travel."""
+        wanted, self._state = signal.sosfilt(self._prefilter, reference, zi=self._state)
+        volts = np.clip(wanted, -self._limits.command_v, self._limits.command_v)
+        moved = volts
+        for k, sections in enumerate(self._moves):
+            moved, self._moved[k] = signal.sosfilt(sections, moved, zi=self._moved[k])
+        reach = float(np.max(np.abs(moved), initial=0.0))
+        if reach > _ROUNDING * self._travel_mm:
+            raise BadInput(
+                f"channel {self._name!r}: the reference moves it by {reach:.3g} mm by the display's model",
+                f"its travel, {self._travel_mm:g} mm",
+            )
+        return np.asarray(volts), np.asarray(volts != wanted)
+
+
+def displacement_sections(channel: Channel, rate_hz: float) -> tuple[FloatArray, ...]:
+    """Return the sections, cascade after cascade, from volts of command to millimetres at the finger by the channel's
+    model: its plant without dead time, integrated as often as the sensor has differentiated.
+
+    A sensor of velocity or acceleration does not tell what moves slowly: below half the band's lower edge the integral
+    is let go, s / (s + w)^2 in the place of 1 / s, with 1.25 times its gain so that nothing in the band is told for
+    less than it is. Raises BadInput for a plant that is not stable, whose travel no open loop can hold.
+    """
+    plant = channel.plant
+    if not plant.is_stable:
         raise BadInput(
-            f"display {display.name!r} does not say how it is wired to a sound card",
-            "a table [sound] with output_full_scale_v (docs/sound.md)",
+            f"channel {channel.name!r}: its plant is not stable, and nothing holds its travel without a loop",
+            "a stable plant",
         )
-    return display.sound
+    still = ContinuousSystem(plant.zeros, plant.poles, plant.gain / channel.sensor_gain_v_per_mm)
+    cascades = [_normalised(zero_order_hold(still, rate_hz).sections())]
+    slowest = 2.0 * np.pi * _SLOWEST * channel.threshold.band_hz[0]
+    let_go = ContinuousSystem(np.zeros(1), np.array([-slowest, -slowest]), 1.0 + _SLOWEST**2)
+    once = bilinear(let_go, rate_hz).sections()
+    return (*cascades, *([_normalised(once)] * DERIVATIVES[channel.quantity]))
+
+
+def _normalised(sections: FloatArray) -> FloatArray:
+    return np.asarray(sections / sections[:, 3:4])

@@ -1,4 +1,9 @@
-"""A JACK server of our own without hardware, with simulated exciters on it, for the length of a context."""
+"""A sound card without hardware: a JACK server of our own with simulated exciters on it, for the length of a context.
+
+`python -m tactuator.rig.sound.simulated_card SETTINGS.json` is the exciters' program, a client of the server. Each has
+a port that drives it, one of its accelerometer and one that tells its displacement: the ports of a client are a device
+for PortAudio. An exciter that is null is a wire.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +15,26 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, DeviceFault
-from tactuator.rig.sound.demo.client import START_S
-from tactuator.rig.sound.demo.exciter import Exciter
-from tactuator.rig.sound.library import leave_library
+from tactuator.rig.sound.cards import leave_library
+from tactuator.rig.sound.exciter import Exciter, RunningExciter
 
+START_S = 20.0
+"""A server has to be there within so long."""
 PERIOD = 4096
 PRIORITY = 20
 _SERVERS = 6
+Answer = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 @dataclass
@@ -114,7 +126,7 @@ def _schedule() -> list[str]:
 def _started_client(settings: Path) -> subprocess.Popen[bytes]:
     """Return the client's process once it is ready."""
     client = subprocess.Popen(
-        [sys.executable, "-m", "tactuator.rig.sound.demo.client", str(settings)],
+        [sys.executable, "-m", "tactuator.rig.sound.simulated_card", str(settings)],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     assert client.stdout is not None
@@ -140,3 +152,65 @@ def _end(process: subprocess.Popen[bytes] | None) -> bytes:
     except subprocess.TimeoutExpired:
         process.kill()
         return process.communicate()[1] or b""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Run until the server ends or standard input is closed."""
+    import jack  # noqa: PLC0415 - an extra, which only the simulated card needs
+
+    settings: dict[str, Any] = json.loads(Path(arguments[0]).read_text(encoding="utf-8"))
+    jack.set_error_function(lambda text: None)
+    client = opened(jack, settings["client"], settings["server"])
+    rng = np.random.default_rng(settings["seed"])
+    answers = [answer_of(one, float(client.samplerate), rng) for one in settings["exciters"]]
+    count = len(answers)
+    drives = [client.inports.register(f"drive_{k + 1}") for k in range(count)]
+    ports = [client.outports.register(f"sensor_{k + 1}") for k in range(count)]
+    ports += [client.outports.register(f"felt_{k + 1}") for k in range(count)]
+    over = threading.Event()
+
+    @client.set_process_callback  # type: ignore[untyped-decorator]
+    def process(frames: int) -> None:
+        for k, answer in enumerate(answers):
+            heard, moved = answer(drives[k].get_array().astype(np.float64))
+            ports[k].get_array()[:] = heard
+            ports[count + k].get_array()[:] = moved
+
+    @client.set_shutdown_callback  # type: ignore[untyped-decorator]
+    def shutdown(status: object, reason: str) -> None:
+        over.set()
+
+    with client:
+        sys.stdout.write("ready\n")
+        sys.stdout.flush()
+        threading.Thread(target=_wait_for_end, args=(over,), daemon=True).start()
+        over.wait()
+
+
+def opened(jack: Any, name: str, server: str) -> Any:
+    """Return a client of that name on a server that may still be starting; JACK's own error after START_S."""
+    until = time.monotonic() + START_S
+    while True:
+        try:
+            return jack.Client(name, servername=server, no_start_server=True)
+        except jack.JackError:
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.1)
+
+
+def _wait_for_end(over: threading.Event) -> None:
+    """End the program where whoever began it is gone."""
+    sys.stdin.read()
+    over.set()
+
+
+def answer_of(settings: dict[str, Any] | None, rate_hz: float, rng: np.random.Generator) -> Answer:
+    """Return what answers samples of command with those of sensor and displacement: an exciter, or a wire for None."""
+    if settings is None:
+        return lambda share: (share, share)
+    return RunningExciter(Exciter(**settings), rate_hz, rng).answer
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -13,9 +13,8 @@ import time
 from pathlib import Path
 
 from tactuator.errors import BadInput
-from tactuator.rig.boards import find_board
-from tactuator.rig.program import build_firmware
-from tactuator.rig.transport.transport import LinkDown
+from tactuator.rig.boards import build_firmware, find_board
+from tactuator.rig.transport import LinkDown
 
 EMULATOR = "qemu-system-arm"
 _OPEN_TIMEOUT_S = 20.0

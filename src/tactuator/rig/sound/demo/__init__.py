@@ -1,1 +1,0 @@
-"""A sound card that is none: a JACK server without hardware, and simulated exciters between its ports."""

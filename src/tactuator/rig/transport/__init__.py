@@ -1,1 +1,0 @@
-"""Ways to carry the link's bytes: in this process, an emulator, a serial port, a socket."""
