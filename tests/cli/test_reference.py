@@ -7,7 +7,8 @@ import typer
 from tactuator.cli.main import build_app
 from tactuator.cli.options import RigOption
 from tactuator.cli.verbs import VERBS
-from tactuator.rig.open import rig_names
+from tactuator.entry_points import plugins
+from tactuator.rig.open import RIGS
 from tools.cli_reference import PAGE, reference, sorted_commands
 
 COMMANDS = list(sorted_commands(typer.main.get_command(build_app()), ("tactuator",)))
@@ -45,6 +46,6 @@ def test_commands__each_that_ends_by_itself__can_answer_in_json():
 
 
 def test_help_of_rig__names_every_kind_of_rig() -> None:
-    kinds = {name.partition(":")[0] for name in rig_names().split(", ")}
+    kinds = {name for name, point in plugins(RIGS).items() if point.value.startswith("tactuator.")}
     told = get_args(RigOption)[1].help
     assert {one.partition(":")[0] for one in told.rstrip(".").split(", ")} == kinds

@@ -13,7 +13,8 @@ from scipy import signal
 from tactuator.errors import BadInput
 from tactuator.model.controller import AntiWindup, ChannelController, Limits
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.coefficients import conditioning, delta_coefficients_single
+from tactuator.runtime.coefficients import delta_coefficients_single
+from tactuator.runtime.image import conditioning
 from tactuator.runtime.tables import controller_table
 from tests.core.single_precision import ReferenceController, Single, sections
 from tests.runtime.paper_display import controller, display, feedback_sections, prefilter_sections

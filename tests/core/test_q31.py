@@ -19,14 +19,12 @@ from tactuator.runtime.coefficients import (
     SHIFT_MIN,
     VOLTS_FULL_SCALE,
     Q31Section,
-    conditioning,
     q31_cascade,
     q31_conditioning,
     q31_row,
     q31_section,
-    reference_max,
 )
-from tactuator.runtime.image import build_image
+from tactuator.runtime.image import build_image, conditioning, reference_max
 from tests.core import fixed_point
 from tests.runtime.paper_display import controller, display, feedback_sections, prefilter_sections
 

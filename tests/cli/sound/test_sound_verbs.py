@@ -23,8 +23,8 @@ from tactuator.measure.broadband import Followed, Heard, Level, Wave
 from tactuator.measure.open_loop import KnownChannel, NoEqualiser
 from tactuator.model.document import display_document
 from tactuator.report.open_loop import toml_text
-from tactuator.rig import open as rigs
-from tactuator.rig.sound import audio_thread, library
+from tactuator.rig.sound import cards
+from tactuator.rig.sound import rig as rigs
 from tests.cli.refusals import refused
 from tests.measure.open_loop.exciters import persons_curve
 from tests.rig.sound.from_start_to_end import controller
@@ -84,7 +84,7 @@ def display_file(tmp_path: Path) -> str:
 def test_calibrate_display__card_that_will_not_do__one_line_and_nothing_written(
     card: dict[str, Any], status: int, words: str, display_file: str, tmp_path: Path, monkeypatch, capfd
 ):
-    monkeypatch.setattr(library, "import_module", lambda name: fake_sounddevice(**card))
+    monkeypatch.setattr(cards, "import_module", lambda name: fake_sounddevice(**card))
     arguments = ["calibrate-display", display_file, "--rig", "sound:Card", "--out", str(tmp_path / "out")]
     if not card.get("outputs", 2):
         arguments[3] = "sound:"
@@ -103,10 +103,10 @@ def test_calibrate_display__card_that_never_opens__one_line_and_nothing_written(
     go = threading.Event()
     module = fake_sounddevice()
     module._StreamBase = lambda *given, **more: go.wait(10.0)
-    monkeypatch.setattr(library, "import_module", lambda name: module)
-    monkeypatch.setattr(audio_thread, "ANSWER_S", 0.1)
+    monkeypatch.setattr(cards, "import_module", lambda name: module)
+    monkeypatch.setattr(cards, "ANSWER_S", 0.1)
     for name in ("_hung", "lost"):  # as they were, at the end of the test
-        monkeypatch.setattr(library.PORTAUDIO, name, getattr(library.PORTAUDIO, name))
+        monkeypatch.setattr(cards.PORTAUDIO, name, getattr(cards.PORTAUDIO, name))
     out = tmp_path / "out"
     assert main(["calibrate-display", display_file, "--rig", "sound:Card", "--out", str(out)]) == 3
     go.set()
@@ -118,12 +118,12 @@ def test_calibrate_display__card_that_never_opens__one_line_and_nothing_written(
 NEVER_LEAVES = """
 import atexit, ctypes, sys, threading
 from tactuator.cli import main
-from tactuator.rig.sound import audio_thread, library
+from tactuator.rig.sound import cards
 from tests.cli.sound.test_sound_verbs import fake_sounddevice
 module = fake_sounddevice()
 module._StreamBase = lambda *given, **more: threading.Event().wait(60.0)
-library.import_module = lambda name: module
-audio_thread.ANSWER_S = 0.1
+cards.import_module = lambda name: module
+cards.ANSWER_S = 0.1
 c = ctypes.CDLL(None)
 c.__cxa_atexit(c.pause, None, None)  # as a library that waits for what its own thread holds
 atexit.register(print, "tidied up")
@@ -147,7 +147,7 @@ def put_in(monkeypatch: pytest.MonkeyPatch, **card: Any) -> list[TurnedCard]:
     """Let every display on a sound card stand on a card that is turned by hand."""
     made: list[TurnedCard] = []
 
-    def opened(spec: str, display: Any) -> Any:
+    def opened(spec: str, display: Any, seed: int) -> Any:
         rig, turned = turned_rig(display, **card)
         made.append(turned)
         return rig
@@ -261,14 +261,14 @@ def test_design__display_on_a_sound_card__is_not_refused_for_what_a_board_takes(
 
 
 def test_sound_devices__a_card__is_listed(monkeypatch, capfd):
-    monkeypatch.setattr(library, "import_module", lambda name: fake_sounddevice())
+    monkeypatch.setattr(cards, "import_module", lambda name: fake_sounddevice())
     assert main(["sound", "devices", "--json"]) == 0
     (card,) = json.loads(capfd.readouterr().out)["devices"]
     assert (card["device"], card["outputs"], card["rate_hz"]) == ("ALSA/Card", 2, 44100.0)
 
 
 def test_sound_devices__no_card__tells_what_to_do(monkeypatch, capfd):
-    monkeypatch.setattr(library, "import_module", lambda name: fake_sounddevice(outputs=0))
+    monkeypatch.setattr(cards, "import_module", lambda name: fake_sounddevice(outputs=0))
     assert main(["sound", "devices"]) == 0
     assert "`aplay -l` lists" in capfd.readouterr().out
 

@@ -114,8 +114,8 @@ def server_killed() -> dict[str, object]:
 
 def server_hung() -> dict[str, object]:
     """The server is stopped, not ended: whoever asks it for something waits for ever."""
-    code = "import sys; from tactuator.cli import main; from tactuator.rig.sound import audio_thread\n"
-    code += "audio_thread.ANSWER_S = 1.0; sys.exit(main(['sound', 'devices']))"
+    code = "import sys; from tactuator.cli import main; from tactuator.rig.sound import cards\n"
+    code += "cards.ANSWER_S = 1.0; sys.exit(main(['sound', 'devices']))"
     with simulated_card([None]) as card:
         os.kill(card.server.pid, signal.SIGSTOP)
         try:
