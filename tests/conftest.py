@@ -102,10 +102,10 @@ _INTEGRATION = (
 
 
 #: Unit tests that design, identify or simulate for seconds: not for `make quick`.
-_LONG = (
-    "console/", "identification/", "measure/", "synthesis/", "wordlength/", "experiment/", "runtime/", "core/", "report/",
-    "verbs/", "api/", "io/test_full_disk", "model/test_response_plant", "test_helper_process",
-)  # fmt: skip
+_LONG = tuple(
+    "console/ identification/ measure/ synthesis/ wordlength/ experiment/ runtime/ core/ report/ verbs/ api/ "
+    "io/test_full_disk model/test_response_plant test_helper_process".split()
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
