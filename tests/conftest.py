@@ -102,9 +102,9 @@ _INTEGRATION = (
 
 
 #: Unit tests that design, identify or simulate for seconds: not for `make quick`.
-_LONG = tuple(
-    "console/ identification/ measure/ synthesis/ wordlength/ experiment/ runtime/ core/ report/ verbs/ api/ "
-    "io/test_full_disk model/test_response_plant test_helper_process".split()
+_LONG = (
+    *(f"{room}/" for room in ("api", "console", "core", "experiment", "identification", "measure", "report", "runtime")),
+    *("synthesis/", "verbs/", "wordlength/", "io/test_full_disk", "model/test_response_plant", "test_helper_process"),
 )
 
 
