@@ -103,8 +103,16 @@ _INTEGRATION = (
 
 #: Unit tests that design, identify or simulate for seconds: not for `make quick`.
 _LONG = (
-    *(f"{room}/" for room in ("api", "console", "core", "experiment", "identification", "measure", "report", "runtime")),
-    *("synthesis/", "verbs/", "wordlength/", "io/test_full_disk", "model/test_response_plant", "test_helper_process"),
+    *(f"{room}/" for room in ("api", "console", "core", "experiment", "identification", "measure", "report")),
+    *(
+        "runtime/",
+        "synthesis/",
+        "verbs/",
+        "wordlength/",
+        "io/test_full_disk",
+        "model/test_response_plant",
+        "test_helper_process",
+    ),
 )
 
 
