@@ -23,7 +23,7 @@ from timing import in_turn
 from tactuator.corpus.corpus import run_corpus
 from tactuator.corpus.workers import Here, LocalProcesses, Workers
 from tactuator.io.display import parse_display
-from tactuator.speech.codings import NAMED
+from tactuator.speech.coding import coding_of
 from tactuator.speech.render import RenderJob
 from tactuator.speech.synthesis import sample_path
 from tactuator.synthesis.design import design_controller
@@ -70,7 +70,7 @@ def run() -> dict[str, object]:
             return spent["short"] - spent["two"]
 
         for kind, goal in GOALS.items():
-            job = RenderJob(controller, NAMED["direct"], simulate=kind == "felt")
+            job = RenderJob(controller, coding_of("direct"), simulate=kind == "felt")
             spent = in_turn({of: corpus(of, Here(), job) for of in ("short", "long")}, 2)
             load = os.getloadavg()[0]
             turns = [(elapsed_s(1, job), elapsed_s(2, job)) for _ in range(2)]

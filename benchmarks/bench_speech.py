@@ -22,8 +22,8 @@ from timing import in_turn
 from tactuator.io.display import parse_display
 from tactuator.model.controller import Controller
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.speech.codings import NAMED
-from tactuator.speech.envelope_coding import DEFAULT
+from tactuator.speech.coding import coding_of
+from tactuator.speech.envelope_coding import EnvelopeCoding
 from tactuator.speech.render import RenderJob, render_file
 from tactuator.speech.synthesis import sample_path
 from tactuator.synthesis.design import design_controller
@@ -63,10 +63,12 @@ def run() -> dict[str, object]:
         speech = long_speech(Path(folder) / "speech.wav", MINUTES)
         seconds = soundfile.info(speech).duration
         works: dict[str, Callable[[], None]] = {
-            name: partial(render, speech, folder, RenderJob(controller, NAMED[name]))
+            name: partial(render, speech, folder, RenderJob(controller, coding_of(name)))
             for name in ("direct", "bands", "envelope")
         }
-        works["direct_felt"] = partial(render, speech, folder, RenderJob(controller, NAMED["direct"], simulate=True))
+        works["direct_felt"] = partial(
+            render, speech, folder, RenderJob(controller, coding_of("direct"), simulate=True)
+        )
         works["peer"] = partial(peer, speech)
         works["sosfilt"] = partial(sosfilt_bands, speech)
         works["bare_loops"] = partial(bare_loops, controller, seconds)
@@ -106,8 +108,8 @@ def peer(speech: Path) -> None:
 def sosfilt_bands(speech: Path) -> None:
     """Filter, rectify, take to 4 kHz and smooth every band of the default envelope coding and of its voicing."""
     samples, rate = soundfile.read(speech)
-    voicing = DEFAULT.voicing
-    bands = [(one.order, one.low_hz, one.high_hz, one.smooth_order, one.smooth_hz) for one in DEFAULT.bands]
+    voicing = EnvelopeCoding().voicing
+    bands = [(one.order, one.low_hz, one.high_hz, one.smooth_order, one.smooth_hz) for one in EnvelopeCoding().bands]
     bands += [(2, 60.0, voicing.low_hz, 2, voicing.smooth_hz), (2, voicing.high_hz, 0.45 * rate, 2, voicing.smooth_hz)]
     for order, low_hz, high_hz, smooth_order, smooth_hz in bands:
         band = signal.butter(order, [low_hz, high_hz], "bandpass", fs=rate, output="sos")

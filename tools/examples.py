@@ -18,7 +18,7 @@ from tactuator.paper.plan import paper_display
 from tactuator.perception.curve import curve
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.excitation import paper_mix
-from tactuator.speech.codings import coding_of, write_coding
+from tactuator.speech.coding import coding_of, write_coding
 from tactuator.speech.render import RenderJob, render_file
 from tactuator.speech.synthesis import RATE_HZ, Sound, synthesise
 from tactuator.synthesis.design import design_controller

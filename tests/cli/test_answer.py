@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from rich.console import Console
 from rich.table import Table
 
-from tactuator.cli.answer import answer, plain, progress, shown
+from tactuator.api.plain import plain
+from tactuator.cli.answer import answer, progress, shown
 from tactuator.experiment.result.confusion import ResultTable
 from tactuator.report.tables import with_error
 

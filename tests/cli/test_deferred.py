@@ -16,7 +16,7 @@ from tactuator.cli.deferred import Verb, done_by
 from tactuator.cli.model.record import EXCITATIONS
 from tactuator.cli.verbs import GROUPS, VERBS
 from tactuator.rig.board_check.streaming_check import INSTRUCTION_NS
-from tactuator.speech.render import LEVEL_DB_SL
+from tactuator.speech.options import LEVEL_DB_SL
 from tests.cli.refusals import refused
 
 HEAVY = ("numpy", "scipy", "h5py", "matplotlib", "soundfile", "sqlalchemy", "fastapi", "rich", "pydantic")

@@ -35,7 +35,7 @@ from tactuator.io.start.shipped import EXAMPLES
 from tactuator.model.plant_model import PlantModel
 from tactuator.rig.boards import read_boards
 from tactuator.signals.record import Record
-from tactuator.speech.codings import read_coding
+from tactuator.speech.coding import read_coding
 from tactuator.speech.reading import scan_speech
 from tactuator.web.address import Address
 

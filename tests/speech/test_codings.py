@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 
+from tactuator.cli import main
 from tactuator.errors import BadInput
+from tactuator.io.controller import write_controller
 from tactuator.speech.band_codings import BandsCoding, DirectCoding
-from tactuator.speech.coding import place
-from tactuator.speech.codings import NAMED, coding_of, read_coding, write_coding
-from tactuator.speech.envelope_coding import BRATAKOS_2001, DEFAULT, YUAN_2005, EnvelopeBand, EnvelopeCoding, Voicing
+from tactuator.speech.coding import GROUP, coding_names, coding_of, place, read_coding, write_coding
+from tactuator.speech.envelope_coding import BRATAKOS_2001, YUAN_2005, EnvelopeBand, EnvelopeCoding, Voicing
+from tactuator.speech.render import render_array
+from tactuator.speech.synthesis import sample_path
 
 FINGERS = ("thumb", "index", "middle")
 RATE_IN, RATE = 16000, 4000
@@ -82,7 +85,7 @@ def test_envelope__gates__voice_and_its_absence():
 
 def test_envelope__any_preset__silent_above_300_hz():
     noise = np.random.default_rng(2).standard_normal(RATE_IN * 4)
-    for coding in (DEFAULT, YUAN_2005, BRATAKOS_2001):
+    for coding in (EnvelopeCoding(), YUAN_2005, BRATAKOS_2001):
         spectrum = np.abs(np.fft.rfft(coded(coding, noise) * np.hanning(4 * RATE)[:, None], axis=0))
         frequency = np.fft.rfftfreq(4 * RATE, 1 / RATE)
         assert 20 * np.log10(spectrum[frequency > 302].max() / spectrum.max()) < -70
@@ -108,15 +111,15 @@ def test_coding__however_it_is_cut__same_bits(name, lengths):
             yield noise[at : at + lengths[turn % len(lengths)]]
             at, turn = at + lengths[turn % len(lengths)], turn + 1
 
-    pieces = np.concatenate(list(NAMED[name].signals(cut(), RATE_IN, RATE)))
-    np.testing.assert_array_equal(pieces, coded(NAMED[name], noise))
+    pieces = np.concatenate(list(coding_of(name).signals(cut(), RATE_IN, RATE)))
+    np.testing.assert_array_equal(pieces, coded(coding_of(name), noise))
     assert len(pieces) == int(np.ceil(20011 / 4))
 
 
-@pytest.mark.parametrize("name", NAMED)
+@pytest.mark.parametrize("name", ["direct", "bands", "envelope", "yuan-2005", "bratakos-2001"])
 def test_coding_file__written_and_read__same_coding(tmp_path, name):
-    write_coding(tmp_path / "c.toml", NAMED[name])
-    assert coding_of(str(tmp_path / "c.toml")) == NAMED[name]
+    write_coding(tmp_path / "c.toml", coding_of(name))
+    assert coding_of(str(tmp_path / "c.toml")) == coding_of(name)
 
 
 @pytest.mark.parametrize(
@@ -131,7 +134,7 @@ def test_coding_file__written_and_read__same_coding(tmp_path, name):
 )  # fmt: skip
 def test_coding_file__amiss__refused_in_one_line(tmp_path, change, words):
     path = tmp_path / "c.toml"
-    write_coding(path, NAMED["direct"])
+    write_coding(path, coding_of("direct"))
     path.write_text(path.read_text().replace(*change, 1))
     with pytest.raises(BadInput, match=words) as refusal:
         read_coding(path)
@@ -157,10 +160,52 @@ def test_envelope_file__amiss__refused(tmp_path, change, words):
 
 
 def test_coding_of__unknown_name_or_no_file__refused(tmp_path):
-    with pytest.raises(BadInput, match="not known; allowed: direct, bands, envelope"):
+    with pytest.raises(BadInput, match="not known; allowed: direct, bands, bratakos-2001, envelope, yuan-2005, or"):
         coding_of("vocoder")
     with pytest.raises(BadInput, match="No such file"):
         coding_of(str(tmp_path / "none.toml"))
+
+
+FOREIGN = """
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Gt
+
+
+@dataclass(frozen=True)
+class Loud:
+    kind: Literal["loud"] = "loud"
+    gain: Annotated[float, Gt(0.0)] = 2.0
+
+    def signals(self, blocks, rate_in_hz, rate_hz):
+        for block in blocks:
+            yield self.gain * block[:: rate_in_hz // rate_hz, None]
+
+    def placement(self, fingers):
+        return np.ones((1, len(fingers)))
+"""
+
+
+def test_coding__of_another_package__by_its_name_and_in_a_file_and_rendered(install, tmp_path, controller):
+    install(GROUP, "loud", FOREIGN, "Loud")
+    assert "loud" in coding_names()
+    loud, path = coding_of("loud"), tmp_path / "loud.toml"
+    write_coding(path, loud)
+    assert read_coding(path) == loud
+    path.write_text(path.read_text().replace("gain = 2.0", "gain = 3"))
+    assert read_coding(path).gain == 3.0
+    reference, _, _ = render_array(sample_path(), controller, loud)
+    assert np.all(reference[:, 0] == reference[:, 2])
+    write_controller(tmp_path / "controller.json", controller)
+    words = ("--controller", tmp_path / "controller.json", "--out", tmp_path / "r.wav", "--coding", "loud")
+    assert main(["render", *map(str, (sample_path(), *words))]) == 0
+    for wrong in ("-1.0", '"2.0"'):
+        path.write_text(path.read_text().replace("gain = 3", f"gain = {wrong}"))
+        with pytest.raises(BadInput, match="gain is"):
+            read_coding(path)
+        path.write_text(path.read_text().replace(f"gain = {wrong}", "gain = 3"))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import soundfile
 from tactuator.errors import BadInput
 from tactuator.io.reference import content_sha256, open_reference
 from tactuator.speech.band_codings import DirectCoding
-from tactuator.speech.codings import NAMED
+from tactuator.speech.coding import coding_of
 from tactuator.speech.render import LevelMeter, RenderJob, render_array, render_file, rendering
 from tactuator.speech.synthesis import sample_path
 
@@ -23,7 +23,7 @@ def level(reference):
 @pytest.mark.parametrize("name", ["direct", "bands", "envelope", "yuan-2005", "bratakos-2001"])
 @pytest.mark.parametrize("asked", [20.0, 35.0])
 def test_render__any_coding__utterance_at_the_level_asked(controller, name, asked):
-    reference, speech, limiting = render_array(sample_path(), controller, NAMED[name], asked)
+    reference, speech, limiting = render_array(sample_path(), controller, coding_of(name), asked)
     assert len(reference) == int(np.ceil(speech.frames / 4))
     assert level(reference) == pytest.approx(asked, abs=0.1)
     assert all(entry.max_reduction_db == 0.0 for entry in limiting)

@@ -38,7 +38,7 @@ from tactuator.io.response import read_responses
 from tactuator.rig.boards import read_boards
 from tactuator.runtime.image import read_image_header
 from tactuator.signals.record import Record
-from tactuator.speech.codings import read_coding
+from tactuator.speech.coding import read_coding
 from tactuator.speech.reading import scan_speech
 from tactuator.web.address import Address
 

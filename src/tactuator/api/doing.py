@@ -34,8 +34,9 @@ from tactuator.paper.speech import check_speech
 from tactuator.rig.finger import touch_all
 from tactuator.rig.player import play_reference
 from tactuator.rig.rig import Rig
-from tactuator.speech.codings import coding_of
-from tactuator.speech.render import LEVEL_DB_SL, RenderJob, render_file
+from tactuator.speech.coding import coding_of
+from tactuator.speech.options import CODING, LEVEL_DB_SL
+from tactuator.speech.render import RenderJob, render_file
 
 
 def measure_response(
@@ -73,7 +74,7 @@ def noise(rig: Rig, controller: Controller, duration_s: float = LISTENED_S, load
 
 
 def render(
-    speech: Place, controller: Controller, out: Place, coding: str = "direct", level_db_sl: float = LEVEL_DB_SL
+    speech: Place, controller: Controller, out: Place, coding: str = CODING, level_db_sl: float = LEVEL_DB_SL
 ) -> SpokenResult:
     """Code a speech file onto the fingers at a level, and write the reference (.wav with its .json, or .h5).
 

@@ -13,8 +13,7 @@ from typing import Any
 from tactuator.errors import BadInput
 from tactuator.io.controller import parse_controller
 from tactuator.model.controller import Controller
-from tactuator.speech.coding import Coding
-from tactuator.speech.codings import parse_coding
+from tactuator.speech.coding import Coding, parse_coding
 from tactuator.speech.render import RenderJob, render_file
 
 ENDINGS = (".wav", ".flac", ".ogg", ".oga", ".opus", ".mp3", ".aif", ".aiff", ".aifc", ".au", ".snd", ".caf", ".w64")

@@ -1,14 +1,30 @@
-"""A coding: a way from speech to signals, and from signals to fingers."""
+"""A coding: a way from speech to signals, and from signals to fingers; by its name, or from a TOML file.
+
+Codings are entry points of the group `tactuator.codings`: each refers to a frozen dataclass whose fields are its keys
+and whose `kind` is the entry point's name, or to one such coding whose keys are set. A file holds every parameter: what
+is not said is refused, not assumed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Protocol
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, fields, is_dataclass
+from pathlib import Path
+from types import NoneType
+from typing import Any, Protocol, get_args, get_type_hints
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from tactuator.arrays import FloatArray
+from tactuator.entry_points import plugin, plugins
 from tactuator.errors import BadInput
+from tactuator.io.atomic import write_text
+from tactuator.io.formats.text import parse_toml, read_text
+from tactuator.speech.options import CODING
+
+GROUP = "tactuator.codings"
 
 
 class Coding(Protocol):
@@ -39,3 +55,113 @@ def place(wanted: list[tuple[str, ...]], fingers: tuple[str, ...]) -> FloatArray
                 raise BadInput(f"finger {name!r} is not on the display", f"all, {', '.join(fingers)}")
             row[fingers.index(name)] = 1.0
     return matrix
+
+
+def coding_names() -> tuple[str, ...]:
+    """Return the names of the codings that there are, the one that is usual first."""
+    return tuple(sorted(plugins(GROUP), key=lambda name: (name != CODING, name)))
+
+
+def coding_of(name_or_path: str) -> Coding:
+    """Return a coding by its name, or from a file ending in .toml. Raises BadInput for neither, or for a file that is
+    not one.
+    """
+    if name_or_path in plugins(GROUP):
+        declared = plugin(GROUP, name_or_path)
+        coding: Coding = declared() if isinstance(declared, type) else declared
+        return coding
+    if not name_or_path.endswith(".toml"):
+        names = ", ".join(coding_names())
+        raise BadInput(f"coding {name_or_path!r} is not known", f"{names}, or a file ending in .toml")
+    return read_coding(Path(name_or_path))
+
+
+def read_coding(path: Path) -> Coding:
+    """Read a coding; BadInput, one line, for a file that cannot be read or lacks, doubles or mistypes a parameter."""
+    try:
+        return parse_coding(parse_toml(read_text(path)))
+    except BadInput as error:
+        raise error.within(f"coding file {path}") from None
+
+
+def parse_coding(document: Mapping[str, Any]) -> Coding:
+    """Return the coding of a document with every parameter in it."""
+    kind = document.get("kind")
+    declared = plugin(GROUP, kind) if isinstance(kind, str) and kind in plugins(GROUP) else None
+    if not isinstance(declared, type):
+        kinds = [name for name in coding_names() if isinstance(plugin(GROUP, name), type)]
+        raise BadInput(repr(kind), ", ".join(kinds), key="kind")
+    whole = _whole(declared, document, ())
+    try:
+        coding: Coding = TypeAdapter(declared).validate_json(json.dumps(whole, default=str), strict=True)
+    except ValidationError as error:
+        first = error.errors()[0]
+        refused = first.get("ctx", {}).get("error")
+        if isinstance(refused, BadInput):
+            raise refused.within(*(str(part) for part in first["loc"])) from None
+        *where, key = (str(part) for part in first["loc"])
+        raise BadInput(repr(first["input"]), first["msg"], where=tuple(where), key=key) from None
+    return coding
+
+
+def _whole(cls: type[Any], document: Any, where: tuple[str, ...]) -> dict[str, Any]:
+    """Return the table of a dataclass with every key in it, tables within it as well. What may be none may be left
+    out, since TOML has no null (a high-pass has no upper edge).
+    """
+    if not isinstance(document, Mapping):
+        raise BadInput(f"{document!r}", "a table", where=where)
+    hints = get_type_hints(cls)
+    names = [field.name for field in fields(cls)]
+    for key in document:
+        if key not in names:
+            raise BadInput(f"{key!r} is not a parameter", ", ".join(names), where=where)
+    values = {name: None for name in names if NoneType in get_args(hints[name])} | dict(document)
+    for name in names:
+        if name not in values:
+            raise BadInput(f"{name!r} is missing", "a file with every parameter in it", where=where)
+        inner = [part for part in get_args(hints[name]) if isinstance(part, type) and is_dataclass(part)]
+        if isinstance(hints[name], type) and is_dataclass(hints[name]):
+            values[name] = _whole(hints[name], values[name], (*where, name))
+        elif inner and isinstance(values[name], list):
+            values[name] = [_whole(inner[0], row, (*where, f"{name}[{at}]")) for at, row in enumerate(values[name])]
+    return values
+
+
+def coding_document(coding: Coding) -> dict[str, Any]:
+    """Return plain tables with every parameter, from which `parse_coding` makes an equal coding."""
+    document: dict[str, Any] = asdict(coding)  # type: ignore[call-overload]
+    return {key: _without_none(value) for key, value in document.items()}
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    if isinstance(value, list | tuple):
+        return [_without_none(item) for item in value]
+    return value
+
+
+def write_coding(path: str | Path, coding: Coding) -> None:
+    """Write a coding as TOML, every parameter in it: a place to start one's own from."""
+    document = coding_document(coding)
+    plain = {key: value for key, value in document.items() if not _is_table(value)}
+    lines = [f"{key} = {_toml(value)}" for key, value in plain.items()]
+    for key, value in document.items():
+        if isinstance(value, Mapping):
+            lines += ["", f"[{key}]", *(f"{name} = {_toml(item)}" for name, item in value.items())]
+        elif _is_table(value):
+            for entry in value:
+                lines += ["", f"[[{key}]]", *(f"{name} = {_toml(item)}" for name, item in entry.items())]
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, Mapping) or (isinstance(value, list) and bool(value) and isinstance(value[0], Mapping))
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    if isinstance(value, list):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    return repr(value)

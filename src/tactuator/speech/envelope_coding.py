@@ -199,11 +199,25 @@ class _VoicingMeter:
         return np.asarray(low / (low + self._ratio**2 * high + POWER_FLOOR))
 
 
+OUR_BANDS = (
+    EnvelopeBand(100.0, 300.0, 10.0, ("thumb",), smooth_hz=4.0, gate="voiced", gain_db=6.0),
+    EnvelopeBand(300.0, 550.0, 50.0, ("thumb",)),
+    EnvelopeBand(550.0, 800.0, 250.0, ("thumb",)),
+    EnvelopeBand(800.0, 1100.0, 10.0, ("index",), smooth_hz=4.0, gate="voiced", gain_db=6.0),
+    EnvelopeBand(1100.0, 1500.0, 50.0, ("index",), gain_db=6.0),
+    EnvelopeBand(1500.0, 2100.0, 250.0, ("index",), gain_db=6.0),
+    EnvelopeBand(2100.0, 2900.0, 10.0, ("middle",), smooth_hz=4.0, gate="voiced", gain_db=12.0),
+    EnvelopeBand(2900.0, 4000.0, 50.0, ("middle",), gate="unvoiced", gain_db=12.0),
+    EnvelopeBand(4000.0, 6500.0, 250.0, ("middle",), gate="unvoiced", gain_db=12.0),
+)
+"""Our own: spectral place on the finger, and within a finger on carriers from kinesthetic to cutaneous."""
+
+
 @dataclass(frozen=True)
 class EnvelopeCoding:
     """Bands, each on its carrier; analysis_hz: least rate of analysis (the next multiple of the display's is taken)."""
 
-    bands: tuple[EnvelopeBand, ...]
+    bands: tuple[EnvelopeBand, ...] = OUR_BANDS
     kind: Literal["envelope"] = "envelope"
     name: str = "envelope"
     voicing: Voicing = field(default_factory=Voicing)
@@ -231,21 +245,6 @@ class EnvelopeCoding:
         return filter_columns(modulated(speech, self.bands, self._groups(), self.voicing, rate, step), kernel)
 
 
-DEFAULT = EnvelopeCoding(
-    (
-        EnvelopeBand(100.0, 300.0, 10.0, ("thumb",), smooth_hz=4.0, gate="voiced", gain_db=6.0),
-        EnvelopeBand(300.0, 550.0, 50.0, ("thumb",)),
-        EnvelopeBand(550.0, 800.0, 250.0, ("thumb",)),
-        EnvelopeBand(800.0, 1100.0, 10.0, ("index",), smooth_hz=4.0, gate="voiced", gain_db=6.0),
-        EnvelopeBand(1100.0, 1500.0, 50.0, ("index",), gain_db=6.0),
-        EnvelopeBand(1500.0, 2100.0, 250.0, ("index",), gain_db=6.0),
-        EnvelopeBand(2100.0, 2900.0, 10.0, ("middle",), smooth_hz=4.0, gate="voiced", gain_db=12.0),
-        EnvelopeBand(2900.0, 4000.0, 50.0, ("middle",), gate="unvoiced", gain_db=12.0),
-        EnvelopeBand(4000.0, 6500.0, 250.0, ("middle",), gate="unvoiced", gain_db=12.0),
-    )
-)
-"""Our own: spectral place on the finger, and within a finger on carriers from kinesthetic to cutaneous."""
-
 YUAN_2005 = EnvelopeCoding(
     (
         EnvelopeBand(0.0, 350.0, 50.0, ("thumb",)),
@@ -260,5 +259,3 @@ BRATAKOS_2001 = EnvelopeCoding(
     name="bratakos-2001",
 )
 """Bratakos et al. (2001): the octave at 500 Hz, 100 Hz, on 200 Hz. Orders and fingers are our choice."""
-
-PRESETS = {coding.name: coding for coding in (DEFAULT, YUAN_2005, BRATAKOS_2001)}

@@ -26,9 +26,9 @@ from tactuator.model.controller import Controller
 from tactuator.perception.curve import check_level
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.speech.band_codings import DirectCoding
-from tactuator.speech.coding import Coding
-from tactuator.speech.codings import coding_document
+from tactuator.speech.coding import Coding, coding_document
 from tactuator.speech.limiter import FingerLimiting, Limiter
+from tactuator.speech.options import LEVEL_DB_SL
 from tactuator.speech.reading import SpeechFile, scan_speech, speech_blocks
 
 FRAME_S = 0.025
@@ -75,7 +75,6 @@ def _active_power(powers: FloatArray) -> float:
     return float(powers[powers >= loudest * 10.0 ** (-FRAMES_WITHIN_DB / 10.0)].mean())
 
 
-LEVEL_DB_SL = 35.0
 QUIETEST_DB = -90.0
 """Of full scale: a coding that leaves less than this of a file has found nothing in it."""
 RAMP_S = 0.02

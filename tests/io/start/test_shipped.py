@@ -14,7 +14,7 @@ from tactuator.io.pairs import read_pairs
 from tactuator.io.record import read_record
 from tactuator.io.reference import open_reference
 from tactuator.io.start.shipped import EXAMPLES, copy_examples, example_names
-from tactuator.speech.codings import coding_of, read_coding
+from tactuator.speech.coding import coding_of, read_coding
 from tactuator.speech.reading import scan_speech
 
 PAGE = (EXAMPLES / "README.md").read_text(encoding="utf-8")

@@ -14,7 +14,7 @@ from tactuator.cli.chosen import chosen_controller
 from tactuator.corpus.corpus import MANIFEST, CorpusResult, run_corpus
 from tactuator.corpus.workers import DaskCluster, LocalProcesses, Workers
 from tactuator.errors import BadInput
-from tactuator.speech.codings import coding_of
+from tactuator.speech.coding import coding_of
 from tactuator.speech.render import RenderJob
 
 

@@ -11,7 +11,7 @@ from rich.table import Table
 from tactuator.cli.answer import answer, progress, written
 from tactuator.cli.chosen import chosen_controller
 from tactuator.errors import BadInput
-from tactuator.speech.codings import coding_of, write_coding
+from tactuator.speech.coding import coding_of, write_coding
 from tactuator.speech.render import Rendered, RenderJob, render_file
 
 

@@ -12,9 +12,10 @@ from pydantic import Field
 from tactuator.console.asked import Answer, Finite, Name, ViewRequest
 from tactuator.console.workshop import Workshop
 from tactuator.measure.felt import LONG_FRAME_S, SHORT_FRAME_S, FingerFelt
-from tactuator.speech.codings import NAMED, coding_of
+from tactuator.speech.coding import coding_names, coding_of
+from tactuator.speech.options import LEVEL_DB_SL
 from tactuator.speech.reading import scan_speech
-from tactuator.speech.render import LEVEL_DB_SL, RenderJob, render_file
+from tactuator.speech.render import RenderJob, render_file
 
 _REFERENCE, _FELT = "reference.wav", "felt.wav"
 _SHOWN_S = 30.0
@@ -34,7 +35,9 @@ class SpeechRendered(ViewRequest):
         speech = workshop.drawer.path(self.file)
         scan_speech(speech)  # what is no sound is told before a controller is designed
         controller = workshop.own_controller(self.display)
-        job = RenderJob(controller, coding_of(self.coding if self.coding in NAMED else "?"), self.level, simulate=True)
+        job = RenderJob(
+            controller, coding_of(self.coding if self.coding in coding_names() else "?"), self.level, simulate=True
+        )
         key, place = workshop.drawer.place()
         made = render_file(speech, place / _REFERENCE, job, place / _FELT)
         workshop.drawer.keep(key, place / _REFERENCE)
@@ -75,7 +78,7 @@ class SpeechCodings(ViewRequest):
 
     def answer(self, workshop: Workshop) -> Answer:
         """Return the names, and the level in dB SL."""
-        return {"codings": list(NAMED), "level": LEVEL_DB_SL}
+        return {"codings": list(coding_names()), "level": LEVEL_DB_SL}
 
 
 SpeechRequest = SpeechRendered | SpeechCodings

@@ -13,7 +13,7 @@ from tactuator.paper.thresholds import bias_and_spread_db
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.report.page import Section, Table, page
 from tactuator.report.plate import Plate
-from tactuator.speech.render import LEVEL_DB_SL
+from tactuator.speech.options import LEVEL_DB_SL
 
 
 def report_page(study: PaperStudy, plates: Sequence[Plate]) -> str:
