@@ -83,8 +83,9 @@ bench: install-test ## ratios against peers, into out/bench.json (ARGS=name for 
 wheel: install-test ## sdist and wheel into out/dist, the wheel's tag checked
 	$(BIN)/python tools/wheel.py
 
-docs: install-test ## write docs/cli.md anew from the commands themselves
+docs: install-test ## write docs/cli.md and the keys in docs/display.md anew from the program itself
 	$(BIN)/python tools/cli_reference.py
+	$(BIN)/python tools/display_reference.py
 	$(BIN)/python tools/floors.py
 
 site: install-site ## the documentation as pages, into out/site (open out/site/index.html)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import optimize
 
 from tactuator.model.description import Channel, Display, Threshold
-from tactuator.model.load import Load
+from tactuator.model.plant import Load
 from tactuator.model.requirements import FeedbackRequirements
 from tactuator.perception.curve import curve
 from tactuator.signals.decibels import db

@@ -16,11 +16,13 @@ TASKS = {
     "speech": "coding and limiting; protocol, session, store, result",
     "measure": "responses, noise, disturbance, felt levels",
     "rig": "runs an image and can be touched",
-    "wordlength": "number formats; loop, prefilter, verdict",
+    "synthesis": "loop, prefilter, verdict",
+    "wordlength": "number formats",
     "identification": "a model with its uncertainty, from a record",
     "runtime": "the core's binding: image, safety, simulation",
     "io": "read and write; the nouns; L, S, T and margins",
     "perception": "curves and levels; systems, stimuli, spectra",
+    "parameters": "one field for each parameter",
     "arrays": "types of arrays; the tree of errors; helper processes",
 }
 LEFT, WIDE, ROW, GAP, BOX = 84, 400, 46, 8, 34

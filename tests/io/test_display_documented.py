@@ -1,38 +1,19 @@
-"""docs/display.md lists every key of a display file, and no other."""
+"""docs/display.md tells every key of a display file as the dataclasses have it, and no other."""
 
-import re
-from pathlib import Path
-
-from tactuator.io.display_schema import (
-    SHARED_TABLES,
-    ChannelOwnKeys,
-    DisplayKeys,
-    ObjectivesKeys,
-    SoundKeys,
-    TouchKeys,
-    WireKeys,
-)
-
-SOUND = {**SoundKeys.model_fields, **WireKeys.model_fields}
-TABLES = {
-    "display": DisplayKeys,
-    "channel": ChannelOwnKeys,
-    "objectives": ObjectivesKeys,
-    "touch": TouchKeys,
-    **SHARED_TABLES,
-}
+from tactuator.model.description import TABLES, keys_of
+from tactuator.parameters import allowed, default
+from tools.display_reference import PAGE, TABLE, reference
 
 
-def documented() -> dict[str, set[str]]:
-    text = (Path(__file__).parents[2] / "docs" / "display.md").read_text()
-    found: dict[str, set[str]] = {}
-    for section in text.split("\n## ")[1:]:
-        name = re.match(r"`\[+(\w+)\]+`", section)
-        assert name is not None
-        rows = re.findall(r"^\| (`.+?) \|", section, flags=re.MULTILINE)
-        found[name[1]] = {key for row in rows for key in re.findall(r"`(\w+)`", row)}
-    return found
+def test_display_page__tables_of_keys__are_current() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    assert {place[2] for place in TABLE.finditer(text)} == set(TABLES)
+    assert text == reference(text), "out of date: make docs"
 
 
-def test_display_page__every_table__lists_exactly_its_keys() -> None:
-    assert documented() == {name: set(model.model_fields) for name, model in TABLES.items()} | {"sound": set(SOUND)}
+def test_keys__each__says_what_it_is_and_what_is_allowed() -> None:
+    for name in TABLES:
+        for key, about in keys_of(name).items():
+            assert about.description, f"{name}.{key}"
+            assert allowed(about), f"{name}.{key}"
+            assert default(about) != "", f"{name}.{key}"

@@ -61,7 +61,7 @@ def test_read_display__measured_and_stated__refused(tmp_path: Path) -> None:
         (json.dumps({"format": "tactuator-environment/1"}), "'index' is not in it; allowed: none"),
         (
             json.dumps({"format": "tactuator-environment/1", "channels": {"index": {**FOUND, "noise_v_rms": -1.0}}}),
-            "a figure is negative",
+            "noise_v_rms is -1; allowed: a number, 0 or more",
         ),
         (
             json.dumps({"format": "tactuator-environment/1", "channels": {"index": {**FOUND, "hum_hz": [50.0]}}}),

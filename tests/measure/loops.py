@@ -6,7 +6,7 @@ import numpy as np
 
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.model.description import Channel, Display, Environment, Threshold
-from tactuator.model.load import Load
+from tactuator.model.plant import Load
 from tactuator.perception.curve import curve
 from tactuator.signals.discretise import bilinear, zero_order_hold
 from tactuator.signals.systems import ContinuousSystem

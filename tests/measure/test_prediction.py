@@ -6,7 +6,7 @@ import pytest
 from tactuator.io.display import parse_display
 from tactuator.measure.error import ChannelPrediction
 from tactuator.model.controller import Controller
-from tactuator.model.load import DERIVATIVES
+from tactuator.model.plant import DERIVATIVES
 from tactuator.signals.decibels import db
 from tactuator.speech.limiter import channel_limits
 from tactuator.synthesis.design import design_controller

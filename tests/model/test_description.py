@@ -7,7 +7,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.model.description import Channel, Converter, Display, Environment, Threshold
-from tactuator.model.load import Load
+from tactuator.model.plant import Load
 from tactuator.model.requirements import FeedbackRequirements, PrefilterRequirements
 from tactuator.perception.curve import curve
 from tactuator.signals.systems import ContinuousSystem
@@ -56,7 +56,7 @@ def test_converter_step__sixteen_bits__is_305_microvolts() -> None:
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        ({"bits": 4}, "bits is 4; allowed: 8 to 24"),
+        ({"bits": 4}, "bits is 4; allowed: a whole number, 8 to 24"),
         ({"range_v": -10.0}, "range_v is -10"),
         ({"polarity": 0}, "polarity is 0; allowed: 1 or -1"),
         ({"offset_v": 11.0}, "offset_v is 11"),
@@ -70,9 +70,9 @@ def test_converter__out_of_range__is_refused(keys: dict[str, float], words: str)
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        ({"sensor_gain_v_per_mm": -0.2}, "sensor_gain_v_per_mm is -0.2; allowed: a positive"),
+        ({"sensor_gain_v_per_mm": -0.2}, "sensor_gain_v_per_mm is -0.2; allowed: a number, above 0"),
         ({"travel_mm": 0.0}, "travel_mm is 0"),
-        ({"quantity": "jerk"}, "quantity 'jerk'; allowed: displacement"),
+        ({"quantity": "jerk"}, "quantity is 'jerk'; allowed: \"displacement"),
         ({"loads": (FINGER, FINGER)}, "same name"),
     ],
 )
@@ -119,12 +119,12 @@ def test_requirements__unequal_lists__are_refused() -> None:
         FeedbackRequirements(mains_hz=(60.0,))
     with pytest.raises(BadInput, match="rejection_band_hz"):
         FeedbackRequirements(rejection_band_hz=(10.0, 1.0))
-    with pytest.raises(BadInput, match="poles is 1; allowed: 2 to 16"):
+    with pytest.raises(BadInput, match="poles is 1; allowed: a whole number, 2 to 16"):
         PrefilterRequirements(1)
 
 
 def test_environment__negative_or_unequal__is_refused() -> None:
-    with pytest.raises(BadInput, match="negative"):
+    with pytest.raises(BadInput, match=r"noise_v_rms is -1; allowed: a number, 0 or more"):
         Environment(noise_v_rms=-1.0)
     with pytest.raises(BadInput, match="2 hum_hz and 1 hum_v_peak"):
         Environment((50.0, 100.0), (1e-3,))

@@ -61,7 +61,7 @@ def test_curve__not_a_curve__is_refused(frequency: list[float], level: list[floa
 
 
 def test_curve__unknown_provenance__is_refused() -> None:
-    with pytest.raises(BadInput, match="provenance 'heard'; allowed: measured"):
+    with pytest.raises(BadInput, match="provenance is 'heard'; allowed: \"measured"):
         ThresholdCurve("made", np.arange(1.0, 4.0), np.zeros(3), "heard", "")  # type: ignore[arg-type]
 
 

@@ -13,7 +13,7 @@ from scipy import integrate
 
 from tactuator.errors import BadInput
 from tactuator.model.description import Channel, Converter
-from tactuator.model.load import Load
+from tactuator.model.plant import Load
 from tactuator.runtime.simulation import Simulation
 from tactuator.runtime.tables import held_plants
 from tactuator.signals.systems import ContinuousSystem

@@ -12,7 +12,7 @@ from scipy.signal import butter, sosfilt
 
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Environment
-from tactuator.model.load import Load
+from tactuator.model.plant import Load
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import FORMATS, ImageRefusal, build_image, check_image
 from tactuator.runtime.simulation import Simulation

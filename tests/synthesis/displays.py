@@ -8,7 +8,7 @@ from typing import Any
 
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display, Threshold
-from tactuator.model.load import Load
+from tactuator.model.plant import Load
 from tactuator.model.requirements import FeedbackRequirements, PrefilterRequirements
 from tactuator.perception.curve import curve
 from tactuator.signals.systems import ContinuousSystem

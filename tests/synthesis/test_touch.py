@@ -11,10 +11,11 @@ from tactuator.io.display import read_display
 from tactuator.io.start.shipped import EXAMPLES
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Channel, Display
-from tactuator.model.load import Load
-from tactuator.model.requirements import FeedbackRequirements
-from tactuator.model.touch import FeedForward, Touch
+from tactuator.model.plant import Load
+from tactuator.model.requirements import FeedbackRequirements, Touch
+from tactuator.model.touch import FeedForward
 from tactuator.model.verdict import Finding, Outcome
+from tactuator.parameters import plain
 from tactuator.runtime.simulation import Simulation
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import TwoDegreeLoop
@@ -163,7 +164,7 @@ def test_feed_forward__document__comes_back_equal() -> None:
     of = channel()
     own = replace(display(of), touch=Touch(adaptive=True))
     model = design_feed_forward(own, of, loops(of, own)[0])
-    assert FeedForward.from_document(model.document()) == model
+    assert FeedForward(**plain(model)) == model
 
 
 def test_load_weights__loads__their_share_of_the_designed_one_within_bounds() -> None:

@@ -9,7 +9,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.model.controller import Limits
 from tactuator.model.description import Display, Environment
-from tactuator.model.load import Load
+from tactuator.model.plant import Load
 from tactuator.model.requirements import FeedbackRequirements, Objectives
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.signals.loop import TwoDegreeLoop

@@ -15,7 +15,7 @@ from tactuator.arrays import FloatArray
 from tactuator.io.display import read_display
 from tactuator.model.controller import ChannelController
 from tactuator.model.description import Channel, Display
-from tactuator.model.touch import Touch
+from tactuator.model.requirements import Touch
 from tactuator.synthesis.design import design_controller
 
 WINDOW_S = 0.1

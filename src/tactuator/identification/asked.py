@@ -10,7 +10,7 @@ from tactuator.errors import BadInput
 from tactuator.identification.fixed.value import Fixed, contradiction
 from tactuator.identification.forms.known import Known
 from tactuator.identification.spectral.hold import HOLDS
-from tactuator.model.load import DERIVATIVES
+from tactuator.model.plant import DERIVATIVES
 
 
 @dataclass(frozen=True)

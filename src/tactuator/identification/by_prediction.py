@@ -21,7 +21,7 @@ from tactuator.identification.fixed.value import Fixed
 from tactuator.identification.result import Identification
 from tactuator.identification.selection import Candidate
 from tactuator.identification.valid_range import valid_range_of
-from tactuator.model.load import DERIVATIVES
+from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plant_model import Excess, PlantModel
 from tactuator.signals.record import Record
 

@@ -22,7 +22,7 @@ from tactuator.identification.result import BetweenSamples, Identification
 from tactuator.identification.selection import choose_structure
 from tactuator.identification.spectral.hold import HOLDS, Hold
 from tactuator.identification.trust import distrusted
-from tactuator.model.load import DERIVATIVES
+from tactuator.model.plant import DERIVATIVES
 from tactuator.signals.record import Record
 
 LONGEST = 1_000_000

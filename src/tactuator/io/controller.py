@@ -6,15 +6,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from tactuator.errors import BadInput
 from tactuator.io.atomic import write_text
 from tactuator.io.display import parse_display
 from tactuator.io.formats.text import read_json
-from tactuator.model.controller import FORMAT, AntiWindup, ChannelController, Controller, Limits
+from tactuator.model.controller import FORMAT, ChannelController, Controller
 from tactuator.model.document import document_hash
-from tactuator.model.touch import FeedForward
+from tactuator.parameters import from_table
 
 
 def write_controller(path: str | Path, controller: Controller) -> None:
@@ -50,23 +48,7 @@ def parse_controller(document: dict[str, Any]) -> Controller:
     if document.get("hash") != document_hash(document):
         raise BadInput("its hash does not fit its contents", "a file as `design` wrote it")
     display = parse_display(document["display"])
-    channels = tuple(_channel(entry) for entry in document["channels"])
+    channels = tuple(from_table(ChannelController, entry, "channel") for entry in document["channels"])
     controller = Controller(display, channels, str(document["tool"]))
     controller.require_limits_of(display)
     return controller
-
-
-def _channel(entry: dict[str, Any]) -> ChannelController:
-    feedback = entry["feedback_sos"]
-    first, second = entry["anti_windup"]["gains"]
-    return ChannelController(
-        entry["name"],
-        float(entry["threshold_voltage_dc"]),
-        np.asarray(entry["prefilter_sos"], dtype=np.float64),
-        None if feedback is None else np.asarray(feedback, dtype=np.float64),
-        AntiWindup((float(first), float(second))),
-        Limits(**entry["limits"]),
-        tuple(entry["designed_for"]),
-        entry["report"],
-        FeedForward.from_document(entry["feed_forward"]) if "feed_forward" in entry else None,
-    )

@@ -2,50 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-import numpy as np
-from pydantic import BaseModel, ValidationError
+from pydantic import TypeAdapter
 
 from tactuator.errors import BadInput
 from tactuator.io.curve import resolve_curve
-from tactuator.io.display_schema import (
-    SHARED_TABLES,
-    ChannelOwnKeys,
-    ConverterKeys,
-    CurveTable,
-    DisplayKeys,
-    FeedbackKeys,
-    ForceKeys,
-    ModelKeys,
-    ObjectivesKeys,
-    PlantTable,
-    PrefilterKeys,
-    SoundKeys,
-    ThresholdKeys,
-    TouchKeys,
-    WireKeys,
-    require_travel_seen,
-)
 from tactuator.io.foreign_response import is_response, read_foreign_response
-from tactuator.io.formats.environment import channel_environment, with_measured
+from tactuator.io.formats.environment import channel_environment
 from tactuator.io.formats.text import parse_toml, read_finite_json, read_text
 from tactuator.io.model import FORMAT, parse_model
-from tactuator.model.description import Channel, Converter, Display, Threshold
-from tactuator.model.load import Load
-from tactuator.model.requirements import FeedbackRequirements, Objectives, PrefilterRequirements
+from tactuator.model.description import (
+    SHARED_TABLES,
+    TABLES,
+    Channel,
+    Converter,
+    Display,
+    ForceSensor,
+    Threshold,
+    keys_of,
+)
+from tactuator.model.plant import Load, system_of
+from tactuator.model.requirements import FeedbackRequirements, Objectives, PrefilterRequirements, Touch
 from tactuator.model.response_plant import ResponsePlant, plant_of_response
 from tactuator.model.sound_card import SoundCard, Wires
-from tactuator.model.touch import Touch
+from tactuator.parameters import Number, from_table, in_file, parameters, require_known
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.systems import ContinuousSystem
 
 Document = Mapping[str, Any]
-_Model = TypeVar("_Model", bound=BaseModel)
 
 
 def read_display(path: str | Path) -> Display:
@@ -66,174 +55,150 @@ def read_display(path: str | Path) -> Display:
 
 def parse_display(document: Document, beside: Path = Path()) -> Display:
     """Return the display of a document's tables; relative paths in it start at the folder `beside`."""
-    allowed = {"display", "channel", "objectives", "sound", "touch", *SHARED_TABLES}
     for key in document:
-        if key not in allowed:
-            raise BadInput(f"table [{key}] is not known", f"{', '.join(sorted(allowed))}")
-    head = _checked(DisplayKeys, _table(document, "display"), "[display]")
+        if key not in TABLES:
+            raise BadInput(f"table [{key}] is not known", ", ".join(sorted(TABLES)))
+    tables = {name: _table(document, name) for name in TABLES if name != "channel"}
     channels = document.get("channel", [])
     if not isinstance(channels, list) or not all(isinstance(entry, Mapping) for entry in channels):
         raise BadInput("[[channel]] is not a list of tables", "one [[channel]] for each finger")
-    objectives = _checked(ObjectivesKeys, _table(document, "objectives"), "[objectives]")
-    return Display(
-        head.name,
-        head.rate_hz,
-        head.delay_samples,
-        tuple(_channel(document, entry, beside) for entry in channels),
-        Objectives(**objectives.model_dump()),
-        _sound_card(_table(document, "sound"), channels) if "sound" in document else None,
-        Touch(**_checked(TouchKeys, _table(document, "touch"), "[touch]").model_dump()),
-    )
+    require_known(tables["display"], keys_of("display"), "[display]")
+    parts = {
+        "objectives": from_table(Objectives, tables["objectives"], "[objectives]"),
+        "touch": from_table(Touch, tables["touch"], "[touch]"),
+        "channels": tuple(_channel(tables, entry, "sound" in document, beside) for entry in channels),
+        "sound": _sound_card(tables["sound"], channels) if "sound" in document else None,
+    }
+    return from_table(Display, in_file(Display) | dict(tables["display"]) | parts, "[display]")
 
 
-def _sound_card(table: Document, channels: Sequence[Document]) -> SoundCard:
-    """Return the wiring of the channels, each with its own keys before those of [sound]."""
-    for key in table:
-        if key not in SoundKeys.model_fields and key not in WireKeys.model_fields:
-            allowed = ", ".join([*SoundKeys.model_fields, *WireKeys.model_fields])
-            raise BadInput(f"[sound] has no key {key!r}", f"{allowed}")
-    head = _checked(SoundKeys, {key: table[key] for key in SoundKeys.model_fields if key in table}, "[sound]")
-    wires = []
-    for place, entry in enumerate(channels, 1):
-        own = {key: entry.get(key, table.get(key)) for key in WireKeys.model_fields}
-        keys = _checked(WireKeys, own, f"[[channel]] {entry.get('name', '')!r}")
-        if keys.output_full_scale_v is None:
-            raise BadInput("[sound] lacks the key 'output_full_scale_v'", "what `sound calibrate` measures")
-        given = {name: value for name, value in keys.model_dump().items() if value is not None}
-        wires.append(Wires(**{"output": place, "input": place} | given))
-    return SoundCard(tuple(wires), **head.model_dump())
-
-
-def with_curve(display: Display, curve: ThresholdCurve) -> Display:
-    """Return the display with `curve` in place of every channel's own."""
-    channels = (replace(one, threshold=replace(one.threshold, curve=curve)) for one in display.channels)
-    return replace(display, channels=tuple(channels))
-
-
-def _table(document: Document, name: str) -> Mapping[str, Any]:
+def _table(document: Document, name: str) -> Document:
     table = document.get(name, {})
     if not isinstance(table, Mapping):
         raise BadInput(f"{name} is {table!r}", f"a table [{name}]")
     return table
 
 
-def _checked(model: type[_Model], values: Mapping[str, Any], where: str) -> _Model:
-    try:
-        return model.model_validate(dict(values))
-    except ValidationError as error:
-        raise BadInput(_first_fault(model, error, where)) from None
+def _sound_card(table: Document, channels: list[Document]) -> SoundCard:
+    """Return the wiring of the channels, each with its own keys before those of [sound]."""
+    require_known(table, keys_of("sound"), "[sound]")
+    wires = []
+    for place, entry in enumerate(channels, 1):
+        shared, mine = ({key: keys[key] for key in parameters(Wires) if key in keys} for keys in (table, entry))
+        where = where_of(entry) if mine else "[sound]"
+        wires.append(from_table(Wires, {"output": place, "input": place} | shared | mine, where))
+    card = {key: value for key, value in table.items() if key in parameters(SoundCard)}
+    return from_table(SoundCard, card | {"wires": tuple(wires)}, "[sound]")
 
 
-def _first_fault(model: type[BaseModel], error: ValidationError, where: str) -> str:
-    faults = error.errors(include_url=False)
-    fault = next((one for one in faults if one["type"] == "extra_forbidden"), faults[0])
-    key = ".".join(str(part) for part in fault["loc"])
-    if fault["type"] == "extra_forbidden" and len(fault["loc"]) == 1:
-        return f"{where} has no key {key!r}; allowed: {', '.join(model.model_fields)}"
-    if fault["type"] == "missing":
-        return f"{where} lacks the key {key!r}; allowed: a table that has it"
-    message = fault["msg"][0].lower() + fault["msg"][1:]
-    if fault["type"] == "bool_type":
-        message = "true or false, without quotation marks"
-    return f"{where} {key} is {fault['input']!r}; allowed: {message.removeprefix('input should be ')}"
+def with_curve(display: Display, curve: ThresholdCurve) -> Display:
+    """Return the display with `curve` in place of every channel's own."""
+    channels = (replace(channel, threshold=replace(channel.threshold, curve=curve)) for channel in display.channels)
+    return replace(display, channels=tuple(channels))
 
 
-def _channel(document: Document, entry: Mapping[str, Any], beside: Path) -> Channel:
-    where = f"[[channel]] {entry.get('name', '')!r}"
+def where_of(entry: Document) -> str:
+    """Return how a refusal names the table of a channel."""
+    return f"[[channel]] {entry.get('name', '')!r}"
+
+
+def _channel(tables: Mapping[str, Document], entry: Document, wired: bool, beside: Path) -> Channel:
+    where = where_of(entry)
     entry = _as_acceleration(entry, where)
-    shared = {key for model in SHARED_TABLES.values() for key in model.model_fields}
-    shared |= set(WireKeys.model_fields if "sound" in document else ())
-    own = _checked(ChannelOwnKeys, {key: value for key, value in entry.items() if key not in shared}, where)
-    tables = {name: _merged(model, document, entry, name, where) for name, model in SHARED_TABLES.items()}
-    feedback = _feedback(tables["feedback"], where)
-    found = _plant(own.plant, beside, where, feedback.structure != "none")
-    scale, model = found.scale, found.model
-    if own.loads and found.is_response:
+    elsewhere = {key for name in SHARED_TABLES for key in keys_of(name)} | set(parameters(Wires) if wired else ())
+    own = {key: value for key, value in entry.items() if key not in elsewhere}
+    require_known(own, parameters(Channel), where)
+    given = {name: _merged(tables[name], entry, name, where) for name in SHARED_TABLES}
+    feedback = from_table(FeedbackRequirements, *given["feedback"])
+    converter = from_table(Converter, *given["converter"])
+    plant = _plant(own.get("plant"), beside, where, feedback.structure != "none")
+    if own.get("loads") and plant.is_response:
         raise BadInput(
-            f"{where} loads: what a load changes cannot be told from a response by itself",
+            "a list, while what a load changes cannot be told from a response by itself",
             "none, or the model that `identify` makes of it",
+            where=(where,),
+            key="loads",
         )
-    require_travel_seen(own, tables["converter"].range_v, feedback.structure != "none", where)
-    loads = (Load(one.name, one.mass / scale, one.damping / scale, one.stiffness / scale) for one in own.loads)
-    family = tuple(system_of(member, f"{where} family") for member in own.family)
-    return Channel(
-        name=own.name,
-        finger=own.finger or own.name,
-        sensor_gain_v_per_mm=own.sensor_gain_v_per_mm,
-        travel_mm=own.travel_mm,
-        plant=found.system,
-        threshold=_threshold(tables["threshold"], beside),
-        quantity=own.quantity,
-        loads=tuple(loads),
-        converter=_converter(tables["converter"]),
-        feedback=feedback,
-        prefilter=_prefilter(tables["prefilter"]),
-        environment=channel_environment(
-            with_measured(tables["environment"], beside, own.name, where),
-            None if model is None else model.get("friction") or {},
-        ),
-        family=family + found.family,
-        covariance=_covariance(own.covariance or (model or {}).get("covariance", ()), found.system),
-        valid_hz=own.valid_hz or found.valid_hz,
-        model_error_db=found.error_db if own.model_error_db is None else own.model_error_db,
-        model_error_hz=own.model_error_hz or (found.unsure_hz if own.model_error_db is None else None),
+    friction = None if plant.model is None else plant.model.get("friction") or {}
+    found: dict[str, Any] = {
+        "plant": plant.system,
+        "threshold": _threshold(*given["threshold"], beside),
+        "converter": converter,
+        "feedback": feedback,
+        "prefilter": from_table(PrefilterRequirements, *given["prefilter"]),
+        "environment": channel_environment(*given["environment"], beside, str(own.get("name")), friction),
+    }
+    channel = from_table(Channel, in_file(Channel) | own | found, where)
+    covariance = channel.covariance or _covariance((plant.model or {}).get("covariance", ()), plant.system)
+    finished = replace(
+        channel,
+        finger=channel.finger or channel.name,
+        loads=tuple(_scaled(load, plant.scale) for load in channel.loads),
+        family=channel.family + plant.family,
+        covariance=covariance,
+        valid_hz=channel.valid_hz or plant.valid_hz,
+        model_error_db=channel.model_error_db if "model_error_db" in own else plant.error_db,
+        model_error_hz=channel.model_error_hz or (None if "model_error_db" in own else plant.unsure_hz),
     )
+    _require_travel_seen(finished, where)
+    return finished
 
 
-def _as_acceleration(entry: Mapping[str, Any], where: str) -> Mapping[str, Any]:
+def _scaled(load: Load, scale: float) -> Load:
+    """Return the load of a plant whose denominator does not begin with one, in units of one that does."""
+    return Load(load.name, load.mass / scale, load.damping / scale, load.stiffness / scale)
+
+
+def _require_travel_seen(channel: Channel, where: str) -> None:
+    """Raise BadInput for a loop's sensor whose reading ends before the travel does: a gain or a travel in another unit,
+    or a limit that the guard could not see.
+    """
+    farthest_v = channel.travel_mm * channel.sensor_gain_v_per_mm
+    has_loop = channel.feedback.structure != "none"
+    if has_loop and channel.quantity == "displacement" and farthest_v > channel.converter.range_v:
+        raise BadInput(
+            f"{channel.sensor_gain_v_per_mm:g} V/mm, which make {farthest_v:.4g} V of travel_mm {channel.travel_mm:g}",
+            f"up to range_v {channel.converter.range_v:g} V, beyond which nothing is read",
+            where=(where,),
+            key="sensor_gain_v_per_mm",
+        )
+
+
+def _as_acceleration(entry: Document, where: str) -> Document:
     """Return the entry of a force sensor that moves a known mass as that of an accelerometer: 1 mm/s² is mass_kg mN."""
     if entry.get("quantity") != "force":
         return entry
-    known = {key: entry[key] for key in ForceKeys.model_fields if key in entry}
-    keys = _checked(ForceKeys, known, f"{where} quantity = 'force', which alone does not tell how far a finger moves,")
+    mine = {key: entry[key] for key in parameters(ForceSensor) if key in entry}
+    sensor = from_table(
+        ForceSensor, mine, where, "quantity = 'force', which alone does not tell how far a finger moves"
+    )
     if "sensor_gain_v_per_mm" in entry:
-        raise BadInput(f"{where} sensor_gain_v_per_mm beside quantity = 'force'", "sensor_gain_v_per_n")
-    rest = {key: value for key, value in entry.items() if key not in known}
-    gain = 1e-3 * keys.mass_kg * keys.sensor_gain_v_per_n
+        raise BadInput(
+            "given beside quantity = 'force'", "sensor_gain_v_per_n", where=(where,), key="sensor_gain_v_per_mm"
+        )
+    rest = {key: value for key, value in entry.items() if key not in mine}
+    gain = 1e-3 * sensor.mass_kg * sensor.sensor_gain_v_per_n
     return rest | {"quantity": "acceleration", "sensor_gain_v_per_mm": gain}
 
 
-def _covariance(rows: Sequence[Sequence[float]], plant: ContinuousSystem) -> tuple[tuple[float, ...], ...]:
+def _covariance(rows: Any, plant: ContinuousSystem) -> tuple[tuple[float, ...], ...]:
     """Return the covariance of the plant's coefficients; none where it is of a model of another order."""
     fits = len(rows) == plant.zeros.size + plant.poles.size + 2
     return tuple(tuple(float(value) for value in row) for row in rows) if fits else ()
 
 
-def _merged(model: type[BaseModel], document: Document, entry: Document, name: str, where: str) -> Any:
-    table = _table(document, name)
-    _checked(model, table, f"[{name}]")
-    mine = {key: entry[key] for key in model.model_fields if key in entry}
-    return _checked(model, {**table, **mine}, where if mine else f"[{name}]")
+def _merged(table: Document, entry: Document, name: str, where: str) -> tuple[dict[str, Any], str]:
+    """Return the keys of a shared table with those of the channel, which win, and how a refusal names the table."""
+    require_known(table, keys_of(name), f"[{name}]")
+    mine = {key: entry[key] for key in keys_of(name) if key in entry}
+    return {**table, **mine}, where if mine else f"[{name}]"
 
 
-def _tuples(keys: BaseModel) -> dict[str, Any]:
-    return {name: tuple(v) if isinstance(v, list) else v for name, v in keys.model_dump().items()}
-
-
-def _converter(keys: ConverterKeys) -> Converter:
-    return Converter(**keys.model_dump())
-
-
-def _prefilter(keys: PrefilterKeys) -> PrefilterRequirements:
-    return PrefilterRequirements(**keys.model_dump())
-
-
-def _feedback(keys: FeedbackKeys, where: str) -> FeedbackRequirements:
-    values = _tuples(keys)
-    values["controller"] = None if keys.controller is None else system_of(keys.controller, f"{where} controller")
-    return FeedbackRequirements(**values)
-
-
-def _threshold(keys: ThresholdKeys, beside: Path) -> Threshold:
-    if isinstance(keys.curve, CurveTable):
-        table = keys.curve
-        curve = ThresholdCurve(**table.model_dump())
-    else:
-        curve = resolve_curve(keys.curve, beside)
-    return Threshold(curve, keys.band_hz)
-
-
-_KEYS = ("num", "den", "delay_s")
+def _threshold(keys: dict[str, Any], where: str, beside: Path) -> Threshold:
+    curve = (in_file(Threshold) | keys)["curve"]
+    return from_table(
+        Threshold, keys | {"curve": resolve_curve(curve, beside) if isinstance(curve, str) else curve}, where
+    )
 
 
 @dataclass(frozen=True)
@@ -256,23 +221,23 @@ class _Plant:
     is_response: bool = False
 
 
-def _plant(plant: PlantTable | str, beside: Path, where: str, looped: bool) -> _Plant:
+def _plant(plant: Any, beside: Path, where: str, looped: bool) -> _Plant:
     """Return the plant of a channel; a path starts at the folder `beside`.
 
     looped: whether a loop is to be closed, for which a response by itself is no plant. Raises BadInput.
     """
+    if plant is None:
+        raise BadInput("missing", "a table, or the path of a file", where=(where,), key="plant")
     if not isinstance(plant, str):
-        return _Plant(system_of(plant, f"{where} plant"), _leading(plant))
+        return _Plant(system_of(plant, where, "plant"), _leading(plant))
     path = beside / plant
     if path.suffix.lower() != ".json" and is_response(path):
         return _of_response(path, where, looped)
     document = _model_document(path, where)
-    table = _checked(PlantTable, {key: document[key] for key in _KEYS if key in document}, f"{where} plant")
-    family = tuple(
-        system_of(_checked(PlantTable, member, f"{where} family"), f"{where} family")
-        for member in document.get("family", [])
-    )
-    return _Plant(system_of(table, f"{where} plant"), _leading(table), family, document, _valid_hz(document, where))
+    table: Document = {key: document[key] for key in ("num", "den", "delay_s") if key in document}
+    family = tuple(system_of(member, where, "plant", "family") for member in document.get("family") or ())
+    system = system_of(table, where, f"plant {path}")
+    return _Plant(system, _leading(table), family, document, _valid_hz(document, where))
 
 
 def _valid_hz(document: Mapping[str, Any], where: str) -> tuple[float, float] | None:
@@ -283,22 +248,21 @@ def _valid_hz(document: Mapping[str, Any], where: str) -> tuple[float, float] | 
         low, high = values
         return float(low), float(high)
     except (TypeError, ValueError):
-        raise BadInput(f"{where} plant: valid_hz is {values!r}", "two frequencies") from None
+        raise BadInput(f"{values!r}", "two frequencies", where=(where, "plant"), key="valid_hz") from None
 
 
 def _of_response(path: Path, where: str, looped: bool) -> _Plant:
     if looped:
         raise BadInput(
-            f"{where} plant {path}: a response, for which no loop can be designed",
+            "a response, for which no loop can be designed",
             'structure = "none", or the model that `identify` makes of it',
+            where=(where, f"plant {path}"),
         )
     try:
-        found = _fitted(path, path.stat().st_mtime_ns)
+        fit = _fitted(path, path.stat().st_mtime_ns)
     except BadInput as error:
-        raise error.within(f"{where} plant {path}") from None
-    return _Plant(
-        found.system, valid_hz=found.valid_hz, error_db=found.error_db, unsure_hz=found.unsure_hz, is_response=True
-    )
+        raise error.within(where, f"plant {path}") from None
+    return _Plant(fit.system, valid_hz=fit.valid_hz, error_db=fit.error_db, unsure_hz=fit.unsure_hz, is_response=True)
 
 
 @lru_cache(maxsize=16)
@@ -307,44 +271,37 @@ def _fitted(path: Path, changed_ns: int) -> ResponsePlant:
     return plant_of_response(read_foreign_response(path))
 
 
-def _leading(table: PlantTable) -> float:
-    return 1.0 if table.den is None else next((value for value in table.den if value != 0.0), 1.0)
+def _leading(table: Mapping[str, Any]) -> float:
+    return next((value for value in table.get("den") or () if value != 0.0), 1.0)
+
+
+_FRICTION: TypeAdapter[Any] = TypeAdapter(dict[str, Number])
+_COVARIANCE: TypeAdapter[Any] = TypeAdapter(list[list[Number]])
 
 
 def _model_document(path: Path, where: str) -> dict[str, Any]:
+    """Return the document of a model file. Raises BadInput for what is none."""
     try:
         document = read_finite_json(path)
     except BadInput as error:
-        raise BadInput(f"{where} plant {path}: {error}", "a model or response file that can be read") from None
-    if not isinstance(document, dict) or not {"num", "den"} <= set(document):
-        raise BadInput(f"{where} plant {path}: num and den are not in it", "a file that `identify` wrote")
+        raise BadInput(
+            f"{error}", "a model or response file that can be read", where=(where, f"plant {path}")
+        ) from None
     try:
+        if not isinstance(document, dict) or not {"num", "den"} <= set(document):
+            raise BadInput("num and den are not in it", "a file that `identify` wrote")
         if document.get("format") == FORMAT:
             parse_model(document)
+        for key, kind in (("friction", _FRICTION), ("covariance", _COVARIANCE)):
+            _require_kind(document, key, kind)
     except BadInput as error:
-        raise error.within(f"{where} plant {path}") from None
-    _checked(ModelKeys, document, f"{where} plant {path}")
+        raise error.within(where, f"plant {path}") from None
     return document
 
 
-def system_of(table: PlantTable, where: str) -> ContinuousSystem:
-    """Return the system of a {num, den} or {zeros, poles, gain} table. Raises BadInput where it is neither or not a
-    system.
-    """
-    by_polynomials = table.num is not None and table.den is not None
-    by_roots = table.poles is not None and table.gain is not None
-    if by_polynomials == by_roots:
-        raise BadInput(f"{where} is neither one nor the other", "{num, den} or {zeros, poles, gain}")
+def _require_kind(document: dict[str, Any], key: str, kind: TypeAdapter[Any]) -> None:
     try:
-        if by_polynomials:
-            return ContinuousSystem.from_polynomials(table.num or [], table.den or [], table.delay_s)
-        zeros, poles = ([_complex(root) for root in roots or []] for roots in (table.zeros, table.poles))
-        if table.gain == 0.0:
-            raise BadInput("gain is zero", "any other number")
-        return ContinuousSystem(np.array(zeros), np.array(poles), float(table.gain or 0.0), table.delay_s)
-    except BadInput as error:
-        raise error.within(f"{where}") from None
-
-
-def _complex(root: float | tuple[float, float]) -> complex:
-    return complex(*root) if isinstance(root, tuple) else complex(root)
+        if document.get(key) is not None:
+            kind.validate_python(document[key])
+    except ValueError:
+        raise BadInput("no table of numbers", "as `identify` wrote it", key=key) from None

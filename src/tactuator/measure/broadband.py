@@ -16,7 +16,7 @@ from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
 from tactuator.identification.by_response import identify_response
 from tactuator.model.description import Channel
-from tactuator.model.load import DERIVATIVES
+from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plant_model import PlantModel
 from tactuator.model.response_plant import plant_of_response
 from tactuator.rig.rig import Rig

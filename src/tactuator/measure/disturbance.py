@@ -16,7 +16,7 @@ from tactuator.errors import BadInput
 from tactuator.measure.options import EXCURSION_MM, MAINS_HZ
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
-from tactuator.model.load import DERIVATIVES
+from tactuator.model.plant import DERIVATIVES
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import zero_order_hold

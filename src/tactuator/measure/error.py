@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display
-from tactuator.model.load import DERIVATIVES
+from tactuator.model.plant import DERIVATIVES
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import TwoDegreeLoop

@@ -18,7 +18,7 @@ from tactuator.errors import BadInput
 from tactuator.measure.options import FINGER_LEVEL_DB_SL, FINGER_S
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
-from tactuator.model.load import Load
+from tactuator.model.plant import Load
 from tactuator.perception.curve import check_level
 from tactuator.rig.rig import Rig, require_sensors
 from tactuator.signals.decibels import from_db

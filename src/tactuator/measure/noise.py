@@ -19,7 +19,7 @@ from tactuator.errors import BadInput
 from tactuator.measure.options import LISTENED_S, MAINS_HZ
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.model.description import Channel, Display
-from tactuator.model.load import DERIVATIVES
+from tactuator.model.plant import DERIVATIVES
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.rig.rig import Rig, require_sensors
 from tactuator.signals.decibels import db

@@ -17,7 +17,7 @@ from tactuator.measure.multisine_response import multisine_response
 from tactuator.measure.options import MeasurementOptions
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display
-from tactuator.model.load import DERIVATIVES
+from tactuator.model.plant import DERIVATIVES
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.rig.rig import Rig, require_sensors
 from tactuator.rig.sound.rig import SoundRig

@@ -5,42 +5,50 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactuator import __version__
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.description import Channel, Display
 from tactuator.model.document import display_document, document_hash
 from tactuator.model.touch import FeedForward
+from tactuator.parameters import Number, kept_by, plain, table
 from tactuator.signals.sections import check_sections
 from tactuator.signals.systems import SampledSystem
 
 FORMAT = "tactuator-controller/1"
 
 
-@dataclass(frozen=True)
+@table("anti_windup")
 class AntiWindup:
     """Back-calculation gains on the two states of the last feedback section (delta form): state_i += gain_i (clamped
     u - u), of what conditioning (tactuator.runtime.image) leaves of the difference."""
 
-    gains: tuple[float, float] = (0.0, 0.0)
+    gains: tuple[Number, Number] = (0.0, 0.0)
 
 
-@dataclass(frozen=True)
+@table("limits")
 class Limits:
     """Limits of one channel. command_v: the greatest |u|. travel_v: the sensor voltage at the mechanical limit.
     comfort_db_sl: the greatest felt level.
     """
 
-    command_v: float
-    travel_v: float
-    comfort_db_sl: float = 55.0
+    command_v: Number
+    travel_v: Number
+    comfort_db_sl: Number = 55.0
 
 
-@dataclass(frozen=True, eq=False)
+def _sections(rows: Any) -> FloatArray:
+    return check_sections(np.asarray(rows, dtype=np.float64))
+
+
+Sections = Annotated[FloatArray, *kept_by(_sections, "rows b0, b1, b2, a0, a1, a2")]
+
+
+@table("channel", eq=False)
 class ChannelController:
     """F and C of one channel, as second-order sections (rows b0, b1, b2, a0, a1, a2) in double precision.
 
@@ -51,19 +59,14 @@ class ChannelController:
     """
 
     name: str
-    threshold_voltage_dc: float
-    prefilter_sos: NDArray[np.float64]
-    feedback_sos: NDArray[np.float64] | None
+    threshold_voltage_dc: Number
+    prefilter_sos: Sections
+    feedback_sos: Sections | None
     anti_windup: AntiWindup
     limits: Limits
     designed_for: tuple[str, ...] = ()
     report: Mapping[str, Any] = field(default_factory=dict)
     feed_forward: FeedForward | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "prefilter_sos", check_sections(self.prefilter_sos))
-        if self.feedback_sos is not None:
-            object.__setattr__(self, "feedback_sos", check_sections(self.feedback_sos))
 
     def prefilter(self, rate_hz: float) -> SampledSystem:
         """Return F as a sampled system."""
@@ -75,18 +78,8 @@ class ChannelController:
 
     def document(self) -> dict[str, Any]:
         """Return the channel as plain tables."""
-        feedback = self.feedback_sos
-        return {
-            "name": self.name,
-            "threshold_voltage_dc": self.threshold_voltage_dc,
-            "prefilter_sos": self.prefilter_sos.tolist(),
-            "feedback_sos": None if feedback is None else feedback.tolist(),
-            "anti_windup": {"gains": list(self.anti_windup.gains)},
-            "limits": dict(vars(self.limits)),
-            "designed_for": list(self.designed_for),
-            "report": dict(self.report),
-            **({} if self.feed_forward is None else {"feed_forward": self.feed_forward.document()}),
-        }
+        tables: dict[str, Any] = plain(self)
+        return tables if self.feed_forward else {key: value for key, value in tables.items() if key != "feed_forward"}
 
 
 @dataclass(frozen=True, eq=False)

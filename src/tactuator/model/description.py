@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
+from pydantic.fields import FieldInfo
 
 from tactuator.errors import BadInput
-from tactuator.model.load import DERIVATIVES, Load, Quantity
-from tactuator.model.requirements import FeedbackRequirements, Objectives, PrefilterRequirements
-from tactuator.model.sound_card import SoundCard
-from tactuator.model.touch import Touch
+from tactuator.model.plant import DERIVATIVES, Load, Quantity, System
+from tactuator.model.requirements import FeedbackRequirements, Objectives, PrefilterRequirements, Touch
+from tactuator.model.sound_card import SoundCard, Wires
+from tactuator.parameters import Band, InFile, NotNegative, Number, Positive, Whole, Words, parameters, table
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.systems import ContinuousSystem
 
@@ -21,24 +24,20 @@ KNOWN_EDGE = 1.05
 """A frequency within this factor of `valid_hz` counts as known."""
 
 
-@dataclass(frozen=True)
+@table("[converter]")
 class Converter:
-    """A/D and D/A alike: `bits` over +/- range_v. polarity (+1 or -1) and offset_v are the command's at the motor."""
+    """A/D and D/A alike, over +/- range_v."""
 
-    bits: int = 16
-    range_v: float = 10.0
-    polarity: int = 1
-    offset_v: float = 0.0
+    bits: Annotated[Whole, Field(ge=8, le=24, description="of A/D and D/A")] = 16
+    range_v: Annotated[Positive, Field(description="+/- volts")] = 10.0
+    polarity: Annotated[
+        Literal[1, -1], Words("1 or -1"), Field(description="`-1` where a positive command moves the sensor down")
+    ] = 1
+    offset_v: Annotated[Number, Field(description="volts of command at the motor that nobody asked for")] = 0.0
 
     def __post_init__(self) -> None:
-        if not 8 <= self.bits <= 24:
-            raise BadInput(f"converter: bits is {self.bits}", "8 to 24")
-        if not (np.isfinite(self.range_v) and self.range_v > 0.0):
-            raise BadInput(f"converter: range_v is {self.range_v:g}", "a positive number of volts")
-        if self.polarity not in (-1, 1):
-            raise BadInput(f"converter: polarity is {self.polarity}", "1 or -1")
         if not abs(self.offset_v) < self.range_v:
-            raise BadInput(f"converter: offset_v is {self.offset_v:g}", f"within +/- {self.range_v:g} V")
+            raise BadInput(f"{self.offset_v:g}", f"within +/- {self.range_v:g} V", key="offset_v")
 
     @property
     def step_v(self) -> float:
@@ -46,104 +45,169 @@ class Converter:
         return 2.0 * self.range_v / 2.0**self.bits
 
 
-@dataclass(frozen=True)
+@table("[threshold]")
 class Threshold:
     """The curve a channel is to follow, over band_hz."""
 
-    curve: ThresholdCurve
-    band_hz: tuple[float, float] = (0.4, 300.0)
+    curve: Annotated[
+        ThresholdCurve,
+        InFile("bolanowski-1988"),
+        Words("a name, the path of a CSV (`frequency_hz,level_db_re_1um`), or a table with the points"),
+        Field(
+            description="a curve of the library (`bolanowski-1988`: inferred, thenar eminence; `morioka-griffin-2006`: "
+            "digitised, hand on a handle), or one of your own"
+        ),
+    ]
+    band_hz: Annotated[Band, Field(description="over which the response follows the curve, which must cover it")] = (
+        0.4,
+        300.0,
+    )
 
     def __post_init__(self) -> None:
         low, high = self.band_hz
-        if not 0.0 < low < high:
-            raise BadInput(f"threshold: band_hz is [{low:g}, {high:g}]", "0 < low < high")
         if not self.curve.covers(low, high):
             first, last = self.curve.frequency_hz[[0, -1]]
             raise BadInput(
-                f"threshold curve {self.curve.name!r} reaches from {first:g} to {last:g} Hz",
+                f"curve {self.curve.name!r} reaches from {first:g} to {last:g} Hz",
                 f"one that covers the band of {low:g} to {high:g} Hz",
             )
 
 
-DISTURBANCES = ("hum", "noise", "friction")
+Disturbance = Literal["hum", "noise", "friction"]
+DISTURBANCES: tuple[Disturbance, ...] = get_args(Disturbance)
 
 
-@dataclass(frozen=True)
+@table("[environment]")
 class Environment:
-    """Disturbances of a channel: hum (volts peak at the sensor) at hum_hz, white sensor noise, Dahl friction.
+    """Disturbances of a channel: hum, white sensor noise, Dahl friction.
 
-    friction_v: Coulomb level in volts of command. presliding_v: sensor volts over which it builds up. The figures are
-    what the display is believed to have: the simulated display obeys them, the verdict is judged by them. assumed:
-    which of `DISTURBANCES` nobody has stated or measured; a verdict tells what rests on them and does not judge it.
+    The figures are what the display is believed to have: the simulated display obeys them, the verdict is judged by
+    them, and tells what rests on those that are only assumed.
     """
 
-    hum_hz: tuple[float, ...] = (60.0, 120.0, 180.0)
-    hum_v_peak: tuple[float, ...] = (1.0e-3, 0.3e-3, 0.2e-3)
-    noise_v_rms: float = 0.2e-3
-    friction_v: float = 4.0e-3
-    presliding_v: float = 10.0e-3
-    assumed: tuple[str, ...] = ()
+    hum_hz: Annotated[tuple[Positive, ...], Field(description="lines of hum at the sensor")] = (60.0, 120.0, 180.0)
+    hum_v_peak: Annotated[
+        tuple[NotNegative, ...], Field(description="volts peak at the sensor, for each of `hum_hz`")
+    ] = (1.0e-3, 0.3e-3, 0.2e-3)
+    noise_v_rms: Annotated[NotNegative, Field(description="white noise at the sensor, volts rms")] = 0.2e-3
+    friction_v: Annotated[NotNegative, Field(description="Coulomb level in volts of command")] = 4.0e-3
+    presliding_v: Annotated[Positive, Field(description="sensor volts over which friction builds up (Dahl)")] = 10.0e-3
+    assumed: Annotated[
+        tuple[Disturbance, ...],
+        Words(default="what has no key here"),
+        Field(description="what nobody stated or measured: told, not judged"),
+    ] = ()
 
     def __post_init__(self) -> None:
-        unknown = sorted(set(self.assumed) - set(DISTURBANCES))
-        if unknown:
-            raise BadInput(f"environment: assumed has {unknown[0]!r}", f"{', '.join(DISTURBANCES)}")
         if len(self.hum_hz) != len(self.hum_v_peak):
-            raise BadInput(
-                f"environment: {len(self.hum_hz)} hum_hz and {len(self.hum_v_peak)} hum_v_peak", "as many of each"
-            )
-        figures = (*self.hum_hz, *self.hum_v_peak, self.noise_v_rms, self.friction_v)
-        if min(figures) < 0.0 or self.presliding_v <= 0.0:
-            raise BadInput("environment: a figure is negative or presliding_v zero", "zero or more, and above")
+            raise BadInput(f"{len(self.hum_hz)} hum_hz and {len(self.hum_v_peak)} hum_v_peak", "as many of each")
 
 
-@dataclass(frozen=True)
+@table("[environment]")
+class MeasuredEnvironment:
+    """A file of figures in place of those of [environment]."""
+
+    measured: Annotated[
+        str | None,
+        Words("the path of a file"),
+        Field(
+            description="a file of `noise --write` (a path beside this file), in place of `hum_hz`, `hum_v_peak` and "
+            "`noise_v_rms`"
+        ),
+    ] = None
+
+
+_IN_PLACE = Words(default="none")
+
+
+@table("[[channel]]")
+class ForceSensor:
+    """A sensor of the force that moves a known mass, in place of `sensor_gain_v_per_mm`."""
+
+    mass_kg: Annotated[
+        Positive, _IN_PLACE, Field(description='with `quantity = "force"` alone: the mass that the force moves')
+    ]
+    sensor_gain_v_per_n: Annotated[
+        Positive, _IN_PLACE, Field(description='with `quantity = "force"` alone, in place of `sensor_gain_v_per_mm`')
+    ]
+
+
+@table("[[channel]]")
 class Channel:
     """The actuator of one finger.
 
-    plant: command (V) to sensor voltage (V); quantity: what that voltage is proportional to, with
-    sensor_gain_v_per_mm in volts per mm, mm/s or mm/s^2 accordingly. travel_mm: mechanical limit, +/-. family: other
-    plants that identification cannot tell from `plant`; a design must hold for them too. covariance: of the plant's
-    numerator, its monic denominator after the leading one, and its dead time, as `identify` found it; empty: unknown.
-    valid_hz: where the plant is known (None: everywhere). model_error_db: what its magnitude may be off there, most of
-    all between the two frequencies model_error_hz (None: not known where).
+    plant: command (V) to sensor voltage (V). family: other plants that identification cannot tell from `plant`; a
+    design must hold for them too. covariance: as `identify` found it; empty: unknown. valid_hz: None for everywhere.
     """
 
-    name: str
-    finger: str
-    sensor_gain_v_per_mm: float
-    travel_mm: float
-    plant: ContinuousSystem
+    name: Annotated[str, Field(description="each name once")]
+    finger: Annotated[str, Words(default="the name"), InFile(""), Field(description="whose finger")]
+    sensor_gain_v_per_mm: Annotated[
+        Positive, Field(description="volts of the sensor per mm (or mm/s, mm/s², by `quantity`)")
+    ]
+    travel_mm: Annotated[Positive, Field(description="mechanical limit, +/-")]
+    plant: Annotated[
+        System,
+        Words("`{ num, den }`, `{ zeros, poles, gain }`, or the path of a file"),
+        Field(
+            description="command volts to sensor volts: `num` and `den` in descending powers of s, `zeros` and `poles` "
+            "in rad/s (complex roots as `[re, im]`), each with an optional `delay_s`; or a `model.json` that "
+            '`tactuator identify` wrote; with `structure = "none"` also a frequency response (`frequency_hz` with '
+            "`magnitude` or `magnitude_db`, a phase is not used)"
+        ),
+    ]
     threshold: Threshold
-    quantity: Quantity = "displacement"
-    loads: tuple[Load, ...] = ()
+    quantity: Annotated[
+        Quantity,
+        Words('"displacement", "velocity", "acceleration", or "force" on a known mass'),
+        Field(description="what the sensor's voltage is proportional to"),
+    ] = "displacement"
+    loads: Annotated[
+        tuple[Load, ...],
+        Words("a list of tables"),
+        Field(
+            description="what may touch it: `name`, `mass`, `damping`, `stiffness` of an impedance (mass·s² + "
+            "damping·s + stiffness)/num[0] that turns P into P/(1 + PZ); for a second-order motor they are "
+            "added to `den`"
+        ),
+    ] = ()
     converter: Converter = field(default_factory=Converter)
     feedback: FeedbackRequirements = field(default_factory=FeedbackRequirements)
     prefilter: PrefilterRequirements = field(default_factory=PrefilterRequirements)
     environment: Environment = field(default_factory=Environment)
-    family: tuple[ContinuousSystem, ...] = ()
-    covariance: tuple[tuple[float, ...], ...] = ()
-    valid_hz: tuple[float, float] | None = None
-    model_error_db: float = 0.0
-    model_error_hz: tuple[float, float] | None = None
+    family: Annotated[
+        tuple[System, ...],
+        Field(description="other plants that identification cannot tell from `plant`; a design must hold for them too"),
+    ] = ()
+    covariance: Annotated[
+        tuple[tuple[Number, ...], ...],
+        Words("a list of rows"),
+        Field(
+            description="of the plant's `num`, its monic `den` after the leading one, and its `delay_s`; a "
+            "`model.json` brings its own"
+        ),
+    ] = ()
+    valid_hz: Annotated[
+        Band | None,
+        Words(default="everywhere"),
+        Field(
+            description="from where to where the plant is known; a `model.json` brings its own, a response its ends. "
+            "Nothing beyond is judged, and without a loop nothing is equalised there"
+        ),
+    ] = None
+    model_error_db: Annotated[
+        NotNegative, Field(description="what the plant's magnitude may be off there; a response brings it")
+    ] = 0.0
+    model_error_hz: Annotated[
+        Band | None, Field(description="between which two frequencies it is off the most; a response brings them")
+    ] = None
 
     def __post_init__(self) -> None:
-        for key in ("sensor_gain_v_per_mm", "travel_mm"):
-            value = getattr(self, key)
-            if not (np.isfinite(value) and value > 0.0):
-                raise BadInput(f"channel {self.name!r}: {key} is {value:g}", "a positive number")
-        if self.quantity not in DERIVATIVES:
-            raise BadInput(f"channel {self.name!r}: quantity {self.quantity!r}", f"{', '.join(DERIVATIVES)}")
         size = self.plant.zeros.size + self.plant.poles.size + 2
         if self.covariance and {len(self.covariance), *(len(row) for row in self.covariance)} != {size}:
-            raise BadInput(
-                f"channel {self.name!r}: covariance of {len(self.covariance)} rows", f"{size} rows of {size}"
-            )
-        for key, pair in (("valid_hz", self.valid_hz), ("model_error_hz", self.model_error_hz)):
-            if pair is not None and not 0.0 < pair[0] < pair[1]:
-                raise BadInput(f"channel {self.name!r}: {key} is [{pair[0]:g}, {pair[1]:g}]", "0 < low < high")
+            raise BadInput(f"of {len(self.covariance)} rows", f"{size} rows of {size}", key="covariance")
         if len({load.name for load in self.loads}) != len(self.loads):
-            raise BadInput(f"channel {self.name!r}: two loads have the same name", "each name once")
+            raise BadInput("two loads have the same name", "each name once")
 
     def is_known(self, frequency_hz: ArrayLike) -> NDArray[np.bool_]:
         """Tell, frequency by frequency, whether the plant is known there; an edge counts with what rounding makes of
@@ -174,39 +238,43 @@ class Channel:
         return self.sensor_gain_v_per_mm * self.threshold.curve.displacement_mm(frequency) * speed
 
 
-@dataclass(frozen=True)
+@table("[display]")
 class Display:
-    """Channels that share one rate and one computing delay (samples from A/D to D/A). sound: their wiring to a sound
-    card, None where nothing is said of it.
+    """Channels that share one rate and one computing delay. sound: their wiring to a sound card, None where nothing is
+    said of it.
     """
 
-    name: str
-    rate_hz: float
-    delay_samples: int
+    name: Annotated[str, InFile("display"), Field(description="how it is called in reports")]
+    rate_hz: Annotated[
+        Positive,
+        Field(le=HIGHEST_RATE_HZ, description="sampling rate, at least four times the highest frequency of the band"),
+    ]
+    delay_samples: Annotated[
+        Whole,
+        InFile(1),
+        Field(
+            ge=0,
+            le=8,
+            description="periods from reading the sensor to putting out the command computed from it",
+        ),
+    ]
     channels: tuple[Channel, ...]
     objectives: Objectives = field(default_factory=Objectives)
     sound: SoundCard | None = None
     touch: Touch = field(default_factory=Touch)
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.rate_hz <= HIGHEST_RATE_HZ:
-            raise BadInput(f"display: rate_hz is {self.rate_hz:g}", f"up to {HIGHEST_RATE_HZ:g} Hz")
-        if self.delay_samples not in range(9):
-            raise BadInput(f"display: delay_samples is {self.delay_samples}", "0 to 8")
         if not self.channels:
-            raise BadInput("display: no channel", "one or more")
+            raise BadInput("no channel", "one or more")
         if len({channel.name for channel in self.channels}) != len(self.channels):
-            raise BadInput("display: two channels have the same name", "each name once")
+            raise BadInput("two channels have the same name", "each name once")
         if self.sound is not None and len(self.sound.wires) != len(self.channels):
-            raise BadInput(f"display: {len(self.sound.wires)} wires for {len(self.channels)} channels", "one for each")
-        self._check_bands()
-
-    def _check_bands(self) -> None:
+            raise BadInput(f"{len(self.sound.wires)} wires for {len(self.channels)} channels", "one for each")
         for channel in self.channels:
             high = channel.threshold.band_hz[1]
             if self.rate_hz < 4.0 * high:
                 raise BadInput(
-                    f"display: rate_hz is {self.rate_hz:g} for a band up to {high:g} Hz", f"{4.0 * high:g} or more"
+                    f"{self.rate_hz:g} for a band up to {high:g} Hz", f"{4.0 * high:g} or more", key="rate_hz"
                 )
 
     def channel(self, name: str) -> Channel:
@@ -216,3 +284,27 @@ class Display:
                 return channel
         allowed = ", ".join(channel.name for channel in self.channels)
         raise BadInput(f"display: channel {name!r} is not described", f"{allowed}")
+
+
+SHARED_TABLES: dict[str, tuple[type, ...]] = {
+    "converter": (Converter,),
+    "threshold": (Threshold,),
+    "feedback": (FeedbackRequirements,),
+    "prefilter": (PrefilterRequirements,),
+    "environment": (Environment, MeasuredEnvironment),
+}
+"""Tables of a display file whose every key may stand in a channel as well, and wins there."""
+TABLES: dict[str, tuple[type, ...]] = {
+    "display": (Display,),
+    "channel": (Channel, ForceSensor),
+    **SHARED_TABLES,
+    "objectives": (Objectives,),
+    "touch": (Touch,),
+    "sound": (SoundCard, Wires),
+}
+"""Tables of a display file, by name, with the dataclasses whose parameters are their keys."""
+
+
+def keys_of(name: str) -> dict[str, FieldInfo]:
+    """Return the keys of a table of the display file, by name."""
+    return {key: about for part in TABLES[name] for key, about in parameters(part).items()}

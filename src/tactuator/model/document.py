@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict
 from typing import Any
 
 from tactuator.model.description import Channel, Display
-from tactuator.model.sound_card import SoundCard
-from tactuator.perception.curve import ThresholdCurve
+from tactuator.parameters import parameters, plain
 from tactuator.signals.systems import ContinuousSystem
 
 
@@ -24,56 +22,45 @@ def display_document(display: Display) -> dict[str, Any]:
     """Return the plain tables that `parse_display` turns into an equal display: curves with their points, plants as
     roots.
     """
+    wires = () if display.sound is None else display.sound.wires
+    card = {} if display.sound is None else {"sound": _own(display.sound)}
+    channels = [_channel_document(channel) for channel in display.channels]
+    for channel, wire in zip(channels, wires, strict=bool(wires)):
+        channel |= plain(wire)
+    touch = {"touch": plain(display.touch)} if display.touch.adaptive else {}
     return {
-        "display": {
-            "name": display.name,
-            "rate_hz": display.rate_hz,
-            "delay_samples": display.delay_samples,
-        },
-        "objectives": asdict(display.objectives),
-        **_sound_document(display.sound),
-        **({"touch": asdict(display.touch)} if display.touch.adaptive else {}),
-        "channel": [
-            _channel_document(channel) | wires
-            for channel, wires in zip(display.channels, _wire_documents(display), strict=True)
-        ],
+        "display": _own(display),
+        "objectives": plain(display.objectives),
+        **card,
+        **touch,
+        "channel": channels,
     }
 
 
-def _sound_document(sound: SoundCard | None) -> dict[str, Any]:
-    if sound is None:
-        return {}
-    return {"sound": {key: value for key, value in vars(sound).items() if key != "wires"}}
+def _own(table: Any) -> dict[str, Any]:
+    """Return the keys that a table has in the file, without what other tables hold."""
+    kind: type = type(table)
+    return {key: plain(getattr(table, key)) for key in parameters(kind)}
 
 
-def _wire_documents(display: Display) -> list[dict[str, Any]]:
-    return [{}] * len(display.channels) if display.sound is None else [asdict(one) for one in display.sound.wires]
+_WHERE_SAID = ("covariance", "valid_hz", "model_error_db", "model_error_hz", "controller")
+"""Keys of a channel that are left out where nothing is said."""
 
 
 def _channel_document(channel: Channel) -> dict[str, Any]:
-    feedback = {key: value for key, value in vars(channel.feedback).items() if key != "controller"}
-    if channel.feedback.controller is not None:
-        feedback["controller"] = _system_document(channel.feedback.controller)
-    return {
-        "name": channel.name,
-        "finger": channel.finger,
-        "sensor_gain_v_per_mm": channel.sensor_gain_v_per_mm,
-        "travel_mm": channel.travel_mm,
+    given = channel.feedback.controller
+    tables: dict[str, Any] = {
+        **_own(channel),
+        **plain(channel.converter),
+        **plain(channel.threshold),
+        **plain(channel.feedback),
+        **plain(channel.prefilter),
+        **plain(channel.environment),
         "plant": _system_document(channel.plant),
-        "quantity": channel.quantity,
-        "loads": [asdict(load) for load in channel.loads],
         "family": [_system_document(member) for member in channel.family],
-        **({"covariance": [list(row) for row in channel.covariance]} if channel.covariance else {}),
-        **({"valid_hz": list(channel.valid_hz)} if channel.valid_hz else {}),
-        **({"model_error_db": channel.model_error_db} if channel.model_error_db else {}),
-        **({"model_error_hz": list(channel.model_error_hz)} if channel.model_error_hz else {}),
-        **asdict(channel.converter),
-        "curve": _curve_document(channel.threshold.curve),
-        "band_hz": list(channel.threshold.band_hz),
-        **{key: list(value) if isinstance(value, tuple) else value for key, value in feedback.items()},
-        **asdict(channel.prefilter),
-        **{key: list(v) if isinstance(v, tuple) else v for key, v in asdict(channel.environment).items()},
+        "controller": None if given is None else _system_document(given),
     }
+    return {key: value for key, value in tables.items() if value or key not in _WHERE_SAID}
 
 
 def _system_document(system: ContinuousSystem) -> dict[str, Any]:
@@ -82,16 +69,4 @@ def _system_document(system: ContinuousSystem) -> dict[str, Any]:
         "poles": [[root.real, root.imag] for root in system.poles.tolist()],
         "gain": system.gain,
         "delay_s": system.delay_s,
-    }
-
-
-def _curve_document(curve: ThresholdCurve) -> dict[str, Any]:
-    errors = curve.standard_error_db
-    return {
-        "name": curve.name,
-        "frequency_hz": curve.frequency_hz.tolist(),
-        "level_db_re_1um": curve.level_db_re_1um.tolist(),
-        "provenance": curve.provenance,
-        "source": curve.source,
-        "standard_error_db": None if errors is None else errors.tolist(),
     }

@@ -1,76 +1,88 @@
-"""Requirements on a display: the tables [feedback], [prefilter] and [objectives] of a display file."""
+"""Requirements on a display: the tables [feedback], [prefilter], [objectives] and [touch] of a display file."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from tactuator.errors import BadInput
-from tactuator.signals.systems import ContinuousSystem
+from tactuator.model.plant import System
+from tactuator.parameters import Band, Flag, Number, Positive, Whole, Words, table
 
 Structure = Literal["integrator-lead-lag", "paper", "none"]
 
 
-@dataclass(frozen=True)
+@table("[feedback]")
 class FeedbackRequirements:
-    """Requirements that the loop must keep under every load; None or an empty tuple asks nothing.
+    """Requirements that the loop must keep under every load; None or an empty tuple asks nothing."""
 
-    phase_margin_deg: at least. sensitivity_peak: max|S|, at most. mains_max_db: |T| at `mains_hz`, at most.
-    rejection_max_db: |S| at `rejection_hz`, at most. command_noise_gain_max: rms of CS for white sensor noise.
-    rejection_band_hz: what is left to choose minimises the mean of |S| in dB over it, even in log frequency.
-    controller: C itself, where structure is "paper" (None: the paper's own).
-    """
-
-    structure: Structure = "integrator-lead-lag"
-    phase_margin_deg: float | None = 50.0
-    sensitivity_peak: float | None = 1.45
-    mains_hz: tuple[float, ...] = ()
-    mains_max_db: tuple[float, ...] = ()
-    rejection_hz: tuple[float, ...] = ()
-    rejection_max_db: tuple[float, ...] = ()
-    command_noise_gain_max: float | None = 30.0
-    rejection_band_hz: tuple[float, float] = (0.4, 10.0)
-    controller: ContinuousSystem | None = None
+    structure: Annotated[
+        Structure,
+        Field(description='`"paper"`: C is given; `"none"`: no loop, the prefilter equalises the plant itself'),
+    ] = "integrator-lead-lag"
+    phase_margin_deg: Annotated[Positive | None, Field(description="at least")] = 50.0
+    sensitivity_peak: Annotated[Positive | None, Field(description="max|S|, at most")] = 1.45
+    mains_hz: Annotated[tuple[Positive, ...], Field(description="where hum reaches the finger through T")] = ()
+    mains_max_db: Annotated[tuple[Number, ...], Field(description="|T| at each of `mains_hz`, at most")] = ()
+    rejection_hz: Annotated[tuple[Positive, ...], Field(description="where disturbances are to be rejected")] = ()
+    rejection_max_db: Annotated[tuple[Number, ...], Field(description="|S| at each of `rejection_hz`, at most")] = ()
+    command_noise_gain_max: Annotated[
+        Positive | None, Field(description="rms of CS for white sensor noise of rms 1, at most")
+    ] = 30.0
+    rejection_band_hz: Annotated[
+        Band,
+        Field(
+            description="what is left to choose minimises the mean of |S| in dB over it, even in log frequency, "
+            "for the worst load"
+        ),
+    ] = (0.4, 10.0)
+    controller: Annotated[
+        System | None, Words(default="the paper's"), Field(description='C itself, for `structure = "paper"`')
+    ] = None
 
     def __post_init__(self) -> None:
         for name in ("mains", "rejection"):
             frequencies, limits = getattr(self, f"{name}_hz"), getattr(self, f"{name}_max_db")
             if len(frequencies) != len(limits):
-                raise BadInput(
-                    f"feedback: {len(frequencies)} {name}_hz and {len(limits)} {name}_max_db", "as many of each"
-                )
-        low, high = self.rejection_band_hz
-        if not 0.0 < low < high:
-            raise BadInput(f"feedback: rejection_band_hz is [{low:g}, {high:g}]", "0 < low < high")
+                raise BadInput(f"{len(frequencies)} {name}_hz and {len(limits)} {name}_max_db", "as many of each")
 
 
-@dataclass(frozen=True)
+@table("[prefilter]")
 class PrefilterRequirements:
-    """Requirements on the prefilter. poles: its number of poles. falls_above_hz: beyond it nothing is passed harder
-    than the strongest frequency in the band.
-    """
+    """Requirements on the prefilter."""
 
-    poles: int = 4
-    falls_above_hz: float = 400.0
-
-    def __post_init__(self) -> None:
-        if not 2 <= self.poles <= 16:
-            raise BadInput(f"prefilter: poles is {self.poles}", "2 to 16")
+    poles: Annotated[
+        Whole, Field(ge=2, le=16, description="number of its poles; more follow the curve more closely")
+    ] = 4
+    falls_above_hz: Annotated[
+        Positive, Field(description="from here on nothing is passed harder than the strongest frequency in the band")
+    ] = 400.0
 
 
-@dataclass(frozen=True)
+@table("[objectives]")
 class Objectives:
-    """Tolerances of the paper's four objectives (its section 2).
+    """Tolerances of the paper's four objectives (its section 2)."""
 
-    flatness_db: i, |H| against the curve over the band. mains_max_db_sl: ii, felt level of every mains line.
-    noise_max_db_sl, resonance_peak: iii, felt noise in every third octave, max|T|. load_max_db over frequencies up to
-    load_band_hz: iv, |H| with a load against without. comfort_db_sl: the greatest level to be presented.
-    """
+    flatness_db: Annotated[Positive, Field(description="i: |H| against the curve over the band")] = 1.0
+    mains_max_db_sl: Annotated[Number, Field(description="ii: felt level of every mains line")] = 0.0
+    noise_max_db_sl: Annotated[Number, Field(description="iii: felt noise in every third octave")] = 0.0
+    resonance_peak: Annotated[Positive, Field(description="iii: max|T|")] = 1.3
+    load_max_db: Annotated[Positive, Field(description="iv: |H| with a load against without, up to `load_band_hz`")] = (
+        1.0
+    )
+    load_band_hz: Annotated[Positive, Field(description="iv: highest frequency that `load_max_db` holds for")] = 10.0
+    comfort_db_sl: Annotated[Positive, Field(description="the greatest level to be presented")] = 55.0
 
-    flatness_db: float = 1.0
-    mains_max_db_sl: float = 0.0
-    noise_max_db_sl: float = 0.0
-    resonance_peak: float = 1.3
-    load_max_db: float = 1.0
-    load_band_hz: float = 10.0
-    comfort_db_sl: float = 55.0
+
+@table("[touch]")
+class Touch:
+    """What a display does about a finger on it."""
+
+    adaptive: Annotated[
+        Flag,
+        Field(
+            description="feed forward what the finger takes, with weights learnt while it plays "
+            "([a finger on the display](touch.md)); designed for the first of `loads`"
+        ),
+    ] = False

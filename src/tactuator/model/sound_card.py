@@ -3,64 +3,74 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
-import numpy as np
+from pydantic import Field
 
 from tactuator.errors import BadInput
+from tactuator.parameters import Positive, Whole, Words, table
 
 MOST_CHANNELS = 64
 LEAD_S = (0.02, 2.0)
 """Least and greatest time by which a stream may be fed ahead, seconds."""
+_IN_ORDER = Words(default="1, 2, 3 ...")
 
 
-@dataclass(frozen=True)
+@table("[sound]")
 class Wires:
-    """One channel on a sound card. output, input: the card's own, counted from 1; input 0: there is no sensor.
+    """One channel on a sound card."""
 
-    output_full_scale_v: volts at the motor for a sample of 1.0, amplifier included. input_full_scale_v: volts of the
-    sensor for which a sample of 1.0 is read.
-    """
-
-    output: int
-    input: int
-    output_full_scale_v: float
-    input_full_scale_v: float = 1.0
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.output <= MOST_CHANNELS:
-            raise BadInput(f"sound: output is {self.output}", f"1 to {MOST_CHANNELS}")
-        if not 0 <= self.input <= MOST_CHANNELS:
-            raise BadInput(f"sound: input is {self.input}", f"1 to {MOST_CHANNELS}, or 0 where no sensor is")
-        for name in ("output_full_scale_v", "input_full_scale_v"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0.0):
-                raise BadInput(f"sound: {name} is {value:g}", "a positive number of volts")
+    output: Annotated[Whole, _IN_ORDER, Field(ge=1, le=MOST_CHANNELS, description="output of the card, counted from 1")]
+    input: Annotated[
+        Whole,
+        _IN_ORDER,
+        Field(ge=0, le=MOST_CHANNELS, description="input of the card that the sensor is on; `0`: there is no sensor"),
+    ]
+    output_full_scale_v: Annotated[
+        Positive,
+        Field(
+            description="volts at the motor for a sample of 1.0, amplifier included, as `sound calibrate` measures them"
+        ),
+    ]
+    input_full_scale_v: Annotated[Positive, Field(description="volts at the input that are read as 1.0")] = 1.0
 
 
-@dataclass(frozen=True)
+@table("[sound]")
 class SoundCard:
-    """The card of a display. device, input_device: names as PortAudio lists them; "" for the one that
-    --rig names, and for the same one. latency_samples: from a sample's output to its input through a wire, as
-    `tactuator sound latency` measures it. lead_s: time by which a stream is fed ahead. wires: one for each channel.
-    """
+    """The card of a display. wires: one for each channel."""
 
     wires: tuple[Wires, ...]
-    device: str = ""
-    input_device: str = ""
-    latency_samples: int = 0
-    lead_s: float = 0.25
+    device: Annotated[
+        str,
+        Field(description="card as `tactuator sound devices` lists it, for `--rig sound:` without a name"),
+    ] = ""
+    input_device: Annotated[
+        str, Field(description="where the inputs are, if they are another device of the system")
+    ] = ""
+    latency_samples: Annotated[
+        Whole,
+        Field(
+            ge=0,
+            le=1_000_000,
+            description="from a sample's output to its input through a wire, as `tactuator sound latency` measures it; "
+            "the inputs are put back by it",
+        ),
+    ] = 0
+    lead_s: Annotated[
+        Positive,
+        Field(
+            ge=LEAD_S[0],
+            le=LEAD_S[1],
+            description="time by which a stream is fed ahead; pause and stop come later by as much",
+        ),
+    ] = 0.25
 
     def __post_init__(self) -> None:
-        if not 0 <= self.latency_samples <= 1_000_000:
-            raise BadInput(f"sound: latency_samples is {self.latency_samples}", "0 to 1000000")
-        if not LEAD_S[0] <= self.lead_s <= LEAD_S[1]:
-            raise BadInput(f"sound: lead_s is {self.lead_s:g}", f"{LEAD_S[0]:g} to {LEAD_S[1]:g} s")
-        _each_once([one.output for one in self.wires], "output")
-        _each_once([one.input for one in self.wires if one.input], "input")
+        _each_once([wires.output for wires in self.wires], "output")
+        _each_once([wires.input for wires in self.wires if wires.input], "input")
 
 
 def _each_once(numbers: Sequence[int], what: str) -> None:
     for number in numbers:
         if numbers.count(number) > 1:
-            raise BadInput(f"sound: {what} {number} has two channels", f"each {what} once")
+            raise BadInput(f"{what} {number} has two channels", f"each {what} once")

@@ -1,27 +1,18 @@
-"""Touch: what a display does about a finger on it, and the model from which it feeds forward."""
+"""The model from which a display feeds forward what a finger takes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated
 
-import numpy as np
+from pydantic import Field
 
-from tactuator.errors import BadInput
+from tactuator.parameters import NotNegative, Number, Positive, Whole, table
 
 PREVIEW_MAX = 16
 """Samples from the command to the reading that the core's model can look ahead."""
 
 
-@dataclass(frozen=True)
-class Touch:
-    """Table [touch] of a display file. adaptive: feed forward what the finger takes, learnt while it plays."""
-
-    adaptive: bool = False
-
-
-@dataclass(frozen=True)
+@table("touch")
 class FeedForward:
     """Model of a channel's motor and of the finger it was designed for, and how the finger's weights are learnt.
 
@@ -36,48 +27,22 @@ class FeedForward:
     takes that is fed forward.
     """
 
-    gain: float
-    damping: float
-    stiffness: float
-    load: tuple[float, float, float]
-    delay_samples: int
-    turns: int
-    corner_hz: float
-    slow_hz: float
-    forgetting_s: float
-    gate_v: float
-    ridge_v: float
-    shape: float
-    fading_s: float
-    slew_s: float
-    weight_max: float
-    push_max_v: float
-    hum_hz: tuple[float, ...] = ()
-    hum_band_hz: float = 0.4
-    mass_fed: float = 1.0
-
-    def __post_init__(self) -> None:
-        positive = ("gain", "turns", "corner_hz", "forgetting_s", "gate_v", "ridge_v", "fading_s", "slew_s")
-        for name in (*positive, "slow_hz", "shape", "weight_max", "push_max_v", "hum_band_hz", "mass_fed"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0) or (value == 0.0 and name in positive):
-                least = "above zero" if name in positive else "zero or more"
-                raise BadInput(f"touch: {name} is {value:g}", f"{least}")
-        if not 1 <= self.delay_samples <= PREVIEW_MAX:
-            raise BadInput(f"touch: delay_samples is {self.delay_samples}", f"1 to {PREVIEW_MAX}")
-        if not np.all(np.isfinite([self.damping, self.stiffness, *self.load, *self.hum_hz])):
-            raise BadInput("touch: a figure of the plant, the load or the hum is not finite", "finite ones")
-
-    def document(self) -> dict[str, Any]:
-        """Return the figures as a plain table."""
-        return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
-
-    @classmethod
-    def from_document(cls, table: Mapping[str, Any]) -> FeedForward:
-        """Return the model of a plain table. Raises TypeError or ValueError for one that is not."""
-        given = dict(table)
-        mass, damping, stiffness = (float(value) for value in given.pop("load"))
-        lines = tuple(float(value) for value in given.pop("hum_hz"))
-        whole = {name: int(given.pop(name)) for name in ("delay_samples", "turns")}
-        rest = {name: float(value) for name, value in given.items()}
-        return cls(load=(mass, damping, stiffness), hum_hz=lines, **whole, **rest)  # type: ignore[arg-type]
+    gain: Positive
+    damping: Number
+    stiffness: Number
+    load: tuple[Number, Number, Number]
+    delay_samples: Annotated[Whole, Field(ge=1, le=PREVIEW_MAX)]
+    turns: Annotated[Whole, Field(ge=1)]
+    corner_hz: Positive
+    slow_hz: NotNegative
+    forgetting_s: Positive
+    gate_v: Positive
+    ridge_v: Positive
+    shape: NotNegative
+    fading_s: Positive
+    slew_s: Positive
+    weight_max: NotNegative
+    push_max_v: NotNegative
+    hum_hz: tuple[Number, ...] = ()
+    hum_band_hz: NotNegative = 0.4
+    mass_fed: NotNegative = 1.0

@@ -6,19 +6,20 @@ import hashlib
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.parameters import Numbers, table
 from tactuator.signals.decibels import db, from_db
 
 Provenance = Literal["measured", "digitised", "inferred", "synthetic", "simulated"]
 
 
-@dataclass(frozen=True, eq=False)
+@table("threshold curve", eq=False)
 class ThresholdCurve:
     """Detection threshold: level of a sinusoid's peak displacement, dB re 1 um, at ascending frequencies.
 
@@ -31,11 +32,11 @@ class ThresholdCurve:
     """
 
     name: str
-    frequency_hz: FloatArray
-    level_db_re_1um: FloatArray
-    provenance: Provenance
-    source: str
-    standard_error_db: FloatArray | None = None
+    frequency_hz: Numbers
+    level_db_re_1um: Numbers
+    provenance: Provenance = "digitised"
+    source: str = ""
+    standard_error_db: Numbers | None = None
 
     def __post_init__(self) -> None:
         for field in ("frequency_hz", "level_db_re_1um", "standard_error_db"):
@@ -44,34 +45,34 @@ class ThresholdCurve:
                 array = np.array(values, dtype=np.float64)
                 array.flags.writeable = False
                 object.__setattr__(self, field, array)
-        self._check()
+        try:
+            self._check()
+        except BadInput as error:
+            raise error.within(repr(self.name)) from None
 
     def _check(self) -> None:
         frequency, level = self.frequency_hz, self.level_db_re_1um
-        where = f"threshold curve {self.name!r}"
-        if self.provenance not in get_args(Provenance):
-            raise BadInput(f"{where}: provenance {self.provenance!r}", f"{', '.join(get_args(Provenance))}")
         if frequency.ndim != 1 or frequency.shape != level.shape:
-            raise BadInput(f"{where}: {frequency.size} frequencies and {level.size} levels", "as many of each")
+            raise BadInput(f"{frequency.size} frequencies and {level.size} levels", "as many of each")
         if frequency.size < 3:
-            raise BadInput(f"{where}: {frequency.size} points", "three or more")
+            raise BadInput(f"{frequency.size} points", "three or more")
         if not (np.all(np.isfinite(frequency)) and np.all(np.isfinite(level))):
-            raise BadInput(f"{where}: a frequency or level is not a finite number")
+            raise BadInput("a frequency or level is not a finite number")
         if np.any(frequency <= 0.0):
-            raise BadInput(f"{where}: frequency {frequency.min():g} Hz", "positive")
+            raise BadInput(f"frequency {frequency.min():g} Hz", "positive")
         self._check_order()
         errors = self.standard_error_db
         if errors is not None and errors.shape != frequency.shape:
-            raise BadInput(f"{where}: {errors.size} standard errors for {frequency.size} points", "one each")
+            raise BadInput(f"{errors.size} standard errors for {frequency.size} points", "one each")
 
     def _check_order(self) -> None:
         steps = np.diff(self.frequency_hz)
         if np.any(steps == 0.0):
             twice = self.frequency_hz[1:][steps == 0.0][0]
-            raise BadInput(f"threshold curve {self.name!r}: {twice:g} Hz stands twice", "each frequency once")
+            raise BadInput(f"{twice:g} Hz stands twice", "each frequency once")
         if np.any(steps < 0.0):
             late = self.frequency_hz[1:][steps < 0.0][0]
-            raise BadInput(f"threshold curve {self.name!r}: {late:g} Hz is out of order", "ascending frequencies")
+            raise BadInput(f"{late:g} Hz is out of order", "ascending frequencies")
 
     def level_db_re_1um_at(self, frequency_hz: ArrayLike) -> FloatArray:
         """Return the threshold level (dB re 1 um peak) at `frequency_hz` (any shape, zero allowed)."""

@@ -18,7 +18,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.result.store_results import PersonThresholds, PsychometricTrials
 from tactuator.measure.felt import HEARD_DB_SL, LONG_FRAME_S, SHORT_FRAME_S, FeltReport, FingerFelt
 from tactuator.model.description import Channel
-from tactuator.model.load import DERIVATIVES
+from tactuator.model.plant import DERIVATIVES
 from tactuator.perception.curve import COMFORT_DB_SL, ThresholdCurve
 from tactuator.report.plate import Plate
 from tactuator.report.style import BLUE, CYCLE, GREEN, INK, ORANGE, RED, figure, frequency_axis, legend

@@ -22,7 +22,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.controller import ChannelController
 from tactuator.model.description import Channel, Converter, Display
-from tactuator.model.load import DERIVATIVES
+from tactuator.model.plant import DERIVATIVES
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import CHANNEL_HEAD, float32_channel, sealed
 from tactuator.signals.discretise import matrix_exponential

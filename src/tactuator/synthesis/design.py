@@ -17,7 +17,7 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput, NoDesign
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
 from tactuator.model.description import KNOWN_EDGE, Channel, Display
-from tactuator.model.load import DERIVATIVES
+from tactuator.model.plant import DERIVATIVES
 from tactuator.model.touch import FeedForward
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear

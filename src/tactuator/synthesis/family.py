@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactuator.model.description import Channel
-from tactuator.model.load import Load
+from tactuator.model.plant import Load
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 

@@ -20,7 +20,7 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Channel, Display
-from tactuator.model.load import DERIVATIVES, Load
+from tactuator.model.plant import DERIVATIVES, Load
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis.family import UNLOADED, sampled_plant

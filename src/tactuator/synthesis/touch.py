@@ -12,7 +12,7 @@ import numpy as np
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.description import Channel, Display
-from tactuator.model.load import Load
+from tactuator.model.plant import Load
 from tactuator.model.touch import PREVIEW_MAX, FeedForward
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.loop import TwoDegreeLoop

@@ -11,7 +11,7 @@ from tactuator.cli.main import main
 from tactuator.io.controller import write_controller
 from tactuator.io.start.shipped import EXAMPLES
 from tactuator.measure.adaptive import settle_weights
-from tactuator.model.load import Load
+from tactuator.model.plant import Load
 from tactuator.rig.rig import WrappedRig
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.loop import TwoDegreeLoop

@@ -8,7 +8,7 @@ import pytest
 from tactuator.measure.adaptive import settle_weights
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
-from tactuator.model.touch import Touch
+from tactuator.model.requirements import Touch
 from tactuator.rig.board.commissioning import ADAPTIVE_DB, safety_table
 from tactuator.rig.open import in_process_rig, simulated_board_rig
 from tactuator.rig.transport import InProcess

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
-from tactuator.model.touch import Touch
+from tactuator.model.requirements import Touch
 from tactuator.paper.plan import paper_display
 from tactuator.rig.board.link import IMAGE, STREAM, LinkClient, Mode, Request
 from tactuator.rig.board.rig import SENSOR_FAULTS, BoardRig

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-import re
-from functools import cache
-from typing import Annotated, Any, Literal, get_args, get_origin
+from collections.abc import Mapping
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, Field, StringConstraints
+from pydantic import Field, StringConstraints
+from pydantic.fields import FieldInfo
 
 from tactuator.console.asked import Answer, Name, ViewRequest
 from tactuator.console.views.toml_places import line_of, literal, with_literal
 from tactuator.console.workshop import Workshop
 from tactuator.errors import BadInput, TactuatorError
-from tactuator.io.display_schema import SHARED_TABLES, ChannelOwnKeys, DisplayKeys, ObjectivesKeys
 from tactuator.io.formats.text import parse_toml, read_text
 from tactuator.io.start.template import display_template
-from tactuator.model.description import Channel, Display
+from tactuator.model.description import SHARED_TABLES, Channel, Display, keys_of
+from tactuator.parameters import choices, default, parameters
 
 Text = Annotated[str, StringConstraints(max_length=60_000)]
 _CHANNELS_SHOWN = 64
-_TABLES: dict[str, type[BaseModel]] = {"display": DisplayKeys, **SHARED_TABLES, "objectives": ObjectivesKeys}
-_COMMENTED = re.compile(r"^#? ?(\w+) = .*?# (.+)$", re.MULTILINE)
+_TABLES = ("display", *SHARED_TABLES, "objectives")
 
 
 class DisplayRead(ViewRequest):
@@ -80,47 +79,26 @@ def _form(text: str) -> list[Answer]:
         channels = parse_toml(text).get("channel", [])
     except BadInput:
         return []
-    made = [_table(text, name, 0, f"[{name}]", keys) for name, keys in _TABLES.items()]
+    made = [_table(text, name, 0, f"[{name}]", keys_of(name)) for name in _TABLES]
     count = min(len(channels), _CHANNELS_SHOWN) if isinstance(channels, list) else 0
     for place in range(count):
         name = (literal(text, "channel", place, "name") or "").strip('"')
-        made.append(_table(text, "channel", place, f"channel {name}", ChannelOwnKeys))
+        made.append(_table(text, "channel", place, f"channel {name}", parameters(Channel)))
     return made
 
 
-def _table(text: str, name: str, place: int, title: str, keys: type[BaseModel]) -> Answer:
-    fields = []
-    for key, about in keys.model_fields.items():
-        given = literal(text, name, place, key)
-        usual = None if about.is_required() or about.default is None else _literal_of(about.default)
-        fields.append(
-            {
-                "key": key,
-                "given": given,
-                "usual": usual,
-                "choices": _choices(about.annotation),
-                "help": _help().get(key, ""),
-            }
-        )
+def _table(text: str, name: str, place: int, title: str, keys: Mapping[str, FieldInfo]) -> Answer:
+    fields = [
+        {
+            "key": key,
+            "given": literal(text, name, place, key),
+            "usual": default(about),
+            "choices": choices(about),
+            "help": about.description,
+        }
+        for key, about in keys.items()
+    ]
     return {"table": name, "place": place, "title": title, "fields": fields}
-
-
-def _choices(annotation: Any) -> list[str] | None:
-    if get_origin(annotation) is Literal:
-        return [f'"{one}"' for one in get_args(annotation)]
-    return None
-
-
-def _literal_of(value: Any) -> str:
-    if isinstance(value, str):
-        return f'"{value}"'
-    return f"[{', '.join(_literal_of(one) for one in value)}]" if isinstance(value, list | tuple) else f"{value}"
-
-
-@cache
-def _help() -> dict[str, str]:
-    """Return the comments that the display file of `init` has beside its keys."""
-    return {found[1]: found[2].strip() for found in _COMMENTED.finditer(display_template("tactuator"))}
 
 
 def _sketch(display: Display) -> Answer:

@@ -9,26 +9,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
-
 from tactuator import __version__
 from tactuator.errors import BadInput
 from tactuator.io.atomic import write_text
-from tactuator.io.display_schema import EnvironmentKeys, Number, Positive
 from tactuator.io.formats.text import read_finite_json
-from tactuator.model.description import DISTURBANCES, Environment
+from tactuator.model.description import DISTURBANCES, Environment, MeasuredEnvironment
+from tactuator.parameters import allowed, from_table, parameters, require_known
 
 FORMAT = "tactuator-environment/1"
 
 
-class _Measured(BaseModel):
-    """Figures of one channel, in the keys of [environment]."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    hum_hz: list[Positive]
-    hum_v_peak: list[Number]
-    noise_v_rms: Number
+_MEASURED = ("hum_hz", "hum_v_peak", "noise_v_rms")
 
 
 def write_environment(path: str | Path, channels: Mapping[str, Mapping[str, Any]]) -> None:
@@ -53,43 +44,44 @@ def read_environment(path: str | Path, channel: str) -> dict[str, Any]:
     if not isinstance(channels, dict) or channel not in channels:
         known = ", ".join(channels) if isinstance(channels, dict) else "none"
         raise BadInput(f"channel {channel!r} is not in it", f"{known}")
-    try:
-        found = _Measured.model_validate(channels[channel])
-    except ValidationError as error:
-        fault = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in fault["loc"])
-        raise BadInput(f"channel {channel!r}: {key} is {fault['input']!r}", f"{fault['msg'].lower()}") from None
-    return found.model_dump()
+    values = channels[channel]
+    where = f"channel {channel!r}"
+    if not isinstance(values, dict):
+        raise BadInput(f"{where} is {values!r}", "a table")
+    require_known(values, dict.fromkeys(_MEASURED), where)
+    for key in _MEASURED:
+        if key not in values:
+            raise BadInput("missing", allowed(parameters(Environment)[key]), where=(where,), key=key)
+    from_table(Environment, values, where)
+    return values
 
 
-def with_measured(keys: EnvironmentKeys, beside: Path, channel: str, where: str) -> EnvironmentKeys:
-    """Return the keys with those of the file that `measured` names, if it names one."""
-    if keys.measured is None:
-        return keys
-    stated = sorted(keys.model_fields_set & {"hum_hz", "hum_v_peak", "noise_v_rms"})
-    if stated:
-        raise BadInput(f"{where} environment: both measured and {stated[0]} are given", "one of them")
-    path = beside / keys.measured
-    try:
-        found = read_environment(path, channel)
-    except BadInput as error:
-        raise error.within(f"{where} measured {path}") from None
-    return EnvironmentKeys.model_validate({**keys.model_dump(exclude_unset=True), **found})
+def channel_environment(
+    keys: dict[str, Any], where: str, beside: Path, channel: str, friction: Mapping[str, float] | None
+) -> Environment:
+    """Return the environment of a file's keys, with the figures of the file that `measured` names, if it names one.
 
-
-def channel_environment(keys: EnvironmentKeys, friction: Mapping[str, float] | None) -> Environment:
-    """Return the environment of the file's keys, and the friction of an identified model where the file states none."""
-    dumped = keys.model_dump(exclude={"measured"})
-    values: dict[str, Any] = {name: tuple(one) if isinstance(one, list) else one for name, one in dumped.items()}
-    stated = {_STATES[key] for key in keys.model_fields_set if key in _STATES}
-    if friction is not None and "friction" not in stated:
-        stated.add("friction")
+    friction: that of an identified model, for a file that states none; None where the plant is no such model.
+    """
+    file = from_table(MeasuredEnvironment, {key: keys[key] for key in ("measured",) if key in keys}, where)
+    values = {key: value for key, value in keys.items() if key != "measured"}
+    if file.measured is not None:
+        stated = sorted(set(values) & set(_MEASURED))
+        if stated:
+            raise BadInput(f"environment: both measured and {stated[0]} are given", "one of them", where=(where,))
+        path = beside / file.measured
+        try:
+            values |= read_environment(path, channel)
+        except BadInput as error:
+            raise error.within(where, f"measured {path}") from None
+    known = {_STATES[key] for key in values if key in _STATES}
+    if friction is not None and "friction" not in known:
+        known.add("friction")
         values["friction_v"] = float(friction.get("coulomb", 0.0))
         if friction.get("presliding"):
             values["presliding_v"] = float(friction["presliding"])
-    if keys.assumed is None:
-        values["assumed"] = tuple(what for what in DISTURBANCES if what not in stated)
-    return Environment(**values)
+    values.setdefault("assumed", tuple(what for what in DISTURBANCES if what not in known))
+    return from_table(Environment, values, where)
 
 
 _STATES = {"hum_v_peak": "hum", "hum_hz": "hum", "noise_v_rms": "noise", "friction_v": "friction"}

@@ -15,7 +15,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, DeviceFault
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Channel, Display
-from tactuator.model.load import DERIVATIVES
+from tactuator.model.plant import DERIVATIVES
 from tactuator.model.sound_card import SoundCard, Wires
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.rig.rig import DisplayRig, Trace, join_traces

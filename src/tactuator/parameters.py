@@ -1,0 +1,246 @@
+"""Parameters: each is one field of one frozen dataclass, with type, default, bounds, unit (in its name) and sentence.
+
+    @table("[prefilter]")
+    class PrefilterRequirements:
+        poles: Annotated[Whole, Field(ge=2, le=16, description="number of poles")] = 4
+
+Such a table is held to what its fields allow wherever it is made: from a file's keys, from JSON, or in Python. What it
+refuses is a `BadInput` that names the table and the key. Files, forms and the pages of reference are made of the
+fields (`parameters`, `allowed`, `default`): nothing of a parameter is written twice.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable, Mapping
+from functools import cache, wraps
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, cast, dataclass_transform, get_args, get_origin
+
+import numpy as np
+from pydantic import AfterValidator, ConfigDict, Field, PlainValidator, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass as validated
+from pydantic.fields import FieldInfo
+
+from tactuator.arrays import FloatArray
+from tactuator.errors import BadInput
+
+T = TypeVar("T")
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
+NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
+Whole = Annotated[int, Field(strict=True)]
+Flag = Annotated[bool, Field(strict=True)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Words:
+    """What a page says of a parameter where its type and default do not tell: what is allowed, what is usual."""
+
+    allowed: str = ""
+    default: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class InFile:
+    """The default of a parameter that a file may leave out, while Python says it."""
+
+    default: Any
+
+
+def _ascending(band: tuple[float, float]) -> tuple[float, float]:
+    low, high = band
+    if not low < high:
+        raise BadInput(f"[{low:g}, {high:g}]", "0 < low < high")
+    return band
+
+
+Band = Annotated[tuple[Positive, Positive], AfterValidator(_ascending), Words("two frequencies, 0 < low < high")]
+"""Two frequencies in hertz, the lower first."""
+
+
+def kept_by(check: Callable[[Any], Any], allowed: str) -> tuple[PlainValidator, Words]:
+    """Return the annotations of a parameter of a type of its own: `check` returns its value, or raises BadInput."""
+    return PlainValidator(check), Words(allowed)
+
+
+def _array(value: Any) -> FloatArray:
+    if not isinstance(value, np.ndarray):
+        _NESTED.validate_python(value)
+    return np.asarray(value, dtype=np.float64)
+
+
+_NESTED: TypeAdapter[Any] = TypeAdapter(list[Number] | list[list[Number]], config=ConfigDict(defer_build=True))
+Numbers = Annotated[FloatArray, *kept_by(_array, "a list of numbers, or a list of such lists")]
+"""An array of numbers, or the lists that a file writes for one."""
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
+def table(title: str, *, eq: bool = True) -> Callable[[type[T]], type[T]]:
+    """Return a decorator for a frozen dataclass whose fields are checked whenever one is made.
+
+    title: how a refusal names it, as a file writes the table. Raises BadInput with that title and the key.
+    """
+
+    def decorate(cls: type[T]) -> type[T]:
+        config = ConfigDict(arbitrary_types_allowed=True, extra="forbid")
+        made: Any = validated(cls, frozen=True, eq=eq, config=config)
+        check = made.__init__
+
+        @wraps(check)
+        def init(self: Any, /, *values: Any, **named: Any) -> None:
+            try:
+                check(self, *values, **named)
+            except ValidationError as error:
+                raise _refusal(made, title, error) from None
+
+        made.__init__ = init
+        return cast(type[T], made)
+
+    return decorate
+
+
+def from_table(cls: type[T], values: Mapping[str, Any], *where: str) -> T:
+    """Return the dataclass of a table's keys. Raises BadInput within `where`, the table as the file writes it."""
+    require_known(values, cls.__dataclass_fields__, *where)  # type: ignore[attr-defined]
+    try:
+        return cls(**values)
+    except BadInput as error:
+        error.where = (*where, *error.where[1:])
+        raise
+
+
+def require_known(values: Mapping[str, Any], keys: Mapping[str, Any], *where: str) -> None:
+    """Raise BadInput for a key of a table that is none of `keys`."""
+    for key in values:
+        if key not in keys:
+            raise BadInput("not a key that is known", ", ".join(keys), where=where, key=key)
+
+
+@cache
+def parameters(cls: type) -> dict[str, FieldInfo]:
+    """Return the fields of a table that are keys of its file, by name: those with a sentence."""
+    known: dict[str, FieldInfo] = cls.__pydantic_fields__  # type: ignore[attr-defined]
+    return {name: about for name, about in known.items() if about.description}
+
+
+def in_file(cls: type) -> dict[str, Any]:
+    """Return the defaults of keys that a file may leave out, while Python says them."""
+    marks = {name: _mark(about, InFile) for name, about in parameters(cls).items()}
+    return {name: mark.default for name, mark in marks.items() if mark is not None}
+
+
+def default(about: FieldInfo) -> str | None:
+    """Return the default of a parameter as a file writes it, "none" where nothing is asked; None where it must be
+    said."""
+    words, mark = _mark(about, Words), _mark(about, InFile)
+    if words is not None and words.default:
+        return str(words.default)
+    value = mark.default if mark is not None else about.default
+    if mark is None and about.is_required():
+        return None
+    return "none" if value is None else literal(value)
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON holds it: tables as mappings, tuples and arrays as lists."""
+    if dataclasses.is_dataclass(value):
+        return {key: plain(part) for key, part in vars(value).items()}
+    if isinstance(value, Mapping):
+        return {key: plain(part) for key, part in value.items()}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return [plain(part) for part in value] if isinstance(value, tuple | list) else value
+
+
+def literal(value: Any) -> str:
+    """Return a value as TOML writes it."""
+    return json.dumps(value, ensure_ascii=False)
+
+
+_UNITS = {
+    "hz": "Hz", "v": "V", "mm": "mm", "s": "s", "kg": "kg", "db": "dB", "db_sl": "dB SL", "deg": "degrees",
+    "bits": "bits", "samples": "samples", "v_peak": "V, peak", "v_rms": "V, rms", "v_per_mm": "V/mm", "v_per_n": "V/N",
+}  # fmt: skip
+
+
+def unit(name: str) -> str:
+    """Return the unit that a parameter's name ends in, or "" for a number without one."""
+    endings = [ending for ending in _UNITS if f"_{name}".endswith(f"_{ending}")]
+    return _UNITS[max(endings, key=len)] if endings else ""
+
+
+def allowed(about: FieldInfo) -> str:
+    """Return in words what a parameter may be."""
+    return _allowed(about.annotation, list(about.metadata))
+
+
+def choices(about: FieldInfo) -> list[str] | None:
+    """Return the values of which a parameter is one, as a file writes them; None where it is not one of a few."""
+    kind = about.annotation
+    return [literal(value) for value in get_args(kind)] if get_origin(kind) is Literal else None
+
+
+def _mark(about: FieldInfo, kind: type[Any]) -> Any:
+    return next((mark for mark in reversed(about.metadata) if isinstance(mark, kind)), None)
+
+
+def _allowed(kind: Any, marks: list[Any]) -> str:
+    words = next((mark.allowed for mark in reversed(marks) if isinstance(mark, Words) and mark.allowed), None)
+    if words is not None:
+        return str(words)
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        nested = [more for mark in inner[1:] for more in (mark.metadata if isinstance(mark, FieldInfo) else [mark])]
+        return _allowed(inner[0], [*nested, *marks])
+    if origin is Literal:
+        return ", ".join(literal(value) for value in inner)
+    if origin in (Union, UnionType):
+        return " or ".join(_allowed(member, marks) for member in inner if member is not NoneType)
+    if origin in (tuple, list):
+        return "a list, each " + _allowed(inner[0], [])
+    name = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}.get(kind, "a table")
+    return f"{name}{_bounds(marks)}"
+
+
+def _bounds(marks: list[Any]) -> str:
+    limits = {"ge": "", "gt": "", "le": ""}
+    for mark in marks:
+        limits |= {name: _plain(getattr(mark, name)) for name in limits if hasattr(mark, name)}
+    if limits["ge"] and limits["le"]:
+        return f", {limits['ge']} to {limits['le']}"
+    words = {"gt": f"above {limits['gt']}", "ge": f"{limits['ge']} or more", "le": f"up to {limits['le']}"}
+    return "".join(f", {words[name]}" for name in words if limits[name])
+
+
+def _plain(value: float) -> str:
+    return str(int(value)) if value == int(value) else f"{value:g}"
+
+
+_UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
+
+
+def _refusal(cls: type, title: str, error: ValidationError) -> BadInput:
+    """Return what pydantic refused as an error that names the table and the key."""
+    faults = error.errors(include_url=False)
+    fault = next((each for each in faults if each["type"] in _UNKNOWN), faults[0])
+    fields: dict[str, FieldInfo] = cls.__pydantic_fields__  # type: ignore[attr-defined]
+    places = list(fault["loc"])
+    if places and isinstance(places[0], int):
+        places[0] = list(fields)[places[0]]
+    path = [str(place) for place in places]
+    key = ".".join(path)
+    reason = fault.get("ctx", {}).get("error")
+    if isinstance(reason, BadInput) and (reason.key or reason.where or not path):
+        return BadInput(reason.got, reason.allowed, where=(title, *path, *reason.where), key=reason.key)
+    if isinstance(reason, BadInput):
+        return BadInput(reason.got, reason.allowed, where=(title,), key=key)
+    if fault["type"] in _UNKNOWN:
+        return BadInput("not a key that is known", ", ".join(fields), where=(title,), key=key)
+    words = allowed(fields[path[0]])
+    if fault["type"] == "missing":
+        return BadInput("missing", words, where=(title,), key=key)
+    got = f"{fault['input']:g}" if isinstance(fault["input"], float) else repr(fault["input"])
+    return BadInput(got if len(got) < 100 else f"{got[:96]} ...", words, where=(title,), key=key)

@@ -1,0 +1,40 @@
+"""Write the tables of keys in docs/display.md anew from the fields of the dataclasses: `make docs`. A test holds them
+current."""
+
+import re
+from pathlib import Path
+
+from tactuator.model.description import TABLES, keys_of
+from tactuator.parameters import allowed, default, unit
+
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "display.md"
+TABLE = re.compile(r"(<!-- keys of (\w+) -->\n).*?(<!-- end -->)", flags=re.DOTALL)
+
+
+def reference(page):
+    """Return the text of the page with the tables of today."""
+    return TABLE.sub(lambda place: place[1] + table(place[2]) + place[3], page)
+
+
+def table(name):
+    """Return the keys of one table of the display file, a row each."""
+    rows = ["| key | unit | default | allowed | meaning |", "|---|---|---|---|---|"]
+    for key, about in keys_of(name).items():
+        usual = default(about)
+        cells = (f"`{key}`", unit(key), "must be given" if usual is None else usual, allowed(about), about.description)
+        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(rows) + "\n"
+
+
+def main():
+    """Write the page, whole or not at all."""
+    text = PAGE.read_text(encoding="utf-8")
+    missing = set(TABLES) - {place[2] for place in TABLE.finditer(text)}
+    assert not missing, f"docs/display.md has no place for the keys of {', '.join(sorted(missing))}"
+    part = PAGE.with_suffix(".part")
+    part.write_text(reference(text), encoding="utf-8")
+    part.rename(PAGE)
+
+
+if __name__ == "__main__":
+    main()
