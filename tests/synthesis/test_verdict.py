@@ -201,17 +201,16 @@ def test_outcome__some_met_some_open__is_not_met() -> None:
 @pytest.mark.parametrize(
     ("limits", "words"),
     [
-        (Limits(1e6, 2.0), r"command_v is 1e\+06; allowed: above 0, at most 10 V"),
-        (Limits(10.0, -2.0), "travel_v is -2"),
-        (Limits(10.0, 2.0, 90.0), "comfort_db_sl is 90; allowed: above 0, at most 55"),
-        (Limits(float("nan"), 2.0), "command_v is nan"),
+        ((1e6, 2.0), r"command_v is 1e\+06; allowed: above 0, at most 10 V"),
+        ((10.0, -2.0), "travel_v is -2"),
+        ((10.0, 2.0, 90.0), "comfort_db_sl is 90; allowed: above 0, at most 55"),
+        ((float("nan"), 2.0), "command_v is nan"),
     ],
 )
-def test_judge__limits_beyond_the_displays__refused(limits: Limits, words: str) -> None:
+def test_judge__limits_beyond_the_displays__refused(limits: tuple[float, ...], words: str) -> None:
     made = paper_controller()
-    forged = replace(made, channels=(replace(made.channels[0], limits=limits),))
     with pytest.raises(BadInput, match=words):
-        judge(forged)
+        judge(replace(made, channels=(replace(made.channels[0], limits=Limits(*limits)),)))
 
 
 def test_judge__threshold_of_nothing__refused() -> None:
