@@ -13,11 +13,13 @@ from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.sections import backward_difference
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis import paper
-from tactuator.synthesis.assessment import assess, command_noise_gain, shortfalls
+from tactuator.synthesis.assessment import all_kept, assess, command_noise_gain
 from tactuator.synthesis.candidates import COUNT, LoopStructure
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import plant_family
+from tactuator.synthesis.limits import Limit, loop_limits
 from tactuator.synthesis.problem import LoopProblem
+from tactuator.synthesis.screening import Task
 from tests.synthesis.displays import channel, of, paper_alone, three_finger_controller, three_fingers
 
 RATE_HZ = 4000.0
@@ -26,17 +28,18 @@ RATE_HZ = 4000.0
 def kept(own: ChannelController, one: Channel, rate_hz: float = RATE_HZ) -> bool:
     feedback = own.feedback(rate_hz)
     assert feedback is not None
-    assessments = assess(feedback, plant_family(one, rate_hz, 1), one.feedback)
-    return shortfalls(assessments, one.feedback) == ()
+    assessments = assess(feedback, plant_family(one, rate_hz, 1), one.feedback.rejection_band_hz)
+    return all_kept(assessments, loop_limits(one.feedback))
 
 
 def test_assess__paper_c__keeps_its_own_limits_with_the_mean_of_the_facts() -> None:
     """facts, section 1: mean |S| of -22.51 dB over 0.4-10 Hz, noise gain 12, every limit of paper.toml kept."""
     one = paper_alone().channels[0]
-    (found,) = assess(bilinear(paper.FEEDBACK, RATE_HZ), plant_family(one, RATE_HZ, 1), one.feedback)
-    assert found.mean_rejection_db == pytest.approx(-22.51, abs=0.005)
-    assert found.noise_gain == pytest.approx(12.0, abs=0.3)
-    assert shortfalls((found,), one.feedback) == ()
+    band_hz = one.feedback.rejection_band_hz
+    (assessment,) = assess(bilinear(paper.FEEDBACK, RATE_HZ), plant_family(one, RATE_HZ, 1), band_hz)
+    assert assessment.mean_rejection_db == pytest.approx(-22.51, abs=0.005)
+    assert assessment.noise_gain == pytest.approx(12.0, abs=0.3)
+    assert all_kept((assessment,), loop_limits(one.feedback))
 
 
 def test_synthesise__paper_limits__18_db_better_than_the_papers_c() -> None:
@@ -112,8 +115,8 @@ def test_synthesise__weaker__still_stable() -> None:
     one = three_fingers().channels[0]
     feedback = three_finger_controller().channels[0].feedback(RATE_HZ)
     assert feedback is not None
-    for found in assess(feedback, plant_family(one, RATE_HZ, 1), one.feedback):
-        assert found.margins.gain_reduction_db == -np.inf
+    for assessment in assess(feedback, plant_family(one, RATE_HZ, 1), one.feedback.rejection_band_hz):
+        assert assessment.margins.gain_reduction_db == -np.inf
 
 
 def refusal(**limits: object) -> str:
@@ -170,7 +173,7 @@ def test_loop_structure__response__is_that_of_the_system() -> None:
 
 def test_loop_problem__slopes__are_those_of_finite_differences() -> None:
     one = channel()
-    problem = LoopProblem(plant_family(one, RATE_HZ, 1), one.feedback, RATE_HZ, 1.15)
+    problem = LoopProblem(Task.of(plant_family(one, RATE_HZ, 1), one.feedback, RATE_HZ, 1.15))
     values = [1.0, 17.0 / RATE_HZ, 2.7, 0.06, 0.05, 1.0, 0.1, 1.0, 0.09, 0.8, 0.09, 1.0]
     parameters = np.log(values)
     parameters[0] -= np.log(abs(problem.structure.system(parameters).response(20.0) * one.plant.response(20.0)))
@@ -191,3 +194,27 @@ def test_command_noise_gain__simulated_white_noise__agrees() -> None:
     frequency[0] = 1e-6
     impulse = np.fft.irfft(loop.command_sensitivity(frequency))
     assert command_noise_gain(loop) == pytest.approx(np.sqrt(np.sum(impulse**2)), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("limit", "name", "unit", "kept", "missed", "excess", "excess_db"),
+    [
+        (Limit("|T|", -11.0, 60.0), "|T| dB at 60 Hz", "dB", -11.0, -9.5, 1.5, 1.5),
+        (Limit("sensitivity_peak", 1.5), "sensitivity_peak", "1", 1.5, 3.0, 1.5, 6.0206),
+        (Limit("phase_margin_deg", 50.0), "phase_margin_deg", "deg", 50.0, 40.0, 10.0, 2.0),
+    ],
+)
+def test_limit__figures__kept_or_so_far_off_in_its_unit_and_on_the_common_scale(
+    limit: Limit, name: str, unit: str, kept: float, missed: float, excess: float, excess_db: float
+) -> None:
+    assert (limit.name, limit.unit) == (name, unit)
+    assert limit.kept(kept)
+    assert not limit.kept(missed)
+    assert limit.excess(missed) == pytest.approx(excess)
+    assert limit.excess_db(missed) == pytest.approx(excess_db, abs=1e-4)
+    assert limit.figure_at(float(limit.excess_db(missed))) == pytest.approx(missed)
+    looser = limit.loosened(excess_db)
+    assert looser is not None
+    assert looser.kept(missed)
+    assert limit.loosened(-1.0) is None
+    assert limit.under("finger").under(None) == limit

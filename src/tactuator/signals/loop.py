@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -280,8 +280,9 @@ class Margins:
         )
 
 
+@lru_cache(maxsize=512)
 def margins(loop: FeedbackLoop) -> Margins:
-    """Return the margins of `loop`, each refined to the frequency where it is attained.
+    """Return the margins of `loop`, each refined to the frequency where it is attained; computed once for equal loops.
 
     Raises UnstableLoop if the closed loop is unstable: such a loop has none.
     """

@@ -27,8 +27,9 @@ from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis.assessment import MemberAssessment, assess, loop_report
 from tactuator.synthesis.family import Member, plant_family
-from tactuator.synthesis.loop_synthesis import Task, diagnosis, require_consistent, synthesise
+from tactuator.synthesis.loop_synthesis import diagnosis, require_consistent, synthesise
 from tactuator.synthesis.prefilter import PrefilterFit, fit_prefilter
+from tactuator.synthesis.screening import Task
 from tactuator.synthesis.sections import anti_windup, feedback_sections
 from tactuator.synthesis.touch import design_feed_forward, fed_response, require_adaptive
 
@@ -122,7 +123,7 @@ def feedback_candidates(
         yield 0.0, bilinear(requirements.controller or paper.FEEDBACK, rate_hz)
     else:
         require_consistent(channel, rate_hz)
-        task = Task(family, requirements, rate_hz, resonance_peak)
+        task = Task.of(family, requirements, rate_hz, resonance_peak)
         found = False
         for one in synthesise(task):
             found = True
@@ -151,7 +152,7 @@ def assemble(
     if feedback is not None:
         sections = feedback_sections(feedback)
         feedback = SampledSystem.from_sections(sections, display.rate_hz)
-        assessments = assess(feedback, members, channel.feedback)
+        assessments = assess(feedback, members, channel.feedback.rejection_band_hz)
         gains = anti_windup(sections, assessments[0].margins.crossover_hz, display.rate_hz)
     prefilter = SampledSystem.from_sections(fit.sections, display.rate_hz)
     nominal = TwoDegreeLoop(prefilter, feedback, members[0].sampled)

@@ -17,15 +17,14 @@ Optimization 18, 2000).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
+from itertools import chain, pairwise
 
 import numpy as np
 from scipy import optimize, special
 from scipy.stats import qmc
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.model.requirements import FeedbackRequirements
 from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.sections import backward_difference
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
@@ -33,18 +32,16 @@ from tactuator.synthesis.assessment import quadrature
 from tactuator.synthesis.candidates import (
     COUNT,
     FREQUENCIES,
-    LIGHT_DAMPING,
     POLE_DAMPINGS,
     ZERO_DAMPINGS,
     LoopStructure,
     slow_pair,
 )
 from tactuator.synthesis.family import Member
-from tactuator.synthesis.screening import WEAKER
+from tactuator.synthesis.limits import DB, DEGREES_PER_DB, Limit, Quantity
+from tactuator.synthesis.screening import WEAKER, Task, around_modes_hz
 
-DB = 20.0 / np.log(10.0)
 _SHARPNESS = 300.0
-DEGREES_PER_DB = 5.0
 
 
 @dataclass(frozen=True)
@@ -59,64 +56,40 @@ class Point:
 
 
 class LoopProblem:
-    """The requirements on a family of plants, evaluated on fixed grids.
+    """The limits of a task, with a share of the resonance objective, on its family of plants, on fixed grids.
 
-    labels: one for each excess, (requirement, member), in order. tighten: shape (c,), added to every excess: what the
-    grids overlook, told by a full assessment.
+    limits: in the order of the excesses, for each member in turn. tighten: shape (c,), added to every excess: what the
+    grids overlook, found by a full assessment.
     """
 
-    def __init__(
-        self, family: Sequence[Member], requirements: FeedbackRequirements, rate_hz: float, resonance_peak: float
-    ) -> None:
-        self.requirements = requirements
-        self.resonance_peak = resonance_peak
-        self.structure = LoopStructure(rate_hz)
-        low, high = requirements.rejection_band_hz
+    def __init__(self, task: Task, share: float = 1.0) -> None:
+        self.task = task
+        self.structure = LoopStructure(task.rate_hz)
+        self.loop_limits = task.limits_at(share)
+        self.limits = tuple(limit.under(member.name) for member in task.family for limit in self.loop_limits)
+        self.tighten = np.zeros(len(self.limits))
+        low, high = task.rejection_band_hz
         nodes, weights = np.polynomial.legendre.leggauss(16)
         band = np.exp(0.5 * (np.log(low * high) + np.log(high / low) * nodes))
-        peaks = _peak_grid_hz(family, low, rate_hz)
-        noise, self._noise_weight = quadrature(rate_hz, panels=9, nodes=9)
-        parts = [band, peaks, np.array(requirements.mains_hz), np.array(requirements.rejection_hz), noise]
+        peaks = _peak_grid_hz(task.family, low, task.rate_hz)
+        noise, self._noise_weight = quadrature(task.rate_hz, panels=9, nodes=9)
+        (mains, self._mains_db), (rejection, self._rejection_db) = self._lines("|T|"), self._lines("|S|")
+        parts = [band, peaks, mains, rejection, noise]
         edges = np.cumsum([0, *(part.size for part in parts)])
         self._band, self._peaks, self._mains, self._rejection, self._noise = (
             slice(a, b) for a, b in pairwise(edges.tolist())
         )
         self._band_weight = 0.5 * weights
         grid = np.concatenate(parts)
-        self.grid_hz = grid
-        z = np.exp(2j * np.pi * grid / rate_hz)
-        self._difference = backward_difference(grid, rate_hz) * z
-        self._plants = np.array([member.sampled.response(grid) for member in family])
-        self.labels = self._labels(family)
-        self.tighten = np.zeros(len(self.labels))
+        z = np.exp(2j * np.pi * grid / task.rate_hz)
+        self._difference = backward_difference(grid, task.rate_hz) * z
+        self._plants = np.array([member.sampled.response(grid) for member in task.family])
 
-    def _labels(self, family: Sequence[Member]) -> list[tuple[str, str]]:
-        asked = self.requirements
-        names = [f"|T| dB at {f:g} Hz" for f in asked.mains_hz] + [f"|S| dB at {f:g} Hz" for f in asked.rejection_hz]
-        for name, value in (
-            ("sensitivity_peak", asked.sensitivity_peak),
-            ("phase_margin_deg", asked.phase_margin_deg),
-            ("command_noise_gain_max", asked.command_noise_gain_max),
-        ):
-            if value is not None:
-                names.append(name)
-        names.append("resonance_peak")
-        return [(name, member.name) for member in family for name in names]
-
-    def asked(self, name: str) -> float:
-        """Return the limit of the requirement of that label."""
-        asked = self.requirements
-        limits: dict[str, float | None] = {
-            "sensitivity_peak": asked.sensitivity_peak,
-            "phase_margin_deg": asked.phase_margin_deg,
-            "command_noise_gain_max": asked.command_noise_gain_max,
-            "resonance_peak": self.resonance_peak,
-        }
-        limits |= {f"|T| dB at {f:g} Hz": v for f, v in zip(asked.mains_hz, asked.mains_max_db, strict=True)}
-        limits |= {f"|S| dB at {f:g} Hz": v for f, v in zip(asked.rejection_hz, asked.rejection_max_db, strict=True)}
-        value = limits[name]
-        assert value is not None
-        return value
+    def _lines(self, quantity: Quantity) -> tuple[FloatArray, FloatArray]:
+        """Return the frequencies at which a quantity is limited, and the limits, dB."""
+        lines = [(limit.frequency_hz, limit.asked) for limit in self.loop_limits if limit.quantity == quantity]
+        table = np.array([line for line in lines if line[0] is not None], dtype=np.float64).reshape(-1, 2)
+        return table[:, 0], table[:, 1]
 
     def at(self, parameters: FloatArray) -> Point:
         """Return the values and derivatives of everything at one parameter vector."""
@@ -132,27 +105,29 @@ class LoopProblem:
         return Point(values[:, 0], slopes[:, 0], total, slopes[:, 1:].reshape(-1, COUNT))
 
     def _add_lines(self, rows: _Rows, loops: _Loops) -> None:
-        asked = self.requirements
-        rows.add_each(DB * loops.log_t[:, self._mains] - asked.mains_max_db, self._mains, DB * loops.sensitivity)
-        levels = DB * loops.log_s[:, self._rejection] - asked.rejection_max_db
+        levels = DB * loops.log_t[:, self._mains] - self._mains_db
+        rows.add_each(levels, self._mains, DB * loops.sensitivity)
+        levels = DB * loops.log_s[:, self._rejection] - self._rejection_db
         rows.add_each(levels, self._rejection, -DB * loops.complementary)
 
     def _add_peaks(self, rows: _Rows, loops: _Loops) -> None:
-        asked, at = self.requirements, self._peaks
-        if asked.sensitivity_peak is not None:
-            peak, share = _smooth_maximum(loops.log_s[:, at])
-            rows.add(DB * (peak - np.log(asked.sensitivity_peak)), at, -DB * loops.complementary[:, at] * share)
-        if asked.phase_margin_deg is not None:
-            margin, weights = _phase_margin_deg(loops.loop[:, at], loops.log_l[:, at])
-            rows.add((asked.phase_margin_deg - margin) / DEGREES_PER_DB, at, -weights / DEGREES_PER_DB)
-        if asked.command_noise_gain_max is not None:
-            sensitivity = loops.sensitivity[:, self._noise]
-            power = self._noise_weight * np.abs(loops.controller[self._noise] * sensitivity) ** 2
-            total = np.sum(power, axis=1)
-            values = 0.5 * DB * np.log(total) - DB * np.log(asked.command_noise_gain_max)
-            rows.add(values, self._noise, DB * sensitivity * power / total[:, None])
-        peak, share = _smooth_maximum(loops.log_t[:, at])
-        rows.add(DB * (peak - np.log(self.resonance_peak)), at, DB * loops.sensitivity[:, at] * share)
+        at = self._peaks
+        for limit in self.loop_limits:
+            if limit.quantity == "sensitivity_peak":
+                peak, share = _smooth_maximum(loops.log_s[:, at])
+                rows.add(DB * (peak - np.log(limit.asked)), at, -DB * loops.complementary[:, at] * share)
+            elif limit.quantity == "resonance_peak":
+                peak, share = _smooth_maximum(loops.log_t[:, at])
+                rows.add(DB * (peak - np.log(limit.asked)), at, DB * loops.sensitivity[:, at] * share)
+            elif limit.quantity == "phase_margin_deg":
+                margin, weights = _phase_margin_deg(loops.loop[:, at], loops.log_l[:, at])
+                rows.add(limit.excess_db(margin), at, -weights / DEGREES_PER_DB)
+            elif limit.quantity == "command_noise_gain_max":
+                sensitivity = loops.sensitivity[:, self._noise]
+                power = self._noise_weight * np.abs(loops.controller[self._noise] * sensitivity) ** 2
+                total = np.sum(power, axis=1)
+                values = 0.5 * DB * np.log(total) - DB * np.log(limit.asked)
+                rows.add(values, self._noise, DB * sensitivity * power / total[:, None])
 
 
 class _Loops:
@@ -189,12 +164,7 @@ def _peak_grid_hz(family: Sequence[Member], low_hz: float, rate_hz: float) -> Fl
     """Return frequencies even in log frequency up to half the rate, and dense around every member's lightly damped
     roots.
     """
-    parts = [np.geomspace(low_hz, 0.49 * rate_hz, 170)]
-    for member in family:
-        for root in np.append(member.continuous.poles, member.continuous.zeros):
-            if root.imag > 0.0 and abs(root.real) < LIGHT_DAMPING * abs(root):
-                parts.append((root.imag + abs(root.real) * np.linspace(-3.0, 3.0, 13)) / (2.0 * np.pi))
-    grid = np.unique(np.concatenate(parts))
+    grid = np.unique(np.concatenate([np.geomspace(low_hz, 0.49 * rate_hz, 170), *around_modes_hz(family)]))
     return grid[(grid >= low_hz) & (grid <= 0.49 * rate_hz)]
 
 
@@ -215,13 +185,13 @@ def _phase_margin_deg(loops: ComplexArray, levels: FloatArray) -> tuple[FloatArr
     rise = levels[row, i + 1] - levels[row, i]
     share = -levels[row, i] / rise
     turn = (after - before + 180.0) % 360.0 - 180.0
-    found = before + turn * share
-    order = np.lexsort((np.abs(found), row))
+    margin = before + turn * share
+    order = np.lexsort((np.abs(margin), row))
     row, first = np.unique(row[order], return_index=True)
     worst = order[first]
     j, tau = i[worst], share[worst]
     by_log = -turn[worst] / rise[worst] - 1j * np.degrees(1.0)  # of a level (real), of a phase (imaginary)
-    margins[row] = found[worst]
+    margins[row] = margin[worst]
     weights[row, j], weights[row, j + 1] = by_log * (1.0 - tau), by_log * tau
     return margins, weights
 
@@ -240,13 +210,9 @@ class Solution:
     excess_db: float
 
 
-def solve(
-    problem: LoopProblem, start: FloatArray, limits: optimize.Bounds, relaxed: frozenset[str] = frozenset()
-) -> Solution | None:
-    """Find one local solution; the excess of the requirements `relaxed`, if any, is minimised instead, all others being
-    kept.
-    """
-    free = np.array([label in relaxed for label, _ in problem.labels])
+def solve(problem: LoopProblem, start: FloatArray, relaxed: Sequence[Limit] = ()) -> Solution | None:
+    """Find one local solution; the excess of the limits `relaxed`, if any, is minimised instead, all others kept."""
+    free = np.array([limit.under(None) in relaxed for limit in problem.limits])
     cache: dict[bytes, Point] = {}
 
     def at(unknowns: FloatArray) -> Point:
@@ -272,7 +238,7 @@ def solve(
         return rows
 
     cost = np.append(np.zeros(COUNT), [1.0, _PUNISHMENT])
-    low, high = limits.lb.copy(), limits.ub.copy()
+    low, high = bounds(problem.task)
     low[0], high[0] = start[0] - _GAIN_RANGE, start[0] + _GAIN_RANGE
     with np.errstate(all="ignore"):
         point = problem.at(start)
@@ -291,15 +257,12 @@ def solve(
     return Solution(result.x[:COUNT], float(result.x[COUNT]), float(result.x[COUNT + 1]))
 
 
-def is_sound(feedback: SampledSystem, family: Sequence[Member], must_bear_less: bool = True) -> bool:
+def is_sound(feedback: SampledSystem, task: Task) -> bool:
     """Tell whether the loop is stable on every plant and, where it must bear less, at lower gains too: not
     conditionally stable."""
-    for member in family:
-        for factor in WEAKER if must_bear_less else WEAKER[:1]:
-            weaker = SampledSystem(feedback.zeros, feedback.poles, feedback.gain * factor, feedback.rate_hz)
-            if not FeedbackLoop(weaker, member.sampled).is_stable:
-                return False
-    return True
+    factors = WEAKER if task.must_bear_less else WEAKER[:1]
+    weaker = [replace(feedback, gain=feedback.gain * factor) for factor in factors]
+    return all(FeedbackLoop(system, member.sampled).is_stable for member in task.family for system in weaker)
 
 
 _SLOWEST_ZEROS_HZ = 1.0
@@ -309,24 +272,24 @@ _STARTS = ((1.0, 1.0), (3.0, 1.0), (1.5, 0.5), (2.0, 0.35), (2.0, 2.0))
 """(crossover over the rejection band's upper edge, corner of the lead over the crossover)."""
 
 
-def bounds(problem: LoopProblem, plant: ContinuousSystem) -> optimize.Bounds:
-    """Return bounds on the parameters, the aim and the excess, shape (COUNT + 2,).
+def bounds(task: Task) -> tuple[FloatArray, FloatArray]:
+    """Return lower and upper bounds on the parameters, the aim and the excess, shape (COUNT + 2,) each.
 
     Zeros of the integrator's section lie from 1 Hz, everything else from the rejection band's upper edge, up to just
     below half the rate; zeros are damped by 0.7 or more, poles by 0.9: nothing in the controller rings, and T stays
     smooth enough for a prefilter of few poles. Zeros may be as soft as the plant's own resonances, to cancel them.
     """
-    to_radians = 2.0 * np.pi / problem.structure.rate_hz
+    to_radians = 2.0 * np.pi / task.rate_hz
     low, high = np.full(COUNT + 2, -np.inf), np.full(COUNT + 2, np.inf)
     fast = [*FREQUENCIES, 3]
-    low[fast] = np.log(to_radians * problem.requirements.rejection_band_hz[1])
+    low[fast] = np.log(to_radians * task.rejection_band_hz[1])
     low[1] = np.log(to_radians * _SLOWEST_ZEROS_HZ)
     high[fast] = np.log(2.0 * np.pi * 0.45)
-    softest = min(_ZERO_DAMPING[0], 0.6 * max(_resonance(plant)[1], 1e-3))
+    softest = min(_ZERO_DAMPING[0], 0.6 * max(_resonance(task.family[0].continuous)[1], 1e-3))
     low[list(ZERO_DAMPINGS)], high[list(ZERO_DAMPINGS)] = np.log(softest), np.log(_ZERO_DAMPING[1])
     low[list(POLE_DAMPINGS)], high[list(POLE_DAMPINGS)] = np.log(_POLE_DAMPING[0]), np.log(_POLE_DAMPING[1])
     low[COUNT + 1] = 0.0
-    return optimize.Bounds(low, high)
+    return low, high
 
 
 def _resonance(plant: ContinuousSystem) -> tuple[float, float]:
@@ -339,23 +302,23 @@ def _resonance(plant: ContinuousSystem) -> tuple[float, float]:
     return float(np.abs(pairs[softest])), float(damping[softest])
 
 
-def classical_starts(problem: LoopProblem, nominal: Member, rate_hz: float) -> list[FloatArray]:
+def classical_starts(task: Task) -> list[FloatArray]:
     """Return starts with zeros on the plant's two slowest poles, the notch on its resonance, and several crossovers."""
-    own, damping = slow_pair(nominal.continuous)
+    nominal, rate_hz, structure = task.family[0], task.rate_hz, LoopStructure(task.rate_hz)
+    slow, damping = slow_pair(nominal.continuous)
     resonance, softness = _resonance(nominal.continuous)
-    upper = problem.requirements.rejection_band_hz[1]
-    found = []
+    starts = []
     for times, corner in _STARTS:
-        crossover = min(times * upper, 0.05 * rate_hz)
+        crossover = min(times * task.rejection_band_hz[1], 0.05 * rate_hz)
         omega = 2.0 * np.pi * crossover / rate_hz
         lead = 2.0 * omega * corner
-        notch, depth = (resonance / rate_hz, max(softness, 1e-3)) if resonance > 1.5 * own else (4.0 * omega, 0.8)
-        values = [1.0, own / rate_hz, damping, 2.0 * omega, lead, 1.0, 2.0 * lead, 1.0, notch, depth, notch, 1.0]
+        notch, depth = (resonance / rate_hz, max(softness, 1e-3)) if resonance > 1.5 * slow else (4.0 * omega, 0.8)
+        values = [1.0, slow / rate_hz, damping, 2.0 * omega, lead, 1.0, 2.0 * lead, 1.0, notch, depth, notch, 1.0]
         parameters = np.log(values)
-        unit = problem.structure.system(parameters).response(crossover) * nominal.sampled.response(crossover)
+        unit = structure.system(parameters).response(crossover) * nominal.sampled.response(crossover)
         parameters[0] -= np.log(np.abs(unit))
-        found.append(parameters)
-    return found
+        starts.append(parameters)
+    return starts
 
 
 _HOPS = 128
@@ -365,41 +328,27 @@ _POOL_MAX = 6
 _SAME_DB = 1e-3
 
 
-def hops(
-    problem: LoopProblem,
-    starts: Sequence[FloatArray],
-    limits: optimize.Bounds,
-    family: Sequence[Member],
-    must_bear_less: bool,
-) -> Iterator[Solution]:
+def hops(problem: LoopProblem, starts: Sequence[FloatArray]) -> Iterator[Solution]:
     """Yield stable local solutions, those of `starts` first: each the solution of a step away from one that was yielded
     before, the nearer to the limits the more often. The sequence ends after 128 steps; whoever is content ends it
     before.
     """
     pool: list[Solution] = []
-    low, high = limits.lb[:COUNT], limits.ub[:COUNT]
-    for begin in _begins(starts, pool):
-        solution = solve(problem, np.clip(begin, low, high), limits)
-        if solution is None:
-            continue
-        if is_sound(problem.structure.system(solution.parameters), family, must_bear_less):
+    low, high = (side[:COUNT] for side in bounds(problem.task))
+    for start in chain(starts, _steps_away(starts, pool)):
+        solution = solve(problem, np.clip(start, low, high))
+        if solution is not None and is_sound(problem.structure.system(solution.parameters), problem.task):
             if all(abs(solution.excess_db - known.excess_db) > _SAME_DB for known in pool):
-                pool[:] = sorted([*pool, solution], key=lambda one: one.excess_db)[:_POOL_MAX]
+                pool[:] = sorted([*pool, solution], key=lambda known: known.excess_db)[:_POOL_MAX]
             yield solution
 
 
-def _begins(starts: Sequence[FloatArray], pool: Sequence[Solution]) -> Iterator[FloatArray]:
-    """Yield the starts, then steps away from members of `pool` as it then is; from the starts while it is empty."""
-    yield from starts
-    for index, (share, step) in enumerate(_steps()):
-        left = [one.parameters for one in pool] or list(starts)
-        origin = left[min(int(-np.log2(share)), len(left) - 1)]
-        yield origin + _SIZES[index % len(_SIZES)] * step
-
-
-def _steps() -> Iterator[tuple[float, FloatArray]]:
-    """Yield a number in (0, 1) that chooses where to step from, and a normal step, shape (COUNT,): Sobol's points."""
+def _steps_away(starts: Sequence[FloatArray], pool: Sequence[Solution]) -> Iterator[FloatArray]:
+    """Yield steps away from members of `pool` as it then is; from the starts while it is empty. Sobol's points choose
+    the member, and the step."""
     sequence = qmc.Sobol(COUNT + 1, scramble=False)
     sequence.fast_forward(1)  # the first point is zero
-    for point in sequence.random(_HOPS):
-        yield float(point[0]), np.asarray(special.ndtri(point[1:]))
+    for index, point in enumerate(sequence.random(_HOPS)):
+        origins = [known.parameters for known in pool] or list(starts)
+        origin = origins[min(int(-np.log2(point[0])), len(origins) - 1)]
+        yield origin + _SIZES[index % len(_SIZES)] * np.asarray(special.ndtri(point[1:]))

@@ -7,7 +7,8 @@ limit can only let more pass. What passes here is judged once more in full by wh
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +19,8 @@ from tactuator.signals.sections import backward_difference
 from tactuator.synthesis.assessment import quadrature
 from tactuator.synthesis.candidates import LIGHT_DAMPING, LoopStructure, crossovers_hz
 from tactuator.synthesis.family import Member
+from tactuator.synthesis.limits import DB, Limit, Quantity, loop_limits
 
-DB = 20.0 / np.log(10.0)
-DEGREES_PER_DB = 5.0
 _AT_ONCE = 256
 _HELD_AT_ONCE = 48
 """Candidates whose margins are looked at together: most callers want the first few alone."""
@@ -51,9 +51,10 @@ class Survivors:
     def __post_init__(self) -> None:
         object.__setattr__(self, "_known", np.full(self.peaks.size, _UNKNOWN, dtype=np.int8))
 
-    def kept(self, resonance_peak: float) -> Iterator[FloatArray]:
-        """Yield those that keep all limits and a greatest |T| of resonance_peak: parameter vectors (COUNT,)."""
-        within = np.flatnonzero(self.peaks <= resonance_peak)
+    def kept(self, limits: Sequence[Limit]) -> Iterator[FloatArray]:
+        """Yield those that keep all limits: parameter vectors (COUNT,). limits: the task's, that on max|T| lower."""
+        peak = min(limit.asked for limit in limits if limit.quantity == "resonance_peak")
+        within = np.flatnonzero(self.peaks <= peak)
         for start in range(0, within.size, _HELD_AT_ONCE):
             some = within[start : start + _HELD_AT_ONCE]
             unknown = some[self._known[some] == _UNKNOWN]
@@ -62,29 +63,61 @@ class Survivors:
             yield from self.parameters[some[self._known[some] == 1]]
 
 
-class Screen:
-    """The requirements on a family of plants, ready to be asked of many candidates."""
+@dataclass(frozen=True)
+class Task:
+    """Task of a synthesis: the family of plants, what the loop must keep on each of them (with a limit on max|T|), the
+    band over which the mean |S| in dB is to be least, and the rate.
+    """
 
-    def __init__(
-        self, family: Sequence[Member], requirements: FeedbackRequirements, rate_hz: float, resonance_peak: float
-    ) -> None:
-        self._asked, self._resonance_peak, self._rate_hz = requirements, resonance_peak, rate_hz
-        self._structure = LoopStructure(rate_hz)
-        self._family = tuple(family)
-        asked = requirements
-        self._lines = self._grid(np.array([*asked.mains_hz, *asked.rejection_hz]))
-        self._line_db = np.array([*asked.mains_max_db, *asked.rejection_max_db])
-        self._is_mains = np.arange(self._line_db.size) < len(asked.mains_hz)
-        low, high = asked.rejection_band_hz
+    family: tuple[Member, ...]
+    limits: tuple[Limit, ...]
+    rejection_band_hz: tuple[float, float]
+    rate_hz: float
+
+    @classmethod
+    def of(
+        cls, family: Sequence[Member], requirements: FeedbackRequirements, rate_hz: float, resonance_peak: float
+    ) -> Task:
+        """Return the task of a display's [feedback] and its resonance objective."""
+        limits = loop_limits(requirements, resonance_peak)
+        return cls(tuple(family), limits, requirements.rejection_band_hz, rate_hz)
+
+    @cached_property
+    def screen(self) -> Screen:
+        """Return the screen of this task's limits."""
+        return Screen(self)
+
+    @cached_property
+    def must_bear_less(self) -> bool:
+        """Tell whether every plant's loop can be stable at any lower gain, and so has to be."""
+        return all(may_be_weakened(member) for member in self.family)
+
+    def limits_at(self, share: float) -> tuple[Limit, ...]:
+        """Return the limits with 1 - share of the resonance objective in reserve."""
+        return tuple(
+            replace(limit, asked=1.0 + share * (limit.asked - 1.0)) if limit.quantity == "resonance_peak" else limit
+            for limit in self.limits
+        )
+
+
+class Screen:
+    """The limits of a task, ready to be asked of many candidates."""
+
+    def __init__(self, task: Task) -> None:
+        self._rate_hz, self._family, self._must_bear_less = task.rate_hz, task.family, task.must_bear_less
+        self._structure = LoopStructure(task.rate_hz)
+        self._line_limits = [limit for limit in task.limits if limit.frequency_hz is not None]
+        self._whole = {limit.quantity: limit for limit in task.limits if limit.frequency_hz is None}
+        self._lines = self._grid(np.array([limit.frequency_hz for limit in self._line_limits], dtype=np.float64))
+        low, high = task.rejection_band_hz
         nodes, self._band_weight = np.polynomial.legendre.leggauss(12)
         self._band = self._grid(np.exp(0.5 * (np.log(low * high) + np.log(high / low) * nodes)))
-        self._wide = self._grid(_wide_grid_hz(self._family, low, rate_hz))
-        noise, self._noise_weight = quadrature(rate_hz, panels=9, nodes=9)
+        self._wide = self._grid(_wide_grid_hz(self._family, low, task.rate_hz))
+        noise, self._noise_weight = quadrature(task.rate_hz, panels=9, nodes=9)
         self._noise = self._grid(noise)
-        self._crossovers = self._grid(crossovers_hz(rate_hz))
+        self._crossovers = self._grid(crossovers_hz(task.rate_hz))
         self._turns = np.array([_expected_turn(member) for member in self._family])
         self._has_poles_outside = bool(np.max(self._turns) > 0.75 * np.pi)
-        self.must_bear_less = all(may_be_weakened(member) for member in self._family)
 
     def _grid(self, frequency_hz: FloatArray) -> _Grid:
         z = np.exp(2j * np.pi * frequency_hz / self._rate_hz)
@@ -98,10 +131,6 @@ class Screen:
         parameters, peaks = (np.concatenate(field) for field in zip(*parts, strict=True))
         order = np.argsort(self._mean_db(parameters), kind="stable")
         return Survivors(parameters[order], peaks[order], self._holds)
-
-    def kept(self, shapes: FloatArray, resonance_peak: float) -> Iterator[FloatArray]:
-        """Yield the candidates of `shapes` (n, COUNT) that keep all limits and a greatest |T| of resonance_peak."""
-        return self.survivors(shapes).kept(resonance_peak)
 
     def _possible(self, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the candidates that keep line limits and peaks, shape (m, COUNT), and their max|T|, (m,)."""
@@ -133,16 +162,16 @@ class Screen:
         g, lines), for the worst member.
         """
         controller = self._structure.responses(shapes, self._lines.difference)
-        worst = np.full((*gains.shape, self._line_db.size), -np.inf)
+        worst = np.full((*gains.shape, len(self._line_limits)), -np.inf)
         for plant in self._lines.plants:
             loop = controller * plant
             size, real = np.abs(loop) ** 2, loop.real
-            for index, limit_db in enumerate(self._line_db):
-                own, part = size[:, index, None], real[:, index, None]
-                away = 1.0 + gains * (2.0 * part + gains * own)  # |1 + kL|^2
-                above = gains**2 * own if self._is_mains[index] else 1.0
+            for index, limit in enumerate(self._line_limits):
+                square, part = size[:, index, None], real[:, index, None]
+                away = 1.0 + gains * (2.0 * part + gains * square)  # |1 + kL|^2
+                above = gains**2 * square if limit.quantity == "|T|" else 1.0
                 level = 0.5 * DB * np.log(above / away)
-                worst[:, :, index] = np.maximum(worst[:, :, index], level - limit_db)
+                worst[:, :, index] = np.maximum(worst[:, :, index], limit.excess(level))
         return np.nan_to_num(worst, nan=np.inf)
 
     def _peaks(
@@ -157,13 +186,15 @@ class Screen:
         for plant in self._wide.plants:
             loop = (controller * plant).T
             size, twice = np.abs(loop) ** 2, 2.0 * loop.real
-            for own, part in zip(size, twice, strict=True):
-                above = squares * own[which]
+            for square, part in zip(size, twice, strict=True):
+                above = squares * square[which]
                 away = 1.0 + gains * part[which] + above
                 np.minimum(nearest, away, out=nearest)
                 np.maximum(greatest, above / away, out=greatest)
-        least = 0.0 if self._asked.sensitivity_peak is None else self._asked.sensitivity_peak**-2
-        return (nearest >= least) & (greatest <= self._resonance_peak**2), np.sqrt(greatest)
+        kept = greatest <= self._whole["resonance_peak"].asked ** 2
+        if "sensitivity_peak" in self._whole:
+            kept &= nearest >= self._whole["sensitivity_peak"].asked ** -2
+        return kept, np.sqrt(greatest)
 
     def _turned(self, shapes: FloatArray, which: NDArray[np.intp], gains: FloatArray) -> NDArray[np.bool_]:
         """Return whether 1 + L turns as often as a stable loop's, for the shapes `which`, (m,), at their gains.
@@ -198,37 +229,45 @@ class Screen:
         """Return whether the rest of the limits is kept and every loop is stable, (n,); what one plant fails is not
         tried on the next.
         """
-        asked, left = self._asked, np.arange(parameters.shape[0])
+        kept = np.arange(parameters.shape[0])
         noise = self._structure.responses(parameters, self._noise.difference)
         wide: ComplexArray | None = None
         with np.errstate(all="ignore"):
             for index in range(len(self._family)):
-                quiet = self._is_quiet(noise, index)
-                left, noise = left[quiet], noise[quiet]
+                quiet = self._keeps("command_noise_gain_max", noise, index)
+                kept, noise = kept[quiet], noise[quiet]
                 if wide is None:
-                    wide = self._structure.responses(parameters[left], self._wide.difference)
+                    wide = self._structure.responses(parameters[kept], self._wide.difference)
                 else:
                     wide = wide[quiet]
-                loop = wide * self._wide.plants[index]
-                sound = np.ones(left.size, dtype=bool)
-                if asked.phase_margin_deg is not None:
-                    sound = _phase_margins_deg(loop) >= asked.phase_margin_deg
-                sound[sound] = self._is_stable(loop[sound], index)
-                left, noise, wide = left[sound], noise[sound], wide[sound]
-        return np.isin(np.arange(parameters.shape[0]), left)
+                sound = self._keeps("phase_margin_deg", wide, index)
+                sound[sound] = self._is_stable(wide[sound] * self._wide.plants[index], index)
+                kept, noise, wide = kept[sound], noise[sound], wide[sound]
+        return np.isin(np.arange(parameters.shape[0]), kept)
 
-    def _is_quiet(self, controller: ComplexArray, index: int) -> NDArray[np.bool_]:
-        """Return whether the noise gain of controllers (n, f) on the noise's grid is kept, (n,)."""
-        most = self._asked.command_noise_gain_max
-        if most is None:
+    def _keeps(self, quantity: Quantity, controller: ComplexArray, index: int) -> NDArray[np.bool_]:
+        """Return whether controllers (n, f) keep the limit on a quantity, if there is one, on one plant, (n,)."""
+        if quantity not in self._whole:
             return np.ones(controller.shape[0], dtype=bool)
-        felt = controller / (1.0 + controller * self._noise.plants[index])
-        return np.asarray(np.sum(self._noise_weight * np.abs(felt) ** 2, axis=1) <= most**2)
+        return np.asarray(self._whole[quantity].excess(self._figure(quantity, controller, index)) <= 0.0)
+
+    def _figure(self, quantity: Quantity, controller: ComplexArray, index: int) -> FloatArray:
+        """Return a figure of the loops of controllers (n, f) with one plant, (n,), in its limit's unit; controllers on
+        the wide grid, for noise on that of the noise.
+        """
+        if quantity == "command_noise_gain_max":
+            sensed = controller / (1.0 + controller * self._noise.plants[index])
+            return np.asarray(np.sqrt(np.sum(self._noise_weight * np.abs(sensed) ** 2, axis=1)))
+        loop = controller * self._wide.plants[index]
+        if quantity == "phase_margin_deg":
+            return _phase_margins_deg(loop)
+        peaks = 1.0 / (1.0 + loop) if quantity == "sensitivity_peak" else loop / (1.0 + loop)
+        return np.asarray(np.max(np.abs(peaks), axis=1))
 
     def _is_stable(self, loop: ComplexArray, index: int) -> NDArray[np.bool_]:
         """Return whether 1 + L turns as often as a stable loop's, at lower gains too; (n,)."""
         stable = np.ones(loop.shape[0], dtype=bool)
-        for factor in WEAKER if self.must_bear_less else WEAKER[:1]:
+        for factor in WEAKER if self._must_bear_less else WEAKER[:1]:
             angle = np.angle(1.0 + factor * loop)
             turned = np.sum((np.diff(angle, axis=1) + np.pi) % (2.0 * np.pi) - np.pi, axis=1)
             stable &= np.abs(turned - self._turns[index]) < 0.6 * np.pi
@@ -259,21 +298,14 @@ class Screen:
         """Return the excess of peaks, phase margin and noise gain over their limits, dB, (n,); infinite
         where unstable.
         """
-        asked = self._asked
         worst = np.zeros(parameters.shape[0])
-        controllers = [self._structure.responses(parameters, grid.difference) for grid in (self._wide, self._noise)]
+        wide, noise = (self._structure.responses(parameters, grid.difference) for grid in (self._wide, self._noise))
         with np.errstate(all="ignore"):
             for index in range(len(self._family)):
-                wide, noise = controllers[0] * self._wide.plants[index], controllers[1] * self._noise.plants[index]
-                rows = [DB * np.log(np.max(np.abs(wide / (1.0 + wide)), axis=1) / self._resonance_peak)]
-                if asked.sensitivity_peak is not None:
-                    rows.append(-DB * np.log(np.min(np.abs(1.0 + wide), axis=1) * asked.sensitivity_peak))
-                if asked.phase_margin_deg is not None:
-                    rows.append((asked.phase_margin_deg - _phase_margins_deg(wide)) / DEGREES_PER_DB)
-                if asked.command_noise_gain_max is not None:
-                    power = np.sum(self._noise_weight * np.abs(controllers[1] / (1.0 + noise)) ** 2, axis=1)
-                    rows.append(0.5 * DB * np.log(power / asked.command_noise_gain_max**2))
-                rows.append(np.where(self._is_stable(wide, index), 0.0, np.inf))
+                rows = [np.where(self._is_stable(wide * self._wide.plants[index], index), 0.0, np.inf)]
+                for quantity, limit in self._whole.items():
+                    controller = noise if quantity == "command_noise_gain_max" else wide
+                    rows.append(limit.excess_db(self._figure(quantity, controller, index)))
                 worst = np.maximum(worst, np.nan_to_num(np.max(rows, axis=0), nan=np.inf))
         return worst
 
@@ -283,12 +315,16 @@ def _wide_grid_hz(family: Sequence[Member], low_hz: float, rate_hz: float) -> Fl
     roots.
     """
     parts = [np.geomspace(0.02 * low_hz, low_hz, 12), np.geomspace(low_hz, 0.4999 * rate_hz, 110)]
+    grid = np.unique(np.concatenate([*parts, *around_modes_hz(family)]))
+    return grid[(grid > 0.0) & (grid < 0.5 * rate_hz)]
+
+
+def around_modes_hz(family: Sequence[Member]) -> Iterator[FloatArray]:
+    """Yield frequencies around every lightly damped pole and zero of each member, in proportion to its damping."""
     for member in family:
         for root in np.append(member.continuous.poles, member.continuous.zeros):
             if root.imag > 0.0 and abs(root.real) < LIGHT_DAMPING * abs(root):
-                parts.append((root.imag + abs(root.real) * np.linspace(-3.0, 3.0, 13)) / (2.0 * np.pi))
-    grid = np.unique(np.concatenate(parts))
-    return grid[(grid > 0.0) & (grid < 0.5 * rate_hz)]
+                yield (root.imag + abs(root.real) * np.linspace(-3.0, 3.0, 13)) / (2.0 * np.pi)
 
 
 def _expected_turn(member: Member) -> float:

@@ -1,0 +1,105 @@
+"""Limits of a loop: what a display's requirements ask of it, each an object that tells how far off a figure is.
+
+Limits differ in unit. To compare them, how far off a figure is has a common scale: dB beyond the limit, where five
+degrees of phase count as one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from tactuator.arrays import FloatArray
+from tactuator.model.requirements import FeedbackRequirements
+
+Quantity = Literal[
+    "|T|", "|S|", "sensitivity_peak", "phase_margin_deg", "command_noise_gain_max", "resonance_peak"
+]  # fmt: skip
+DB = 20.0 / np.log(10.0)
+DEGREES_PER_DB = 5.0
+_UNITS: Mapping[Quantity, str] = {"|T|": "dB", "|S|": "dB", "phase_margin_deg": "deg"}
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A limit on one figure of a loop: a phase margin of at least `asked`, or anything else of at most that.
+
+    asked: in `unit`. frequency_hz: the point at which |T| or |S| is limited; None: the figure is one of the whole loop.
+    load: the plant of a family whose loop is meant (`Member.name`); None: every one.
+    """
+
+    quantity: Quantity
+    asked: float
+    frequency_hz: float | None = None
+    load: str | None = None
+
+    @property
+    def unit(self) -> str:
+        """Return the unit of the figure: "dB", "deg", or "1" for a ratio."""
+        return _UNITS.get(self.quantity, "1")
+
+    @property
+    def name(self) -> str:
+        """Return the limit's name as a person reads it: `sensitivity_peak`, or `|T| dB at 60 Hz`."""
+        at = "" if self.frequency_hz is None else f" {self.unit} at {self.frequency_hz:g} Hz"
+        return f"{self.quantity}{at}"
+
+    def __str__(self) -> str:
+        return f"{self.name} {self.asked:.4g}"
+
+    def under(self, load: str | None) -> Limit:
+        """Return the same limit for one plant of the family, or for every one (None)."""
+        return replace(self, load=load)
+
+    def excess(self, figure: FloatArray | float) -> FloatArray:
+        """Return by how much figures of any shape pass the limit, in its own unit; negative where kept."""
+        beyond = np.asarray(figure, dtype=np.float64) - self.asked
+        return np.asarray(-beyond if self.unit == "deg" else beyond)
+
+    def kept(self, figure: float) -> bool:
+        """Tell whether a figure keeps the limit."""
+        return not self.excess(figure) > 0.0
+
+    def excess_db(self, figure: FloatArray | float) -> FloatArray:
+        """Return by how much figures of any shape pass the limit on the common scale, dB; negative where kept."""
+        if self.unit == "1":
+            return np.asarray(DB * np.log(np.asarray(figure, dtype=np.float64) / self.asked))
+        return self.excess(figure) / (DEGREES_PER_DB if self.unit == "deg" else 1.0)
+
+    def figure_at(self, excess_db: float) -> float:
+        """Return the figure that passes the limit by so much on the common scale."""
+        if self.unit == "1":
+            return self.asked * float(np.exp(excess_db / DB))
+        return self.asked - excess_db * DEGREES_PER_DB if self.unit == "deg" else self.asked + excess_db
+
+    def loosened(self, excess_db: float) -> Limit | None:
+        """Return the limit that gives way by so much, with four digits, rounded to the looser side; None where that is
+        no looser limit, or none at all.
+        """
+        value = self.figure_at(excess_db)
+        if value != 0.0:
+            step = 10.0 ** (np.floor(np.log10(abs(value))) - 3.0)
+            whole = np.floor(value / step) if self.unit == "deg" else np.ceil(value / step)
+            value = float(f"{whole * step:.4g}")
+        is_looser = 0.0 < value < self.asked if self.unit == "deg" else value > self.asked
+        return replace(self, asked=value) if is_looser else None
+
+
+def loop_limits(requirements: FeedbackRequirements, resonance_peak: float | None = None) -> tuple[Limit, ...]:
+    """Return the limits of a display's [feedback], then that on max|T|, if any: first the lines of |T| and of |S|."""
+    hum = zip(requirements.mains_hz, requirements.mains_max_db, strict=True)
+    rejection = zip(requirements.rejection_hz, requirements.rejection_max_db, strict=True)
+    whole: dict[Quantity, float | None] = {
+        "sensitivity_peak": requirements.sensitivity_peak,
+        "phase_margin_deg": requirements.phase_margin_deg,
+        "command_noise_gain_max": requirements.command_noise_gain_max,
+        "resonance_peak": resonance_peak,
+    }
+    return (
+        *(Limit("|T|", level_db, frequency) for frequency, level_db in hum),
+        *(Limit("|S|", level_db, frequency) for frequency, level_db in rejection),
+        *(Limit(quantity, asked) for quantity, asked in whole.items() if asked is not None),
+    )
