@@ -23,13 +23,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from timing import in_turn, of_program
 
-from tactuator.cli.verbs import VERBS
 from tactuator.model.controller import Controller
 from tactuator.paper import thresholds
 from tactuator.paper.controllers import paper_controller
 from tactuator.paper.plan import Plan, observers, paper_display
 from tactuator.rig.rig import Trace
 from tactuator.rig.simulated import SimulatedRig
+from tactuator.verbs.table import top_verbs
 
 REPEATS = 5
 ALLOWED = {"help_s": 0.4, "help_goal_s": 0.15, "help_mb": 60.0, "refusal_s": 0.5, "import_s": 0.06}
@@ -104,7 +104,7 @@ def run() -> dict[str, object]:
         python_s, python_mb = spent([sys.executable, "-c", "pass"], folder)
         typer_s, _ = spent([sys.executable, "-c", TYPER, "--help"], folder)
         package_s, _ = spent([sys.executable, "-c", "import tactuator"], folder)
-        helps = {verb or "all": spent([*PROGRAM, *verb.split(), "--help"], folder) for verb in ("", *VERBS)}
+        helps = {verb or "all": spent([*PROGRAM, *verb.split(), "--help"], folder) for verb in ("", *top_verbs())}
         refusals = {
             "missing record": spent([*PROGRAM, "identify", "nothing.csv"], folder),
             "missing display": spent([*PROGRAM, "design", "nothing.toml"], folder),

@@ -36,7 +36,7 @@ exec(open({program!r}).read())
 
 
 @pytest.mark.parametrize("swallowed", [False, True], ids=["at once", "in a callback"])
-@pytest.mark.parametrize("module", ["tactuator.cli", "typing", "typer", "tactuator.cli.deferred"])
+@pytest.mark.parametrize("module", ["tactuator.cli", "typing", "typer", "tactuator.cli.commands"])
 def test_program__ctrl_c_as_a_module_loads__one_line_and_130(module, swallowed):
     script = LOADING.format(module=module, swallowed=swallowed, program=str(PROGRAM))
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
@@ -47,7 +47,7 @@ TURNED = """
 import signal, sys
 class Turned:
     def find_spec(self, name, path=None, target=None):
-        if name == "tactuator.cli.controller.verbs":
+        if name == "tactuator.verbs.controller":
             try:
                 signal.raise_signal(signal.SIGINT)
             except KeyboardInterrupt as error:

@@ -7,14 +7,20 @@
 from importlib import import_module
 
 _ROOMS = {
-    "api.chain": (
-        "build", "calibrate", "check", "design", "examples", "identify", "read_controller", "read_curve",
-        "read_display", "read_model", "read_record",
-    ),
-    "api.doing": ("measure_response", "noise", "play", "render", "reproduce", "thresholds"),
+    "corpus.verb": ("render_corpus",),
     "errors": ("BadInput",),
+    "paper.verb": ("reproduce",),
     "rig.open": ("open_rig",),
     "rig.simulated": ("SimulatedRig",),
+    "verbs.controller": ("build", "check", "design", "image"),
+    "verbs.experiment": ("thresholds",),
+    "verbs.model": ("calibrate", "identify", "record"),
+    "verbs.response": ("disturb", "finger", "measure_response", "noise"),
+    "verbs.sound": ("calibrate_display",),
+    "verbs.speech": ("play", "render", "waveforms"),
+    "verbs.start": (
+        "examples", "init", "read_controller", "read_curve", "read_display", "read_model", "read_record",
+    ),
 }  # fmt: skip
 _NAMES = {name: room for room, names in _ROOMS.items() for name in names}
 
@@ -22,13 +28,13 @@ _NAMES = {name: room for room, names in _ROOMS.items() for name in names}
 def __getattr__(name: str) -> object:
     """Return what is asked for by name, and remember it."""
     if name == "__version__":
-        found: object = import_module("importlib.metadata").version("tactuator")
+        value: object = import_module("importlib.metadata").version("tactuator")
     elif name in _NAMES:
-        found = getattr(import_module(f"tactuator.{_NAMES[name]}"), name)
+        value = getattr(import_module(f"tactuator.{_NAMES[name]}"), name)
     else:
         raise AttributeError(f"module 'tactuator' has no attribute {name!r}")
-    globals()[name] = found
-    return found
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

@@ -2,6 +2,7 @@
 
 import json
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
@@ -11,12 +12,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
-from rich.table import Table
 
-from tactuator.api.plain import plain
-from tactuator.cli.answer import answer, progress, shown
-from tactuator.experiment.result.confusion import ResultTable
+from tactuator.cli.answer import Framed, answer, bars
 from tactuator.report.tables import with_error
+from tactuator.table import ResultTable
+from tactuator.verbs.progress import watched, working
+from tactuator.verbs.result import Result, plain
 
 
 @dataclass(frozen=True)
@@ -25,22 +26,34 @@ class Margin:
     levels_db: np.ndarray
 
 
+class Answer(Result):
+    """A result with what is printed of it."""
+
+    def __init__(self, document: dict[str, object], *shown: ResultTable | str) -> None:
+        self.document, self.shown = document, shown
+
+    def to_dict(self) -> dict[str, object]:
+        return self.document
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        return self.shown
+
+
 def test_answer__as_json__is_exactly_one_object(capsys):
-    answer({"ok": True, "levels_db": np.array([1.5, np.inf]), "path": Path("a/b"), "name": "µ"}, True, "not shown")
+    answer(Answer({"ok": True, "levels_db": np.array([1.5, np.inf]), "path": Path("a/b"), "name": "µ"}, "no"), True)
     out, err = capsys.readouterr()
     assert out == '{"ok": true, "levels_db": [1.5, null], "path": "a/b", "name": "µ"}\n'
     assert err == ""
 
 
-def test_answer__for_a_person__shows_the_table(capsys):
-    table = Table("frequency", "level")
-    table.add_row("10 Hz", "50 dB SL")
-    answer({"ok": True}, False, table)
-    assert "50 dB SL" in capsys.readouterr().out
+def test_answer__for_a_person__shows_the_table_and_what_was_written(capsys):
+    answer(Answer({}, ResultTable("", ("frequency", "level"), (("10 Hz", "50 dB SL"),), ("a note",))), False, ["f.csv"])
+    assert "50 dB SL" in (out := capsys.readouterr().out)
+    assert out.endswith("a note\nwritten: f.csv\n")
 
 
 def test_answer__text_in_brackets__is_shown_as_it_is(capsys):
-    answer({}, False, "level [dB SL]")
+    answer(Answer({}, "level [dB SL]"), False)
     assert capsys.readouterr().out == "level [dB SL]\n"
 
 
@@ -70,9 +83,8 @@ def test_plain__any_value__survives_strict_json(value):
 
 
 def test_progress__nobody_watching__is_silent(capsys):
-    with progress() as bars:
-        for _ in bars.track(range(3), description="counting"):
-            pass
+    with watched(bars), working("counting", 3) as step:
+        step(1, text="one")
     assert capsys.readouterr() == ("", "")
 
 
@@ -101,7 +113,7 @@ def test_shown__table_wider_than_the_terminal__loses_no_letter(width):
     columns = ("subject", "finger", "Hz", "trials", "procedure", "refit", "95 %", "dB re 1 µm", "flags")
     row = ("S1", "middle", "164.3", "129", "-12.5", "≥ 29.5", "8.5 to 54.2", "15.8", "chance, delivered-unknown")
     console = Console(width=width, record=True, file=StringIO())
-    console.print(shown(ResultTable("Thresholds", columns, (row,), ("a note",))))
+    console.print(Framed(ResultTable("Thresholds", columns, (row,), ("a note",))))
     lines = console.export_text().splitlines()
     assert max(len(line) for line in lines) <= width
     letters = Counter("".join(lines))

@@ -1,22 +1,21 @@
 """The promises of the command line, on a verb made for the purpose."""
 
-import importlib
 import signal
 import subprocess
 import sys
 import types
 from collections.abc import Callable
 from pathlib import Path
+from typing import Annotated
 
 import pytest
 import typer
 
 from tactuator import __version__
 from tactuator.cli.main import main
-from tactuator.cli.verbs import GROUPS, TITLES
 from tactuator.errors import BadInput
-
-program = importlib.import_module("tactuator.cli.main")
+from tactuator.verbs import table
+from tactuator.verbs.parameters import Option
 
 
 @pytest.fixture
@@ -24,17 +23,16 @@ def trial(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], None]], Non
     """Make `tactuator trial` do what is given."""
 
     def make(action: Callable[[], None]) -> None:
-        module = types.ModuleType("tactuator.cli.trial.verbs")
+        module = types.ModuleType("tactuator.trial")
 
-        def trial(rate_hz: float = 1.0) -> None:
+        def trial(rate_hz: Annotated[float, Option("Of the trial.")] = 1.0) -> None:
+            """Try."""
             action()
 
-        module.VERBS = {"trial": trial}
-        monkeypatch.setitem(sys.modules, "tactuator.cli.trial.verbs", module)
-        monkeypatch.setattr(program, "VERBS", ("trial",))
-        monkeypatch.setitem(program.ROOMS, "trial", "trial")
-        monkeypatch.setitem(GROUPS, "trial", ("trial",))
-        monkeypatch.setitem(TITLES, "trial", "Trial")
+        module.trial = trial
+        monkeypatch.setitem(sys.modules, "tactuator.trial", module)
+        monkeypatch.setattr(table, "FUNCTIONS", {"trial": "trial:trial"})
+        monkeypatch.setitem(table.VERBS, "Trials", table.FUNCTIONS)
 
     return make
 
@@ -143,10 +141,10 @@ def trial():
     finally:
         import os
         os.unlink({str(left)!r})
-module = types.ModuleType("tactuator.cli.trial.verbs")
-module.VERBS = {{"trial": trial}}
-sys.modules["tactuator.cli.trial.verbs"] = module
-program.VERBS, program.ROOMS["trial"] = ("trial",), "trial"
+module = types.ModuleType("tactuator.trial")
+module.trial = trial
+sys.modules["tactuator.trial"] = module
+import_module("tactuator.verbs.table").FUNCTIONS["trial"] = "trial:trial"
 sys.argv = ["tactuator", "trial"]
 sys.exit(program.main())
 """
@@ -196,10 +194,10 @@ def trial():
     kept = weakref.ref(held, lambda gone: (os.kill(os.getpid(), signal.SIGINT), time.sleep(0.001)))
     del held
     time.sleep(30)
-module = types.ModuleType("tactuator.cli.trial.verbs")
-module.VERBS = {"trial": trial}
-sys.modules["tactuator.cli.trial.verbs"] = module
-program.VERBS, program.ROOMS["trial"] = ("trial",), "trial"
+module = types.ModuleType("tactuator.trial")
+module.trial = trial
+sys.modules["tactuator.trial"] = module
+import_module("tactuator.verbs.table").FUNCTIONS["trial"] = "trial:trial"
 sys.argv = ["tactuator", "trial"]
 sys.exit(program.main())
 """

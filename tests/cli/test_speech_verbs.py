@@ -251,7 +251,7 @@ def test_waveforms__over_an_older_set__all_of_it_or_nothing(run, tmp_path, monke
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("tactuator.cli.speech.waveforms.write_text", full)
+        patch.setattr("tactuator.io.atomic.write_text", full)
         status, _, err = run(*short, "--level", "30")
     assert (status, "No space left" in err) == (2, True)
     assert {path.name: path.read_bytes() for path in (tmp_path / "set").iterdir()} == before

@@ -27,7 +27,7 @@ sys.exit(main(sys.argv[2:]))
 RUN_STUDY = (
     """
 import pathlib, pickle, sys
-from tactuator.cli.paper import reproduce
+from tactuator.paper import run as reproduce
 run_study = reproduce.run_study
 def kept(*asked):
     study = run_study(*asked)

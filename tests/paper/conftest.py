@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tactuator.cli import main
-from tactuator.cli.paper import reproduce
+from tactuator.paper import run as reproduce
 from tactuator.paper.plan import Plan, paper_display
 from tactuator.paper.run import PaperStudy, run_study
 from tactuator.paper.speech import check_speech

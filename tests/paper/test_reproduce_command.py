@@ -9,8 +9,9 @@ import pytest
 import soundfile
 
 from tactuator.cli import main
-from tactuator.cli.paper import reproduce
+from tactuator.paper import run as reproduce
 from tactuator.paper.plan import Plan, paper_display
+from tactuator.paper.publication import publish
 from tactuator.paper.run import PaperStudy
 from tactuator.paper.speech import check_speech
 from tests.paper.conftest import Reproduced
@@ -26,7 +27,7 @@ def test_reproduce__table__says_what_became_of_the_speech_file(
     study: PaperStudy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(reproduce, "run_study", lambda plan, file, tell: study)
-    monkeypatch.setattr(reproduce, "publish", lambda study, folder: None)  # what it writes is the test above
+    monkeypatch.setattr(publish, "publish", lambda study, folder: None)  # what it writes is the test above
     assert main(["reproduce", "--out", str(tmp_path / "paper")]) == 0
     assert "objective iv" in capsys.readouterr().out
 

@@ -18,8 +18,7 @@ import scipy.io
 import soundfile
 
 import tactuator
-from tactuator.api.doing import thresholds
-from tactuator.cli.experiment.serve import _operator_token
+from tactuator import thresholds
 from tactuator.corpus.corpus import open_journal
 from tactuator.experiment.language.words import read_words
 from tactuator.experiment.protocol.file import read_any_protocol
@@ -41,6 +40,7 @@ from tactuator.signals.record import Record
 from tactuator.speech.coding import read_coding
 from tactuator.speech.reading import scan_speech
 from tactuator.web.address import Address
+from tactuator.web.serve import _operator_token
 
 EXAMPLES = Path(tactuator.__file__).parent / "files/start/examples"
 _LANGUAGE = Path(tactuator.__file__).parent / "experiment/language/de.toml"

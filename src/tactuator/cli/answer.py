@@ -1,74 +1,79 @@
-"""Printing of a verb's answer: one JSON object for programs, or a table for people; progress goes to standard error."""
+"""Printing of a verb's result: one JSON object for programs, or tables for people; progress goes to standard error."""
+
+from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
+from typing import TYPE_CHECKING
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console, ConsoleOptions, Group, RenderableType
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
+from tactuator.table import ResultTable
+from tactuator.verbs.progress import Step
+from tactuator.verbs.result import Result, plain
 
-from tactuator.api.plain import plain
-from tactuator.experiment.result.confusion import ResultTable
+if TYPE_CHECKING:
+    from rich.console import Console, ConsoleOptions
+    from rich.table import Table
 
 
-def answer(result: Mapping[str, object], as_json: bool, shown: RenderableType) -> None:
-    """Print `result` as exactly one JSON object when `as_json`, otherwise what is shown to a person
-    (text as it is: "[dB SL]" is a unit, not markup; colour a cell with `rich.text.Text`).
+def answer(result: Result, as_json: bool, written: Sequence[object] = ()) -> None:
+    """Print `result` as exactly one JSON object when `as_json`, otherwise its tables and the files that were written
+    (text as it is: "[dB SL]" is a unit, not markup).
 
     In the JSON, numbers that JSON cannot say (infinite, not a number) are null; complex numbers are [re, im].
     """
+    for notice in result.notices():
+        sys.stderr.write(f"tactuator: {notice}\n")
     if as_json:
-        sys.stdout.write(json.dumps(plain(result), ensure_ascii=False, allow_nan=False) + "\n")
-    else:
-        Console(file=sys.stdout, markup=False).print(shown)
+        sys.stdout.write(json.dumps(plain(result.to_dict()), ensure_ascii=False, allow_nan=False) + "\n")
+        return
+    from rich.console import Console, Group
+
+    shown = [Group(Framed(part), *part.notes) if isinstance(part, ResultTable) else part for part in result.tables()]
+    Console(file=sys.stdout, markup=False).print(*shown, *(f"written: {path}" for path in written), sep="\n")
 
 
-def progress() -> Progress:
-    """Return progress bars on standard error, gone when done, and silent where nobody watches (no terminal)."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-
-
-@contextmanager
-def working(text: str) -> Iterator[None]:
-    """Show on a terminal that something is under way whose length nobody knows."""
-    with progress() as bars:
-        bars.add_task(text, total=None)
-        yield
-
-
-def written(*paths: Path | None) -> list[str]:
-    """Return a line for every file or folder that was written."""
-    return [f"written: {path}" for path in paths if path is not None]
-
-
-def shown(one: ResultTable) -> Group:
-    """Return the table with its notes below; a table that is too wide for its frame stands without one."""
-    return Group(_Framed(one), *one.notes)
-
-
-class _Framed:
+class Framed:
     """A table in a frame, or without one where that saves a cell from being broken."""
 
-    def __init__(self, one: ResultTable) -> None:
-        self.one = one
+    def __init__(self, content: ResultTable) -> None:
+        self.content = content
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Table]:
-        framed = self._table(Table(title=self.one.caption or None))
-        bare = self._table(Table(title=self.one.caption or None, box=SIMPLE_HEAD, padding=0, pad_edge=False))
+        from rich.box import SIMPLE_HEAD
+        from rich.table import Table
+
+        title = self.content.caption or None
+        framed = self._filled(Table(title=title))
+        bare = self._filled(Table(title=title, box=SIMPLE_HEAD, padding=0, pad_edge=False))
         wide = options.update(max_width=10_000)
         narrowest, widest = framed.__rich_measure__(console, wide)
         fits_bare_alone = widest > options.max_width >= bare.__rich_measure__(console, wide).maximum
         yield bare if fits_bare_alone or narrowest > options.max_width else framed
 
-    def _table(self, table: Table) -> Table:
-        for name in self.one.columns:
-            table.add_column(name, overflow="fold")
-        for row in self.one.rows:
-            table.add_row(*row)
+    def _filled(self, table: Table) -> Table:
+        from rich.text import Text
+
+        for name in self.content.columns:
+            table.add_column(name, overflow="fold", no_wrap=name in self.content.whole)
+        for row in self.content.rows:
+            table.add_row(*map(Text, row))
         return table
+
+
+@contextmanager
+def bars(text: str, total: float | None) -> Iterator[Step]:
+    """Show a bar on standard error, gone when done, and nothing where nobody watches (no terminal)."""
+    if not sys.stderr.isatty():
+        yield lambda done=None, total=None, text=None: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(text, total=total)
+        yield lambda done=None, total=None, text=None: progress.update(
+            task, completed=done, total=total, description=text
+        )

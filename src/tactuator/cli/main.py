@@ -7,18 +7,16 @@ import sys
 import traceback
 from collections.abc import Sequence
 from difflib import get_close_matches
-from importlib import import_module
 from itertools import pairwise
 from types import FrameType
-from typing import Annotated, NoReturn
+from typing import NoReturn
 
 import typer
 from typer.exceptions import TyperException
 
-from tactuator.cli.deferred import Verbs
-from tactuator.cli.grouped_help import GroupedHelp, QuickGroup
-from tactuator.cli.verbs import PARTS, ROOMS, VERBS
+from tactuator.cli.commands import build_app
 from tactuator.errors import BadInput, TactuatorError
+from tactuator.verbs.table import parts_of, top_verbs
 
 DONE, BAD_INPUT, OWN_FAULT, INTERRUPTED, TERMINATED = 0, 2, 70, 130, 143
 _AGAIN_S = 0.02
@@ -35,86 +33,22 @@ class _Ear:
         signal.default_int_handler(number, frame)
 
 
-def build_app(verbs: Sequence[str] = VERBS, listed: bool = False) -> typer.Typer:
-    """Return the application with the given verbs; no verb's work is imported before it is run.
-
-    listed: True where the verbs are only named, each with its sentence, and not one of them will be run.
-    """
-    app = typer.Typer(
-        name="tactuator",
-        cls=GroupedHelp,
-        help="From a tactile actuator and a threshold curve to a display that is felt equally strongly at every "
-        "frequency.",
-        pretty_exceptions_enable=False,
-        rich_markup_mode=None,
-    )
-
-    @app.callback(invoke_without_command=True)
-    def about(
-        context: typer.Context,
-        version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
-    ) -> None:
-        if version:
-            from tactuator import __version__  # it asks the installer's records, which takes longer than all the rest
-
-            typer.echo(f"tactuator {__version__}")
-        elif context.invoked_subcommand is None:
-            typer.echo(context.get_help())
-
-    for verb in verbs:
-        (_name if listed else _add)(app, verb)
-    return app
-
-
-def _name(app: typer.Typer, verb: str) -> None:
-    """Add a verb that has its sentence and no options: reading the options of all takes as long as the rest."""
-
-    def nothing() -> None:
-        pass
-
-    nothing.__doc__ = PARTS[verb] if verb in PARTS else _signatures(verb)[verb].__doc__
-    app.command(verb)(nothing)
-
-
-def _add(app: typer.Typer, verb: str) -> None:
-    """Add a verb, or the parts of one that has parts, as its group's module has them."""
-    if verb not in PARTS:
-        app.command(verb)(_signatures(verb)[verb])
-        return
-    parts = typer.Typer(cls=QuickGroup, help=PARTS[verb], rich_markup_mode=None)
-    for name, part in _parts_of(verb).items():
-        parts.command(name)(part)
-    app.add_typer(parts, name=verb)
-
-
-def _parts_of(verb: str) -> Verbs:
-    """Return the signatures of a verb's parts by their names, "program" of "firmware program"."""
-    signatures = _signatures(verb)
-    names = (name.partition(" ") for name in signatures)
-    return {part: signatures[f"{owner} {part}"] for owner, _, part in names if owner == verb and part}
-
-
-def _signatures(verb: str) -> Verbs:
-    """Return the signatures of the verb's group."""
-    signatures: Verbs = import_module(f"tactuator.cli.{ROOMS[verb]}.verbs").VERBS
-    return signatures
-
-
 def needed_verbs(arguments: Sequence[str]) -> Sequence[str]:
     """Return the one verb that the arguments name (only its modules are imported then), or all when none is named.
 
     Raises BadInput for a verb that is not there, with the likely one.
     """
+    verbs = top_verbs()
     first = next((argument for argument in arguments if not argument.startswith("-")), None)
     if first is None:
-        return () if "--version" in arguments else VERBS
-    if first in VERBS:
-        if first in PARTS and len(arguments) == 1:
-            raise BadInput(f"{first}: no part of it is named", f"{', '.join(_parts_of(first))}")
+        return () if "--version" in arguments else verbs
+    if first in verbs:
+        if len(arguments) == 1 and parts_of(first):
+            raise BadInput(f"{first}: no part of it is named", ", ".join(parts_of(first)))
         return (first,)
-    likely = get_close_matches(first, VERBS, n=1)
+    likely = get_close_matches(first, verbs, n=1)
     meant = f"did you mean {likely[0]!r}? " if likely else ""
-    raise BadInput(f"no verb {first!r}; {meant}there are {', '.join(VERBS)}")
+    raise BadInput(f"no verb {first!r}; {meant}there are {', '.join(verbs)}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -163,13 +97,13 @@ def _status_of(arguments: Sequence[str]) -> int:
         ear = signal.getsignal(signal.SIGINT)
         if isinstance(error, typer.Abort) or (isinstance(ear, _Ear) and ear.came):
             return _say("interrupted", INTERRUPTED)
-        return _told(error, arguments)
+        return _say_what_failed(error, arguments)
     if status == INTERRUPTED:  # typer's own rendering of Ctrl-C
         return _say("interrupted", INTERRUPTED)
     return status if isinstance(status, int) else DONE
 
 
-def _told(error: Exception, arguments: Sequence[str]) -> int:
+def _say_what_failed(error: Exception, arguments: Sequence[str]) -> int:
     """Say in one line what went wrong, a defect of the program's own with its traceback; return the exit status."""
     match error:
         case TactuatorError():
@@ -215,17 +149,17 @@ def _os_error(error: OSError) -> str:
     return ": ".join([*files, error.strerror or str(error) or type(error).__name__])
 
 
-def _raise_again(told: "sys.UnraisableHookArgs") -> None:
+def _raise_again(raised: "sys.UnraisableHookArgs") -> None:
     """Raise an end that was swallowed once more, a moment later; tell of anything else as the interpreter does.
 
     A Ctrl-C may come while a library calls Python back, from where no exception can leave: the interpreter would print
     it, and the verb would go on.
     """
     ends = {KeyboardInterrupt: signal.SIGINT, SystemExit: signal.SIGTERM}
-    if told.exc_type not in ends:
-        sys.__unraisablehook__(told)
+    if raised.exc_type not in ends:
+        sys.__unraisablehook__(raised)
         return
-    again = ends[told.exc_type]
+    again = ends[raised.exc_type]
     signal.signal(signal.SIGALRM, lambda number, frame: signal.raise_signal(again))
     signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
 

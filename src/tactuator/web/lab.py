@@ -13,7 +13,6 @@ from typing import TypeVar
 
 from tactuator.errors import BadInput, StoreFault, TactuatorError
 from tactuator.experiment.language.words import Words
-from tactuator.experiment.result.confusion import ResultTable
 from tactuator.experiment.session.presented_session import PresentedSession
 from tactuator.experiment.session.session import NextTrial
 from tactuator.experiment.session.studies import Study
@@ -21,6 +20,7 @@ from tactuator.experiment.session.task import JumpWatch
 from tactuator.experiment.store import records
 from tactuator.experiment.store.records import Found
 from tactuator.experiment.trial.presenter import Halted, Watch
+from tactuator.table import ResultTable
 
 _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)

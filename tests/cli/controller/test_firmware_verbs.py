@@ -4,7 +4,6 @@ import json
 import struct
 from contextlib import nullcontext
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -41,20 +40,21 @@ def test_verify__few_ticks__bit_exact_in_both_formats(made: str, capsys: pytest.
 
 
 def test_verify__that_differs__status_1(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    verb = import_module("tactuator.cli.controller.firmware")
     differing = PeriodCheck("mps2-an500", False, "float32: seed 1, tick 5", 9, 3, ("float32", "q31"), 9, 1, (), 0)
-    monkeypatch.setattr(verb, "check_period", lambda *arguments: differing)
-    monkeypatch.setattr(verb, "open_rig", lambda *arguments: nullcontext())
+    monkeypatch.setattr("tactuator.rig.board_check.period_check.check_period", lambda *arguments: differing)
+    monkeypatch.setattr("tactuator.rig.open.open_rig", lambda *arguments: nullcontext())
     assert main(["firmware", "verify", "--ticks", "5"]) == 1
     assert "DIFFERENT (float32: seed 1, tick 5)" in capsys.readouterr().out.replace("\n", "")
 
 
 def test_bench__at_80_columns__names_of_boards_are_whole(made, monkeypatch, capsys) -> None:
-    verb = import_module("tactuator.cli.controller.firmware")
     cases = dict.fromkeys(("usual", "silent", "soft start", "limited", "on-board tones", "faults"), 1234)
     share = {"168 MHz": 0.02}
     counted = [PeriodCost(name, "float32", 1, 1234, 1234, cases, share, share) for name in BOARDS]
-    monkeypatch.setattr(verb, "count_instructions", lambda board, *given: counted[list(BOARDS).index(board)])
+    monkeypatch.setattr(
+        "tactuator.rig.board_check.period_cost.count_instructions",
+        lambda board, *given: counted[list(BOARDS).index(board)],
+    )
     monkeypatch.setenv("COLUMNS", "80")
     assert main(["firmware", "bench", "--controller", made]) == 0
     out = capsys.readouterr().out

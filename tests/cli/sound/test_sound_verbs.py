@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from tactuator.cli import main
-from tactuator.cli.sound import calibrate_display
 from tactuator.errors import BadInput
 from tactuator.io.curve import read_curve, write_curve
 from tactuator.io.record import read_record
 from tactuator.io.start.shipped import EXAMPLES
+from tactuator.measure import open_loop
 from tactuator.measure.broadband import Followed, Heard, Level, Wave
 from tactuator.measure.open_loop import KnownChannel, NoEqualiser
 from tactuator.model.document import display_document
@@ -199,7 +199,7 @@ def test_calibrate_display__curve_of_a_person__is_the_one_that_is_calibrated_to(
         asked.append(rig.display.channels[1].threshold.curve)
         raise BadInput("enough")
 
-    monkeypatch.setattr(calibrate_display, "calibrate", stopped)
+    monkeypatch.setattr(open_loop, "calibrate", stopped)
     own = tmp_path / "s9.csv"
     write_curve(own, persons_curve())
     given = ["calibrate-display", display_file, "--curve", str(own), "--out", str(tmp_path / "out")]
@@ -229,7 +229,7 @@ def test_calibrate_display__no_equaliser__what_was_measured_is_kept_and_can_be_d
         )
         raise NoEqualiser("no prefilter of 16 poles", rig.display, known)
 
-    monkeypatch.setattr(calibrate_display, "calibrate", none)
+    monkeypatch.setattr(open_loop, "calibrate", none)
     out = tmp_path / "out"
     assert main(["calibrate-display", display_file, "--out", str(out)]) == 2
     (line,) = capsys.readouterr().err.splitlines()

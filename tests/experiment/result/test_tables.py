@@ -9,7 +9,6 @@ import pytest
 from tactuator.experiment.language.words import Words, shipped_languages, shipped_words
 from tactuator.experiment.result.confusion import (
     AbxResult,
-    ResultTable,
     SubjectResult,
     abx_table,
     information_table,
@@ -18,6 +17,7 @@ from tactuator.experiment.result.confusion import (
 )
 from tactuator.experiment.result.information import ESTIMATORS, POSTERIOR, information
 from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold
+from tactuator.table import ResultTable
 
 MARKED = Words("qps", {key: f"⟦{text}⟧" for key, text in shipped_words("en").texts.items()})
 

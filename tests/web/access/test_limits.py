@@ -13,10 +13,9 @@ from pathlib import Path
 import pytest
 from fastapi import FastAPI
 
-from tactuator.cli.experiment import serve
 from tactuator.errors import BadInput
 from tactuator.experiment.store.store import Store
-from tactuator.web import listener, serving
+from tactuator.web import listener, serve, serving
 from tests.experiment.session.apparatuses import ObedientClock, opened_study
 from tests.web.access.mutating import hear_all
 from tests.web.labs import begun, client, make_lab, until  # noqa: F401

@@ -18,19 +18,10 @@ from tactuator.experiment.result.information import Information, information
 from tactuator.experiment.result.thresholds import MeasuredThreshold
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.store import Store
+from tactuator.table import ResultTable
 
 _BOUNDS = {"": "", ">=": "≥ ", "<=": "≤ "}
 _POWER_MIN = 0.5
-
-
-@dataclass(frozen=True)
-class ResultTable:
-    """A table of results; notes: lines below the table."""
-
-    caption: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    notes: tuple[str, ...] = ()
 
 
 def threshold_table(found: Sequence[MeasuredThreshold], words: Words) -> ResultTable:

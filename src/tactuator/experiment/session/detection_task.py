@@ -17,7 +17,7 @@ from tactuator.experiment.procedure.up_down import UpDown
 from tactuator.experiment.procedure.whole_curve import WholeCurve
 from tactuator.experiment.protocol.plan import PlannedRun, plan_runs, run_seed
 from tactuator.experiment.protocol.protocol import Protocol
-from tactuator.experiment.result.confusion import ResultTable, threshold_table
+from tactuator.experiment.result.confusion import threshold_table
 from tactuator.experiment.result.thresholds import thresholds
 from tactuator.experiment.session.task import (
     Apparatus,
@@ -36,6 +36,7 @@ from tactuator.experiment.trial.presenter import Detection, Presenter
 from tactuator.experiment.trial.trial import BLANK, LOUD, SIGNAL, Timing, Trial, trial_rng
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.excitation import ramps
+from tactuator.table import ResultTable
 
 _TYPICAL_TRIALS = 80.0
 """Trials of a run of unknown length."""

@@ -16,7 +16,6 @@ from tactuator.experiment.language.words import Words, shipped_words
 from tactuator.experiment.protocol.plan import PlannedRun
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.result.confusion import (
-    ResultTable,
     abx_table,
     information_table,
     matrix_table,
@@ -40,6 +39,7 @@ from tactuator.experiment.trial.trial import IntervalRecord, Trial
 from tactuator.io.reference import content_sha256, open_reference
 from tactuator.rig.player import check_reference
 from tactuator.rig.rig import Rig
+from tactuator.table import ResultTable
 
 LONGEST_S = 60.0
 

@@ -18,7 +18,6 @@ from tactuator.experiment.language.words import Words
 from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.plan import ALL_FINGERS, PlannedRun
 from tactuator.experiment.protocol.study import StudyProtocol
-from tactuator.experiment.result.confusion import ResultTable
 from tactuator.experiment.store.records import ApparatusRecord, PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.presenter import Watch
@@ -28,6 +27,7 @@ from tactuator.model.description import Channel
 from tactuator.rig.finger import TouchableRig
 from tactuator.rig.paced import Paced
 from tactuator.rig.rig import Rig
+from tactuator.table import ResultTable
 
 
 class Clock(Protocol):

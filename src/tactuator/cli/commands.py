@@ -1,0 +1,187 @@
+"""Commands out of the verbs' signatures: the only place that knows how a parameter is spelled on the command line.
+
+A verb's module holds nothing heavy (no NumPy, no SciPy, no pydantic), so that a signature is read at once; what the
+verb needs is imported when it runs, after the files that it reads were looked for.
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
+
+import typer
+from typer.core import TyperGroup
+
+from tactuator.cli.answer import answer, bars
+from tactuator.errors import BadInput
+from tactuator.verbs.parameters import AS_IN_PYTHON, Argument, Option
+from tactuator.verbs.progress import watched
+from tactuator.verbs.table import FIRST, PARTS, VERBS, Verb, parts_of, top_verbs, verb_of
+
+if TYPE_CHECKING:
+    from typer._click import Context, HelpFormatter, Parameter
+
+ABOUT = "From a tactile actuator and a threshold curve to a display that is felt equally strongly at every frequency."
+SOLE_PROCESSOR = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
+"""How the libraries beneath NumPy are told to use one thread."""
+_JSON = Option("Print exactly one JSON object on standard output.", ("--json",))
+
+
+class QuickGroup(TyperGroup):
+    """A group whose switches are off, not unknown, where they are not given.
+
+    Typer imports pydantic to look at a value that is unknown, which takes as long as a verb's whole help.
+    """
+
+    def get_params(self, ctx: Context) -> list[Parameter]:
+        """Return the group's options, `--help` among them."""
+        options: list[Parameter] = super().get_params(ctx)
+        for option in options:
+            if getattr(option, "is_flag", False) and option.default is None:
+                option.default = False
+        return options
+
+
+class GroupedHelp(QuickGroup):
+    """The group of all verbs: its help has those of the first meeting, then the rest, in groups."""
+
+    def format_commands(self, ctx: Context, formatter: HelpFormatter) -> None:
+        """Write a section for every group of verbs that are there, each verb in one whole line."""
+        width = max(map(len, self.commands), default=0)
+        rest = [
+            (f"More: {title[0].lower()}{title[1:]}", [name for name in group_verbs(group) if name not in FIRST])
+            for title, group in VERBS.items()
+        ]
+        for title, names in [("The first verbs", FIRST), *rest]:
+            known = [(name.ljust(width), self.commands[name].help or "") for name in names if name in self.commands]
+            if known:
+                with formatter.section(title):
+                    formatter.write_dl(known)
+
+
+def group_verbs(group: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the verbs of a group as the first word of a command."""
+    return tuple(dict.fromkeys(name.partition(" ")[0] for name in group))
+
+
+def build_app(verbs: Sequence[str] | None = None, listed: bool = False) -> typer.Typer:
+    """Return the application with the given verbs (None: all); no verb's work is imported before it is run.
+
+    listed: True where the verbs are only named, each with its sentence, and not one of them will be run.
+    """
+    app = typer.Typer(
+        name="tactuator", cls=GroupedHelp, help=ABOUT, pretty_exceptions_enable=False, rich_markup_mode=None
+    )
+
+    @app.callback(invoke_without_command=True)
+    def about(
+        context: typer.Context,
+        version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
+    ) -> None:
+        if version:
+            from tactuator import __version__  # it asks the installer's records, which takes longer than all the rest
+
+            typer.echo(f"tactuator {__version__}")
+        elif context.invoked_subcommand is None:
+            typer.echo(context.get_help())
+
+    for name in top_verbs() if verbs is None else verbs:
+        parts = parts_of(name)
+        if listed:
+            app.command(name, help=PARTS[name] if parts else first_sentence(verb_of(name)))(lambda: None)
+        elif parts:
+            group = typer.Typer(cls=QuickGroup, help=PARTS[name], rich_markup_mode=None)
+            for part in parts:
+                group.command(part)(command_of(verb_of(f"{name} {part}")))
+            app.add_typer(group, name=name)
+        else:
+            app.command(name)(command_of(verb_of(name)))
+    return app
+
+
+def first_sentence(verb: Verb) -> str:
+    """Return the first sentence of a verb's docstring."""
+    return _first_paragraph(verb).partition(". ")[0].removesuffix(".") + "."
+
+
+def _first_paragraph(verb: Verb) -> str:
+    return " ".join((inspect.getdoc(verb) or "").partition("\n\n")[0].split())
+
+
+def command_of(verb: Verb) -> Callable[..., None]:
+    """Return the command of a verb: it looks for the files that are read, calls the verb and prints its result.
+
+    A verb that returns nothing is at work until it is interrupted, and has no `--json`.
+    """
+    signature = inspect.signature(verb)
+    options = {parameter.name: _option_of(parameter) for parameter in signature.parameters.values()}
+    known = {name: option for name, option in options.items() if option is not None}
+    ends = signature.return_annotation is not None
+
+    def command(**given: Any) -> None:
+        as_json = given.pop("as_json", False)
+        for name, option in known.items():
+            if option.file:
+                _look_for(name, given[name])
+        # The matrices here are small: a second thread would spin for nothing, and change last digits.
+        for variable in SOLE_PROCESSOR:
+            os.environ.setdefault(variable, "1")
+        with watched(bars):
+            result = verb(**given)
+        if result is None:
+            return
+        places = [given[name] for name, option in known.items() if option.writes and given[name] is not None]
+        answer(result, as_json, [place for place in places if Path(place).exists()])
+        if result.ending is not None:
+            raise result.ending
+        if result.exit_status:
+            raise typer.Exit(result.exit_status)
+
+    parameters = [_typer_parameter(signature.parameters[name], option, name) for name, option in known.items()]
+    if ends:
+        parameters.append(_typer_parameter(_AS_JSON, _JSON, "as_json"))
+    command.__name__, command.__doc__ = verb.__name__, _first_paragraph(verb)
+    vars(command)["__signature__"] = inspect.Signature(parameters)
+    return command
+
+
+_AS_JSON = inspect.Parameter("as_json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=bool)
+
+
+def _option_of(parameter: inspect.Parameter) -> Option | None:
+    """Return what a parameter's annotation tells the command line, None for one that is for Python alone."""
+    marks = get_args(parameter.annotation)[1:] if get_origin(parameter.annotation) is Annotated else ()
+    return next((mark for mark in marks if isinstance(mark, Option)), None)
+
+
+def _typer_parameter(parameter: inspect.Parameter, option: Option, name: str) -> inspect.Parameter:
+    """Return a parameter in typer's terms."""
+    default = parameter.default if option.shell is AS_IN_PYTHON else option.shell
+    required = default is inspect.Parameter.empty or default is ...
+    annotation = get_args(parameter.annotation)[0] if get_origin(parameter.annotation) else parameter.annotation
+    kind = option.type or (_path_type(required or default is not None) if option.file or option.writes else annotation)
+    more: dict[str, Any] = {"help": option.help, "metavar": option.metavar}
+    if option.ge is not None or option.le is not None:
+        more |= {"min": option.ge, "max": option.le}
+    if isinstance(option, Argument):
+        made: Any = typer.Argument(... if required else default, **more)
+    else:
+        names = option.names or (f"--{name.replace('_', '-')}",)
+        made = typer.Option(... if required else default, *names, **more)
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=made, annotation=kind)
+
+
+def _path_type(certain: bool) -> Any:
+    return Path if certain else Path | None
+
+
+def _look_for(name: str, paths: Path | Sequence[Path] | None) -> None:
+    """Raise BadInput, in one line, where a file is not there."""
+    for path in [paths] if isinstance(paths, Path) else paths or ():
+        try:
+            path.stat()
+        except OSError as error:
+            raise BadInput(f"{name} {path}: {error.strerror}", "one that can be read") from None

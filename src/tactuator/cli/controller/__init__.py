@@ -1,1 +1,0 @@
-"""Verbs from models to images: design, check, wordlength, build, image, firmware."""

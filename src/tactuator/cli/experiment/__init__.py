@@ -1,1 +1,0 @@
-"""The verb `experiment` and its parts: detection and recognition, with people or with observers."""

@@ -1,1 +1,0 @@
-"""Verbs from records to models: calibrate, record, identify."""

@@ -1,1 +1,0 @@
-"""Verbs that measure a display: noise, measure, disturb."""

@@ -1,1 +1,0 @@
-"""Verbs that bring speech to fingers: waveforms, render, play, corpus."""

@@ -1,1 +1,0 @@
-"""The verb that writes files to start from: init."""

@@ -1,0 +1,89 @@
+"""The verb `console`: the page of the chain, served to this machine."""
+
+import secrets
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tactuator.errors import BadInput
+from tactuator.verbs.parameters import AllowedHosts, Argument, Host, Option, Place, Seed, TlsCertificate, TlsKey
+
+if TYPE_CHECKING:
+    from tactuator.console.scope.host import RigHost
+    from tactuator.console.workshop import Workshop
+
+_TOKEN_BYTES = 16
+_NICER = 5
+"""Niceness of the process that computes figures: the processor is for whoever draws."""
+
+
+def console(
+    display: Annotated[Place | None, Argument("Display file (TOML); without one: the examples.", file=True)] = None,
+    rig: Annotated[
+        str | None, Option("Rig of the scope: simulated, in-process, emulated:BOARD, board:URL, sound:DEVICE.")
+    ] = None,
+    seed: Seed = 0,
+    host: Host = "127.0.0.1",
+    port: Annotated[int, Option("Port; 0: any that is free.")] = 8770,
+    allowed_host: AllowedHosts = None,
+    tls_certificate: TlsCertificate = None,
+    tls_key: TlsKey = None,
+) -> None:
+    """Serve a page to shape a loop, and to drive a rig. A loop is shaped by dragging it, and a rig is watched and
+    driven, until interrupted; the page's address goes to standard error.
+    """
+    from tactuator.console.app import build_console
+    from tactuator.console.ending import ConsoleServer
+    from tactuator.console.workshop import Workshop
+    from tactuator.web.address import Address
+
+    if rig is not None and display is None:
+        raise BadInput("a rig without a display", "`tactuator console DISPLAY.toml --rig simulated`")
+    certificate, key = (None if place is None else Path(place) for place in (tls_certificate, tls_key))
+    address = Address(host, port, tuple(allowed_host or ()), certificate, key)
+    # a program that is cut off leaves its semaphores to the tracker of them, which deletes them without a word then
+    sys.warnoptions.append("ignore:resource_tracker:UserWarning")
+    workshop, token = Workshop(None if display is None else Path(display)), secrets.token_urlsafe(_TOKEN_BYTES)
+    sock = address.listen()
+    with sock, _held(rig, workshop, seed) as held, _figures_apart() as apart:
+        config = address.config(build_console(workshop, token, apart, held), time.monotonic)
+        close = (lambda: None) if held is None else held.close
+        server = ConsoleServer(config, close, workshop.drawer.forget)
+        lines = [f"console: {address.base_url(sock)}/#token={token}", *filter(None, [address.warning])]
+        sys.stderr.write("\n".join(lines) + "\n")
+        sys.stderr.flush()
+        server.run(sockets=[sock])
+
+
+@contextmanager
+def _held(spec: str | None, workshop: "Workshop", seed: int) -> "Iterator[RigHost | None]":
+    """Yield the rig of that name, held by a process of its own, or None for none; it is at rest in the end."""
+    from tactuator.console.scope.host import RigHost
+    from tactuator.console.workshop import FILE
+
+    if spec is None:
+        yield None
+        return
+    host = RigHost(spec, workshop.display(FILE), seed)
+    try:
+        yield host
+    finally:
+        host.close()
+
+
+@contextmanager
+def _figures_apart() -> Iterator[ProcessPoolExecutor]:
+    """Yield a process in which figures are computed, so that a drag's frames have the interpreter to themselves."""
+    from tactuator.helper_process import begin_helper
+
+    apart = ProcessPoolExecutor(1, get_context("spawn"), initializer=begin_helper, initargs=(_NICER,))
+    try:
+        apart.submit(int)  # it imports while the reader opens the page
+        yield apart
+    finally:
+        apart.shutdown(wait=False, cancel_futures=True)

@@ -1,0 +1,75 @@
+"""The verb `reproduce`: the paper's study, end to end, on the simulated display."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from tactuator.table import ResultTable
+from tactuator.verbs.parameters import Option, Place, Seed
+from tactuator.verbs.progress import working
+from tactuator.verbs.result import Result, columns_of
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PaperResult(Result):
+    """The paper's study. folder: report.html, figures and summary.json; summary: its figures; comparison: rows of what,
+    paper and here; remarks: on the speech that was presented.
+    """
+
+    folder: Path
+    summary: Mapping[str, Any]
+    comparison: tuple[tuple[str, str, str], ...]
+    remarks: tuple[str, ...] = ()
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the first rows of the table paper against here, and where the report lies."""
+        return {"report": str(self.folder / "report.html")} | {what: here for what, _, here in self.comparison[:4]}
+
+    def columns(self) -> Mapping[str, Any]:
+        """Return the table of README: what, paper, here."""
+        return columns_of(("what", "paper", "here"), self.comparison)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the summary."""
+        return dict(self.summary)
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return the table paper against here, and where the report lies."""
+        table = ResultTable("The paper, end to end", ("", "paper (2004)", "here"), self.comparison)
+        return [table, *(f"note: {remark}" for remark in self.remarks), f"report: {self.folder / 'report.html'}"]
+
+
+def reproduce(
+    folder: Annotated[
+        Place,
+        Option("Folder to write; replaced if it is a former report.", ("--out",), type=Path, shell=Path("out/paper")),
+    ] = "out/paper",
+    speech: Annotated[Place | None, Option("WAV or FLAC to present.", file=True)] = None,
+    seed: Seed = 1,
+) -> PaperResult:
+    """Run the paper's study on the simulated display. It takes seconds to minutes, and writes report.html, figures and
+    summary.json into the folder.
+
+    >>> tt.reproduce("paper", speech="nothing.wav")
+    Traceback (most recent call last):
+    ...
+    tactuator.errors.BadInput: nothing.wav: no such file; allowed: a sound file
+    """
+    from tactuator.io.atomic import atomic_folder
+    from tactuator.paper.plan import Plan, paper_display
+    from tactuator.paper.publication.comparison import comparison
+    from tactuator.paper.publication.publish import OWN_NAMES, publish
+    from tactuator.paper.publication.summary import summary
+    from tactuator.paper.run import STEPS, run_study
+    from tactuator.paper.speech import check_speech
+
+    plan = Plan(paper_display(), seed, None if speech is None else Path(speech))
+    file = check_speech(plan)
+    with atomic_folder(folder, OWN_NAMES) as beside, ExitStack() as stack:
+        steps = {name: stack.enter_context(working(name, 1.0)) for name in STEPS}
+        study = run_study(plan, file, lambda name, done: steps[name](done))
+        publish(study, beside)
+    rows = tuple((row.what, row.paper, row.here) for row in comparison(study))
+    return PaperResult(Path(folder), summary(study), rows, tuple(study.spoken.file.notes))

@@ -1,0 +1,340 @@
+"""The verbs from models to images: design, check, wordlength, build, image."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tactuator.errors import BadInput
+from tactuator.table import ResultTable
+from tactuator.verbs.chosen import chosen_display, read
+from tactuator.verbs.parameters import CONTROLLER_HELP, Argument, Curve, Figures, Option, Place, Seed
+from tactuator.verbs.progress import working
+from tactuator.verbs.result import Result, figure, promoted
+
+if TYPE_CHECKING:
+    from tactuator.model.controller import Controller
+    from tactuator.model.description import Display
+    from tactuator.runtime.image import ImageHeader
+    from tactuator.verbs.designed import ControllerResult, VerdictResult
+    from tactuator.wordlength.assessment import FormatReport
+
+_RATE_DOUBLINGS = 4
+
+ControllerFile = Annotated["Controller | Place", Argument(CONTROLLER_HELP, file=True)]
+
+
+def design(
+    display: Annotated["Display | Place", Argument("Display file (TOML).", file=True)],
+    curve: Curve = None,
+    poles: Annotated[int | None, Option("Poles of the prefilters.")] = None,
+    error_db: Annotated[float | None, Option("Choose the fewest poles that keep this error.", ge=0.01)] = None,
+    out: Annotated[
+        Place | None, Option("Controller file to write.", writes=True, shell=Path("controller.json"))
+    ] = None,
+    figures: Figures = None,
+) -> "ControllerResult":
+    """Design loop and prefilter of every channel. Writes them as a controller file; exit status 1 if not met.
+
+    curve: in place of the display's own. poles: of every prefilter; error_db: as few poles as keep that error. Raises
+    NoDesign where no controller meets what is asked.
+
+    >>> tt.design("displays/voice-coil.toml").rate_hz
+    8000.0
+    """
+    from tactuator.synthesis.design import design_controller
+    from tactuator.verbs.designed import ControllerResult
+
+    described = chosen_display(display, curve)
+    if poles is not None:
+        replace(described.channels[0].prefilter, poles=poles)  # which refuses a number that is not allowed
+    with working("designing"):
+        controller = promoted(ControllerResult, design_controller(described, poles, error_db))
+    if figures is not None:
+        from tactuator.report.controller import save_design_plates
+
+        save_design_plates(controller, Path(figures))
+    if out is not None:
+        controller.write(out)
+    return controller
+
+
+def check(
+    controller: Annotated["Controller | Place", Argument("Controller file.", file=True)],
+    display: Annotated["Display | Place | None", Option("Display file to judge it for.", file=True)] = None,
+    monte_carlo: Annotated[int, Option("Plants to draw for each channel and load; 0 for none.", ge=0)] = 0,
+    mode_shift: Annotated[float, Option("Relative standard deviation of the frequency of a mode.")] = 0.02,
+    seed: Seed = 0,
+) -> "VerdictResult":
+    """Judge a controller by the paper's four objectives. What a board takes is judged, too; exit status 1 if one fails.
+
+    display: in place of the controller's own. Raises BadInput for one that the controller cannot run.
+
+    >>> tt.check(controller).sentence  # friction, noise and hum stand in no file of this display
+    'not judged (i, iv, build: met; ii, iii: not judged)'
+    """
+    import numpy as np
+
+    from tactuator.synthesis.monte_carlo import monte_carlo as draw_plants
+    from tactuator.synthesis.verdict import whole_verdict
+    from tactuator.verbs.designed import VerdictResult
+
+    judged, shown = read(controller), None if display is None else chosen_display(display)
+    drawn: list[Any] = []
+    if monte_carlo:
+        on = judged if shown is None else replace(judged, display=shown)
+        on.require_runs(on.display)
+        with working("drawing plants"):
+            drawn = draw_plants(on, monte_carlo, np.random.default_rng(seed), mode_shift)
+    return promoted(VerdictResult, whole_verdict(judged, shown, drawn), drawn=tuple(drawn))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WordlengthResult(Result):
+    """Number formats and what they do to a controller. asked: the format whose verdict was asked for.
+
+    figures: their folder; resolution_bits: the numbers of the figure, by channel, form and rate; both where asked for.
+    """
+
+    rate_hz: float
+    formats: "tuple[FormatReport, ...]"
+    recommended: str | None
+    asked: str | None = None
+    figures: Path | None = None
+    resolution_bits: Mapping[str, Any] | None = None
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the rate, the recommended format and those that are safe."""
+        safe = ", ".join(report.name for report in self.formats if report.safe)
+        return {"rate": figure(self.rate_hz, "Hz"), "recommended": self.recommended or "none", "safe": safe or "none"}
+
+    @property
+    def exit_status(self) -> int:
+        """Return 1 where nothing that a board runs is safe, or the format that was asked for is not."""
+        asked = [report.safe for report in self.formats if report.name == self.asked]
+        return 1 if self.recommended is None or not all(asked) else 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report on each format, and the numbers of the figure where it was asked for."""
+        reports = [asdict(report) for report in self.formats]
+        document = {"rate_hz": self.rate_hz, "formats": reports, "recommended": self.recommended}
+        drawn = {"figures": self.figures, "resolution_bits": self.resolution_bits}
+        return document | (drawn if self.figures else {})
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return a row for each format."""
+        title = f"Word length at {self.rate_hz:g} Hz; recommended: {self.recommended or 'none of what a board runs'}"
+        columns = ("format", "stable", "error (dB)", "round-off", "limit cycle", "safe")
+        rows = tuple(
+            (
+                report.name,
+                "yes" if report.stable else "no",
+                "" if report.response_error_db is None else f"{report.response_error_db:.2g}",
+                "" if report.roundoff_db_sl is None else f"{report.roundoff_db_sl:.0f}",
+                "" if report.limit_cycle_db_sl is None else f"{report.limit_cycle_db_sl:.0f}",
+                "yes" if report.safe else "no",
+            )
+            for report in self.formats
+        )
+        notes = [f"{report.name}: {report.refused}." for report in self.formats if report.refused is not None]
+        first = "Round-off and limit cycle: dB SL, as a finger feels them. A board runs float32 and q31."
+        return [ResultTable(title, columns, rows, (first, *notes))]
+
+
+def wordlength(
+    controller: ControllerFile,
+    rate: Annotated[float | None, Option("Another sampling rate, hertz.")] = None,
+    number_format: Annotated[
+        str | None, Option("Ask for the verdict on one format: exit status 1 if unsafe.", ("--format",))
+    ] = None,
+    figures: Figures = None,
+) -> WordlengthResult:
+    """Say which number formats are safe for a controller. The smallest is recommended.
+
+    Raises BadInput for a format that there is not, and for a rate at which the controller cannot be.
+
+    >>> wordlength(controller).recommended
+    'float32'
+    """
+    from tactuator.wordlength.assessment import FormatReport, assess, recommended
+    from tactuator.wordlength.bits import at_rate
+    from tactuator.wordlength.formats import FORMATS
+
+    names = [each.name for each in FORMATS]
+    if number_format is not None and number_format not in names:
+        raise BadInput(f"format is {number_format!r}", ", ".join(names))
+    judged = read(controller)
+    if rate is not None:
+        judged = at_rate(judged, rate)
+    bits = None
+    if figures is not None:
+        with working("counting the bits that the coefficients need"):
+            bits = _draw_resolution(judged, Path(figures))
+    reports: list[FormatReport] = []
+    with working("formats", len(FORMATS)) as step:
+        for each in FORMATS:
+            reports += assess(judged, (each,))
+            step(len(reports))
+    folder = None if figures is None else Path(figures)
+    return WordlengthResult(judged.rate_hz, tuple(reports), recommended(reports), number_format, folder, bits)
+
+
+def _draw_resolution(controller: "Controller", folder: Path) -> dict[str, Any]:
+    """Write the figure of the bits that coefficients need, and return its numbers."""
+    from tactuator.model.description import HIGHEST_RATE_HZ
+    from tactuator.report.controller import resolution_plate
+    from tactuator.report.plate import save_plates
+    from tactuator.wordlength.bits import controller_bits
+
+    rates = [controller.rate_hz * 2.0**k for k in range(_RATE_DOUBLINGS)]
+    bits = controller_bits(controller, [rate for rate in rates if rate <= HIGHEST_RATE_HZ])
+    bands = [channel.threshold.band_hz for channel in controller.display.channels]
+    band = f"{min(low for low, _ in bands):g}-{max(high for _, high in bands):g} Hz"
+    save_plates([resolution_plate(bits, whose="this controller (the most of any channel)", band=band)], folder)
+    return {
+        name: {form: {f"{rate:g}": asdict(need) for rate, need in needs.items()} for form, needs in forms.items()}
+        for name, forms in bits.items()
+    }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ImageResult(Result):
+    """An image as the core reads it. content: its bytes; path: its file, if any.
+
+    response_error_db: what the number format costs, of an image that was built here. controller: the controller of
+    which it was asked whether the image is its, and is_of_controller: whether it is.
+    """
+
+    content: bytes
+    header: "ImageHeader"
+    path: Path | None = None
+    response_error_db: float | None = None
+    controller: str | None = None
+    is_of_controller: bool | None = None
+
+    @property
+    def number_format(self) -> str:
+        """Return the number format."""
+        return self.header.format
+
+    @property
+    def exit_status(self) -> int:
+        """Return 1 where the image is another controller's."""
+        return 1 if self.is_of_controller is False else 0
+
+    def headline(self) -> Mapping[str, str]:
+        """Return format, size and the error of the number format."""
+        error = {}
+        if self.response_error_db is not None:
+            error = {"error of the format": figure(self.response_error_db, "dB", 2)}
+        return {"format": self.number_format, "size": f"{len(self.content)} bytes", **error}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what the header says; the bytes are for `write`."""
+        header = self.header
+        document: dict[str, Any] = {
+            "image": self.path,
+            "bytes": len(self.content),
+            "format": header.format,
+            "rate_hz": header.rate_hz,
+            "delay_samples": header.delay_samples,
+            "channels": header.channels,
+            "controller": header.controller_hash,
+            "crc32": f"{header.crc:08x}",
+        }
+        if self.response_error_db is not None:
+            document["response_error_db"] = self.response_error_db
+        if self.is_of_controller is not None:
+            document["is_of_controller"] = self.is_of_controller
+        return document
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return what the header says."""
+        header = self.header
+        rows = [
+            ("size (bytes)", str(len(self.content))),
+            ("number format", header.format),
+            ("sampling rate (Hz)", f"{header.rate_hz:g}"),
+            ("computing delay (samples)", str(header.delay_samples)),
+            ("channels", str(header.channels)),
+            ("hash of the controller", header.controller_hash),
+            ("checksum (CRC-32)", f"{header.crc:08x}"),
+        ]
+        if self.response_error_db is not None:
+            rows.append(("greatest error of |H| (dB)", f"{self.response_error_db:.1g}"))
+        if self.is_of_controller is not None:
+            rows.append((f"made from {self.controller}", "yes" if self.is_of_controller else "no"))
+        return [ResultTable("Image", ("what", "value"), tuple(rows))]
+
+    def write(self, path: Place) -> None:
+        """Write the image, whole or not at all."""
+        from tactuator.io.atomic import atomic_path
+
+        with atomic_path(path) as beside:
+            beside.write_bytes(self.content)
+
+
+def build(
+    controller: ControllerFile,
+    number_format: Annotated[str, Option("Number format: float32 or q31.", ("--format",))] = "float32",
+    out: Annotated[Place | None, Option("Image file to write.", writes=True, shell=...)] = None,
+) -> ImageResult:
+    """Write a controller as the image that a board loads. A format that is not safe for it is refused.
+
+    Raises BadInput for such a format.
+
+    >>> tt.build(controller, "q31").number_format
+    'q31'
+    """
+    from contextlib import nullcontext
+
+    from tactuator.io.atomic import atomic_path
+    from tactuator.runtime.image import read_image_header
+    from tactuator.wordlength.assessment import built
+
+    loaded = read(controller)
+    with nullcontext() if out is None else atomic_path(out) as beside:  # a folder that is not there is told at once
+        with working("comparing the number format with double precision"):
+            content, report = built(loaded, number_format)
+        header = read_image_header(content)
+        if beside is not None:
+            beside.write_bytes(content)
+    path = None if out is None else Path(out)
+    return ImageResult(content, header, path, float(report.response_error_db or 0.0))
+
+
+def image(
+    file: Annotated[Place, Argument("Image file that `build` wrote.", file=True)],
+    controller: Annotated[
+        "Controller | Place | None", Option("Controller file: is the image its, and for its display?", file=True)
+    ] = None,
+) -> ImageResult:
+    """Say what an image is. The core checks all of it first; exit status 1 if it is another controller's.
+
+    Raises BadInput for what is no image, and with a controller for an image that its display could not run.
+
+    >>> tt.build(controller).write("image.bin")
+    >>> tt.image("image.bin", controller).is_of_controller
+    True
+    """
+    from tactuator.io.formats.text import read_content
+    from tactuator.runtime.image import REASONS, ImageRefusal, check_image, read_image_header
+
+    path = Path(file)
+    try:
+        content = read_content(path)
+    except BadInput as error:
+        raise BadInput(f"image {file}: {error}", "a file that `build` wrote") from None
+    try:
+        header = read_image_header(content)
+    except BadInput as error:
+        raise error.within(f"{file}") from None
+    if controller is None:
+        return ImageResult(content, header, path)
+    loaded = read(controller)
+    refusal = check_image(content, loaded.rate_hz, loaded.delay_samples, len(loaded.channels))
+    if refusal is not ImageRefusal.GOOD:
+        raise BadInput(f"{file}: image: {REASONS[refusal]}")
+    whose = str(controller) if isinstance(controller, str | Path) else loaded.content_hash
+    is_its = loaded.content_hash == header.controller_hash
+    return ImageResult(content, header, path, controller=whose, is_of_controller=is_its)

@@ -1,0 +1,150 @@
+"""Controllers and verdicts with a result's manners."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tactuator.io.controller import write_controller
+from tactuator.model.controller import Controller
+from tactuator.model.verdict import Outcome, Verdict
+from tactuator.report.tables import FINDING_COLUMNS, design_rows, finding_row, printed_factors, remark_lines
+from tactuator.signals.decibels import db
+from tactuator.synthesis.exchange import continuous_form
+from tactuator.synthesis.monte_carlo import DrawnPlants
+from tactuator.synthesis.verdict import whole_verdict
+from tactuator.table import ResultTable
+from tactuator.verbs.parameters import Place
+from tactuator.verbs.result import Result, figure, lines_of
+
+if TYPE_CHECKING:
+    from tactuator.report.lines import Lines
+
+
+def verdict_tables(verdict: Verdict) -> list[ResultTable | str]:
+    """Return a table of one row for each objective, channel and quantity, the worst of its loads, models and lines.
+
+    Remarks, which may be long, stand below it.
+    """
+    worst = [finding for objective in verdict.objectives for finding in objective.worst()]
+    rows = tuple(map(finding_row, worst))
+    assumed = dict.fromkeys(f"assumed: {sentence}" for sentence in verdict.assumptions)
+    table = ResultTable("", FINDING_COLUMNS, rows, whole=("objective", "outcome", "allowed", "frequency"))
+    return [table, *remark_lines(worst), *assumed, f"verdict: {verdict.sentence}"]
+
+
+class ControllerResult(Result, Controller):
+    """A controller. It draws the error of the response against the curve, as the design tells it."""
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Return the verdict on the objectives and on building an image."""
+        return whole_verdict(self)
+
+    @property
+    def exit_status(self) -> int:
+        """Return 1 where an objective is not met."""
+        return 1 if self.verdict.outcome is Outcome.NOT_MET else 0
+
+    def headline(self) -> Mapping[str, str]:
+        """Return rate, and for every channel phase margin and error."""
+        figures = {"rate": figure(self.rate_hz, "Hz")}
+        for channel in self.channels:
+            margins, fit = channel.report.get("margins") or {}, channel.report.get("prefilter") or {}
+            margin = f"phase margin {margins['phase_margin_deg']:.1f}°, " if margins else ""
+            figures[channel.name] = f"{margin}within {fit.get('max_error_db', np.nan):.2f} dB of the curve"
+        return figures
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return each channel's report and the verdict; `document()` is the document of controller.json."""
+        return {channel.name: dict(channel.report) for channel in self.channels} | {"verdict": self.verdict.document()}
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return the figures of every channel, C and F in factors, and the verdict."""
+        columns = ("figure (worst over the loads)", *(channel.name for channel in self.channels))
+        return [
+            ResultTable("Design", columns, tuple(design_rows(self.channels))),
+            *self._factors(),
+            *verdict_tables(self.verdict),
+        ]
+
+    def _factors(self) -> Iterator[str]:
+        """Yield C and F in continuous form (whose bilinear transform the sections are), in factors, as a paper does."""
+        for channel in self.channels:
+            for letter, system in (("C", channel.feedback(self.rate_hz)), ("F", channel.prefilter(self.rate_hz))):
+                if system is not None:
+                    yield f"{channel.name}: {letter}(s) = {printed_factors(continuous_form(system))}"
+
+    def lines(self) -> Lines:
+        """Return the magnitude of every prefilter over its band."""
+        each = []
+        for channel in self.channels:
+            frequency = np.geomspace(*self.display.channel(channel.name).threshold.band_hz, 300)
+            each.append((channel.name, frequency, db(np.abs(channel.prefilter(self.rate_hz).response(frequency)))))
+        return lines_of("frequency (Hz)", "prefilter (dB re 1 V per threshold unit)", each, log_x=True)
+
+    def write(self, path: Place) -> None:
+        """Write the controller file, whole or not at all."""
+        write_controller(Path(path), self)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class VerdictResult(Result, Verdict):
+    """A verdict on the paper's four objectives. It draws what was found beside what is allowed.
+
+    drawn: the plants on which it rests as well, if any were drawn.
+    """
+
+    drawn: tuple[DrawnPlants, ...] = ()
+
+    @property
+    def exit_status(self) -> int:
+        """Return 1 where an objective is not met."""
+        return 1 if self.outcome is Outcome.NOT_MET else 0
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the outcome and the sentence of the verdict."""
+        return {"outcome": self.outcome.value, "verdict": self.sentence}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return every finding, and what was drawn."""
+        drawn = {"monte_carlo": [plants.document() for plants in self.drawn]} if self.drawn else {}
+        return self.document() | drawn
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return the worst findings, and the plants that were drawn."""
+        return [*verdict_tables(self), *([_plants_table(self.drawn)] if self.drawn else [])]
+
+    def columns(self) -> Mapping[str, Any]:
+        """Return objective, channel, load, quantity, value, allowed, unit and outcome, a row for each finding."""
+        names = ("objective", "channel", "load", "quantity", "value", "allowed", "unit")
+        findings = [finding for objective in self.objectives for finding in objective.findings]
+        columns = {name: [getattr(finding, name) for finding in findings] for name in names}
+        return columns | {"outcome": [str(finding.outcome) for finding in findings]}
+
+    def lines(self) -> Lines:
+        """Return value and limit of every finding that has both, in the order of the findings."""
+        findings = [f for objective in self.objectives for f in objective.findings if f.allowed is not None]
+        number = np.arange(len(findings))
+        each = [(name, number, [getattr(finding, name) for finding in findings]) for name in ("value", "allowed")]
+        return lines_of("finding", "value (each in its unit)", each, points=True)
+
+
+def _plants_table(drawn: Sequence[DrawnPlants]) -> ResultTable:
+    """Return the 95 % and greatest values of what was drawn, one row for each channel and load."""
+    names = ("channel", "load", "plants", "from", "unstable", "max|S|", "flatness dB", "felt hum dB SL")
+    rows = []
+    for plants in drawn:
+        cells = [
+            plants.quantiles(values) for values in (plants.sensitivity_peak, plants.flatness_db, plants.felt_hum_db_sl)
+        ]
+        kept = ("—" if np.isnan(values[1]) else f"{values[1]:.2f}/{values[-1]:.2f}" for values in cells)
+        unstable = f"{100.0 * plants.unstable:.2g} %"
+        rows.append((plants.channel, plants.load, str(plants.count), plants.source, unstable, *kept))
+    note = "max|S|, flatness, felt hum: what 95 % of the plants keep / the greatest of all"
+    return ResultTable("Monte Carlo", names, tuple(rows), (note,))

@@ -1,0 +1,288 @@
+"""The parts of the verb `firmware`: programs for boards, their bits and their cost."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+from tactuator.errors import BadInput
+from tactuator.rig.boards import BOARDS, find_board
+from tactuator.table import ResultTable
+from tactuator.verbs.chosen import paper_display, read
+from tactuator.verbs.parameters import ControllerOption, Option, Place
+from tactuator.verbs.progress import working
+from tactuator.verbs.result import Result
+
+if TYPE_CHECKING:
+    from tactuator.model.controller import Controller
+    from tactuator.rig.board.rig import BoardRig
+    from tactuator.rig.board_check.period_check import PeriodCheck
+    from tactuator.rig.board_check.period_cost import PeriodCost, PeriodCycles
+    from tactuator.rig.board_check.streaming_check import StreamingCheck
+
+Board = Annotated[str, Option(f"Board: {', '.join(BOARDS)}.")]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ProgramResult(Result):
+    """A program for a board, and the memory that it takes."""
+
+    board: str
+    processor: str
+    program: Path
+    flash_bytes: int
+    ram_bytes: int
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the processor and the memory."""
+        return {self.processor: f"{self.flash_bytes} bytes of flash, {self.ram_bytes} bytes of RAM"}
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return a line."""
+        return [f"{name}: {memory}" for name, memory in self.headline().items()]
+
+
+def program(
+    board: Board = "mps2-an500",
+    out: Annotated[Place, Option("File to write: .elf, .bin or .hex.", writes=True, shell=Path("firmware.elf"))] = (
+        "firmware.elf"
+    ),
+    emulated: Annotated[bool, Option("For the emulator, not the board itself.")] = False,
+    crystal_mhz: Annotated[int | None, Option("Of the board itself: 12 if not given.", ge=4, le=26)] = None,
+) -> ProgramResult:
+    """Compile a board's program from core/ and firmware/.
+
+    Raises BadInput for another board or ending, and where the compiler is missing.
+    """
+    from tactuator.rig.boards import build_firmware, form_of, memory_used, write_program
+
+    target, form = find_board(board), form_of(Path(out))
+    flags = () if crystal_mhz is None else (f"-DTACT_CRYSTAL_MHZ={crystal_mhz}",)
+    with working("compiling"):
+        compiled = build_firmware(board, emulated or not target.is_real, flags)
+    write_program(compiled, Path(out), form)
+    return ProgramResult(board, target.describes, Path(out), *memory_used(compiled))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class VerifyResult(Result):
+    """A comparison of a board's interrupt with this machine."""
+
+    check: "PeriodCheck"
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the board and the verdict."""
+        check = self.check
+        word = "bit for bit the same" if check.bit_exact else f"DIFFERENT ({check.first_difference})"
+        return {
+            check.board: f"{check.ticks} ticks, {check.channels} channels, {', '.join(check.formats)}: {word}; "
+            f"{check.starts} runs, {check.played} samples played, faults: {', '.join(check.faults)}"
+        }
+
+    @property
+    def exit_status(self) -> int:
+        """Return 1 where a bit differs."""
+        return 0 if self.check.bit_exact else 1
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures of the comparison."""
+        return asdict(self.check)
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return a line."""
+        return [f"{name}: {verdict}" for name, verdict in self.headline().items()]
+
+
+def verify(
+    board: Board = "mps2-an500",
+    rig: Annotated[str | None, Option("A board that is connected, instead: board:PORT or board:URL.")] = None,
+    ticks: Annotated[int, Option("Ticks of the interrupt, in each format.")] = 100_000,
+    controller: ControllerOption = None,
+) -> VerifyResult:
+    """Compare what a board's interrupt does with this machine's, bit for bit. Exit status 1 if they differ."""
+    from tactuator.rig.board_check.period_check import check_period
+    from tactuator.rig.open import open_rig
+
+    if rig is not None:
+        _require_board(rig)
+    loaded = _controller(controller)
+    name = rig or f"emulated:{find_board(board).name}"
+    with working(f"comparing {ticks} ticks"), cast("BoardRig", open_rig(name, loaded.display)) as target:
+        return VerifyResult(check_period(target, loaded, ticks))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StreamResult(Result):
+    """A reference that was streamed to a board whose time goes on."""
+
+    check: "StreamingCheck"
+
+    @property
+    def exit_status(self) -> int:
+        """Return 1 where an interrupt was late or a row missing."""
+        return 0 if self.check.holds else 1
+
+    def headline(self) -> Mapping[str, str]:
+        """Return what was sent, what was played, and what was late."""
+        check = self.check
+        return {
+            "samples sent": f"{check.samples}",
+            "samples played": f"{check.played}",
+            f"interrupts late by {100.0 * check.lateness_max:g} % of a period": f"{check.late}",
+            "ticks without a row": f"{check.dry}",
+            "frames dropped": f"{check.dropped}",
+            "commands and readings": "bit for bit this machine's" if check.bit_exact else "DIFFERENT",
+            "fault": check.fault,
+            "link, to the board": f"{check.to_board_bytes_per_s:.0f} bytes/s",
+            "link, from the board": f"{check.from_board_bytes_per_s:.0f} bytes/s",
+            "time of the board, of the host": f"{check.board_s:.2f} s, {check.host_s:.1f} s",
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures of the check, and whether it holds."""
+        return asdict(self.check) | {"holds": self.check.holds}
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return a row for each figure."""
+        check = self.check
+        clock = f"{check.instructions_per_s / 1e6:g} million instructions a second"
+        title = f"{check.board}: {check.channels} channels at {check.rate_hz:g} Hz, {clock}"
+        return [ResultTable(title, ("", ""), tuple(self.headline().items()))]
+
+
+def stream(
+    board: Board = "mps2-an500",
+    seconds: Annotated[float, Option("Seconds of the board's time.")] = 10.0,
+    instruction_ns: Annotated[int, Option("What an instruction takes: 1, 2, 4, 8 (125 MIPS), ...")] = 8,
+    controller: ControllerOption = None,
+) -> StreamResult:
+    """Stream a reference to a board whose time goes on. Exit status 1 if an interrupt was late or a row missing."""
+    from tactuator.rig.board_check.streaming_check import check_streaming
+
+    loaded = _controller(controller)
+    with working(f"streaming {seconds:g} s"):
+        return StreamResult(check_streaming(board, loaded, seconds, instruction_ns))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BenchResult(Result):
+    """Instructions of one period on every board, in every format."""
+
+    costs: "tuple[PeriodCost, ...]"
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the usual count on each board, in each format."""
+        return {f"{cost.board}, {cost.format}": f"{cost.cases['usual']} instructions" for cost in self.costs}
+
+    def to_dict(self) -> Any:
+        """Return a list, one object for each board and format."""
+        return [asdict(cost) for cost in self.costs]
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return a row for each board and format."""
+        cases = list(self.costs[0].cases)
+        rows = []
+        for cost in self.costs:
+            share = f"{100.0 * cost.worst_share_of_period['168 MHz']:.1f} %"
+            rows.append((cost.board, cost.format, *(str(cost.cases[case]) for case in cases), share))
+        columns = ("board", "format", *cases, "worst at 168 MHz")
+        return [ResultTable("Instructions of a period, the most of any", columns, tuple(rows))]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CyclesResult(Result):
+    """The processor's cycles on a connected board."""
+
+    cycles: "PeriodCycles"
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the mean of each case."""
+        return {name: f"{case.mean:.0f} cycles" for name, case in self.cycles.cases.items()}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures of every case."""
+        return asdict(self.cycles)
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return a row for each case."""
+        columns = ("", "periods", "least", "mean", "most", "of the period", "instructions")
+        rows = tuple(
+            (
+                name,
+                str(case.periods),
+                str(case.least),
+                f"{case.mean:.0f}",
+                str(case.most),
+                f"{100.0 * case.share_of_period:.1f} %",
+                "" if case.instructions is None else str(case.instructions),
+            )
+            for name, case in self.cycles.cases.items()
+        )
+        title = f"{self.cycles.board}: cycles of a step, {self.cycles.channels} channels, {self.cycles.format}"
+        return [ResultTable(title, columns, rows)]
+
+
+def bench(
+    controller: ControllerOption = None,
+    rig: Annotated[str | None, Option("A connected board with a counter of cycles, instead; it plays.")] = None,
+) -> BenchResult | CyclesResult:
+    """Count the instructions of one period. On every board, in every format, in the usual run and in others. With
+    --rig, the processor's cycles on a connected board, at rest, in silence and with tones of 26 dB SL.
+    """
+    from tactuator.rig.board_check.period_cost import count_cycles, count_instructions
+    from tactuator.rig.open import open_rig
+    from tactuator.runtime.image import FORMATS
+
+    if rig is not None:
+        _require_board(rig)
+    loaded = _controller(controller)
+    if rig is not None:
+        with working("counting cycles"), cast("BoardRig", open_rig(rig, loaded.display)) as board:
+            return CyclesResult(count_cycles(board, loaded))
+    pairs = list(product(BOARDS, FORMATS))
+    costs: list[PeriodCost] = []
+    with working("boards and formats", len(pairs)) as step:
+        for name, number_format in pairs:
+            costs.append(count_instructions(name, loaded, number_format))
+            step(len(costs))
+    return BenchResult(tuple(costs))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AcknowledgedResult(Result):
+    """Faults of a board that were acknowledged."""
+
+    rig: str
+    sensor_faults: int
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the number of faults."""
+        return {self.rig: f"{self.sensor_faults} sensor and travel faults acknowledged"}
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return a line."""
+        return [f"{rig}: {faults}" for rig, faults in self.headline().items()]
+
+
+def acknowledge(rig: Annotated[str, Option("The board: board:PORT or board:URL.")]) -> AcknowledgedResult:
+    """Tell a board that its sensor faults are known. After three of them it stays off until then."""
+    from tactuator.rig.open import acknowledge_faults
+
+    _require_board(rig)
+    return AcknowledgedResult(rig, acknowledge_faults(rig.removeprefix("board:")))
+
+
+def _require_board(rig: str) -> None:
+    if not rig.startswith("board:"):
+        raise BadInput(f"rig {rig!r} is no connected board", "board:PORT or board:URL")
+
+
+def _controller(controller: "Controller | Place | None") -> "Controller":
+    """Return the controller, that of a file, or the one that `design` makes for the paper's display."""
+    from tactuator.synthesis.design import design_controller
+
+    if controller is not None:
+        return read(controller)
+    with working("designing a controller"):
+        return design_controller(paper_display())

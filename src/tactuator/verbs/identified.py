@@ -1,0 +1,285 @@
+"""Models that were identified, of a record or of a response, and a sensor's gain, with a result's manners."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tactuator.identification.by_response import ResponseFit
+from tactuator.identification.calibration import Calibration
+from tactuator.identification.evidence.distortion import Distortion
+from tactuator.identification.fixed.standing import FixedAgainstOwn
+from tactuator.identification.result import Identification, Validation, resonances
+from tactuator.io.model import write_identified
+from tactuator.model.plant_model import PlantModel
+from tactuator.report.tables import identification_rows, response_rows, with_error
+from tactuator.signals.decibels import db
+from tactuator.table import ResultTable
+from tactuator.verbs.nouns import coefficients
+from tactuator.verbs.parameters import Place
+from tactuator.verbs.result import Result, figure, lines_of
+
+if TYPE_CHECKING:
+    from tactuator.report.lines import Lines
+
+DELAY_SAYS = (
+    "delay_s is everything between the command and the position as recorded, the laboratory's converters and filters "
+    "included; the display's delay_samples is its own computing delay and comes on top"
+)
+
+
+class _FittedResult(Result):
+    """What models of a record and of a response share: what is to be known of them, their verdict and their file."""
+
+    model: PlantModel
+    order: int
+    remarks: tuple[str, ...]
+    distrust: tuple[str, ...]
+    fixed: tuple[FixedAgainstOwn, ...]
+
+    def frequency_hz(self, count: int = 500) -> Any:
+        """Return frequencies even in log over the model's band, (count,)."""
+        return np.geomspace(*self.model.band_hz, count)
+
+    def notices(self) -> Sequence[str]:
+        """Return what there is to remark, and why not to trust the model."""
+        return [
+            *(f"note: {remark}" for remark in self.remarks),
+            *(f"the model is not to be trusted: {reason}" for reason in self.distrust),
+        ]
+
+    @property
+    def exit_status(self) -> int:
+        """Return 1 where the model is not to be trusted."""
+        return 1 if self.distrust else 0
+
+    def columns(self) -> Mapping[str, Any]:
+        """Return frequency (Hz), magnitude (dB) and phase (degrees) with their 95 % half-widths."""
+        frequency = self.frequency_hz()
+        response = self.model.response(frequency)
+        return {
+            "frequency_hz": frequency,
+            "magnitude_db": 20.0 * np.log10(np.abs(response)),
+            "phase_deg": np.degrees(np.unwrap(np.angle(response))),
+            "band_db": self.model.band_db(frequency),
+            "band_deg": np.degrees(self.model.band_rad(frequency)),
+        }
+
+    def lines(self) -> Lines:
+        """Return the magnitude of the model over frequency."""
+        frequency = self.frequency_hz()
+        each = [("model", frequency, db(np.abs(self.model.response(frequency))))]
+        return lines_of("frequency (Hz)", "magnitude (dB)", each, log_x=True)
+
+    def write(self, path: Place) -> None:
+        """Write model.json, which a display file names as a channel's plant."""
+        write_identified(Path(path), self.model)
+
+    def _document(self) -> dict[str, Any]:
+        """Return what `--json` prints of either."""
+        model = self.model
+        confidence = model.confidence()
+        n, m = model.den.size - 1, model.num.size - 1
+        return {
+            "model": _model_document(model),
+            "damping": [vars(resonance) for resonance in resonances(model.den)],
+            "confidence": {
+                "gain": confidence["gain"],
+                "num": [confidence[f"num_s{m - k}"] for k in range(m + 1)],
+                "den": [0.0, *(confidence[f"den_s{n - 1 - k}"] for k in range(n))],
+                "delay_s": confidence["delay_s"],
+            },
+            "zeros": m,
+            "method": model.method,
+            "valid_hz": model.valid_hz,
+            "delay": DELAY_SAYS,
+            "units": {"command": model.command_unit, "position": model.position_unit},
+            "poles_hz": np.sort(np.abs(np.roots(model.den))) / (2.0 * np.pi),
+            "order": self.order,
+            "trusted": not self.distrust,
+            "distrust": self.distrust,
+            "frf": self.columns(),
+            "remarks": self.remarks,
+            "fixed": [_fixed_document(value) for value in self.fixed],
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class IdentificationResult(_FittedResult, Identification):
+    """A model with the evidence for it. It draws the model's response.
+
+    about: what the record tells of itself; out: the file to which the model was written.
+    """
+
+    about: Mapping[str, str] | None = None
+    out: Path | None = None
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the model, how well it fits, and whether it is to be trusted."""
+        trusted = "no: " + "; ".join(self.distrust) if self.distrust else "yes"
+        model = {"num": coefficients(self.model.num), "den": coefficients(self.model.den)}
+        return {**model, "fit": figure(self.fit_percent, "%", 5), "trusted": trusted}
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return coefficients and figures, each with its 95 % interval."""
+        title = f"{self.model.method}: {self.order} poles, {self.model.num.size - 1} zeros"
+        rows = tuple(identification_rows(self, self.about or {}))
+        return [ResultTable(title, ("what", "value", "±95 %"), rows)]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the model, its confidence and the evidence for it."""
+        about, between, excitation, tests = self.about or {}, self.between, self.excitation, self.tests
+        return self._document() | {
+            "hold": {
+                "taken": between.hold,
+                "source": between.source,
+                "certain": between.certain,
+                "advantage": between.advantage,
+                "other": None if self.other is None else _model_document(self.other),
+            },
+            "excitation": {
+                "order": excitation.order,
+                "needed": excitation.needed,
+                "condition": excitation.condition,
+                "band_hz": [excitation.low_hz, excitation.high_hz],
+                "sufficient": excitation.sufficient,
+            },
+            "residuals": {
+                "white": tests.white,
+                "white_p": tests.white_p,
+                "uncorrelated_with_input": tests.uncorrelated_with_input,
+                "uncorrelated_p": tests.uncorrelated_p,
+                "unexplained": tests.unexplained,
+                "closed_loop": tests.feedback,
+            },
+            "fit_percent": self.fit_percent,
+            "validation": [_validation_document(validation) for validation in self.validations],
+            "friction": self._friction_document(),
+            "distortion": None if self.distortion is None else _distortion_document(self.distortion),
+            "tried": [vars(candidate) for candidate in self.tried],
+            "columns": {name: about.get(name) for name in ("input", "output")},
+            "out": self.out,
+        }
+
+    def _friction_document(self) -> dict[str, Any]:
+        friction = self.friction
+        if friction is None:
+            return {"coulomb": 0.0, "confidence": None, "presliding": None, "offset": None, "command_for_1_db": None}
+        return {
+            "coulomb": friction.coulomb,
+            "confidence": friction.confidence,
+            "presliding": friction.presliding,
+            "offset": friction.offset,
+            "offset_confidence": friction.offset_confidence,
+            "command_for_1_db": friction.small_command,
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ResponseModelResult(_FittedResult, ResponseFit):
+    """A model of a frequency response. It draws the model's response. out: the file to which it was written."""
+
+    out: Path | None = None
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the model, its largest departure from the response, and whether it is to be trusted."""
+        trusted = "no: " + "; ".join(self.distrust) if self.distrust else "yes"
+        model = {"num": coefficients(self.model.num), "den": coefficients(self.model.den)}
+        return {**model, "departure": figure(self.largest_db, "dB", 3), "trusted": trusted}
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return the coefficients and the largest departure."""
+        title = f"response: {self.order} poles, {self.model.num.size - 1} zeros"
+        return [ResultTable(title, ("what", "value"), tuple(response_rows(self)))]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the model, its confidence and its departure from the response."""
+        return self._document() | {"departure": self.departure, "largest_db": self.largest_db, "out": self.out}
+
+
+def _model_document(model: PlantModel) -> dict[str, Any]:
+    return {"num": model.num, "den": model.den, "delay_s": model.delay_s}
+
+
+def _fixed_document(known: FixedAgainstOwn) -> dict[str, Any]:
+    """Return a value that was fixed, beside what the record shows without it (null: it shows no such thing)."""
+    value, confidence = known.own or (None, None)
+    q = {"q": known.fixed.q} if known.fixed.q else {}
+    return {"name": known.fixed.name, "value": known.fixed.value} | q | {"own": value, "own_confidence": confidence}
+
+
+@np.errstate(divide="ignore")
+def _distortion_document(seen: Distortion) -> dict[str, Any]:
+    levels = {
+        f"{name}_db": 20.0 * np.log10(getattr(seen, name)) for name in ("noise", "total", "distortion", "even", "odd")
+    }
+    response = {"frequency_hz": seen.frequency_hz, "response_db": 20.0 * np.log10(np.abs(seen.value))}
+    return response | levels | {"realisations": seen.realisations}
+
+
+def _validation_document(validation: Validation) -> dict[str, Any]:
+    tests = validation.tests
+    return {
+        "record": validation.name,
+        "holds": not validation.failures,
+        "failures": validation.failures,
+        "fit_percent": validation.fit_percent,
+        "inside_band": validation.inside,
+        "points": validation.points,
+        "residuals": {
+            "white_p": tests.white_p,
+            "uncorrelated_p": tests.uncorrelated_p,
+            "unexplained": tests.unexplained,
+        },
+    }
+
+
+class CalibrationResult(Result, Calibration):
+    """A sensor gain. It draws the pairs."""
+
+    def headline(self) -> Mapping[str, str]:
+        """Return gain and offset with their 95 % half-widths, and the pairs that were refused."""
+        return {
+            "gain": f"{self.gain_v_per_mm:.5g} ± {self.gain_confidence_v_per_mm:.2g} V/mm",
+            "offset": f"{self.offset_v:.4g} ± {self.offset_confidence_v:.2g} V",
+            "refused": ", ".join(pair.name for pair in self.refused) or "none",
+        }
+
+    def notices(self) -> Sequence[str]:
+        """Return the pairs that are off the line."""
+        return [f"refused: {pair}" for pair in self.refused]
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return gain, offset and linearity."""
+        title = f"{self.displacement_mm.size} pairs, {len(self.refused)} refused"
+        rows = (
+            ("gain (V/mm)", *with_error(self.gain_v_per_mm, self.gain_confidence_v_per_mm)),
+            ("offset (V)", *with_error(self.offset_v, self.offset_confidence_v)),
+            ("largest departure from the line (% of span)", f"{self.linearity_percent:.2f}", ""),
+        )
+        return [ResultTable(title, ("what", "value", "±95 %"), rows)]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return gain, offset and linearity, and the pairs that were refused."""
+        return {
+            "sensor_gain_v_per_mm": self.gain_v_per_mm,
+            "sensor_gain_confidence_v_per_mm": self.gain_confidence_v_per_mm,
+            "offset_v": self.offset_v,
+            "offset_confidence_v": self.offset_confidence_v,
+            "linearity_percent": self.linearity_percent,
+            "pairs": self.displacement_mm.size,
+            "refused": [vars(pair) for pair in self.refused],
+        }
+
+    def columns(self) -> Mapping[str, Any]:
+        """Return displacement (mm), voltage (V) and residual (V) of the pairs that were kept."""
+        return {"displacement_mm": self.displacement_mm, "voltage_v": self.voltage_v, "residual_v": self.residual_v}
+
+    def lines(self) -> Lines:
+        """Return the voltage of every pair over its displacement."""
+        each = [("pairs", self.displacement_mm, self.voltage_v)]
+        return lines_of("displacement (mm)", "voltage (V)", each, points=True)

@@ -1,0 +1,360 @@
+"""The verbs from records to models: calibrate, record, identify."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tactuator.errors import BadInput
+from tactuator.table import ResultTable
+from tactuator.verbs.chosen import chosen_display, opened, paths
+from tactuator.verbs.parameters import Argument, Figures, Load, Option, Place, RigOption, Seed
+from tactuator.verbs.progress import working
+from tactuator.verbs.result import Result, figure, promoted
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from tactuator.model.description import Channel, Display
+    from tactuator.rig.rig import Rig
+    from tactuator.signals.record import Record
+    from tactuator.verbs.identified import CalibrationResult, IdentificationResult, ResponseModelResult
+
+EXCITATIONS = ("mix", "steps", "noise", "prbs", "chirp", "multisine")
+_LINES = 160
+
+
+def calibrate(
+    pairs: Annotated[Place, Argument("CSV with columns displacement_mm, voltage_v and, if any, name.", file=True)],
+    gauge_error_mm: Annotated[float, Option("Standard error of the gauge.")] = 0.0,
+    strict: Annotated[bool, Option("Stop where a pair is off the line.")] = False,
+) -> "CalibrationResult":
+    """Find the sensor gain from displacement and voltage. Gain, offset and linearity come with confidence;
+    pairs off the line are refused, each by its name.
+
+    Raises BadInput for pairs that make no line, and with `strict` where a pair is off it.
+
+    >>> tt.calibrate("pairs.csv")
+    <Calibration gain: 0.1992 ± 0.00024 V/mm, offset: 0.03181 ± 0.0014 V, refused: p10>
+    """
+    from tactuator.identification.calibration import fit_line
+    from tactuator.io.pairs import read_pairs
+    from tactuator.verbs.identified import CalibrationResult
+
+    read = read_pairs(Path(pairs))
+    line = fit_line(read.displacement_mm, read.voltage_v, gauge_error_mm=gauge_error_mm, names=read.names)
+    if line.refused and strict:
+        raise BadInput("; ".join(map(str, line.refused)), "pairs on one line")
+    return promoted(CalibrationResult, line)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RecordingResult(Result):
+    """A record that was taken, and the file that has it."""
+
+    taken: "Record"
+    channel: str
+    command_peak_v: float
+    saturated: bool
+    path: Path | None
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the channel, the length and the extremes."""
+        return {
+            "channel": self.channel,
+            "duration": figure(self.taken.duration_s, "s"),
+            "greatest command": figure(self.command_peak_v, "V"),
+            "greatest position": figure(self._position_peak_v, "V"),
+            "a converter reached its limit": "yes" if self.saturated else "no",
+        }
+
+    @property
+    def _position_peak_v(self) -> float:
+        return float(abs(self.taken.position).max())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures of the record; its samples are in the file."""
+        return {
+            "record": self.path,
+            "channel": self.channel,
+            "duration_s": self.taken.command.size / self.taken.rate_hz,
+            "rate_hz": self.taken.rate_hz,
+            "command_peak_v": self.command_peak_v,
+            "position_peak_v": self._position_peak_v,
+            "saturated": self.saturated,
+        }
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return length, rate and extremes."""
+        rows = (
+            ("duration (s)", f"{self.taken.command.size / self.taken.rate_hz:g}"),
+            ("sampling rate (Hz)", f"{self.taken.rate_hz:g}"),
+            ("greatest command (V)", f"{self.command_peak_v:.2f}"),
+            ("greatest position (V of the sensor)", f"{self._position_peak_v:.3f}"),
+            ("a converter reached its limit", "yes" if self.saturated else "no"),
+        )
+        return [ResultTable(f"Record of {self.channel}", ("what", "value"), rows)]
+
+
+def record(
+    display: Annotated["Display | Place", Argument("Display file (TOML).", file=True)],
+    channel: Annotated[str | None, Option("Channel (default: the first).")] = None,
+    out: Annotated[Place | None, Option("Record to write (HDF5).", writes=True, shell=Path("record.h5"))] = None,
+    duration_s: Annotated[float, Option("Seconds.")] = 60.0,
+    excitation: Annotated[str, Option(", ".join(EXCITATIONS) + ".")] = "mix",
+    travel_share: Annotated[float, Option("Share of the travel used.")] = 0.5,
+    load: Load = "none",
+    rig: RigOption = "simulated",
+    seed: Seed = 0,
+    periods: Annotated[int, Option("Of each multisine; the first one settles.")] = 3,
+    realisations: Annotated[int, Option("Multisines of new phases.")] = 4,
+) -> RecordingResult:
+    """Drive one channel and record it. The excitation is planned within travel and range.
+
+    Raises BadInput for an excitation, a share or a load that there is not, and where the rig has no sensor.
+
+    >>> tt.record("display.toml", duration_s=4.0, excitation="noise").headline()["channel"]
+    'index'
+    """
+    import numpy as np
+
+    from tactuator.io.record import write_record
+    from tactuator.rig.rig import require_sensors
+    from tactuator.signals.record import Record
+
+    described = chosen_display(display)
+    driven = described.channel(channel or described.channels[0].name)
+    command, plan = _planned(
+        driven, described.rate_hz, duration_s, excitation, travel_share, seed, periods, realisations
+    )
+    with opened(rig, described, seed) as ready:
+        require_sensors(ready, [driven.name])
+        if load != "none":
+            _put(driven.load(load).name, driven.name, ready)
+        column = ready.channels.index(driven.name)
+        commands = np.zeros((command.size, len(ready.channels)))
+        commands[:, column] = command
+        with working(f"recording {duration_s:g} s"):
+            trace = ready.drive(commands)
+            ready.rest()
+    spec = rig if isinstance(rig, str) else type(rig).__name__
+    about = {"rig": spec, "channel": driven.name, "load": load, "display": described.name, "excitation": excitation}
+    # a sound card's converters are band-limited, every other rig's hold the command between its samples
+    about |= plan | {"hold": "band-limited" if spec.startswith("sound:") else "zero-order"}
+    if spec != "simulated":
+        about["date"] = datetime.now(UTC).isoformat(timespec="seconds")
+    taken = Record(trace.rate_hz, trace.command_v[:, column], trace.position_v[:, column], about=about)
+    if out is not None:
+        write_record(Path(out), taken)
+    saturated = bool(np.any(trace.saturated[:, column]))
+    path = None if out is None else Path(out)
+    return RecordingResult(taken, driven.name, float(np.max(np.abs(command))), saturated, path)
+
+
+def _put(load: str, channel: str, rig: "Rig") -> None:
+    """Put a load on a channel of a rig that has a finger to do it; elsewhere a person does."""
+    touch = getattr(rig, "finger", None)
+    if touch is not None:
+        touch(channel).touch(load)
+
+
+def _planned(
+    channel: "Channel",
+    rate_hz: float,
+    duration_s: float,
+    excitation: str,
+    travel_share: float,
+    seed: int,
+    periods: int,
+    realisations: int,
+) -> "tuple[NDArray[np.float64], dict[str, str]]":
+    """Return the command (n,), volts, as large as the share of travel and 0.9 of the range allow by the display's
+    plant, and what the record has to say of it.
+    """
+    import numpy as np
+
+    from tactuator.signals import excitation as signals
+
+    if excitation not in EXCITATIONS:
+        raise BadInput(f"excitation {excitation!r}", ", ".join(EXCITATIONS))
+    if not 0.0 < travel_share <= 1.0:
+        raise BadInput(f"travel share is {travel_share:g}", "above 0, at most 1")
+    rng = np.random.default_rng(seed)
+    low, high = channel.threshold.band_hz
+    travel_v, range_v = travel_share * channel.travel_mm * channel.sensor_gain_v_per_mm, channel.converter.range_v
+    plan: dict[str, str] = {}
+    if excitation == "mix":
+        band = (low, min(high, 0.4 * rate_hz))
+        plant = channel.plant
+        return signals.paper_mix(duration_s, rate_hz, range_v, rng, plant=plant, travel_v=travel_v, band_hz=band), plan
+    if excitation == "multisine":
+        shape, plan = _multisines(channel, rate_hz, duration_s, rng, periods, realisations)
+    elif excitation == "steps":
+        shape = signals.steps(duration_s, rate_hz, min(1.3, 0.1 * duration_s), rng)
+    elif excitation == "noise":
+        shape = signals.noise(duration_s, rate_hz, (low, 1.2 * high), rng)
+    elif excitation == "prbs":
+        shape = signals.prbs(duration_s, rate_hz, min(2.5 * high, rate_hz), rng)
+    else:
+        shape = signals.log_chirp(duration_s, rate_hz, low, high)
+    return signals.plan_amplitude(shape, rate_hz, channel.plant, travel_v, 0.9 * range_v) * shape, plan
+
+
+def _multisines(
+    channel: "Channel",
+    rate_hz: float,
+    duration_s: float,
+    rng: "np.random.Generator",
+    periods: int,
+    realisations: int,
+) -> "tuple[NDArray[np.float64], dict[str, str]]":
+    """Return several odd multisines of random phases (n,), and what their record has to say.
+
+    periods: of each multisine, the first of them to settle. Lines are the louder the less the plant answers (by the
+    root of it). Raises BadInput where a period shows too few lines of the channel's band.
+    """
+    import numpy as np
+
+    from tactuator.signals.excitation import sample_count
+    from tactuator.signals.multisine import Periods, multisine, odd_lines
+
+    if periods < 3 or realisations < 1:
+        raise BadInput(f"{realisations} realisations of {periods} periods", "1 or more of 3 or more")
+    low, high = channel.threshold.band_hz
+    period = sample_count(duration_s / (periods * realisations), rate_hz)
+    lines = odd_lines((low, min(high, 0.4 * rate_hz)), rate_hz, period, _LINES, rng)
+    answer = np.abs(channel.plant.response(lines * rate_hz / period))
+    peaks = np.sqrt(np.max(answer) / np.maximum(answer, 1e-4 * np.max(answer)))
+    parts = [multisine(rate_hz, period, lines, peaks, rng, rounds=1).samples(periods) for _ in range(realisations)]
+    return np.concatenate(parts), Periods(period, periods, realisations, lines).attributes()
+
+
+def identify(
+    records: Annotated[
+        "Record | Place | Sequence[Record | Place]",
+        Argument("Record, or several of one mechanism: HDF5, CSV, MATLAB or WAV.", file=True, type=list[Path]),
+    ],
+    input_name: Annotated[str | None, Option("Column or variable of the command.", ("--input",))] = None,
+    output_name: Annotated[str | None, Option("Column or variable of the position.", ("--output",))] = None,
+    reference_name: Annotated[
+        str | None,
+        Option("Column or variable of what a loop was asked for: it keeps the loop's noise out.", ("--reference",)),
+    ] = None,
+    time_name: Annotated[str | None, Option("Column or variable of the time stamps.", ("--time",))] = None,
+    rate_hz: Annotated[float | None, Option("Sampling rate, where the file has none.")] = None,
+    from_s: Annotated[float | None, Option("Use the record from here on.")] = None,
+    to_s: Annotated[float | None, Option("Use the record up to here.")] = None,
+    order: Annotated[int | None, Option("Number of poles (default: chosen).")] = None,
+    zeros: Annotated[int | None, Option("Number of zeros (default: chosen).")] = None,
+    integrators: Annotated[int, Option("Poles known to lie at s = 0.")] = 0,
+    delay_s: Annotated[float | None, Option("Dead time, where it is known (default: estimated).")] = None,
+    fix: Annotated[
+        Sequence[str] | None,
+        Option(
+            "A value that is known, NAME=VALUE; may be repeated: gain (position over command at 0 Hz), stiffness (its "
+            "inverse), mass (command over acceleration), pole=HERTZ, resonance=HERTZ,Q, num_sK and den_sK "
+            "(coefficients as in the model file).",
+            type=list[str] | None,
+        ),
+    ] = None,
+    hold: Annotated[
+        str,
+        Option(
+            "The command between its samples: zero-order, first-order (held by a converter), band-limited (recorded "
+            "through an anti-aliasing filter), or auto: the record tells."
+        ),
+    ] = "auto",
+    method: Annotated[str, Option("refined, prediction (held only), rls (the paper's).")] = "refined",
+    quantity: Annotated[str, Option("What the position is: displacement, velocity, acceleration.")] = "displacement",
+    forgetting: Annotated[float, Option("Of the recursion; 1 keeps everything.")] = 1.0,
+    friction: Annotated[bool, Option("Estimate friction.", ("--friction/--no-friction",))] = True,
+    validate: Annotated[
+        "Record | Place | Sequence[Record | Place] | None",
+        Option(
+            "Record that the fit does not see, to hold the model against; may be repeated.",
+            file=True,
+            type=list[Path] | None,
+        ),
+    ] = None,
+    out: Annotated[Place | None, Option("Model file to write (JSON).", writes=True)] = None,
+    figures: Figures = None,
+) -> "IdentificationResult | ResponseModelResult":
+    """Identify a model of a recorded mechanism. It is continuous, with its confidence band; exit status 1 where it is
+    not to be trusted.
+
+    records: one, or several of one mechanism, or their files; or a file with a frequency response. Raises BadInput for
+    a record that says nothing.
+
+    >>> record = tt.read_record("bench.csv", input_name="drive", output_name="encoder", time_name="t")
+    >>> tt.identify(record, order=2, zeros=0, hold="zero-order", friction=False).order
+    2
+    """
+    from tactuator.identification.asked import Asked
+    from tactuator.identification.fixed.value import Fixed
+    from tactuator.identification.identify import identify as identified
+    from tactuator.identification.validation import validated
+    from tactuator.io.foreign_response import is_response
+    from tactuator.io.record import read_record
+    from tactuator.signals.record import Record
+    from tactuator.verbs.identified import IdentificationResult
+
+    asked = Asked(order, zeros, integrators, delay_s, hold, quantity, friction, tuple(map(Fixed.parse, fix or ())))
+    given, unseen = paths(records), paths(validate)
+    if not isinstance(given[0], Record) and is_response(Path(given[0])):
+        if len(given) > 1 or unseen:
+            raise BadInput("a frequency response beside other files", "one response by itself")
+        return _response_model(Path(given[0]), asked, out)
+
+    names = {"input_name": input_name, "output_name": output_name, "reference_name": reference_name}
+
+    def read(source: "Record | Place") -> "Record":
+        if isinstance(source, Record):
+            return source
+        return read_record(Path(source), time_name=time_name, rate_hz=rate_hz, **names)
+
+    parts = [_part_of(read(source), from_s, to_s) for source in given]
+    checks = [("record" if isinstance(source, Record) else str(source), read(source)) for source in unseen]
+    with working("identifying") as step:
+
+        def note(text: str) -> None:
+            step(text=f"identifying: {text}")
+
+        fit = identified(parts, method=method, forgetting=forgetting, note=note, **vars(asked))
+        note("validating")
+        fit = validated(fit, checks)
+    model = promoted(IdentificationResult, fit, about=parts[0].about, out=None if out is None else Path(out))
+    if out is not None:
+        model.write(out)
+    if figures is not None:
+        from tactuator.report.device import save_identification
+
+        save_identification(fit, Path(figures))
+    return model
+
+
+def _response_model(path: Path, asked: Any, out: Place | None) -> "ResponseModelResult":
+    """Identify a frequency response."""
+    from tactuator.identification.by_response import identify_response
+    from tactuator.io.foreign_response import read_foreign_response
+    from tactuator.verbs.identified import ResponseModelResult
+
+    with working("identifying") as step:
+        fit = identify_response(read_foreign_response(path), asked, lambda text: step(text=f"identifying: {text}"))
+    model = promoted(ResponseModelResult, fit, out=None if out is None else Path(out))
+    if out is not None:
+        model.write(out)
+    return model
+
+
+def _part_of(record: "Record", from_s: float | None, to_s: float | None) -> "Record":
+    """Return the record between two times, seconds from its first sample; BadInput where that is nothing."""
+    if from_s is None and to_s is None:
+        return record
+    first, last = from_s or 0.0, record.duration_s if to_s is None else to_s
+    if not 0.0 <= first < last <= record.duration_s + 1.0 / record.rate_hz:
+        raise BadInput(f"from {first:g} s to {last:g} s", f"ascending, within 0 .. {record.duration_s:g} s")
+    piece = slice(round(first * record.rate_hz), round(last * record.rate_hz))
+    about = record.about | {"from_s": f"{first:g}", "to_s": f"{last:g}"}
+    return replace(record.part(piece), about=about)

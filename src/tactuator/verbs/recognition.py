@@ -1,0 +1,247 @@
+"""The parts of the verb `experiment` on recognition, from items to bits: recognise, information."""
+
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tactuator.errors import BadInput
+from tactuator.table import ResultTable
+from tactuator.verbs.chosen import opened_apparatus
+from tactuator.verbs.experiment import StoreToFill
+from tactuator.verbs.parameters import Argument, ControllerOption, DisplayOption, Option, Place, RigOption, Seed
+from tactuator.verbs.progress import working
+from tactuator.verbs.result import Result
+
+if TYPE_CHECKING:
+    from tactuator.experiment.result.confusion import AbxResult, SubjectResult
+    from tactuator.experiment.result.information import Information
+    from tactuator.experiment.session.presented_session import Respondent
+    from tactuator.experiment.session.session import Session
+    from tactuator.experiment.session.task import SessionTask
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AnsweredResult(Result):
+    """A subject who answered trials of a recognition experiment."""
+
+    subject: str
+    trials: int
+    store: Path
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the subject and the number of trials."""
+        return {"subject": self.subject, "trials answered now": str(self.trials)}
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return a row."""
+        return [ResultTable("", tuple(self.headline()), (tuple(self.headline().values()),))]
+
+
+def recognise(
+    protocol: Annotated[Place, Argument("Recognition protocol (TOML).", metavar="PROTOCOL", file=True)],
+    store: StoreToFill,
+    subject: Annotated[str | None, Option("Code of the subject; default: the only one.")] = None,
+    display: DisplayOption = None,
+    controller: ControllerOption = None,
+    rig: RigOption = "simulated",
+    scripted_error: Annotated[float | None, Option("A script answers for the subject, wrong at this rate.")] = None,
+    seed: Seed = 0,
+) -> AnsweredResult:
+    """Take a subject through a recognition experiment. It is asked at the terminal, and goes on where it stopped."""
+    import numpy as np
+
+    from tactuator.experiment.protocol.file import read_recognition
+    from tactuator.experiment.session.presented_session import PresentedSession, run_session
+    from tactuator.experiment.session.studies import fresh_token, open_session, open_study, task_of
+    from tactuator.experiment.session.task import SystemClock
+    from tactuator.experiment.simulated.respondents import ErringRespondent
+    from tactuator.experiment.store.records import Sitting
+    from tactuator.experiment.store.store import opened_store, sessions_of
+
+    folder = Path(protocol).parent
+    study_protocol, text = read_recognition(Path(protocol))
+    codes = [person.code for person in study_protocol.subject]
+    if subject is None and len(codes) > 1:
+        raise BadInput(f"{len(codes)} subjects are in the protocol", f"--subject with one of {', '.join(codes)}")
+    code = codes[0] if subject is None else subject
+    scripted = None if scripted_error is None else ErringRespondent(scripted_error, np.random.default_rng([seed, 7]))
+    speed = 1.0 if scripted is None else None
+    with sessions_of(Path(store)), opened_apparatus(rig, display, controller, seed, speed) as place:
+        task = task_of(study_protocol, folder, place)
+        with opened_store(Path(store)) as database:
+            study = open_study(database, task, text, SystemClock(), fresh_token, beside=folder)
+            sitting = Sitting("person" if scripted is None else "script")
+            presented = PresentedSession(open_session(study, code, sitting=sitting))
+            with working(code, sum(run.trials or 0 for run in presented.session.runs)) as step:
+
+                def show(session: "Session") -> None:
+                    step(session.trials)
+
+                trials = run_session(presented, scripted or _terminal(task), show)
+    return AnsweredResult(code, trials, Path(store))
+
+
+def _terminal(task: "SessionTask") -> "Respondent":
+    """Return a person at the terminal, who types keys."""
+    from tactuator.experiment.session.presented_session import Respondent
+    from tactuator.experiment.session.session import Acknowledged, NextTrial
+    from tactuator.experiment.trial.trial import Trial
+
+    question, words = task.question, task.words
+    keys = {key: choice.response for choice in question.choices for key in choice.keys}
+    offered = ", ".join(f"{choice.keys[0]} = {choice.response}" for choice in question.choices)
+
+    class Terminal(Respondent):
+        def agree(self, consent: str) -> bool:
+            while True:
+                typed = _typed(f"{consent}\n{words('terminal.agree')} [y/N]: ").lower()
+                if typed in ("", "n", "no", "y", "yes"):
+                    return typed in ("y", "yes")
+
+        def pause(self) -> None:
+            _typed(f"{words('terminal.break')}: ")
+
+        def begin(self, following: NextTrial) -> None:
+            _tell(following.planned.introduction)
+
+        def respond(self, trial: Trial) -> str:
+            while (typed := _typed(f"{question.prompt} {offered} > ")) not in keys:
+                _tell(words("terminal.no_key", key=repr(typed)))
+            return str(keys[typed])
+
+        def learn(self, trial: Trial, told: Acknowledged) -> None:
+            _tell(words("terminal.right") if told.correct else words("terminal.wrong", right=told.right))
+
+    return Terminal()
+
+
+def _tell(text: str) -> None:
+    sys.stderr.write(f"{text}\n")
+    sys.stderr.flush()
+
+
+def _typed(prompt: str) -> str:
+    """Return what a person types; the end of the input is an interruption."""
+    sys.stderr.write(prompt)
+    sys.stderr.flush()
+    line = sys.stdin.readline()
+    if not line:
+        raise KeyboardInterrupt
+    return line.strip()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MatrixInformation(Result):
+    """Information transfer of a confusion matrix."""
+
+    matrix: Path
+    information: "Information"
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the estimates in bits."""
+        return _bits(self.information)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the estimates."""
+        return {"matrix": self.matrix, **_information_document(self.information)}
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return a row for each estimator."""
+        return [_information_table(str(self.matrix), self.information)]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StoreInformation(Result):
+    """Information transfer of the studies of a store, of each subject and of all; and the results of ABX studies."""
+
+    subjects: "tuple[SubjectResult, ...]"
+    abx: "tuple[AbxResult, ...]"
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the first estimate of every subject."""
+        return {_title(one): next(iter(_bits(one.information).values())) for one in self.subjects}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return matrix and estimates of every subject, and the results of ABX studies."""
+        results = [
+            {
+                "study": one.study,
+                "paradigm": one.paradigm,
+                "subject": one.subject,
+                "labels": one.labels,
+                "matrix": one.counts,
+                "seconds_per_stimulus": one.seconds_per_stimulus,
+                **_information_document(one.information),
+            }
+            for one in self.subjects
+        ]
+        return {"results": results, "abx": [asdict(one) for one in self.abx]}
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return a table for each subject, and a line for each of an ABX study."""
+        return [
+            *(_information_table(_title(one), one.information) for one in self.subjects),
+            *(
+                f"{one.study}, {one.subject} (abx): {one.trials} trials, {100 * one.share_correct:.1f} % correct"
+                for one in self.abx
+            ),
+        ]
+
+
+def information(
+    store: Annotated[Place | None, Option("Database of recognition experiments.", file=True)] = None,
+    matrix: Annotated[
+        Place | None, Option("A confusion matrix of your own (CSV): a row a stimulus.", file=True)
+    ] = None,
+    study: Annotated[str | None, Option("Only the study of this name.")] = None,
+    seconds: Annotated[float | None, Option("With --matrix: seconds a stimulus, for bits per second.")] = None,
+    draws: Annotated[int, Option("Of the posterior, for the interval.", ge=100)] = 1000,
+    seed: Seed = 0,
+) -> MatrixInformation | StoreInformation:
+    """Estimate information transfer in five ways. One has an interval. It is of a store's studies, or of any matrix."""
+    import numpy as np
+
+    from tactuator.experiment.result import information as estimates
+    from tactuator.experiment.result.confusion import recognition_results
+    from tactuator.experiment.store.store import Store
+    from tactuator.io.matrix import read_matrix
+
+    if (store is None) == (matrix is None):
+        raise BadInput("--store and --matrix", "one of the two")
+    rng = np.random.default_rng(seed)
+    if matrix is not None:
+        counts = read_matrix(Path(matrix)).counts
+        estimated = estimates.information(counts, rng, seconds_per_stimulus=seconds, draws=draws)
+        return MatrixInformation(Path(matrix), estimated)
+    if seconds is not None:
+        raise BadInput("--seconds with --store", "with --matrix, since a store knows its stimuli's durations")
+    assert store is not None
+    with closing(Store(Path(store), must_exist=True)) as database:
+        subjects, abx = recognition_results(database, rng, study, draws)
+    return StoreInformation(tuple(subjects), tuple(abx))
+
+
+def _bits(information: "Information") -> dict[str, str]:
+    return {name: f"{estimate.bits:.2f} bits" for name, estimate in information.estimates.items()}
+
+
+def _title(one: "SubjectResult") -> str:
+    return f"{one.study}, {'all subjects' if one.subject is None else one.subject} ({one.paradigm})"
+
+
+def _information_table(title: str, information: "Information") -> ResultTable:
+    from tactuator.experiment.language.words import shipped_words
+    from tactuator.experiment.result.confusion import information_table
+
+    return information_table(title, information, shipped_words("en"))
+
+
+def _information_document(information: "Information") -> dict[str, Any]:
+    figures = asdict(information)
+    del figures["reasons"]  # they are in warning and no_interval, as one line each
+    for name, estimate in information.estimates.items():
+        figures["estimates"][name]["categories"] = estimate.categories
+    return figures

@@ -1,0 +1,633 @@
+"""The verbs that measure a display: noise, measure, disturb, finger."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tactuator.errors import BadInput
+from tactuator.measure.options import (
+    EXCURSION_MM,
+    FINGER_LEVEL_DB_SL,
+    FINGER_S,
+    LISTENED_S,
+    MAINS_HZ,
+    METHODS,
+    PROBED_GAINS,
+    REJECTION_HZ,
+    MeasurementOptions,
+)
+from tactuator.table import ResultTable
+from tactuator.verbs.chosen import chosen_controller, numbers, opened, put_on, require_stable
+from tactuator.verbs.parameters import (
+    Channels,
+    ControllerGiven,
+    DisplayOption,
+    Figures,
+    Load,
+    MainsHz,
+    Option,
+    Place,
+    RigGiven,
+    Seed,
+)
+from tactuator.verbs.progress import working
+from tactuator.verbs.result import Result, columns_of, lines_of
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from tactuator.measure.adaptive import Learnt
+    from tactuator.measure.disturbance import DisturbanceReport
+    from tactuator.measure.finger import FingerEstimate
+    from tactuator.measure.noise import FeltNoise
+    from tactuator.model.controller import Controller
+    from tactuator.model.verdict import Verdict
+    from tactuator.report.lines import Lines
+    from tactuator.signals.record import Response
+
+_LEVEL = ("--level-db-sl", "--level")
+
+
+def _listed(values: Sequence[float]) -> str:
+    return ",".join(f"{value:g}" for value in values)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FeltLevels(Result):
+    """Hum and noise as a resting finger feels them, under probing gains and under the loop.
+
+    runs: what each controller was called, and the felt noise of each channel under it, the loop last. not_played: why
+    others were not. verdict: on what is felt under the loop. written: the file with the sensor's own hum and noise.
+    """
+
+    runs: "tuple[tuple[str, tuple[FeltNoise, ...]], ...]"
+    not_played: Mapping[str, str]
+    verdict: "Verdict"
+    written: Path | None = None
+
+    @property
+    def channels(self) -> "tuple[FeltNoise, ...]":
+        """Return what is felt of each channel under the loop."""
+        return self.runs[-1][1]
+
+    @property
+    def exit_status(self) -> int:
+        """Return 1 where hum or noise is felt under the loop."""
+        return 1 if self.verdict.outcome == "not met" else 0
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the loudest mains line and the loudest third octave of every channel."""
+        return {
+            felt.channel: f"hum up to {felt.worst_line_db_sl:.1f} dB SL, noise up to {max(felt.band_db_sl):.1f} dB SL"
+            for felt in self.channels
+        }
+
+    def columns(self) -> Mapping[str, Any]:
+        """Return channel, centre of the third octave (Hz) and felt level (dB SL)."""
+        rows = [
+            (felt.channel, hertz, level)
+            for felt in self.channels
+            for hertz, level in zip(felt.band_hz, felt.band_db_sl, strict=True)
+        ]
+        return columns_of(("channel", "band_hz", "level_db_sl"), rows)
+
+    def lines(self) -> "Lines":
+        """Return the felt level of every third octave."""
+        each = [(felt.channel, felt.band_hz, felt.band_db_sl) for felt in self.channels]
+        return lines_of("third octave (Hz)", "felt level (dB SL)", each, log_x=True)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what is felt under each controller, and the verdict."""
+        runs = [
+            {"under": name, "channels": [_felt_document(felt) for felt in channels]} for name, channels in self.runs
+        ]
+        return {"runs": runs, "not_played": self.not_played, "written": self.written, **self.verdict.document()}
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return the loudest of every channel under each controller, and the verdict."""
+        from tactuator.verbs.designed import verdict_tables
+
+        columns = ("under", "channel", "worst mains line (dB SL)", "worst third octave (dB SL)", "resonance (dB SL)")
+        rows = tuple((name, *_felt_row(felt)) for name, channels in self.runs for felt in channels)
+        measured = [felt for felt in self.channels if felt.sensor is not None]
+        path = self.written
+        return [
+            ResultTable("", columns, rows, ("levels as a finger feels them",)),
+            *(f"not played: {name}: {why}" for name, why in self.not_played.items()),
+            *(f"measured, {felt.channel}: {felt.sensor.environment()}" for felt in measured if felt.sensor),
+            *verdict_tables(self.verdict),
+            *([f'written: {path}; to judge by it: measured = "{path.name}" under [environment]'] if path else []),
+        ]
+
+
+def _felt_document(felt: "FeltNoise") -> dict[str, Any]:
+    return vars(felt) | {
+        "sensor": None if felt.sensor is None else vars(felt.sensor),
+        "worst_line_db_sl": felt.worst_line_db_sl,
+        "worst_noise_db_sl": felt.worst_noise_db_sl,
+    }
+
+
+def _felt_row(felt: "FeltNoise") -> tuple[str, ...]:
+    resonance = "none" if felt.resonance_hz is None else f"{felt.resonance_db_sl:.1f} at {felt.resonance_hz:.0f} Hz"
+    worst = (felt.worst_line_db_sl, float(max(felt.band_db_sl)))
+    return felt.channel, *(f"{level:.1f}" if isfinite(level) else "none" for level in worst), resonance
+
+
+def noise(
+    rig: RigGiven,
+    controller: ControllerGiven = None,
+    duration_s: Annotated[float, Option("Seconds listened to each.")] = LISTENED_S,
+    load: Load = "none",
+    *,
+    display: DisplayOption = None,
+    gains: Annotated[
+        "ArrayLike | str",
+        Option(
+            "Proportional gains to probe with, comma between; empty for none.", type=str, shell=_listed(PROBED_GAINS)
+        ),
+    ] = (),
+    mains_hz: MainsHz = MAINS_HZ,
+    write: Annotated[
+        Place | None, Option("File to write with the sensor's own hum and noise.", type=Path | None)
+    ] = None,
+    seed: Seed = 0,
+) -> FeltLevels:
+    """Compare felt hum and noise with the threshold. It is done under proportional gains and under the loop; exit
+    status 1 if one is felt.
+
+    The display is held at rest. A rig that is open already is used as it stands. Raises BadInput for a loop that the
+    display's own models call unstable.
+
+    >>> sorted(tt.noise(rig, controller, duration_s=4.0).headline())
+    ['index', 'middle', 'thumb']
+    """
+    from tactuator.io.formats.environment import write_environment
+    from tactuator.measure.noise import felt_noise, noise_verdict
+
+    loop = chosen_controller(display, controller)
+    require_stable(loop, load)
+    open_loops = [channel.name for channel in loop.channels if channel.feedback_sos is None]
+    probes, not_played = _probes(loop, gains, load)
+    runs = []
+    for name, candidate in [*probes, ("loop", loop)]:
+        with working(f"listening under {name}"), opened(rig, candidate.display, seed) as ready:
+            put_on(ready, loop, load)
+            ready.load(candidate)
+            felt = felt_noise(ready, loop.display, duration_s=duration_s, load=load, mains_hz=mains_hz or None)
+            runs.append((name, tuple(felt)))
+    heard = runs[-1][1]
+    path = None if write is None else Path(write)
+    if path is not None:
+        write_environment(path, {felt.channel: felt.sensor.keys() for felt in heard if felt.sensor is not None})
+    return FeltLevels(tuple(runs), not_played, noise_verdict(heard, loop.display, open_loops), path)
+
+
+def _probes(
+    loop: "Controller", gains: "ArrayLike | str", load: str
+) -> "tuple[list[tuple[str, Controller]], dict[str, str]]":
+    """Return the proportional controllers to listen to, by name, and why others are not played."""
+    from tactuator.measure.noise import proportional_controller, unstable_channels
+
+    played: list[tuple[str, Controller]] = []
+    not_played: dict[str, str] = {}
+    for gain in numbers(gains).tolist():
+        name, probe = f"gain {gain:g}", proportional_controller(loop.display, gain)
+        unstable = unstable_channels(probe, load)
+        if any(channel.feedback_sos is None for channel in loop.channels):
+            not_played[name] = "the display is driven without a loop: there is nothing to close"
+        elif unstable:
+            not_played[name] = f"the display's models call the loop of {', '.join(unstable)} unstable"
+        else:
+            played.append((name, probe))
+    return played, not_played
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MeasuredResponses(Result):
+    """Responses of a display, one for each channel, at one level and load.
+
+    learnt: what adaptive channels had learnt before. verdict: whether they are felt flat.
+    """
+
+    responses: "tuple[Response, ...]"
+    controller: "Controller"
+    learnt: "tuple[Learnt, ...]"
+    verdict: "Verdict"
+
+    @property
+    def reached(self) -> bool:
+        """Return whether the confidence was reached everywhere."""
+        return all(bool(response.reached.all()) for response in self.responses)
+
+    @property
+    def exit_status(self) -> int:
+        """Return 1 where a response is not flat, or the confidence was not reached."""
+        return 0 if self.reached and self.verdict.outcome != "not met" else 1
+
+    def notices(self) -> Sequence[str]:
+        """Return that the confidence was not reached, where it was not."""
+        return () if self.reached else ("the confidence was not reached everywhere in the time allowed",)
+
+    def _error_db(self, response: "Response") -> Any:
+        from tactuator.measure.error import error_db
+
+        return error_db(response, self.controller.display)
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the greatest error of every channel."""
+        return {
+            response.channel: f"within {abs(self._error_db(response)).max():.2f} dB of {response.level_db_sl:g} dB SL "
+            f"at {response.frequency_hz.size} frequencies (load {response.load})"
+            for response in self.responses
+        }
+
+    def columns(self) -> Mapping[str, Any]:
+        """Return channel, frequency (Hz), level (dB SL), error (dB), its 95 % half-width and the phase (degrees)."""
+        import numpy as np
+
+        rows = [
+            (response.channel, *row)
+            for response in self.responses
+            for row in zip(
+                response.frequency_hz,
+                response.level_db_sl + self._error_db(response),
+                self._error_db(response),
+                response.confidence_db,
+                np.degrees(response.phase_rad),
+                strict=True,
+            )
+        ]
+        return columns_of(("channel", "frequency_hz", "level_db_sl", "error_db", "confidence_db", "phase_deg"), rows)
+
+    def lines(self) -> "Lines":
+        """Return the level of every channel over frequency."""
+        each = [(r.channel, r.frequency_hz, r.level_db_sl + self._error_db(r)) for r in self.responses]
+        return lines_of("frequency (Hz)", "level (dB SL)", each, log_x=True)
+
+    def write(self, path: Place) -> None:
+        """Write the responses as .h5 or .csv."""
+        from tactuator.io.response import write_responses
+
+        write_responses(Path(path), self.responses)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the responses point by point, what was learnt, and the verdict."""
+        from tactuator.measure.error import expected_level_db_sl
+
+        names = (
+            *("channel", "load", "level_db_sl", "method", "controller_hash", "frequency_hz", "magnitude_v"),
+            *("magnitude_db", "phase_rad", "latency_s", "confidence_db", "noise_v", "distortion_v", "saturated"),
+            *("reached", "averaged_s"),
+        )
+        responses = [
+            {name: getattr(response, name) for name in names}
+            | {
+                "sensation_level_db": response.level_db_sl + self._error_db(response),
+                "error_db": self._error_db(response),
+                "expected_level_db_sl": expected_level_db_sl(response, self.controller),
+            }
+            for response in self.responses
+        ]
+        return {"responses": responses, "learnt": [vars(one) for one in self.learnt]} | self.verdict.document()
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return a row for each point, the one with the greatest error first, and the verdict."""
+        from tactuator.verbs.designed import verdict_tables
+
+        columns = ("channel", "Hz", "dB SL", "expected", "error dB", "± dB", "phase °", "delay ms", "dist. dB", "cut")
+        note = (
+            "error: against the level that the controller's model expects, the worst first; delay: of the phase; "
+            "dist.: distortion against the fundamental; cut: a converter or the command reached its limit"
+        )
+        rows = tuple(row for response in self.responses for row in self._rows(response))
+        learnt = map(_learnt_line, self.learnt)
+        return [ResultTable("", columns, rows, (note,)), *learnt, *verdict_tables(self.verdict)]
+
+    def _rows(self, response: "Response") -> list[tuple[str, ...]]:
+        import numpy as np
+
+        from tactuator.measure.error import expected_level_db_sl
+
+        level = response.level_db_sl + self._error_db(response)
+        expected = expected_level_db_sl(response, self.controller)
+        rows: list[tuple[str, ...]] = []
+        for k in np.argsort(-np.abs(level - expected), kind="stable"):
+            magnitude_v = response.magnitude_v[k]
+            ratio = response.distortion_v[k] / magnitude_v if magnitude_v > 0.0 else np.inf
+            cells = (
+                response.channel,
+                f"{response.frequency_hz[k]:.4g}",
+                f"{level[k]:.2f}",
+                f"{expected[k]:.2f}",
+                f"{level[k] - expected[k]:+.2f}",
+                f"{response.confidence_db[k]:.2g}",
+                f"{np.degrees(response.phase_rad[k]):.1f}",
+                f"{1e3 * response.latency_s[k]:.2f}",
+                f"{20.0 * np.log10(ratio):.0f}" if ratio > 0.0 else "none",
+                "yes" if response.saturated[k] else "",
+            )
+            rows.append(cells)
+        return rows
+
+
+def _learnt_line(learnt: "Learnt") -> str:
+    """Return a line on what an adaptive channel has learnt before the measurement."""
+    if learnt.weight is None:
+        return f"{learnt.channel}: adaptive; the rig does not tell its weights"
+    mass, rest = learnt.weight
+    after = "not settled" if learnt.settled_s is None else f"settled after {learnt.settled_s:.2f} s"
+    return f"{learnt.channel}: weight {mass:.2f} of the mass, {rest:.2f} of damping and stiffness, {after}"
+
+
+def measure_response(
+    rig: RigGiven,
+    controller: ControllerGiven = None,
+    frequency_hz: Annotated[
+        "ArrayLike | str | None", Option("Frequencies, comma between (default: 30 over the band).", type=str | None)
+    ] = None,
+    level_db_sl: Annotated[float, Option("Level, dB SL.", _LEVEL)] = MeasurementOptions.level_db_sl,
+    load: Load = "none",
+    mains_hz: MainsHz = MAINS_HZ,
+    *,
+    display: DisplayOption = None,
+    method: Annotated[str, Option("stepped or multisine.")] = "stepped",
+    channel: Channels = None,
+    confidence_db: Annotated[float, Option("95 % half-width to reach.")] = MeasurementOptions.confidence_db,
+    longest_s: Annotated[float, Option("Seconds per point at most.")] = MeasurementOptions.longest_s,
+    out: Annotated[Place | None, Option("Response to write (.h5 or .csv).", writes=True)] = None,
+    figures: Figures = None,
+    seed: Seed = 0,
+) -> MeasuredResponses:
+    """Measure the response at a level, with confidence. Frequencies keep 2 Hz off multiples of mains; exit status 1 if
+    it is not flat, or the confidence was not reached.
+
+    A rig that is open already is used as it stands; frequency_hz: (m,); mains_hz: None or 0 for no mains. Raises
+    BadInput for another load or level, and for a loop that the display's own models call unstable.
+
+    >>> tt.measure_response(rig, controller, [10.0, 100.0]).columns()["frequency_hz"][:2]
+    [10.0, 100.0]
+    """
+    import numpy as np
+
+    from tactuator.measure.adaptive import settle_weights
+    from tactuator.measure.error import response_verdict
+    from tactuator.measure.frequencies import over_the_band
+    from tactuator.measure.multisine_response import multisine_response
+    from tactuator.measure.stepped_sine import stepped_sine
+
+    if method not in METHODS:
+        raise BadInput(f"method {method!r}", ", ".join(METHODS))
+    loop = chosen_controller(display, controller)
+    require_stable(loop, load)
+    band_hz = _common_band(loop, channel)
+    wanted = over_the_band(band_hz, mains_hz or 0.0) if frequency_hz is None else np.atleast_1d(numbers(frequency_hz))
+    options = MeasurementOptions(
+        level_db_sl, channel, load, confidence_db, longest_s,
+        mains_hz=mains_hz or 0.0, band_hz=band_hz, controller_hash=loop.content_hash,
+    )  # fmt: skip
+    with opened(rig, loop.display, seed) as ready:
+        put_on(ready, loop, load)
+        ready.load(loop)
+        learnt = settle_weights(ready, loop, level_db_sl, np.random.default_rng(seed))
+        if method == "stepped":
+            with working("response", wanted.size) as step:
+                responses = stepped_sine(ready, wanted, options, progress=step)
+        else:
+            with working("multisine"):
+                exactly, rng = frequency_hz is not None, np.random.default_rng(seed)
+                responses = multisine_response(ready, wanted, options, rng, exactly=exactly)
+    measured = MeasuredResponses(responses, loop, tuple(learnt), response_verdict(responses, loop.display))
+    if out is not None:
+        measured.write(out)
+    if figures is not None:
+        from tactuator.report.device import save_measured
+
+        save_measured(responses, loop, Path(figures))
+    return measured
+
+
+def _common_band(controller: "Controller", channels: Sequence[str] | None) -> tuple[float, float]:
+    """Return the band that every measured channel has."""
+    measured = [one for one in controller.display.channels if not channels or one.name in channels]
+    bands = [one.threshold.band_hz for one in measured]
+    if not bands:
+        return 0.0, 0.45 * controller.rate_hz
+    return max(low for low, _ in bands), min(high for _, high in bands)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DisturbanceResult(Result):
+    """The effect of a pressing, lifting and trembling finger, one report for each channel."""
+
+    reports: "tuple[DisturbanceReport, ...]"
+
+    def headline(self) -> Mapping[str, str]:
+        """Return what a press moves, and how long it lasts."""
+        return {
+            report.channel: f"press {report.press.peak_mm:.3g} {report.unit}, within a tenth after "
+            f"{report.press.recovery_s:.2f} s"
+            for report in self.reports
+        }
+
+    def columns(self) -> Mapping[str, Any]:
+        """Return channel, frequency (Hz), rejection measured, its half-width, and expected (dB)."""
+        rows = [
+            (report.channel, *row)
+            for report in self.reports
+            for row in zip(
+                report.rejection.frequency_hz,
+                report.rejection.measured_db,
+                report.rejection.confidence_db,
+                report.rejection.expected_db,
+                strict=True,
+            )
+        ]
+        return columns_of(("channel", "frequency_hz", "measured_db", "confidence_db", "expected_db"), rows)
+
+    def lines(self) -> "Lines":
+        """Return the rejection of every channel over frequency."""
+        each = [(r.channel, r.rejection.frequency_hz, r.rejection.measured_db) for r in self.reports]
+        return lines_of("frequency (Hz)", "rejection (dB)", each, log_x=True)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the rejection, the press and the tremor of each channel."""
+        return {
+            "channels": [
+                {"channel": report.channel, "unit": report.unit}
+                | {name: vars(getattr(report, name)) for name in ("rejection", "press", "tremor")}
+                for report in self.reports
+            ]
+        }
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return a row for each frequency, press, lift and tremor."""
+        rows: list[tuple[str, ...]] = []
+        for report in self.reports:
+            unit, press, tremor = report.unit, report.press, report.tremor
+            columns = self.columns()
+            for name, hertz, measured, half, expected in zip(*columns.values(), strict=True):
+                if name == report.channel:
+                    rows.append((name, f"{hertz:g} Hz", f"{measured:.2f} ± {half:.2g} dB", f"{expected:.2f} dB"))
+            settled = f"{press.peak_mm:.3g} {unit}, within a tenth after {press.recovery_s:.2f} s"
+            rows += [
+                (report.channel, "press", settled, f"{press.without_loop_mm:.3g} {unit} without the loop"),
+                (report.channel, "lift", f"{press.lift_peak_mm:.3g} {unit}", ""),
+                (report.channel, "tremor 4–12 Hz", f"{tremor.rejection_db:.2f} dB", f"{tremor.expected_db:.2f} dB"),
+            ]
+        return [ResultTable("", ("channel", "disturbance", "measured", "expected"), tuple(rows))]
+
+
+def disturb(
+    rig: RigGiven,
+    controller: ControllerGiven = None,
+    *,
+    display: DisplayOption = None,
+    channel: Channels = None,
+    frequency_hz: Annotated[
+        "ArrayLike | str",
+        Option("Frequencies of the rejection, comma between.", type=str, shell=_listed(REJECTION_HZ)),
+    ] = REJECTION_HZ,
+    excursion_mm: Annotated[float, Option("What each force would move without the loop.")] = EXCURSION_MM,
+    seed: Seed = 0,
+) -> DisturbanceResult:
+    """Press, lift and tremble at the finger port. The rejection against frequency stands beside S.
+
+    Raises BadInput for a rig without a finger port, and for a loop that the display's own models call unstable.
+
+    >>> tt.disturb(rig, controller, channel=["index"], frequency_hz=[5.0]).columns()["channel"]
+    ['index']
+    """
+    import numpy as np
+
+    from tactuator.measure.disturbance import disturbance
+
+    loop = chosen_controller(display, controller)
+    require_stable(loop)
+    reports = []
+    with opened(rig, loop.display, seed) as ready:
+        finger = getattr(ready, "finger", None)
+        if finger is None:
+            raise BadInput(f"rig {rig!r} has no finger port to press at", "one that has")
+        ready.load(loop)
+        rng, wanted = np.random.default_rng(seed), numbers(frequency_hz)
+        for name in channel or [one.name for one in loop.channels]:
+            with working(f"disturbing {name}"):
+                port = finger(name)
+                reports.append(disturbance(ready, port, loop, name, wanted, rng, excursion_mm=excursion_mm))
+    return DisturbanceResult(tuple(reports))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FingerResult(Result):
+    """Mass, damping and stiffness of what touches each channel."""
+
+    estimates: "tuple[FingerEstimate, ...]"
+
+    @property
+    def exit_status(self) -> int:
+        """Return 1 where one mass, damper and spring do not describe what touches."""
+        from tactuator.measure.finger import ONE
+
+        return 0 if all(estimate.described_by == ONE for estimate in self.estimates) else 1
+
+    def headline(self) -> Mapping[str, str]:
+        """Return mass, damping and stiffness of every channel, and what describes it."""
+        return {e.channel: f"{e.mass:.4g}, {e.damping:.4g}, {e.stiffness:.4g}: {_said(e)}" for e in self.estimates}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the estimate of each channel."""
+        return {"channels": [vars(estimate) for estimate in self.estimates]}
+
+    def columns(self) -> Mapping[str, Any]:
+        """Return channel, mass, damping and stiffness (in the units of a load), and the misfit (dB)."""
+        names = ("channel", "mass", "damping", "stiffness", "misfit_db")
+        return {name: [getattr(estimate, name) for estimate in self.estimates] for name in names}
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return the figures of each channel, and the line of the display file that has them."""
+        from tactuator.measure.finger import ONE
+
+        rows = tuple(
+            (
+                estimate.channel,
+                *(
+                    f"{value:.4g} ± {half:.2g}"
+                    for value, half in zip(
+                        (estimate.mass, estimate.damping, estimate.stiffness), estimate.half_width, strict=True
+                    )
+                ),
+                f"{estimate.misfit_db:.2f}",
+                _said(estimate),
+            )
+            for estimate in self.estimates
+        )
+        note = (
+            "in the units of a load of the display file, ± 95 %; misfit: what the felt level is off by, at most, where "
+            "one mass, damper and spring stands for it"
+        )
+        lines = [
+            f'{estimate.channel}: loads = [{{ name = "finger", mass = {estimate.load.mass:.4g}, damping = '
+            f"{estimate.load.damping:.4g}, stiffness = {estimate.load.stiffness:.4g} }}]"
+            for estimate in self.estimates
+            if estimate.described_by == ONE
+        ]
+        columns = ("channel", "mass", "damping", "stiffness", "misfit dB", "described by")
+        return [ResultTable("", columns, rows, (note,)), *lines]
+
+
+def _said(estimate: "FingerEstimate") -> str:
+    """Return what describes what touches, in words."""
+    from tactuator.measure.finger import CANNOT_TELL, CHAIN, NEITHER, ONE
+
+    if estimate.saturated:
+        return "cannot tell: the reading came to its end; play more quietly"
+    return {
+        ONE: "one mass, damper, spring",
+        CHAIN: "not by one: a chain of two is nearer",
+        NEITHER: "neither by one nor by a chain of two",
+        CANNOT_TELL: "cannot tell: play longer or louder",
+    }[estimate.described_by]
+
+
+def finger(
+    rig: RigGiven,
+    controller: ControllerGiven = None,
+    *,
+    display: DisplayOption = None,
+    load: Annotated[
+        str | None, Option("Load of the display file that touches (default: finger, or the first).")
+    ] = None,
+    level_db_sl: Annotated[float, Option("Level of each line, dB SL.", _LEVEL)] = FINGER_LEVEL_DB_SL,
+    duration_s: Annotated[float, Option("Seconds played, a little less than half of them free.")] = FINGER_S,
+    channel: Channels = None,
+    seed: Seed = 0,
+) -> FingerResult:
+    """Find mass, damping and stiffness of what touches. It plays free and touched, and tells with confidence whether
+    they describe it; exit status 1 where they do not.
+
+    Raises BadInput for a load that the display does not have.
+
+    >>> tt.finger(tt.SimulatedRig(controller.display, seed=1), controller, duration_s=16.0).columns()["channel"]
+    ['index', 'thumb', 'middle']
+    """
+    import numpy as np
+
+    from tactuator.measure.finger import measure_finger
+    from tactuator.rig.finger import usual_load
+
+    loop = chosen_controller(display, controller)
+    touching = load or usual_load(loop.display.channels)
+    with opened(rig, loop.display, seed) as ready, working("playing free, then touched"):
+        estimates = measure_finger(
+            ready,
+            loop,
+            lambda: put_on(ready, loop, touching),
+            np.random.default_rng(seed),
+            channels=channel,
+            level_db_sl=level_db_sl,
+            seconds=duration_s,
+        )
+    return FingerResult(tuple(estimates))

@@ -1,0 +1,147 @@
+"""Manners of every verb's result: it prints itself in a few lines, draws itself, becomes plain or a table."""
+
+import dataclasses
+import html
+import math
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from tactuator.errors import BadInput
+from tactuator.table import ResultTable
+
+if TYPE_CHECKING:
+    from tactuator.report.lines import Axes, Lines
+
+_LONGEST = 499
+_Promoted = TypeVar("_Promoted", bound="Result")
+
+
+class Result:
+    """A result: `repr` of under 500 characters, HTML for notebooks, `plot`, `to_dict`, `to_dataframe` of a table.
+
+    What the command line prints of it, and the status that it ends with, are told here as well.
+    """
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the figures that tell the result at a glance, each with its unit."""
+        raise NotImplementedError
+
+    def lines(self) -> "Lines":
+        """Return what `plot` draws; raises BadInput where there is nothing to draw."""
+        raise BadInput(f"{type(self).__name__} has nothing to draw", "to_dict()")
+
+    def columns(self) -> Mapping[str, Any]:
+        """Return the table's columns of equal length, units in the names; raises BadInput where it is no table."""
+        raise BadInput(f"{type(self).__name__} is no table", "to_dict()")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result in JSON's own types (infinite and undefined numbers as None): what `--json` prints."""
+        document = plain(self)
+        assert isinstance(document, dict)
+        return document
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return the tables and lines that the command line prints, in their order."""
+        return [ResultTable("", ("what", "value"), tuple(self.headline().items()))]
+
+    def notices(self) -> Sequence[str]:
+        """Return lines for standard error: what is to be known of the result beside it."""
+        return ()
+
+    @property
+    def exit_status(self) -> int:
+        """Return 0, or 1 where the verdict is no: the status that the command line ends with."""
+        return 0
+
+    @property
+    def ending(self) -> BaseException | None:
+        """Return what the command line raises once the result was told: a part of it that could not be had."""
+        return None
+
+    def to_dataframe(self) -> Any:
+        """Return the table as a pandas.DataFrame; BadInput where pandas is not installed, or there is no table."""
+        columns = self.columns()
+        try:
+            pandas = import_module("pandas")
+        except ImportError:
+            raise BadInput("pandas is not installed", "pip install pandas, or to_dict()") from None
+        import numpy as np
+
+        return pandas.DataFrame({name: np.asarray(values) for name, values in columns.items()})
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the result into `ax` (None: the current axes of matplotlib) and return the axes."""
+        from tactuator.report.lines import draw  # matplotlib takes a second to load
+
+        return draw(self.lines(), ax)
+
+    def __repr__(self) -> str:
+        figures = ", ".join(f"{name}: {value}" for name, value in self.headline().items())
+        whole = f"<{_name(self)} {figures}>"
+        return whole if len(whole) <= _LONGEST else f"{whole[: _LONGEST - 5]} ...>"
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        """Return the headline as a table for notebooks."""
+        rows = "".join(
+            f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>"
+            for name, value in self.headline().items()
+        )
+        return f"<table><caption>{html.escape(_name(self))}</caption>{rows}</table>"
+
+
+def _name(result: Result) -> str:
+    return type(result).__name__.removesuffix("Result")
+
+
+def plain(value: object) -> object:
+    """Return the value in JSON's own types; raises TypeError for what has no counterpart there."""
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, complex):
+        return [plain(value.real), plain(value.imag)]
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, "tolist"):  # an array or a number of NumPy
+        return plain(value.tolist())
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    raise TypeError(f"{type(value).__name__} has no counterpart in JSON")
+
+
+def promoted(form: type[_Promoted], value: Any, **more: Any) -> _Promoted:
+    """Return `value`, an instance of the dataclass that `form` extends, as an instance of `form` with `more` fields."""
+    if isinstance(value, form) and not more:
+        return value
+    fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value) if field.init}
+    return form(**(fields | more))
+
+
+def lines_of(*parts: Any, **how: Any) -> "Lines":
+    """Return lines to draw; their room is imported when something is drawn."""
+    from tactuator.report.lines import Lines  # matplotlib takes a second to load
+
+    return Lines(*parts, **how)
+
+
+def figure(value: float, unit: str = "", digits: int = 4) -> str:
+    """Return a number with its unit."""
+    return f"{value:.{digits}g}{' ' if unit else ''}{unit}"
+
+
+def columns_of(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> dict[str, list[Any]]:
+    """Return the columns of a table from its rows."""
+    return {name: [_scalar(row[k]) for row in rows] for k, name in enumerate(names)}
+
+
+def _scalar(value: Any) -> Any:
+    return value.item() if hasattr(value, "item") else value

@@ -1,0 +1,369 @@
+"""The verbs for displays on sound cards: the parts of `sound`, and `calibrate-display`."""
+
+import contextlib
+import signal
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tactuator.errors import BadInput, NoDesign
+from tactuator.table import ResultTable
+from tactuator.verbs.chosen import chosen_display, numbers
+from tactuator.verbs.parameters import Argument, Curve, Option, Place, Seed
+from tactuator.verbs.progress import say, working
+from tactuator.verbs.result import Result, columns_of, lines_of
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from tactuator.measure.open_loop import Calibrated, CalibrationRequest, NoEqualiser
+    from tactuator.model.description import Display
+    from tactuator.report.lines import Lines
+    from tactuator.rig.sound.cards import Card
+    from tactuator.rig.sound.loopback import Delay
+
+Device = Annotated[str, Option("Card, as `tactuator sound devices` lists it.")]
+RateHz = Annotated[float, Option("Sampling rate.")]
+Output = Annotated[int, Option("Output of the card, counted from 1.")]
+Level = Annotated[float, Option("Share of full scale.")]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CardsResult(Result):
+    """The sound cards that there are."""
+
+    cards: "tuple[Card, ...]"
+
+    def headline(self) -> Mapping[str, str]:
+        """Return outputs and inputs of each card."""
+        return {card.full_name: f"{card.outputs} outputs, {card.inputs} inputs" for card in self.cards}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the cards, each with the name by which a rig is opened on it."""
+        return {"devices": [asdict(card) | {"device": card.full_name} for card in self.cards]}
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return a row for each card."""
+        rows = tuple((card.full_name, str(card.outputs), str(card.inputs), f"{card.rate_hz:g}") for card in self.cards)
+        hint = "PortAudio finds no card; `aplay -l` lists those of ALSA, and a sound server may have to run"
+        columns = ("card", "outputs", "inputs", "its own rate (Hz)")
+        return [ResultTable("sound cards", columns, rows, () if rows else (hint,))]
+
+
+def devices() -> CardsResult:
+    """Show the sound cards with their outputs, inputs and rates."""
+    from tactuator.rig.sound.cards import list_cards
+
+    return CardsResult(tuple(list_cards()))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LatencyResult(Result):
+    """The delay from an output to an input through a wire."""
+
+    device: str
+    rate_hz: float
+    output: int
+    input_number: int
+    delay: "Delay"
+
+    @property
+    def exit_status(self) -> int:
+        """Return 1 where the delay does not stay."""
+        return 1 if self.delay.spread > 1 else 0
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the delay, its spread and the gain of the wire."""
+        return {
+            "latency_samples": str(self.delay.samples),
+            "ms": f"{1e3 * self.delay.samples / self.rate_hz:.3f}",
+            "spread (samples)": str(self.delay.spread),
+            "gain": f"{self.delay.gain:.4g}",
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return latency_samples of [sound], and the delay as it was measured."""
+        samples = self.delay.samples
+        return {"device": self.device, "rate_hz": self.rate_hz, "latency_samples": samples, "delay": self.delay}
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return a row for each figure."""
+        title = f"{self.device}, output {self.output} to input {self.input_number}"
+        return [ResultTable(title, ("what", "value"), tuple(self.headline().items()))]
+
+
+def latency(
+    device: Device,
+    rate_hz: RateHz = 48000.0,
+    output: Output = 1,
+    input_number: Annotated[int, Option("Input of the card that a wire joins to it.", ("--input",))] = 1,
+    level: Level = 0.1,
+) -> LatencyResult:
+    """Measure the delay through a wire, latency_samples of [sound]. It leads from an output to an input; exit status 1
+    where the delay does not stay.
+    """
+    import numpy as np
+
+    from tactuator.rig.open import open_rig
+    from tactuator.rig.sound.loopback import measure_delay, wire_display
+
+    if input_number < 1:
+        raise BadInput(f"input {input_number}", "the input to which the wire leads, counted from 1")
+    display = wire_display(rate_hz, output, input_number)
+    with open_rig(f"sound:{device}", display) as rig, working("listening to the wire"):
+        delay = measure_delay(rig, level, np.random.default_rng(0))
+    return LatencyResult(device, rate_hz, output, input_number, delay)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FullScaleResult(Result):
+    """Volts at full scale of an output, and of an input that a wire joins to it."""
+
+    device: str
+    output: int
+    output_full_scale_v: float
+    input_number: int = 0
+    input_full_scale_v: float | None = None
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the keys of [sound]."""
+        values = self.to_dict()
+        return {key: f"{value:.6g}" if isinstance(value, float) else str(value) for key, value in values.items()}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the keys of [sound]."""
+        document = {"device": self.device, "output": self.output, "output_full_scale_v": self.output_full_scale_v}
+        wired = {"input": self.input_number, "input_full_scale_v": self.input_full_scale_v}
+        return document | (wired if self.input_number else {})
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return a row for each key."""
+        return [ResultTable("", ("key of [sound]", "value"), tuple(self.headline().items()))]
+
+
+def calibrate_output(
+    device: Device,
+    rate_hz: RateHz = 48000.0,
+    output: Output = 1,
+    frequency_hz: Annotated[float, Option("Of the tone.")] = 100.0,
+    level: Level = 0.1,
+    duration_s: Annotated[float, Option("Of the tone, for the meter to settle.")] = 15.0,
+    reading_v: Annotated[float | None, Option("What the multimeter reads, V rms (default: asked for).")] = None,
+    input_number: Annotated[
+        int, Option("Input that a wire joins to the output, to be calibrated by it; 0: none.", ("--input",))
+    ] = 0,
+) -> FullScaleResult:
+    """Turn a multimeter's reading of a tone into volts at full scale."""
+    from tactuator.rig.open import open_rig
+    from tactuator.rig.sound.loopback import full_scale_v, tone, wire_display
+
+    if reading_v is not None:
+        full_scale_v(reading_v, 1.0)  # what is no reading is refused before the tone is played
+    text = f"{frequency_hz:g} Hz at output {output} for {duration_s:g} s: read the multimeter (V rms)"
+    with open_rig(f"sound:{device}", wire_display(rate_hz, output, input_number)) as rig, working(text):
+        heard = tone(rig, frequency_hz, level, duration_s)
+    volts = full_scale_v(_asked_number() if reading_v is None else reading_v, level)
+    return FullScaleResult(device, output, volts, input_number, volts * level / heard if input_number else None)
+
+
+def _asked_number() -> float:
+    """Return the number that a person types; BadInput for anything else."""
+    sys.stderr.write("what did the multimeter read, V rms? ")
+    sys.stderr.flush()
+    line = sys.stdin.readline()
+    try:
+        return float(line)
+    except ValueError:
+        raise BadInput(f"{line.strip()!r} was typed", "a number") from None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EqualisedResult(Result):
+    """A display without loop that was calibrated and verified. out: the folder of its files; gaps: of the card."""
+
+    calibrated: "Calibrated"
+    out: Path
+    gaps: int
+
+    @property
+    def exit_status(self) -> int:
+        """Return 1 where the display is not felt flat."""
+        return 0 if self.calibrated.flat else 1
+
+    def _shortfalls(self) -> dict[str, str]:
+        """Return why each channel is not felt flat, nothing for one that is."""
+        allowed = self.calibrated.controller.display.objectives.flatness_db
+        return {channel.name: channel.shortfall(allowed) for channel in self.calibrated.channels}
+
+    def headline(self) -> Mapping[str, str]:
+        """Return usable band and greatest error of every channel."""
+        return {
+            channel.name: f"{channel.usable.band_hz[0]:.4g} to {channel.usable.band_hz[1]:.4g} Hz within "
+            f"{channel.last.worst_db:.2f} dB"
+            for channel in self.calibrated.channels
+        }
+
+    def columns(self) -> Mapping[str, Any]:
+        """Return channel, frequency (Hz), felt less asked (dB) and its 95 % half-width."""
+        rows = [
+            (channel.name, *row)
+            for channel in self.calibrated.channels
+            for row in zip(channel.last.frequency_hz, channel.last.error_db, channel.last.confidence_db, strict=True)
+        ]
+        return columns_of(("channel", "frequency_hz", "error_db", "confidence_db"), rows)
+
+    def lines(self) -> "Lines":
+        """Return what is felt less what was asked, of every channel."""
+        each = [
+            (channel.name, channel.last.frequency_hz, channel.last.error_db) for channel in self.calibrated.channels
+        ]
+        return lines_of("frequency (Hz)", "felt less asked (dB)", each, log_x=True)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return band, error and plant of every channel."""
+        shortfalls = self._shortfalls()
+        return {
+            "out": self.out,
+            "flat": self.calibrated.flat,
+            "gaps": self.gaps,
+            "channels": [
+                {
+                    "channel": channel.name,
+                    "usable_band_hz": channel.usable.band_hz,
+                    "shortfall": shortfalls[channel.name],
+                    "ends": channel.usable.ends,
+                    "worst_error_db": channel.last.worst_db,
+                    "first_worst_error_db": channel.first.worst_db,
+                    "frequency_hz": channel.last.frequency_hz,
+                    "error_db": channel.last.error_db,
+                    "confidence_db": channel.last.confidence_db,
+                    "plant": channel.followed.by,
+                    "departure_db": channel.followed.departure_db,
+                    "recorded_at_v": channel.level.volts,
+                    "rounds": channel.rounds,
+                }
+                for channel in self.calibrated.channels
+            ],
+        }
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return a row for each channel, the files, and whether it is felt flat."""
+        from tactuator.report.open_loop import FILES
+
+        rows = []
+        for channel in self.calibrated.channels:
+            low, high = channel.usable.band_hz
+            spread = f"{channel.last.error_db.min():+.2f} to {channel.last.error_db.max():+.2f}"
+            rows.append((channel.name, f"{low:.4g} to {high:.4g}", spread, channel.followed.by, str(channel.rounds)))
+        short = [f"{name}: NOT felt flat: {why}" for name, why in self._shortfalls().items() if why]
+        columns = ("channel", "usable (Hz)", "felt less asked (dB)", "plant", "corrected")
+        files = (f"written: {self.out / name}" for name in FILES)
+        return [ResultTable("", columns, tuple(rows)), *files, *(short or ["felt flat"])]
+
+
+def calibrate_display(
+    display: Annotated[
+        "Display | Place", Argument("Display file (TOML) with [sound]; its plants are found anew.", file=True)
+    ],
+    rig: Annotated[str, Option("sound:DEVICE[@RATE].")] = "sound:",
+    out: Annotated[Place, Option("Folder to write.", type=Path, shell=Path("out/calibrated"))] = "out/calibrated",
+    level_db_sl: Annotated[float, Option("Level at which it must be usable and is verified.")] = 20.0,
+    band_hz: Annotated[
+        "ArrayLike | str", Option("Frequencies within which it is to be used: low,high.", type=str)
+    ] = "",
+    mains_hz: Annotated[float, Option("Mains, whose multiples are kept off; 0: none.")] = 50.0,
+    curve: Curve = None,
+    seed: Seed = 0,
+) -> EqualisedResult:
+    """Calibrate a display without loop on a sound card. Level, model, usable band and equaliser are found, and what is
+    felt is verified; exit status 1 where that is not flat within the tolerance.
+
+    Raises BadInput for another rig, and NoDesign where there is no equaliser; what was measured is kept in `out`.
+
+    >>> tt.calibrate_display("displays/exciter.toml", rig="simulated")
+    Traceback (most recent call last):
+    ...
+    tactuator.errors.BadInput: rig 'simulated'; allowed: sound:DEVICE[@RATE], a display without loop on a sound card
+    """
+    from tactuator.measure.open_loop import CalibrationRequest
+
+    described = chosen_display(display, curve)
+    return _equalised(
+        described, rig, Path(out), CalibrationRequest(_band(described, band_hz), level_db_sl, mains_hz), seed
+    )
+
+
+def _equalised(described: "Display", rig: str, out: Path, asked: "CalibrationRequest", seed: int) -> EqualisedResult:
+    """Calibrate, and write what came of it."""
+    import numpy as np
+
+    from tactuator.measure.open_loop import NoEqualiser, calibrate
+    from tactuator.report.open_loop import write_calibrated
+    from tactuator.rig.open import open_rig
+    from tactuator.rig.sound.rig import SoundRig
+
+    if not rig.startswith("sound:"):
+        raise BadInput(f"rig {rig!r}", "sound:DEVICE[@RATE], a display without loop on a sound card")
+    with open_rig(rig, described, seed) as card, working("calibrating") as step:
+        assert isinstance(card, SoundRig)
+        try:
+            calibrated = calibrate(card, asked, np.random.default_rng(seed), lambda text: step(text=text))
+        except NoEqualiser as reached:
+            raise _kept(reached, rig, out) from None
+        gaps = card.gaps
+    write_calibrated(out, calibrated, asked, rig, _now(), gaps)
+    return EqualisedResult(calibrated, out, gaps)
+
+
+def _kept(reached: "NoEqualiser", rig: str, out: Path) -> NoDesign:
+    """Write what was measured, and return the refusal that tells where it is and how to go on."""
+    from tactuator.report.open_loop import write_measured
+
+    names = ", ".join(write_measured(out, reached, rig, _now()))
+    return NoDesign(
+        f"{reached}. What was measured is kept in {out} ({names}); `tactuator design {out / 'display.toml'}` goes on "
+        "from there, with a narrower band_hz or other poles"
+    )
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _band(described: "Display", band_hz: "ArrayLike | str") -> tuple[float, float]:
+    if isinstance(band_hz, str) and not band_hz:
+        bands = [channel.threshold.band_hz for channel in described.channels]
+        return max(low for low, _ in bands), min(high for _, high in bands)
+    values = numbers(band_hz)
+    if values.size != 2 or not 0.0 < values[0] < values[1]:
+        raise BadInput(f"band {band_hz!r}", "two frequencies, low,high")
+    return float(values[0]), float(values[1])
+
+
+def demo(
+    out: Annotated[Place, Option("Folder to write.", type=Path, shell=Path("out/sound-demo"))] = "out/sound-demo",
+    seed: Seed = 0,
+    keep: Annotated[bool, Option("Keep the exciter afterwards, for other commands, until Ctrl-C.")] = False,
+) -> EqualisedResult:
+    """Calibrate a simulated exciter behind a simulated sound card. PortAudio and a JACK server run in real time."""
+    import numpy as np
+
+    from tactuator.measure.open_loop import CalibrationRequest
+    from tactuator.rig.sound.exciter import demo_display, demo_exciter
+    from tactuator.rig.sound.simulated_card import simulated_card
+
+    exciter = demo_exciter(np.random.default_rng(seed))
+    with simulated_card([exciter], seed=seed) as card:
+        asked = CalibrationRequest((10.0, 400.0), 20.0, 50.0)
+        equalised = _equalised(demo_display(exciter), f"sound:{card.device}", Path(out), asked, seed)
+        if keep:
+            say(
+                f"the exciter stays until Ctrl-C; in another terminal: export JACK_DEFAULT_SERVER={card.name}; then "
+                f"tactuator play REFERENCE --rig sound:{card.device} --controller {Path(out) / 'controller.json'}"
+            )
+            with contextlib.suppress(KeyboardInterrupt):
+                signal.pause()
+    return equalised

@@ -1,0 +1,160 @@
+"""The verb `init`: files to start from; and the functions that read files, which Python alone has."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tactuator.errors import BadInput
+from tactuator.io.start.template import DISPLAY_KINDS, PROTOCOL_KINDS
+from tactuator.table import ResultTable
+from tactuator.verbs.parameters import Option, Place
+from tactuator.verbs.result import Result, promoted
+
+if TYPE_CHECKING:
+    from tactuator.verbs.designed import ControllerResult
+    from tactuator.verbs.nouns import CurveResult, DisplayResult, ModelResult, RecordResult
+
+_PROTOCOL = "protocol.toml"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WrittenFiles(Result):
+    """Files that were written. note: what to read first, if anything."""
+
+    written: tuple[Path, ...]
+    note: str = ""
+
+    def headline(self) -> Mapping[str, str]:
+        """Return the number of files, and the first."""
+        return {"files": str(len(self.written)), "first": str(self.written[0])}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the paths."""
+        return {"written": [str(path) for path in self.written]}
+
+    def tables(self) -> Sequence[ResultTable | str]:
+        """Return a line for each file, or the note."""
+        return [self.note] if self.note else [f"written: {path}" for path in self.written]
+
+
+def init(
+    like: Annotated[str | None, Option(f"Actuator: {', '.join(DISPLAY_KINDS)}.")] = None,
+    model: Annotated[Place | None, Option("Model file of `identify`: it is the plant.", ("--from",), file=True)] = None,
+    out: Annotated[Place, Option("Display file to write.", type=Path, shell=Path("display.toml"))] = "display.toml",
+    protocol: Annotated[str | None, Option(f"Write a protocol, too: {', '.join(PROTOCOL_KINDS)}.")] = None,
+    examples: Annotated[
+        Place | None, Option("Copy the examples into this folder, and write nothing else.", type=Path | None)
+    ] = None,
+) -> WrittenFiles:
+    """Write a display file to start from, or copy the examples. The file is commented; a protocol may stand beside it.
+
+    Raises BadInput where a file is there already.
+
+    >>> tt.init(out="mine.toml").headline()["first"]
+    'mine.toml'
+    """
+    from tactuator.io.start.shipped import copy_examples, write_all
+    from tactuator.io.start.template import protocol_items, protocol_template
+
+    if examples is not None:
+        if like is not None or model is not None or protocol is not None:
+            raise BadInput("--examples with another option", "--examples alone, since it copies everything")
+        copied = copy_examples(Path(examples))
+        note = f"{len(copied)} files written into {examples}; {Path(examples) / 'README.md'} says what each is"
+        return WrittenFiles(copied, note)
+    target = Path(out)
+    contents = {target: _display_text(like or DISPLAY_KINDS[0], model, target).encode()}
+    if protocol is not None:
+        contents[target.parent / _PROTOCOL] = protocol_template(protocol).encode()
+    for path in contents:
+        if path.exists():
+            raise BadInput(f"{path} is there already", "--out with a name that is free")
+    if not target.parent.is_dir():
+        raise BadInput(f"{target.parent} is not a folder", "--out in a folder that is there")
+    if protocol is not None:
+        contents |= {target.parent / name: content for name, content in protocol_items(protocol).items()}
+    write_all(contents)
+    return WrittenFiles(tuple(contents))
+
+
+def _display_text(kind: str, model: Place | None, out: Path) -> str:
+    """Return the text of a display file of that kind, with the model of a file as its plant if there is one."""
+    from tactuator.io.model import read_model as read
+    from tactuator.io.start.template import display_template, with_model
+
+    text = display_template(kind)
+    return text if model is None else with_model(text, read(Path(model)), os.path.relpath(model, out.parent))
+
+
+def examples(folder: Place = ".") -> tuple[Path, ...]:
+    """Write a copy of every shipped example into `folder` and return the paths.
+
+    >>> len(tt.examples("more examples")) > 30
+    True
+    """
+    return init(examples=folder).written
+
+
+def read_display(path: Place) -> "DisplayResult":
+    """Read a display file (TOML). Raises BadInput for a key that is not known or out of range.
+
+    >>> tt.read_display("display.toml")
+    <Display name: three-finger tactuator, rate: 4000 Hz, channels: index, thumb, middle, curve: bolanowski-1988>
+    """
+    from tactuator.io import display as file
+    from tactuator.verbs.nouns import DisplayResult
+
+    return promoted(DisplayResult, file.read_display(Path(path)))
+
+
+def read_record(path: Place, **columns: Any) -> "RecordResult":
+    """Read a record: HDF5, CSV, MATLAB or WAV. columns: input_name, output_name, time_name, rate_hz, where needed.
+
+    >>> tt.read_record("bench.csv", input_name="drive", output_name="encoder", time_name="t").duration_s
+    8.0
+    """
+    from tactuator.io import record as file
+    from tactuator.verbs.nouns import RecordResult
+
+    return promoted(RecordResult, file.read_record(Path(path), **columns))
+
+
+def read_curve(name_or_path: Place) -> "CurveResult":
+    """Return a threshold curve of the library, or read one from a CSV file.
+
+    >>> tt.read_curve("curve.csv")
+    <Curve name: S1, provenance: synthetic, band: 0.4 to 300 Hz, points: 12>
+    """
+    from tactuator.io.curve import resolve_curve
+    from tactuator.verbs.nouns import CurveResult
+
+    return promoted(CurveResult, resolve_curve(str(name_or_path)))
+
+
+def read_model(path: Place) -> "ModelResult":
+    """Read a model that `identify` wrote. Raises BadInput for another file.
+
+    >>> tt.read_model("curve.csv")
+    Traceback (most recent call last):
+    ...
+    tactuator.errors.BadInput: model curve.csv: it is not JSON; allowed: a file that `identify` wrote
+    """
+    from tactuator.io import model as file
+    from tactuator.verbs.nouns import ModelResult
+
+    return promoted(ModelResult, file.read_model(Path(path)))
+
+
+def read_controller(path: Place) -> "ControllerResult":
+    """Read a controller that `design` made and `write` wrote.
+
+    >>> controller.write("controller.json")
+    >>> tt.read_controller("controller.json").content_hash == controller.content_hash
+    True
+    """
+    from tactuator.io import controller as file
+    from tactuator.verbs.designed import ControllerResult
+
+    return promoted(ControllerResult, file.read_controller(Path(path)))

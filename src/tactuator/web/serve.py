@@ -1,0 +1,123 @@
+"""The verb `experiment serve`: the study in a browser."""
+
+import os
+import secrets
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tactuator.errors import BadInput
+from tactuator.verbs.chosen import opened_apparatus
+from tactuator.verbs.experiment import ProtocolFile, StoreToFill
+from tactuator.verbs.parameters import (
+    AllowedHosts,
+    ControllerOption,
+    DisplayOption,
+    Host,
+    Option,
+    Place,
+    RigOption,
+    Seed,
+    TlsCertificate,
+    TlsKey,
+)
+
+if TYPE_CHECKING:
+    from tactuator.experiment.store.records import Found
+    from tactuator.web.address import Address
+    from tactuator.web.lab import Lab
+
+TOKEN_VARIABLE = "TACTUATOR_OPERATOR_TOKEN"
+_SHORTEST_TOKEN = 16
+
+
+def serve(
+    protocol: ProtocolFile,
+    store: StoreToFill,
+    rig: RigOption = "simulated",
+    display: DisplayOption = None,
+    controller: ControllerOption = None,
+    host: Host = "127.0.0.1",
+    port: Annotated[int, Option("Port; 0: any that is free.")] = 8765,
+    allowed_host: AllowedHosts = None,
+    tls_certificate: TlsCertificate = None,
+    tls_key: TlsKey = None,
+    operator_token_file: Annotated[
+        Place | None,
+        Option("File with the operator's token; default: TACTUATOR_OPERATOR_TOKEN, or a fresh one.", type=Path | None),
+    ] = None,
+    speed: Annotated[float, Option("Speed of presentation on a rig that could go faster; 0: as fast as it can.")] = 1.0,
+    auto_start: Annotated[bool, Option("Subjects may begin without the operator.")] = False,
+    amend: Annotated[str | None, Option("Why the protocol says something else than before: a new version.")] = None,
+    show: Annotated[
+        bool, Option("Show stimuli on the page where the display is simulated.", ("--show/--no-show",))
+    ] = True,
+    seed: Seed = 0,
+) -> None:
+    """Serve the study to browsers. There is one page for every subject and one for the operator, until interrupted;
+    the addresses go to standard error. Without a display or controller file: the paper's display and C. A study is
+    known by its name; further subjects in its protocol are enrolled, anything else that changed takes --amend.
+
+    Raises BadInput where another process runs the sessions of the store.
+    """
+    import uvicorn
+
+    from tactuator.experiment.protocol.file import read_any_protocol
+    from tactuator.experiment.session.studies import fresh_token, open_study, task_of
+    from tactuator.experiment.session.task import SystemClock
+    from tactuator.experiment.store.store import opened_store, sessions_of
+    from tactuator.web.address import Address
+    from tactuator.web.app import build_app
+    from tactuator.web.lab import Lab
+
+    folder = Path(protocol).parent
+    certificate, key = (None if place is None else Path(place) for place in (tls_certificate, tls_key))
+    address = Address(host, port, tuple(allowed_host or ()), certificate, key)
+    with opened_apparatus(rig, display, controller, seed, speed or None) as apparatus, sessions_of(Path(store)):
+        operator_token = _operator_token(None if operator_token_file is None else Path(operator_token_file))
+        study_protocol, text = read_any_protocol(Path(protocol))
+        task = task_of(study_protocol, folder, apparatus)
+        with closing(address.listen()) as sock, opened_store(Path(store)) as database:
+            study = open_study(database, task, text, SystemClock(), fresh_token, amend, folder)
+            lab = Lab(study, auto_start, "seen or heard" if show and apparatus.simulated else "")
+            server = uvicorn.Server(address.config(build_app(lab, operator_token), time.monotonic))
+            _tell(lab, address, address.base_url(sock), operator_token)
+            try:
+                server.run(sockets=[sock])
+            finally:
+                lab.close()
+
+
+def _tell(lab: "Lab", address: "Address", base: str, operator_token: str) -> None:
+    """Write the addresses to standard error."""
+    lines = [f"operator: {base}/operator#{operator_token}"]
+    lines += [f"{_who(row)}: {base}/s/{row.link_token}" for row in lab.sessions]
+    if address.warning:
+        lines.append(address.warning)
+    sys.stderr.write("\n".join(lines) + "\n")
+    sys.stderr.flush()
+
+
+def _operator_token(path: Path | None) -> str:
+    """Return the token of the file's first line, of the environment, or a fresh one; never of the command line, which
+    every user of the machine can read. Raises BadInput for one that may be guessed.
+    """
+    from tactuator.io.formats.text import read_text
+
+    try:
+        given = os.environ.get(TOKEN_VARIABLE) if path is None else read_text(path).partition("\n")[0].strip()
+    except BadInput as error:
+        raise BadInput(f"token file {path}: {error}", "a text file") from None
+    if given is None:
+        return secrets.token_urlsafe(_SHORTEST_TOKEN)
+    if len(given) < _SHORTEST_TOKEN or not given.isascii() or not given.isprintable() or " " in given:
+        raise BadInput(
+            f"the operator's token has {len(given)} characters", f"{_SHORTEST_TOKEN} or more, ASCII, no space"
+        )
+    return given
+
+
+def _who(row: "Found") -> str:
+    return f"subject {row.subject_code}" if row.visit == 1 else f"subject {row.subject_code}, visit {row.visit}"

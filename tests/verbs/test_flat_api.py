@@ -1,0 +1,166 @@
+"""The flat API: its names, its examples as they are printed, and the manners of its results."""
+
+import doctest
+import inspect
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import tactuator as tt
+from tactuator.cli import main
+from tactuator.paper.verb import PaperResult
+from tactuator.verbs.controller import wordlength
+from tactuator.verbs.result import Result, plain
+
+NAMES = [name for name in dir(tt) if name != "__version__"]
+EXEMPT = {"BadInput", "SimulatedRig", "open_rig"}
+"""Names of lower rooms, which have tests of their own."""
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "python.md"
+PROTOCOL = """
+[study]
+name = "one"
+seed = 1
+[procedure]
+kind = "quest-plus"
+trials = 6
+[conditions]
+fingers = ["index"]
+frequencies_hz = [250]
+[[subject]]
+code = "S1"
+"""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder of examples as the working folder, with a finished run in lab.db."""
+    folder = tmp_path_factory.mktemp("examples")
+    tt.examples(folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        Path("small.toml").write_text(PROTOCOL)
+        assert main(["experiment", "observe", "small.toml", "--store", "lab.db", "--seed", "1", "--json"]) == 0
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def known(place: Path) -> dict[str, object]:
+    controller = tt.design("display.toml")
+    return {"tt": tt, "controller": controller, "rig": tt.SimulatedRig(controller.display, seed=1)}
+
+
+def test_names__at_most_32__all_there_and_as_the_types_say():
+    assert len(NAMES) <= 32
+    assert all(getattr(tt, name) is not None for name in NAMES)
+    typed = Path(tt.__file__).with_suffix(".pyi").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"import (\w+) as \1\n", typed)) == sorted(NAMES)
+
+
+def test_name__that_is_none__is_told():
+    with pytest.raises(AttributeError, match="no attribute 'desing'"):
+        tt.desing  # noqa: B018
+
+
+def test_import__of_the_package__brings_in_nothing_heavy():
+    program = "import sys, tactuator; print({'numpy', 'scipy', 'pydantic', 'matplotlib'} & set(sys.modules))"
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout == "set()\n"
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in EXEMPT])
+def test_example__of_each_name__runs_as_printed(name: str, known: dict[str, object]):
+    text = inspect.getdoc(getattr(tt, name))
+    assert ">>> " in text
+    example = doctest.DocTestParser().get_doctest(text, dict(known), name, None, None)
+    found = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS).run(example)
+    assert (found.failed, found.attempted > 0) == (0, True)
+
+
+def results(known: dict[str, object]) -> list[Result]:
+    controller, rig = known["controller"], known["rig"]
+    record = tt.read_record("bench.csv", input_name="drive", output_name="encoder", time_name="t")
+    identified = tt.identify(record, order=2, zeros=0, hold="zero-order", friction=False)
+    identified.write("model.json")
+    return [
+        record, identified, controller, controller.display and tt.read_display("display.toml"), tt.check(controller),
+        tt.read_curve("curve.csv"), tt.read_model("model.json"), tt.calibrate("pairs.csv"), tt.build(controller),
+        tt.measure_response(rig, controller, [30.0, 100.0]), tt.noise(rig, controller, duration_s=4.0),
+        tt.render("speech.wav", controller, "spoken.wav"), tt.play(rig, controller, "protocols/a.wav"),
+        tt.thresholds("lab.db"), PaperResult(Path("out"), {"seed": 1}, (("what", "paper", "here"),)),
+        wordlength(controller), tt.record("display.toml", duration_s=4.0, excitation="noise"),
+        tt.disturb(rig, controller, channel=["index"], frequency_hz=[5.0]), tt.init(out="mine too.toml"),
+    ]  # fmt: skip
+
+
+def test_results__each__prints_draws_and_tabulates_itself(known: dict[str, object], monkeypatch: pytest.MonkeyPatch):
+    mpl.use("svg")
+    frames = type(sys)("pandas")
+    frames.DataFrame = dict
+    monkeypatch.setitem(sys.modules, "pandas", frames)
+    for one in results(known):
+        assert 10 < len(repr(one)) < 500
+        assert one._repr_html_().startswith("<table>")
+        assert one.to_dict()
+        assert one.tables()
+        assert one.exit_status in (0, 1)
+        json.dumps(plain(one.to_dict()), allow_nan=False)
+        if type(one).columns is not Result.columns:
+            assert len({len(column) for column in one.to_dataframe().values()}) == 1
+        if type(one).lines is not Result.lines:
+            axes = Figure().add_subplot()
+            assert one.plot(axes) is axes
+            assert axes.get_xlabel()
+            assert axes.get_ylabel()
+            assert len(axes.lines) > 0
+
+
+def test_result__that_is_no_table__says_so(known: dict[str, object]):
+    with pytest.raises(tt.BadInput, match="is no table"):
+        known["controller"].to_dataframe()
+
+
+def test_result__without_a_figure__says_so(tmp_path: Path):
+    with pytest.raises(tt.BadInput, match="nothing to draw"):
+        tt.init(out=tmp_path / "mine.toml").plot()
+
+
+def test_result__without_pandas__says_what_to_do(known: dict[str, object], monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(tt.BadInput, match="pandas is not installed"):
+        tt.read_curve("bolanowski-1988").to_dataframe()
+
+
+def test_result__very_long__is_cut():
+    class Long(Result):
+        def headline(self):
+            return {"x": "y" * 1000}
+
+    assert len(repr(Long())) < 500
+
+
+def test_measure__as_the_flat_api__is_the_curve_within_the_tool_s_own_prediction(known: dict[str, object]):
+    columns = tt.measure_response(
+        tt.SimulatedRig(known["controller"].display, 3), known["controller"], [30.0, 100.0]
+    ).columns()
+    assert np.max(np.abs(columns["error_db"])) < 1.0
+
+
+def test_tour__as_it_is_printed__runs_in_ten_lines_with_one_import(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)[0]
+    lines = [line for line in code.splitlines() if line]
+    assert len(lines) <= 10
+    assert sum("import" in line for line in lines) == 1
+    exec(compile(code, PAGE.name, "exec"), {})
+    verdict, response = capsys.readouterr().out.splitlines()
+    assert verdict.startswith("<Verdict ")
+    assert [name in response for name in ("index: within", "thumb: within", "middle: within")] == [True] * 3
