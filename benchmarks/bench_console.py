@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from tactuator.io.start.shipped import EXAMPLES
+from tactuator.io.shipped import EXAMPLES
 
 MOVES = 120
 SCOPE_S = 20

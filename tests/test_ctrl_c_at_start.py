@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tactuator.io.start.shipped import EXAMPLES
+from tactuator.io.shipped import EXAMPLES
 
 PROGRAM = Path(sys.executable).parent / "tactuator"
 DISPLAY = EXAMPLES / "displays" / "tactuator.toml"

@@ -13,7 +13,7 @@ import soundfile
 from scipy import signal
 
 from tactuator.io.display import parse_display
-from tactuator.io.start.shipped import EXAMPLES
+from tactuator.io.shipped import EXAMPLES
 from tactuator.paper.plan import paper_display
 from tactuator.perception.curve import curve
 from tactuator.rig.simulated import SimulatedRig

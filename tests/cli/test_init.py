@@ -7,8 +7,7 @@ import pytest
 
 from tactuator.cli import main
 from tactuator.experiment.protocol.file import read_recognition
-from tactuator.io.start.shipped import example_names
-from tactuator.io.start.template import DISPLAY_KINDS
+from tactuator.io.shipped import DISPLAY_KINDS, example_names
 from tests.cli.refusals import refused
 
 

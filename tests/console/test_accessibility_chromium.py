@@ -8,7 +8,7 @@ import pytest
 
 from tactuator.console.app import build_console
 from tactuator.console.workshop import Workshop
-from tactuator.io.start.shipped import EXAMPLES
+from tactuator.io.shipped import EXAMPLES
 from tests.web.server import served
 
 HERE = Path(__file__).parent

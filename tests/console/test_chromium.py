@@ -8,7 +8,7 @@ import pytest
 from tactuator.cli.main import main
 from tactuator.console.app import build_console
 from tactuator.console.workshop import Workshop
-from tactuator.io.start.shipped import EXAMPLES
+from tactuator.io.shipped import EXAMPLES
 from tests.console.pages import TOKEN, console_page, tab_to
 from tests.web.server import served
 

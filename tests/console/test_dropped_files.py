@@ -17,7 +17,7 @@ from tactuator.console.app import build_console
 from tactuator.console.messages import request_of
 from tactuator.console.workshop import Workshop
 from tactuator.errors import BadInput
-from tactuator.io.start.shipped import EXAMPLES
+from tactuator.io.shipped import EXAMPLES
 from tests.console.pages import TOKEN, console_page, go
 from tests.console.views.dropped import dropped
 from tests.web.server import served

@@ -18,7 +18,7 @@ from tactuator.console.app import build_console
 from tactuator.console.scope.host import RigHost
 from tactuator.console.workshop import Workshop
 from tactuator.io.controller import write_controller
-from tactuator.io.start.shipped import EXAMPLES
+from tactuator.io.shipped import EXAMPLES
 from tests.console.pages import TOKEN
 from tests.console.views.dropped import dropped
 from tests.web.access import requesting

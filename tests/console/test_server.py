@@ -10,7 +10,7 @@ from websockets.exceptions import ConnectionClosed
 
 from tactuator.console.app import build_console, static_file
 from tactuator.console.workshop import Workshop
-from tactuator.io.start.shipped import EXAMPLES
+from tactuator.io.shipped import EXAMPLES
 from tactuator.web.sockets import CLOSE_FORBIDDEN
 from tests.web.server import served
 

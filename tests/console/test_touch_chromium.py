@@ -6,7 +6,7 @@ import pytest
 
 from tactuator.console.app import build_console
 from tactuator.console.workshop import Workshop
-from tactuator.io.start.shipped import EXAMPLES
+from tactuator.io.shipped import EXAMPLES
 from tests.console.pages import address_of, go
 from tests.console.test_chromium import ONE, SETTLED, gain_text, shape
 from tests.web.server import served

@@ -11,7 +11,7 @@ from tactuator.console.shaping.factors import LoopShape
 from tactuator.console.workshop import FILE, Workshop
 from tactuator.errors import BadInput
 from tactuator.io.controller import controller_text, read_controller
-from tactuator.io.start.shipped import EXAMPLES
+from tactuator.io.shipped import EXAMPLES
 from tactuator.report.tables import design_rows, finding_row
 from tactuator.synthesis.verdict import whole_verdict
 

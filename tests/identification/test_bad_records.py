@@ -9,8 +9,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.identification.identify import identify
-from tactuator.io.foreign_response import is_response, read_foreign_response
-from tactuator.io.record import read_record
+from tactuator.io.record import is_response, read_foreign_response, read_record
 from tactuator.signals.record import Record
 from tests.identification.others import Plant, band_limited
 

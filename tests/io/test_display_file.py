@@ -7,7 +7,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.io.display import parse_display, read_display, with_curve
-from tactuator.model.document import display_document
+from tactuator.model.description import display_document
 from tactuator.perception.curve import curve
 
 DISPLAY = """

@@ -10,8 +10,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.io.display import parse_display, read_display
-from tactuator.model.description import Display
-from tactuator.model.document import display_document
+from tactuator.model.description import Display, display_document
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.verdict import judge
 from tests.model.beams import Beam

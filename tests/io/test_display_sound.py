@@ -8,8 +8,8 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.io.display import parse_display
-from tactuator.model.document import display_document
-from tactuator.model.sound_card import Wires
+from tactuator.model.description import display_document
+from tactuator.model.requirements import Wires
 from tests.three_fingers import three_finger_display
 
 FULL = {"output_full_scale_v": 2.0}

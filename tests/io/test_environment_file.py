@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.io.display import read_display
-from tactuator.io.formats.environment import write_environment
+from tactuator.io.display import read_display, write_environment
 
 DISPLAY = """
 [display]

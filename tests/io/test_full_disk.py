@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactuator.io.formats import hdf5
+from tactuator.io import hdf5
 from tactuator.io.record import write_record
 from tactuator.io.reference import ReferenceHead, write_reference
 from tactuator.signals.record import Record

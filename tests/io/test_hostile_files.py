@@ -20,18 +20,15 @@ from tactuator.corpus.corpus import NAME as JOURNAL
 from tactuator.corpus.corpus import open_journal
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import read_words
-from tactuator.io import columns
-from tactuator.io.curve import read_curve
+from tactuator.io import columns, hdf5
+from tactuator.io.csv_tables import read_curve, read_matrix, read_pairs
 from tactuator.io.display import parse_display
-from tactuator.io.formats import hdf5
-from tactuator.io.formats.text import read_content
-from tactuator.io.matrix import read_matrix
 from tactuator.io.model import read_model, write_model
-from tactuator.io.pairs import read_pairs
 from tactuator.io.record import read_record, write_record
 from tactuator.io.reference import ReferenceHead, open_reference, write_reference
 from tactuator.io.response import read_responses
-from tactuator.io.start.shipped import EXAMPLES
+from tactuator.io.shipped import EXAMPLES
+from tactuator.io.text import read_content
 from tactuator.model.plant_model import PlantModel
 from tactuator.rig.boards import read_boards
 from tactuator.signals.record import Record

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.io.matrix import read_matrix
+from tactuator.io.csv_tables import read_matrix
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
+from tactuator.io.csv_tables import read_pairs
 from tactuator.io.display import parse_display
 from tactuator.io.model import read_model, write_model
-from tactuator.io.pairs import read_pairs
 from tactuator.io.response import read_responses, write_responses
 from tactuator.model.plant_model import PlantModel
 from tactuator.signals.record import Response

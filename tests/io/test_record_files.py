@@ -10,7 +10,6 @@ import soundfile
 
 from tactuator.errors import BadInput
 from tactuator.io import columns
-from tactuator.io.formats import table
 from tactuator.io.record import read_record, write_record
 from tactuator.signals.record import Record
 
@@ -117,7 +116,7 @@ def test_csv__longer_than_memory_allows__is_read_in_part_and_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(columns, "MOST_SAMPLES", 1000)
-    monkeypatch.setattr(table, "_PIECE_CHARACTERS", 9000)
+    monkeypatch.setattr(columns, "_PIECE_CHARACTERS", 9000)
     read = read_record(write_csv(tmp_path / "r.csv", "t,u,y", TIME, U, Y))
     assert read.command.size == 1000
     assert any("only the first 1000 samples" in remark for remark in read.remarks)

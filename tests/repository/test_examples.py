@@ -7,7 +7,7 @@ import pytest
 import soundfile
 
 from tactuator.io.columns import read_columns
-from tactuator.io.start.shipped import EXAMPLES, example_names
+from tactuator.io.shipped import EXAMPLES, example_names
 from tools.examples import write_all, write_bench
 
 HAND_WRITTEN = {"README.md", "bench.toml", "protocol.toml"}

@@ -8,12 +8,11 @@ import pytest
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.display import read_display
-from tactuator.io.start.shipped import EXAMPLES
-from tactuator.model.controller import ChannelController, Controller
+from tactuator.io.shipped import EXAMPLES
+from tactuator.model.controller import ChannelController, Controller, FeedForward
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import Load
 from tactuator.model.requirements import FeedbackRequirements, Touch
-from tactuator.model.touch import FeedForward
 from tactuator.model.verdict import Finding, Outcome
 from tactuator.parameters import plain
 from tactuator.runtime.simulation import Simulation

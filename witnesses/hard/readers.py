@@ -23,17 +23,13 @@ from tactuator.corpus.corpus import open_journal
 from tactuator.experiment.language.words import read_words
 from tactuator.experiment.protocol.file import read_any_protocol
 from tactuator.io.controller import read_controller
-from tactuator.io.curve import read_curve, read_relative_curve
-from tactuator.io.display import read_display
-from tactuator.io.foreign_response import read_foreign_response
-from tactuator.io.formats.environment import read_environment
-from tactuator.io.formats.text import read_content
-from tactuator.io.matrix import read_matrix
+from tactuator.io.csv_tables import read_curve, read_matrix, read_pairs, read_relative_curve
+from tactuator.io.display import read_display, read_environment
 from tactuator.io.model import read_model
-from tactuator.io.pairs import read_pairs
-from tactuator.io.record import read_record, write_record
+from tactuator.io.record import read_foreign_response, read_record, write_record
 from tactuator.io.reference import ReferenceHead, content_sha256, write_reference
 from tactuator.io.response import read_responses
+from tactuator.io.text import read_content
 from tactuator.rig.boards import read_boards
 from tactuator.runtime.image import read_image_header
 from tactuator.signals.record import Record
@@ -42,7 +38,7 @@ from tactuator.speech.reading import scan_speech
 from tactuator.web.address import Address
 from tactuator.web.serve import _operator_token
 
-EXAMPLES = Path(tactuator.__file__).parent / "files/start/examples"
+EXAMPLES = Path(tactuator.__file__).parent / "io/examples"
 _LANGUAGE = Path(tactuator.__file__).parent / "experiment/language/de.toml"
 _BOARDS = Path(__file__).parents[2] / "firmware/stm32f405/board.toml"
 _SPEECH = ("wav", "flac", "aiff", "ogg", "mp3", "au", "w64", "rf64", "caf")

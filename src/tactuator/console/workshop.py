@@ -17,8 +17,8 @@ from tactuator.console.shaping.factors import Factor, LoopShape
 from tactuator.console.shaping.taken_apart import taken_apart
 from tactuator.errors import BadInput
 from tactuator.io.display import parse_display, read_display
-from tactuator.io.formats.text import parse_toml, read_text
-from tactuator.io.start.shipped import EXAMPLES, example_names
+from tactuator.io.shipped import EXAMPLES, example_names
+from tactuator.io.text import parse_toml, read_text
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Display
 from tactuator.signals.decibels import db

@@ -16,7 +16,7 @@ from tactuator.corpus.task import CorpusOutcome, CorpusTask, Item, file_sha256, 
 from tactuator.corpus.workers import Workers
 from tactuator.errors import BadInput
 from tactuator.io.atomic import sweep_half_written, write_text
-from tactuator.io.formats.text import parse_finite_json
+from tactuator.io.text import parse_finite_json
 from tactuator.speech.coding import coding_document
 from tactuator.speech.render import RenderJob
 

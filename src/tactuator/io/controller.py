@@ -9,9 +9,9 @@ from typing import Any
 from tactuator.errors import BadInput
 from tactuator.io.atomic import write_text
 from tactuator.io.display import parse_display
-from tactuator.io.formats.text import read_json
+from tactuator.io.text import read_json
 from tactuator.model.controller import FORMAT, ChannelController, Controller
-from tactuator.model.document import document_hash
+from tactuator.model.description import document_hash
 from tactuator.parameters import from_table
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from tactuator import __version__
 from tactuator.errors import BadInput
 from tactuator.io.atomic import write_text
-from tactuator.io.formats.text import read_finite_json
+from tactuator.io.text import read_finite_json
 from tactuator.model.plant_model import Excess, PlantModel
 from tactuator.signals.systems import ContinuousSystem
 

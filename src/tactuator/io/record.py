@@ -1,19 +1,200 @@
-"""Reading of records, in our own HDF5 and in whatever else holds a command and a position, and writing."""
+"""Records and frequency responses, in our own HDF5 and in whatever else has such columns; the rate by time stamps."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy import interpolate
 
 from tactuator import __version__
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_path
 from tactuator.io.columns import MOST_SAMPLES, Columns, read_columns
-from tactuator.io.formats.hdf5 import written_hdf5
-from tactuator.io.stamps import read_stamps
-from tactuator.signals.record import Record
+from tactuator.io.hdf5 import written_hdf5
+from tactuator.signals.record import FrequencyResponse, Record
+
+_MOST_DROPPED = 0.02
+_RATE_TOLERANCE = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Stamps:
+    """Time stamps on an even grid. rate_hz: even rate. place: where each sample stands on the even grid, in samples,
+    (n,). count: of that grid.
+
+    even: the samples are the grid already. remarks: what is wrong, to be said.
+    """
+
+    rate_hz: float
+    place: FloatArray
+    count: int
+    even: bool
+    remarks: tuple[str, ...]
+
+    def spread(self, values: FloatArray, hold: bool) -> FloatArray:
+        """Return the values (n,) on the even grid (count,): held (a command) or interpolated (a position)."""
+        if self.even:
+            return values
+        grid = np.arange(self.count, dtype=np.float64)
+        if hold:
+            index = np.clip(np.searchsorted(self.place, grid + 0.5, side="right") - 1, 0, values.size - 1)
+            return values[index]
+        return np.asarray(interpolate.make_interp_spline(self.place, values, k=min(3, values.size - 1))(grid))
+
+
+def read_stamps(time_s: FloatArray, rate_hz: float | None) -> Stamps:
+    """Judge stamps (n,), seconds. BadInput where they do not ascend, contradict rate_hz, or too much is missing."""
+    if time_s.size < 3:
+        raise BadInput(f"{time_s.size} time stamps", "3 or more")
+    bad = np.flatnonzero(~np.isfinite(time_s))
+    if bad.size:
+        raise BadInput(f"the time stamp in row {bad[0] + 1} is not a number", "seconds")
+    step = np.diff(time_s)
+    back = np.flatnonzero(step <= 0.0)
+    if back.size > max(0.3 * step.size, 0) or np.median(step) <= 0.0:
+        raise BadInput("the time stamps do not ascend", "stamps that do (printed with enough digits)")
+    typical = _typical_step(step)
+    if back.size and np.min(step) < -0.5 * typical:
+        raise BadInput(f"time goes back in row {int(np.argmin(step)) + 2}", "stamps that ascend")
+    jumps = np.maximum(np.round(step / typical), 1.0)
+    missing = int(np.sum(jumps - 1.0)) if np.any(step > 1.6 * typical) else 0
+    if missing == 0:
+        jumps[:] = 1.0
+    place_by_count = np.concatenate([[0.0], np.cumsum(jumps)])
+    rate = place_by_count[-1] / (time_s[-1] - time_s[0])
+    if rate_hz is not None and abs(rate_hz / rate - 1.0) > _RATE_TOLERANCE:
+        raise BadInput(f"the rate given is {rate_hz:g} Hz, the time stamps say {rate:.6g} Hz", "one that agrees")
+    if missing > _MOST_DROPPED * time_s.size:
+        raise BadInput(f"{missing} of {time_s.size + missing} samples are missing", "2 % at most")
+    return _judge(time_s, rate, place_by_count, missing)
+
+
+def _typical_step(step: FloatArray) -> float:
+    """Return the median step, sharpened by the mean of all that are near it (stamps rounded to few digits
+    alternate).
+    """
+    median = float(np.median(step))
+    near = np.abs(step - median) <= 0.6 * median
+    return float(np.mean(step[near]))
+
+
+def _quantum(time_s: FloatArray) -> float:
+    """Return the last decimal place that the stamps were printed with, seconds; 0 where they have all their digits."""
+    some = time_s[:1000]
+    for digits in range(10):
+        scaled = some * 10.0**digits
+        if np.max(np.abs(scaled - np.round(scaled))) < 1e-5:
+            return float(10.0**-digits)
+    return 0.0
+
+
+def _judge(time_s: FloatArray, rate: float, by_count: FloatArray, missing: int) -> Stamps:
+    place = (time_s - time_s[0]) * rate
+    offset = float(np.mean(place - by_count))
+    astray = place - by_count - offset
+    worst, usual = float(np.max(np.abs(astray))), float(np.sqrt(np.mean(astray**2)))
+    count = int(by_count[-1]) + 1
+    remarks = []
+    if missing:
+        remarks.append(f"{missing} samples are missing: filled in between their neighbours")
+    if usual <= 0.02 + 0.6 * _quantum(time_s) * rate and worst <= 1.0:
+        # no more than what was lost in printing them
+        return Stamps(rate, by_count, count, missing == 0, tuple(remarks))
+    if usual > 0.35 * np.sqrt(max(count, 1)) or np.any(np.diff(place) <= 0.0):
+        raise BadInput(f"the time stamps are uneven (off by {worst:.3g} steps)", "an even rate")
+    remarks.append(f"the time stamps are uneven (off by up to {worst:.2g} steps): resampled at an even {rate:.6g} Hz")
+    return Stamps(rate, np.clip(place, 0.0, count - 1.0) + 1e-9 * np.arange(place.size), count, False, tuple(remarks))
+
+
+FREQUENCY_NAMES = ("frequency_hz", "frequency", "freq_hz", "freq", "f_hz", "hz", "f")
+MAGNITUDE_NAMES = ("magnitude", "gain", "amplitude", "abs", "mag", "magnitude_v")
+LEVEL_NAMES = ("magnitude_db", "gain_db", "level_db", "mag_db", "db", "amplitude_db")
+PHASE_NAMES = {"phase_deg": np.pi / 180.0, "phase_degrees": np.pi / 180.0, "phase_rad": 1.0, "phase": np.pi / 180.0}
+REAL_NAMES, IMAGINARY_NAMES = ("real", "re", "response_real"), ("imag", "imaginary", "im", "response_imag")
+_TYPICAL = 0.01
+"""Relative error of a magnitude that comes without one: a tenth of a decibel."""
+
+
+def is_response(path: Path) -> bool:
+    """Return true where a file's columns are a frequency and a magnitude (or real and imaginary part), and no time."""
+    try:
+        columns = read_columns(path)
+    except BadInput:
+        return False
+    names = {name.lower() for name in columns.values}
+    parts = bool(names & set(REAL_NAMES)) and bool(names & set(IMAGINARY_NAMES))
+    return bool(names & set(FREQUENCY_NAMES)) and (parts or bool(names & {*MAGNITUDE_NAMES, *LEVEL_NAMES}))
+
+
+def read_foreign_response(path: Path) -> FrequencyResponse:
+    """Return the response in a file; points that are no number are left out and told. Raises BadInput."""
+    columns = read_columns(path)
+    try:
+        return _assembled(path, columns)
+    except BadInput as error:
+        raise error.within(f"response {path}") from None
+
+
+def _assembled(path: Path, columns: Columns) -> FrequencyResponse:
+    lower = {name.lower(): values for name, values in columns.values.items()}
+    frequency = _first(lower, FREQUENCY_NAMES)
+    level, magnitude = _first(lower, LEVEL_NAMES), _first(lower, MAGNITUDE_NAMES)
+    real, imaginary = _first(lower, REAL_NAMES), _first(lower, IMAGINARY_NAMES)
+    if level is None and magnitude is None and real is not None and imaginary is not None:
+        magnitude = np.hypot(real, imaginary)
+        lower["phase_rad"] = np.arctan2(imaginary, real)
+    if frequency is None or (level is None and magnitude is None):
+        raise BadInput(
+            f"columns {', '.join(columns.values)}",
+            "frequency_hz with magnitude or magnitude_db (and phase_deg), or with real and imag",
+        )
+    size = magnitude if magnitude is not None else 10.0 ** (np.asarray(level) / 20.0)
+    phase = next((lower[name] * factor for name, factor in PHASE_NAMES.items() if name in lower), None)
+    deviation, said = _deviation(lower, size.size)
+    known = np.isfinite(frequency) & np.isfinite(size) & np.isfinite(deviation)
+    remarks = [*columns.remarks, *([said] if said else [])]
+    if phase is not None and np.mean(np.isfinite(phase)) < 0.5:
+        raise BadInput(
+            f"the phase is missing at {int(np.sum(~np.isfinite(phase)))} of {phase.size} points",
+            "fewer than half, or no phase column at all (then the least phase is taken)",
+        )
+    if phase is not None:
+        known &= np.isfinite(phase)
+    if not np.all(known):
+        remarks.append(f"{int(np.sum(~known))} of {known.size} points are no numbers and are left out")
+    if phase is None:
+        remarks.append("there is no phase: that of least lag is taken, without dead time")
+    order = np.argsort(frequency[known], kind="stable")
+    picked = [one[known][order] for one in (frequency, size, deviation)]
+    turned = None if phase is None else phase[known][order]
+    about = {"file": path.name, "kind": "response"}
+    return FrequencyResponse(
+        picked[0],
+        picked[1],
+        turned,
+        picked[2],
+        about,
+        tuple(remarks),
+        assumed=not {"confidence_db", "coherence"} & set(lower),
+    )
+
+
+def _first(columns: dict[str, FloatArray], names: tuple[str, ...]) -> FloatArray | None:
+    return next((columns[name] for name in names if name in columns), None)
+
+
+def _deviation(columns: dict[str, FloatArray], count: int) -> tuple[FloatArray, str]:
+    """Return the relative standard error, by a confidence in decibels (95 %) or by the coherence of one average."""
+    if "confidence_db" in columns:
+        return np.maximum((10.0 ** (columns["confidence_db"] / 20.0) - 1.0) / 1.96, 1e-5), ""
+    if "coherence" in columns:
+        share = np.clip(columns["coherence"], 1e-3, 1.0 - 1e-6)
+        return np.maximum(np.sqrt((1.0 - share) / (2.0 * share)), 1e-4), "the coherence is taken to be of one average"
+    return np.full(count, _TYPICAL), "there is no confidence: 1 % of the magnitude is taken"
+
 
 FORMAT = "tactuator-record/1"
 INPUT_NAMES = ("command_v", "command", "input", "u", "voltage", "in", "uest", "vir", "torque", "force", "current")

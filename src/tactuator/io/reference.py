@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_path, write_text
-from tactuator.io.formats.hdf5 import opened_hdf5, written_hdf5
-from tactuator.io.formats.sound import forget_time, require_whole, without_remarks
-from tactuator.io.formats.text import read_finite_json
+from tactuator.io.hdf5 import opened_hdf5, written_hdf5
+from tactuator.io.sound import forget_time, require_whole, without_remarks
+from tactuator.io.text import read_finite_json
 
 FULL_SCALE_DB_SL = 60.0
 BLOCK_FRAMES = 1 << 14

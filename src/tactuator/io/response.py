@@ -13,7 +13,7 @@ import numpy as np
 from tactuator import __version__
 from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_path
-from tactuator.io.formats.hdf5 import opened_hdf5, written_hdf5
+from tactuator.io.hdf5 import opened_hdf5, written_hdf5
 from tactuator.signals.record import Response
 
 FORMAT = "tactuator-response/1"

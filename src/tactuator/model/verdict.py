@@ -11,7 +11,17 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from tactuator.model.objectives import OBJECTIVES
+OBJECTIVES = {
+    "i": "|H| follows the threshold curve over the band, without load",
+    "ii": "every mains line is felt below threshold",
+    "iii": "noise is felt below threshold in every third octave, and no resonance stands out",
+    "iv": "a finger's load does not change |H| at low frequencies",
+    "build": "a board takes the controller as an image",
+}
+"""What each objective asks for, in words, by its number; verdicts name them in this order."""
+
+OF_THE_LOOP = ("i", "ii", "iii", "iv")
+"""Objectives that a closed loop has to be stable for."""
 
 
 class Outcome(StrEnum):

@@ -22,7 +22,7 @@ from tactuator.io.record import write_record
 from tactuator.measure.error import ChannelPrediction
 from tactuator.measure.open_loop import Calibrated, CalibratedChannel, CalibrationRequest, Flatness, NoEqualiser
 from tactuator.model.controller import ChannelController, Controller
-from tactuator.model.document import display_document
+from tactuator.model.description import display_document
 from tactuator.signals.decibels import db
 from tactuator.signals.record import Record
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_path
-from tactuator.io.formats.text import parse_toml, read_text
+from tactuator.io.text import parse_toml, read_text
 
 CHECKOUT = Path(__file__).resolve().parents[3]
 _PACKED = Path(__file__).resolve().parents[1] / "sources"

@@ -8,8 +8,7 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.model.controller import ChannelController
-from tactuator.model.touch import FeedForward
+from tactuator.model.controller import ChannelController, FeedForward
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.coefficients import FEEDBACK_SECTIONS_MAX, delta_coefficients_single
 from tactuator.signals.discretise import matrix_exponential

@@ -21,7 +21,7 @@ from tactuator.arrays import FloatArray
 from tactuator.entry_points import plugin, plugins
 from tactuator.errors import BadInput
 from tactuator.io.atomic import write_text
-from tactuator.io.formats.text import parse_toml, read_text
+from tactuator.io.text import parse_toml, read_text
 from tactuator.speech.options import CODING
 
 GROUP = "tactuator.codings"

@@ -15,7 +15,7 @@ import soundfile
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.io.formats.sound import require_whole, without_remarks
+from tactuator.io.sound import require_whole, without_remarks
 
 BLOCK_FRAMES = 1 << 16
 SHORTEST_S = 0.1

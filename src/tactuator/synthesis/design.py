@@ -15,10 +15,9 @@ from threadpoolctl import threadpool_limits
 from tactuator import __version__
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput, NoDesign
-from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
+from tactuator.model.controller import AntiWindup, ChannelController, Controller, FeedForward, Limits
 from tactuator.model.description import KNOWN_EDGE, Channel, Display
 from tactuator.model.plant import DERIVATIVES
-from tactuator.model.touch import FeedForward
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.loop import TwoDegreeLoop

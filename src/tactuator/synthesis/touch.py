@@ -11,9 +11,9 @@ import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
+from tactuator.model.controller import PREVIEW_MAX, FeedForward
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import Load
-from tactuator.model.touch import PREVIEW_MAX, FeedForward
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis.family import UNLOADED

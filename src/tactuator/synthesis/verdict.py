@@ -20,11 +20,9 @@ import numpy as np
 from scipy import special
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.model.controller import ChannelController, Controller
+from tactuator.model.controller import ChannelController, Controller, FeedForward
 from tactuator.model.description import Channel, Display
-from tactuator.model.objectives import OF_THE_LOOP
-from tactuator.model.touch import FeedForward
-from tactuator.model.verdict import Finding, Outcome, Verdict, compared, rests_on, verdict_of
+from tactuator.model.verdict import OF_THE_LOOP, Finding, Outcome, Verdict, compared, rests_on, verdict_of
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import TwoDegreeLoop, margins
 from tactuator.signals.spectra import third_octave_bands

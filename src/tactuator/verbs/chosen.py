@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def chosen_display(display: "Display | Place", curve: "Any" = None) -> "Display":
     """Return the display, or that of a file; with a curve, or the name or file of one, in place of its own."""
-    from tactuator.io.curve import resolve_curve
+    from tactuator.io.csv_tables import resolve_curve
     from tactuator.io.display import read_display, with_curve
     from tactuator.model.description import Display
     from tactuator.perception.curve import ThresholdCurve
@@ -68,7 +68,7 @@ def chosen_controller(display: "Display | Place | None", controller: "Controller
 def paper_display() -> "Display":
     """Return the display as the paper describes it, index finger first, with two plausible siblings."""
     from tactuator.io.display import read_display
-    from tactuator.io.start.shipped import EXAMPLES
+    from tactuator.io.shipped import EXAMPLES
 
     return read_display(EXAMPLES / "display.toml")
 

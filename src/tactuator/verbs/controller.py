@@ -317,7 +317,7 @@ def image(
     >>> tt.image("image.bin", controller).is_of_controller
     True
     """
-    from tactuator.io.formats.text import read_content
+    from tactuator.io.text import read_content
     from tactuator.runtime.image import REASONS, ImageRefusal, check_image, read_image_header
 
     path = Path(file)

@@ -233,7 +233,7 @@ def observe(
     from tactuator.experiment.session.task import SystemClock
     from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
     from tactuator.experiment.store.store import opened_store, sessions_of
-    from tactuator.io.curve import read_relative_curve
+    from tactuator.io.csv_tables import read_relative_curve
     from tactuator.rig.finger import touchable, usual_load
 
     study, text = read_protocol(Path(protocol))
@@ -363,7 +363,7 @@ def thresholds(
     '1'
     """
     from tactuator.experiment.result.store_results import store_results
-    from tactuator.io.curve import write_curve
+    from tactuator.io.csv_tables import write_curve
 
     with working("refitting the runs"):
         results = store_results(Path(store), group, reference, keep_flagged)
@@ -474,7 +474,7 @@ def simulate(
 ) -> QualityResult:
     """Say how good a procedure's estimates are. It is run many times against a Weibull observer."""
     from tactuator.experiment.simulated.procedure_quality import Setting
-    from tactuator.io.curve import read_relative_curve
+    from tactuator.io.csv_tables import read_relative_curve
 
     setting = Setting(runs, _slope_range(slope), lapse, start_db, seed, guess, drift_db, loud_share)
     if procedure != "curve" and truth is not None:

@@ -40,7 +40,7 @@ def calibrate(
     <Calibration gain: 0.1992 ± 0.00024 V/mm, offset: 0.03181 ± 0.0014 V, refused: p10>
     """
     from tactuator.identification.calibration import fit_line
-    from tactuator.io.pairs import read_pairs
+    from tactuator.io.csv_tables import read_pairs
     from tactuator.verbs.identified import CalibrationResult
 
     read = read_pairs(Path(pairs))
@@ -295,8 +295,7 @@ def identify(
     from tactuator.identification.fixed.value import Fixed
     from tactuator.identification.identify import identify as identified
     from tactuator.identification.validation import validated
-    from tactuator.io.foreign_response import is_response
-    from tactuator.io.record import read_record
+    from tactuator.io.record import is_response, read_record
     from tactuator.signals.record import Record
     from tactuator.verbs.identified import IdentificationResult
 
@@ -337,7 +336,7 @@ def identify(
 def _response_model(path: Path, asked: Any, out: Place | None) -> "ResponseModelResult":
     """Identify a frequency response."""
     from tactuator.identification.by_response import identify_response
-    from tactuator.io.foreign_response import read_foreign_response
+    from tactuator.io.record import read_foreign_response
     from tactuator.verbs.identified import ResponseModelResult
 
     with working("identifying") as step:

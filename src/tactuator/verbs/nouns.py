@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tactuator.model.description import Display
-from tactuator.model.document import display_document
+from tactuator.model.description import Display, display_document
 from tactuator.model.plant_model import PlantModel
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.decibels import db

@@ -207,7 +207,7 @@ def information(
     from tactuator.experiment.result import information as estimates
     from tactuator.experiment.result.confusion import recognition_results
     from tactuator.experiment.store.store import Store
-    from tactuator.io.matrix import read_matrix
+    from tactuator.io.csv_tables import read_matrix
 
     if (store is None) == (matrix is None):
         raise BadInput("--store and --matrix", "one of the two")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tactuator.errors import BadInput
-from tactuator.io.start.template import DISPLAY_KINDS, PROTOCOL_KINDS
+from tactuator.io.shipped import DISPLAY_KINDS, PROTOCOL_KINDS
 from tactuator.table import ResultTable
 from tactuator.verbs.parameters import Option, Place
 from tactuator.verbs.result import Result, promoted
@@ -55,8 +55,7 @@ def init(
     >>> tt.init(out="mine.toml").headline()["first"]
     'mine.toml'
     """
-    from tactuator.io.start.shipped import copy_examples, write_all
-    from tactuator.io.start.template import protocol_items, protocol_template
+    from tactuator.io.shipped import copy_examples, protocol_items, protocol_template, write_all
 
     if examples is not None:
         if like is not None or model is not None or protocol is not None:
@@ -82,7 +81,7 @@ def init(
 def _display_text(kind: str, model: Place | None, out: Path) -> str:
     """Return the text of a display file of that kind, with the model of a file as its plant if there is one."""
     from tactuator.io.model import read_model as read
-    from tactuator.io.start.template import display_template, with_model
+    from tactuator.io.shipped import display_template, with_model
 
     text = display_template(kind)
     return text if model is None else with_model(text, read(Path(model)), os.path.relpath(model, out.parent))
@@ -127,7 +126,7 @@ def read_curve(name_or_path: Place) -> "CurveResult":
     >>> tt.read_curve("curve.csv")
     <Curve name: S1, provenance: synthetic, band: 0.4 to 300 Hz, points: 12>
     """
-    from tactuator.io.curve import resolve_curve
+    from tactuator.io.csv_tables import resolve_curve
     from tactuator.verbs.nouns import CurveResult
 
     return promoted(CurveResult, resolve_curve(str(name_or_path)))

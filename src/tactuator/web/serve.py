@@ -104,7 +104,7 @@ def _operator_token(path: Path | None) -> str:
     """Return the token of the file's first line, of the environment, or a fresh one; never of the command line, which
     every user of the machine can read. Raises BadInput for one that may be guessed.
     """
-    from tactuator.io.formats.text import read_text
+    from tactuator.io.text import read_text
 
     try:
         given = os.environ.get(TOKEN_VARIABLE) if path is None else read_text(path).partition("\n")[0].strip()

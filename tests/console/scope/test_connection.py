@@ -12,7 +12,7 @@ from tactuator.console.app import build_console
 from tactuator.console.scope.routes import CLOSE_NO_RIG
 from tactuator.console.workshop import Workshop
 from tactuator.io.record import read_record
-from tactuator.io.start.shipped import EXAMPLES
+from tactuator.io.shipped import EXAMPLES
 from tactuator.web.sockets import CLOSE_FORBIDDEN
 from tests.console.pages import TOKEN
 from tests.console.scope.rig_page import Page

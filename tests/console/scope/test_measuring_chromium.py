@@ -14,7 +14,7 @@ from tactuator.console.scope.host import RigHost
 from tactuator.console.workshop import FILE, Workshop
 from tactuator.io.controller import read_controller, write_controller
 from tactuator.io.reference import ReferenceHead, write_reference
-from tactuator.io.start.shipped import EXAMPLES
+from tactuator.io.shipped import EXAMPLES
 from tactuator.rig.board.link import Mode
 from tests.console.held_rig.board_at_port import board_at_port
 from tests.console.pages import TOKEN, go, saved_by, tab_to, watched_page

@@ -10,7 +10,7 @@ from tactuator.console.views.display_text import DisplayJudge, DisplayRead, Disp
 from tactuator.console.views.toml_places import line_of, with_literal
 from tactuator.console.workshop import Workshop
 from tactuator.errors import BadInput
-from tactuator.io.start.shipped import EXAMPLES, example_names
+from tactuator.io.shipped import EXAMPLES, example_names
 from tests.console.pages import console_page, go, saved_by, tab_to
 
 EXAMPLE = (EXAMPLES / "display.toml").read_text("utf-8")

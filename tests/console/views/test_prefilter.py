@@ -11,7 +11,7 @@ from tactuator.console.views.prefilter import PersonalCurve, PrefilterFitted, Pr
 from tactuator.console.workshop import FILE, Workshop
 from tactuator.errors import BadInput
 from tactuator.io.controller import read_controller
-from tactuator.io.start.shipped import EXAMPLES
+from tactuator.io.shipped import EXAMPLES
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis.family import sampled_plant
 from tests.console.pages import console_page, go, saved_by, tab_to

@@ -14,7 +14,7 @@ from tactuator.console.views.speech import SpeechRendered
 from tactuator.console.workshop import FILE, Workshop
 from tactuator.errors import BadInput
 from tactuator.io.reference import open_reference
-from tactuator.io.start.shipped import EXAMPLES
+from tactuator.io.shipped import EXAMPLES
 from tests.console.pages import TOKEN, console_page, go, tab_to
 from tests.console.views.dropped import dropped
 from tests.web.server import served

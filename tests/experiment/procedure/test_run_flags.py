@@ -70,7 +70,7 @@ def test_flags__drift__is_raised_more_often_than_without() -> None:
 
 @pytest.mark.parametrize("kind", ["curve", "imece2004", "quest-plus", "up-down"])
 def test_flags__loud_share_of_the_figures__is_that_of_the_shipped_protocols(kind: str) -> None:
-    text = files("tactuator.io.start.examples.protocols").joinpath(f"{kind}.toml").read_text()
+    text = files("tactuator.io.examples.protocols").joinpath(f"{kind}.toml").read_text()
     assert tomllib.loads(text)["catch"]["loud_share"] == LOUD_SHARE
 
 

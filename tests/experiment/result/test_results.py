@@ -16,7 +16,7 @@ from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers, with_truths
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
-from tactuator.io.curve import read_curve, write_curve
+from tactuator.io.csv_tables import read_curve, write_curve
 from tactuator.perception.curve import RelativeCurve, curve
 from tactuator.report.felt import psychometric_plate
 from tests.experiment.session.apparatuses import PROTOCOL, apparatus

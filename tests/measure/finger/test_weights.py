@@ -9,7 +9,7 @@ import pytest
 
 from tactuator.cli.main import main
 from tactuator.io.controller import write_controller
-from tactuator.io.start.shipped import EXAMPLES
+from tactuator.io.shipped import EXAMPLES
 from tactuator.measure.adaptive import settle_weights
 from tactuator.model.plant import Load
 from tactuator.rig.rig import WrappedRig

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactuator.io.curve import resolve_curve
+from tactuator.io.csv_tables import resolve_curve
 from tactuator.io.display import parse_display, with_curve
 from tactuator.model.description import Display
 from tactuator.perception.curve import ThresholdCurve

@@ -129,7 +129,7 @@ def test_impulse_response__of_sections__has_their_response():
 
 
 def test_toml__of_a_display__is_read_as_the_same(tmp_path: Path):
-    from tactuator.model.document import display_document
+    from tactuator.model.description import display_document
 
     display = exciter_display(EXCITER, ("a", 'b "quoted" µ'))
     made: Controller = flat_controller(display)

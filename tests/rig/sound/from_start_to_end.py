@@ -27,7 +27,7 @@ from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.trial import Trial
 from tactuator.io.controller import write_controller
 from tactuator.io.display import parse_display
-from tactuator.io.start.shipped import EXAMPLES
+from tactuator.io.shipped import EXAMPLES
 from tactuator.model.controller import Controller
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.exciter import Exciter

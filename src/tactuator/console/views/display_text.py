@@ -12,8 +12,8 @@ from tactuator.console.asked import Answer, Name, ViewRequest
 from tactuator.console.views.toml_places import line_of, literal, with_literal
 from tactuator.console.workshop import Workshop
 from tactuator.errors import BadInput, TactuatorError
-from tactuator.io.formats.text import parse_toml, read_text
-from tactuator.io.start.template import display_template
+from tactuator.io.shipped import display_template
+from tactuator.io.text import parse_toml, read_text
 from tactuator.model.description import SHARED_TABLES, Channel, Display, keys_of
 from tactuator.parameters import choices, default, parameters
 

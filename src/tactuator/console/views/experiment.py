@@ -15,7 +15,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.export.export import FORMS
 from tactuator.experiment.protocol.file import read_any_protocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
-from tactuator.io.start.shipped import EXAMPLES, example_names
+from tactuator.io.shipped import EXAMPLES, example_names
 
 STORE = "lab.db"
 _EXAMPLE = "example:"

@@ -20,9 +20,8 @@ from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
 from tactuator.identification.validation import validated
 from tactuator.io.columns import read_columns
-from tactuator.io.foreign_response import is_response, read_foreign_response
 from tactuator.io.model import identified_text
-from tactuator.io.record import read_record
+from tactuator.io.record import is_response, read_foreign_response, read_record
 from tactuator.model.plant_model import PlantModel
 from tactuator.report.tables import identification_rows, response_rows
 from tactuator.signals.record import Record

@@ -15,7 +15,7 @@ from tactuator.console.asked import Answer, Finite, Name, ViewRequest
 from tactuator.console.figures import verdict_rows
 from tactuator.console.workshop import Workshop
 from tactuator.io.controller import controller_text
-from tactuator.io.curve import curve_text, read_curve
+from tactuator.io.csv_tables import curve_text, read_curve
 from tactuator.io.display import with_curve
 from tactuator.model.description import Channel
 from tactuator.perception.curve import ThresholdCurve

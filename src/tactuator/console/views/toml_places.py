@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 
 from tactuator.errors import BadInput
-from tactuator.io.formats.text import parse_toml
+from tactuator.io.text import parse_toml
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([\w.]+)\s*\]\]?\s*(?:#.*)?$")
 _KEY = re.compile(r"^(\s*(\w+)\s*=\s*)(.*)$")

@@ -11,7 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from tactuator.errors import BadInput
-from tactuator.io.formats.text import parse_toml, read_text
+from tactuator.io.text import parse_toml, read_text
 
 _SOURCE_LANGUAGE = "en"
 _TEXT_LENGTH_MAX = 400

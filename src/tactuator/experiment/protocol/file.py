@@ -12,7 +12,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.protocol.study import StudyProtocol
-from tactuator.io.formats.text import parse_toml, read_text
+from tactuator.io.text import parse_toml, read_text
 
 _P = TypeVar("_P", bound=StudyProtocol)
 _RECOGNITION_TABLES = {"recognition", "item", "block"}

@@ -18,7 +18,7 @@ from tactuator.experiment.result.played import catch_kinds
 from tactuator.experiment.result.thresholds import DISQUALIFYING, MeasuredThreshold, names_of_people, thresholds
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
-from tactuator.io.curve import resolve_curve
+from tactuator.io.csv_tables import resolve_curve
 from tactuator.perception.curve import Provenance, ThresholdCurve
 from tactuator.perception.psychometric import Psychometric, Weibull
 

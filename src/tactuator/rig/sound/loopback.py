@@ -8,10 +8,9 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.io.curve import resolve_curve
+from tactuator.io.csv_tables import resolve_curve
 from tactuator.model.description import Channel, Converter, Display, Threshold
-from tactuator.model.requirements import FeedbackRequirements
-from tactuator.model.sound_card import SoundCard, Wires
+from tactuator.model.requirements import FeedbackRequirements, SoundCard, Wires
 from tactuator.rig.rig import PartlyDeaf, Rig
 from tactuator.signals.systems import ContinuousSystem
 

@@ -16,7 +16,7 @@ from tactuator.errors import BadInput, DeviceFault
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
-from tactuator.model.sound_card import SoundCard, Wires
+from tactuator.model.requirements import SoundCard, Wires
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.rig.rig import DisplayRig, Trace, join_traces
 from tactuator.rig.sound.cards import find_card, list_cards, sound_name

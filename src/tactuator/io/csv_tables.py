@@ -1,18 +1,20 @@
-"""Threshold curves as CSV: `frequency_hz,level_db_re_1um` and, where measured, `standard_error_db`."""
+"""Small tables as CSV: threshold curves, pairs of a calibration, confusion matrices."""
 
 from __future__ import annotations
 
 import csv
 import io
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
+from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.atomic import write_text
-from tactuator.io.formats.text import read_text, table_rows
+from tactuator.io.text import read_text, table_rows
 from tactuator.perception.curve import (
     Provenance,
     RelativeCurve,
@@ -21,6 +23,100 @@ from tactuator.perception.curve import (
     curve_names,
     level_from_acceleration,
 )
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Pairs of a calibration. displacement_mm, voltage_v: (n,); names: how each pair is called (its own name column, or
+    its row).
+    """
+
+    displacement_mm: FloatArray
+    voltage_v: FloatArray
+    names: list[str]
+
+
+def read_pairs(path: str | Path) -> Pairs:
+    """Read a CSV with columns displacement_mm, voltage_v and, if there is one, name. BadInput, one line, otherwise."""
+    path = Path(path)
+    try:
+        rows = table_rows([line for line in read_text(path).split("\n") if not line.startswith("#")])
+    except BadInput as error:
+        raise BadInput(f"pairs {path}: {error}", "a CSV file that can be read") from None
+    header = [cell.strip().lower() for cell in rows[0]] if rows else []
+    for needed in ("displacement_mm", "voltage_v"):
+        if needed not in header:
+            raise BadInput(f"pairs {path}: there is no column {needed!r}", "displacement_mm,voltage_v[,name]")
+    x, v = header.index("displacement_mm"), header.index("voltage_v")
+    label = header.index("name") if "name" in header else None
+    numbers = [[_number(row, k, path, line) for k in (x, v)] for line, row in enumerate(rows[1:], start=2)]
+    table = np.array(numbers, dtype=np.float64).reshape(-1, 2)
+    names = [
+        row[label].strip() if label is not None and label < len(row) and row[label].strip() else f"row {line}"
+        for line, row in enumerate(rows[1:], start=2)
+    ]
+    return Pairs(table[:, 0], table[:, 1], names)
+
+
+def _number(row: list[str], column: int, path: Path, line: int) -> float:
+    cell = row[column].strip() if column < len(row) else ""
+    try:
+        value = float(cell)
+    except ValueError:
+        value = float("nan")
+    if not np.isfinite(value):
+        raise BadInput(f"pairs {path}: row {line} has {cell!r}", "a finite number")
+    return value
+
+
+@dataclass(frozen=True, eq=False)
+class NamedMatrix:
+    """A confusion matrix with names. counts: (stimuli, responses). Names are the file's, or 1, 2, 3, ..."""
+
+    counts: FloatArray
+    stimuli: tuple[str, ...]
+    responses: tuple[str, ...]
+
+
+def read_matrix(path: str | Path) -> NamedMatrix:
+    """Read a matrix; BadInput, one line, where the file cannot be read, is empty, ragged, or holds words for counts."""
+    path = Path(path)
+    try:
+        rows = table_rows([line for line in read_text(path).split("\n") if not line.startswith("#")])
+    except BadInput as error:
+        raise BadInput(f"matrix {path}: {error}", "a CSV file that can be read") from None
+    if not rows:
+        raise BadInput(f"matrix {path}: no rows", "a row of counts for each stimulus")
+    # A corner that is not a number, over rows that all begin with one or with a name, heads a column of names.
+    corner = not rows[0][0] or (not _is_number(rows[0][0]) and len(rows) == len(rows[0]))
+    names_across = corner or not all(_is_number(cell) for cell in rows[0][1:])
+    header, body = (rows[0], rows[1:]) if names_across else (None, rows)
+    names_down = corner or any(not _is_number(row[0]) for row in body)
+    if len({len(row) for row in rows}) != 1 or not body:
+        raise BadInput(f"matrix {path}: rows of {sorted({len(row) for row in rows})} cells", "rows of equal length")
+    first = 1 if names_down else 0
+    cells = [row[first:] for row in body]
+    for row in cells:
+        for cell in row:
+            if not _is_number(cell):
+                raise BadInput(f"matrix {path}: {cell!r} is not a number", "counts")
+    counts = np.array(cells, dtype=np.float64)
+    stimuli = tuple(row[0] for row in body) if names_down else _numbered(counts.shape[0])
+    responses = tuple(header[first:]) if header is not None else _numbered(counts.shape[1])
+    return NamedMatrix(counts, stimuli, responses)
+
+
+def _numbered(count: int) -> tuple[str, ...]:
+    return tuple(str(number + 1) for number in range(count))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
 
 _LEVEL, _ACCELERATION, _ERROR = "level_db_re_1um", "acceleration_m_s2_rms", "standard_error_db"
 _NUMBERS = ("frequency_hz", _LEVEL, _ACCELERATION, _ERROR)

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
-from tactuator.io.formats import table
-from tactuator.io.formats.table import read_table
+from tactuator.io import columns
+from tactuator.io.columns import read_table
 
 FORMS = ("{!r}", "{:.17g}", "{:.3e}", "{:.6f}", "{:+.4f}", "{:E}", " {:.12g} ")
 DELIMITERS = {",": ".", ";": ",", "\t": ","}
@@ -31,7 +31,7 @@ def test_read_table__numbers_in_any_form__are_those_of_float(
     lines = ["a" + mark + "b" + mark + "c", *(mark.join(row).replace(".", DELIMITERS[mark]) for row in cells)]
     path.write_bytes(end.join(lines).encode())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(table, "_PIECE_CHARACTERS", piece)
+        patch.setattr(columns, "_PIECE_CHARACTERS", piece)
         names, values, cut = read_table(path, 1000, 10000)
     assert names == ["a", "b", "c"]
     assert not cut
@@ -70,7 +70,7 @@ def test_read_table__limit_of_rows__is_kept_and_told(
 ) -> None:
     path = tmp_path / "t.csv"
     path.write_text("".join(f"{k},{k}\n" for k in range(10)) + "\n\n")
-    monkeypatch.setattr(table, "_PIECE_CHARACTERS", 10)
+    monkeypatch.setattr(columns, "_PIECE_CHARACTERS", 10)
     _, values, was_cut = read_table(path, most, 1000)
     assert (values[:, 1].tolist(), was_cut) == (list(range(read)), cut)
     _, values, was_cut = read_table(path, most, 12)

@@ -10,7 +10,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_any_protocol
 from tactuator.io.display import parse_display, read_display
 from tactuator.io.model import write_model
-from tactuator.io.start.template import (
+from tactuator.io.shipped import (
     DISPLAY_KINDS,
     PROTOCOL_KINDS,
     display_template,

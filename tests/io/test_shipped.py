@@ -6,14 +6,11 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import read_any_protocol
-from tactuator.io.curve import read_curve, read_relative_curve
+from tactuator.io.csv_tables import read_curve, read_matrix, read_pairs, read_relative_curve
 from tactuator.io.display import read_display
-from tactuator.io.foreign_response import is_response, read_foreign_response
-from tactuator.io.matrix import read_matrix
-from tactuator.io.pairs import read_pairs
-from tactuator.io.record import read_record
+from tactuator.io.record import is_response, read_foreign_response, read_record
 from tactuator.io.reference import open_reference
-from tactuator.io.start.shipped import EXAMPLES, copy_examples, example_names
+from tactuator.io.shipped import EXAMPLES, copy_examples, example_names
 from tactuator.speech.coding import coding_of, read_coding
 from tactuator.speech.reading import scan_speech
 

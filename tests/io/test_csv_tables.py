@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.io.curve import read_curve, resolve_curve, write_curve
+from tactuator.io.csv_tables import read_curve, resolve_curve, write_curve
 from tactuator.perception.curve import ThresholdCurve
 
 

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactuator.io.columns import read_columns
-from tactuator.io.formats.cut_off import last_number_cut_off
+from tactuator.io.columns import last_number_cut_off, read_columns
 
 
 def written(folder: Path, form: str, delimiter: str = ",", rows: int = 400) -> Path:

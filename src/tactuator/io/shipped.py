@@ -1,18 +1,18 @@
-"""Display and protocol files to start from: the text of a shipped example, with an identified model in it."""
+"""The examples that come with tactuator: copied out, and as display and protocol files to start from."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactuator.errors import BadInput
-from tactuator.io.start.shipped import EXAMPLES
 
-if TYPE_CHECKING:  # the kinds are asked for by the command line, which must not load NumPy for that
+if TYPE_CHECKING:
     from tactuator.model.plant_model import PlantModel
+
 
 DISPLAY_KINDS = ("tactuator", "voice-coil", "lra", "exciter", "piezo")
 PROTOCOL_KINDS = ("imece2004", "up-down", "quest-plus", "curve", "recognition", "middle-of-three", "abx")
@@ -74,3 +74,64 @@ def _band(text: str, model: PlantModel) -> tuple[float, float]:
             "a model that covers part of it",
         )
     return low, high
+
+
+EXAMPLES = Path(__file__).parent / "examples"
+"""The folder of examples in the installed package."""
+
+
+def example_names() -> tuple[str, ...]:
+    """Return the paths of all examples, relative to their folder, in alphabetical order."""
+    return tuple(sorted(path.relative_to(EXAMPLES).as_posix() for path in EXAMPLES.rglob("*") if path.is_file()))
+
+
+def copy_examples(folder: Path) -> tuple[Path, ...]:
+    """Write a copy of every example into `folder`, which is made if it is not there, and return the paths written.
+
+    A file that is there already with the same content stays. Raises BadInput, with nothing written, for one with
+    another content, and for a folder that cannot be written.
+    """
+    contents = {folder / name: (EXAMPLES / name).read_bytes() for name in example_names()}
+    write_all(contents)
+    return tuple(contents)
+
+
+def write_all(contents: Mapping[Path, bytes]) -> None:
+    """Write every file, or none if one of them fails; folders that are not there are made.
+
+    A file that is there already with the same content stays. Raises BadInput for one with another content, and where
+    a folder cannot be written.
+    """
+    missing = {target: content for target, content in contents.items() if not _is_there(target, content)}
+    written: list[Path] = []
+    made: list[Path] = []
+    try:
+        for target, content in missing.items():
+            made += _made_folders(target.parent)
+            written.append(target)
+            target.write_bytes(content)
+    except BaseException as error:
+        for path in written:
+            path.unlink(missing_ok=True)
+        for path in reversed(made):
+            path.rmdir()
+        if isinstance(error, OSError):
+            raise BadInput(f"{target} cannot be written: {error.strerror}", "another folder") from None
+        raise
+
+
+def _is_there(target: Path, content: bytes) -> bool:
+    """Return whether the file lies there already; raise BadInput where something else does."""
+    if not target.exists():
+        return False
+    if not target.is_file() or target.read_bytes() != content:
+        raise BadInput(f"{target} is there already, and not the example", "a folder without it")
+    return True
+
+
+def _made_folders(folder: Path) -> list[Path]:
+    """Make a folder and those above it; return those that were not there, the highest first."""
+    missing = [one for one in (folder, *folder.parents) if not one.exists()][::-1]
+    for one in missing:
+        one.mkdir()
+    return missing
