@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from tactuator.errors import BadInput
 from tactuator.report.controller import design_plates, save_design_plates
 from tactuator.report.envelope import hull
-from tactuator.report.nichols import NicholsInput, nichols_plate
+from tactuator.report.nichols import nichols_plate
 from tactuator.report.plate import Plate
 from tactuator.signals.discretise import bilinear
 from tactuator.signals.loop import FeedbackLoop
@@ -27,8 +27,8 @@ def paper_chart() -> Plate:
     family = plant_family(channel(), 4000.0, 1)
     c = bilinear(paper.FEEDBACK, 4000.0)
     loops = [FeedbackLoop(c, one.sampled) for one in family]
-    shown = NicholsInput(loops[0], paper.PLANT, FeedbackLoop(paper.FEEDBACK, paper.PLANT), loops[1:])
-    return nichols_plate(shown, "fig07")
+    continuous = FeedbackLoop(paper.FEEDBACK, paper.PLANT)
+    return nichols_plate(loops[0], paper.PLANT, continuous, loops[1:], name="fig07")
 
 
 def boxes(plate: Plate) -> dict[str, tuple[float, float, float, float]]:

@@ -15,152 +15,129 @@ from numpy.typing import NDArray
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.calibration import Calibration
 from tactuator.identification.result import Identification
-from tactuator.io.atomic import atomic_folder
 from tactuator.measure.error import expected_v
 from tactuator.measure.noise import FeltNoise
 from tactuator.model.controller import Controller
-from tactuator.report.plate import Plate, save_plates
-from tactuator.report.style import BLUE, CYCLE, FAINT, GREEN, INK, ORANGE, RED, dress, figure, frequency_axis, legend
+from tactuator.report.plate import Plate, labelled, save_plates, table_of
+from tactuator.report.style import (
+    BLUE,
+    CYCLE,
+    FAINT,
+    GREEN,
+    INK,
+    ORANGE,
+    RED,
+    figure,
+    frequency_axis,
+    legend,
+    phase_deg,
+)
 from tactuator.signals.decibels import db
 from tactuator.signals.record import Response
 from tactuator.signals.spectra import power_spectrum
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
 
-def calibration_plate(found: Mapping[str, Calibration], name: str = "fig05") -> Plate:
+def calibration_plate(calibrations: Mapping[str, Calibration]) -> Plate:
     """Draw pairs and lines of one or more channels above, residuals in millivolts below; refused pairs are crossed."""
-    made, (upper, lower) = figure(2, 1, height_in=4.6, sharex=True, gridspec_kw={"height_ratios": (2.2, 1.0)})
-    table: dict[str, list[object]] = {"channel": [], "displacement_mm": [], "voltage_v": [], "residual_v": []}
-    for colour, (channel, one) in zip(CYCLE, found.items(), strict=False):
-        ends = np.array([one.displacement_mm.min(), one.displacement_mm.max()])
-        label = f"{channel}: {one.gain_v_per_mm:.5f} ± {one.gain_confidence_v_per_mm:.5f} V/mm"
-        upper.plot(ends, one.gain_v_per_mm * ends + one.offset_v, color=colour, linewidth=1.0, label=label)
-        upper.plot(one.displacement_mm, one.voltage_v, "o", color=colour, markersize=3.5, fillstyle="none")
-        lower.plot(one.displacement_mm, 1e3 * one.residual_v, "o", color=colour, markersize=3.5, fillstyle="none")
-        for refused in one.refused:
+    drawing, (upper, lower) = figure(2, 1, height_in=4.6, sharex=True, gridspec_kw={"height_ratios": (2.2, 1.0)})
+    rows: list[tuple[object, ...]] = []
+    for colour, (channel, fit) in zip(CYCLE, calibrations.items(), strict=False):
+        ends = np.array([fit.displacement_mm.min(), fit.displacement_mm.max()])
+        label = f"{channel}: {fit.gain_v_per_mm:.5f} ± {fit.gain_confidence_v_per_mm:.5f} V/mm"
+        upper.plot(ends, fit.gain_v_per_mm * ends + fit.offset_v, color=colour, linewidth=1.0, label=label)
+        upper.plot(fit.displacement_mm, fit.voltage_v, "o", color=colour, markersize=3.5, fillstyle="none")
+        lower.plot(fit.displacement_mm, 1e3 * fit.residual_v, "o", color=colour, markersize=3.5, fillstyle="none")
+        for refused in fit.refused:
             upper.plot(refused.displacement_mm, refused.voltage_v, "x", color=INK)
-        columns = (one.displacement_mm, one.voltage_v, one.residual_v)
-        for row in zip(*(column.tolist() for column in columns), strict=True):
-            for cells, cell in zip(table.values(), (channel, *row), strict=True):
-                cells.append(cell)
+        rows += labelled((channel,), fit.displacement_mm, fit.voltage_v, fit.residual_v)
     upper.set_ylabel("sensor (V)", fontsize=9)
     lower.set_ylabel("residual (mV)", fontsize=9)
     lower.set_xlabel("displacement at the fingerpad interface (mm)", fontsize=9)
     lower.axhline(0.0, color=INK, linewidth=0.6)
     legend(upper, loc="upper left")
-    worst = max(one.linearity_percent for one in found.values())
+    worst = max(fit.linearity_percent for fit in calibrations.values())
     caption = (
         "Sensor voltage against displacement read with a dial gauge, least-squares line, gain with its 95 % "
         f"confidence; linear within {worst:.2f} % of the span."
     )
-    return Plate(name, "Calibration of sensor gain", caption, made, table)
-
-
-_OWN_NAMES = frozenset(f"{name}.{ending}" for name in ("identification", "residual") for ending in ("svg", "csv"))
+    table = table_of(("channel", "displacement_mm", "voltage_v", "residual_v"), rows)
+    return Plate("fig05", "Calibration of sensor gain", caption, drawing, table)
 
 
 def identification_plate(found: Identification) -> Plate:
     """Draw magnitude and phase of the model with its 95 % band, over the record's own response; the band by itself
-    below.
+    below. Noise and distortion are drawn as the errors that they make of that response.
     """
     frequency = found.frequency_hz()
     value, band = found.model.response(frequency), found.model.band_db(frequency)
-    level = 20.0 * np.log10(np.abs(value))
-    made, (top, middle, bottom) = figure(3, 1, height_in=6.4, sharex=True)
+    level = db(value)
+    drawing, (top, middle, bottom) = figure(3, 1, height_in=6.4, sharex=True)
     shown = found.empirical.trusted()
     inside = (shown.frequency_hz >= frequency[0]) & (shown.frequency_hz <= frequency[-1])
-    own_hz, own, label = shown.frequency_hz[inside], shown.value[inside], "record's own in bands, hold included"
-    if found.distortion is not None:
-        own_hz, own, label = found.distortion.frequency_hz, found.distortion.value, "record's own lines, hold included"
-    top.plot(own_hz, 20.0 * np.log10(np.abs(own)), ".", color=FAINT, label=label)
+    seen_hz, seen, label = shown.frequency_hz[inside], shown.value[inside], "record's own in bands, hold included"
+    error = (np.abs(shown.value) * shown.relative_error)[inside]
+    errors: list[tuple[FloatArray, str, str, str, float]] = [(error, "noise and distortion in bands", ORANGE, "-", 1.5)]
+    if (lines := found.distortion) is not None:
+        seen_hz, seen, label = lines.frequency_hz, lines.value, "record's own lines, hold included"
+        least = 0.1 * float(np.min(lines.noise[lines.noise > 0.0], initial=np.inf))
+        parts = (
+            (lines.noise, "noise", ORANGE, "-"),
+            (lines.total, "noise and distortion", RED, "-"),
+            (lines.odd, "distortion, odd lines", RED, ":"),
+            (lines.even, "distortion, even lines", GREEN, ":"),
+        )
+        errors = [
+            (np.where(part > least, part, np.nan) if np.isfinite(least) else part, label, colour, line, 1.2)
+            for part, label, colour, line in parts
+        ]
+        errors = [part for part in errors if np.any(part[0] > 0.0)]
+    top.plot(seen_hz, db(seen), ".", color=FAINT, label=label)
     top.plot(frequency, level, color=BLUE, label="model")
     top.fill_between(frequency, level - band, level + band, color=BLUE, alpha=0.25, linewidth=0.0, label="95 % band")
-    _draw_levels(top, found, frequency)
-    top.set_ylabel(f"magnitude (dB {_ratio(found)})", fontsize=9)
+    for part, label, colour, line, width in errors:
+        top.plot(seen_hz, 20.0 * np.log10(part), line, color=colour, linewidth=width, label=label)
+    unit = f"{found.model.position_unit or 'unit'}/{found.model.command_unit or 'unit'}"
+    frequency_axis(top, frequency[0], frequency[-1], f"magnitude (dB re 1 {unit})", label=False)
     legend(top, loc="lower left")
-    middle.plot(own_hz, np.degrees(np.unwrap(np.angle(own))), ".", color=FAINT)
-    middle.plot(frequency, np.degrees(np.unwrap(np.angle(value))), color=BLUE)
-    middle.set_ylabel("phase (degrees)", fontsize=9)
+    middle.plot(seen_hz, phase_deg(seen), ".", color=FAINT)
+    middle.plot(frequency, phase_deg(value), color=BLUE)
+    frequency_axis(middle, frequency[0], frequency[-1], "phase (degrees)", label=False)
     bottom.plot(frequency, band, color=RED)
-    bottom.set_ylabel("half-width (dB)", fontsize=9)
-    for axes in (top, middle):
-        frequency_axis(axes, frequency[0], frequency[-1], label=False)
-    frequency_axis(bottom, frequency[0], frequency[-1])
-    columns = {
-        "frequency_hz": frequency.tolist(),
-        "magnitude_db": level.tolist(),
-        "phase_deg": np.degrees(np.unwrap(np.angle(value))).tolist(),
-        "band_db": band.tolist(),
-    }
+    frequency_axis(bottom, frequency[0], frequency[-1], "half-width (dB)")
+    names = ("frequency_hz", "magnitude_db", "phase_deg", "band_db")
     caption = (
         f"Model of {found.order} poles and {found.model.num.size - 1} zeros by the {found.model.method} estimator, "
         f"command {found.between.hold}, "
         f"fit {found.fit_percent:.2f} %."
     )
-    return Plate("identification", "Identified response", caption, made, columns)
-
-
-def _draw_levels(axes: Axes, found: Identification, frequency: FloatArray) -> None:
-    """Draw noise and distortion as the errors that they make of the record's own response."""
-    seen = found.distortion
-    if seen is None:
-        shown = found.empirical.trusted()
-        inside = (shown.frequency_hz >= frequency[0]) & (shown.frequency_hz <= frequency[-1])
-        error = (np.abs(shown.value) * shown.relative_error)[inside]
-        axes.plot(
-            shown.frequency_hz[inside], 20.0 * np.log10(error), color=ORANGE, label="noise and distortion in bands"
-        )
-        return
-    levels = (
-        (seen.noise, "noise", ORANGE, "-"),
-        (seen.total, "noise and distortion", RED, "-"),
-        (seen.odd, "distortion, odd lines", RED, ":"),
-        (seen.even, "distortion, even lines", GREEN, ":"),
-    )
-    lowest = 0.1 * float(np.min(seen.noise[seen.noise > 0.0], initial=np.inf))
-    for level, label, color, line in levels:
-        drawn = np.where(level > lowest, level, np.nan) if np.isfinite(lowest) else level
-        if np.any(drawn > 0.0):
-            axes.plot(seen.frequency_hz, 20.0 * np.log10(drawn), line, color=color, linewidth=1.2, label=label)
+    table = table_of(names, labelled((), frequency, level, phase_deg(value), band))
+    return Plate("identification", "Identified response", caption, drawing, table)
 
 
 def residual_plate(found: Identification, rate_hz: float) -> Plate:
     """Draw the spectra of the position and of what the model leaves of it."""
     resolution = max(1.0, 8.0 * rate_hz / found.measured.size)
     measured = power_spectrum(found.measured, rate_hz, resolution)
-    left = power_spectrum(found.measured - found.simulated, rate_hz, resolution)
-    made, axes = figure(1, 1, height_in=3.2)
-    shown = slice(1, None)
-    axes.plot(
-        measured.frequency_hz[shown], 10.0 * np.log10(measured.density[shown] + 1e-300), color=BLUE, label="position"
-    )
-    axes.plot(left.frequency_hz[shown], 10.0 * np.log10(left.density[shown] + 1e-300), color=ORANGE, label="residual")
+    residual = power_spectrum(found.measured - found.simulated, rate_hz, resolution)
+    drawing, axes = figure(1, 1, height_in=3.2)
+    for spectrum, colour, label in ((measured, BLUE, "position"), (residual, ORANGE, "residual")):
+        level = 10.0 * np.log10(spectrum.density[1:] + 1e-300)
+        axes.plot(spectrum.frequency_hz[1:], level, color=colour, label=label)
     unit = found.model.position_unit or "unit"
-    axes.set_ylabel(f"density (dB re 1 {unit}²/Hz)", fontsize=9)
-    frequency_axis(axes, float(measured.frequency_hz[1]), rate_hz / 2.0)
+    frequency_axis(axes, float(measured.frequency_hz[1]), rate_hz / 2.0, f"density (dB re 1 {unit}²/Hz)")
     legend(axes, loc="upper right")
     white = "white" if found.tests.white else "not white"
     free = "free of" if found.tests.uncorrelated_with_input else "not free of"
-    columns = {
-        "frequency_hz": measured.frequency_hz[shown].tolist(),
-        "position_density": measured.density[shown].tolist(),
-        "residual_density": left.density[shown].tolist(),
-    }
-    return Plate("residual", "Residual", f"The innovations are {white} and {free} the command.", made, columns)
+    columns = measured.frequency_hz[1:], measured.density[1:], residual.density[1:]
+    table = table_of(("frequency_hz", "position_density", "residual_density"), labelled((), *columns))
+    return Plate("residual", "Residual", f"The innovations are {white} and {free} the command.", drawing, table)
 
 
 def save_identification(found: Identification, folder: Path) -> None:
     """Write both plates (SVG and CSV) into `folder`, whole or not at all."""
     rate = float(found.model.record.get("rate_hz", 0.0) or 0.0)
-    with atomic_folder(folder, _OWN_NAMES) as beside:
-        identification_plate(found).save(beside)
-        if rate > 0.0:
-            residual_plate(found, rate).save(beside)
-
-
-def _ratio(found: Identification) -> str:
-    position, command = found.model.position_unit, found.model.command_unit
-    return f"re 1 {position or 'unit'}/{command or 'unit'}"
+    save_plates([identification_plate(found), *([residual_plate(found, rate)] if rate > 0.0 else [])], folder)
 
 
 def motor_plate(
@@ -169,86 +146,66 @@ def motor_plate(
     continuous: ContinuousSystem,
     sampled: SampledSystem,
     channel: str,
-    name: str = "fig04",
 ) -> Plate:
     """Draw magnitude and phase of y/u: measured at frequency_hz (n,), and both models between its ends."""
     low, high = float(frequency_hz.min()), float(frequency_hz.max())
     fine = np.geomspace(low, high, 400)
-    made, (upper, lower) = figure(2, 1, height_in=5.0, sharex=True)
+    drawing, (upper, lower) = figure(2, 1, height_in=5.0, sharex=True)
     models = ((continuous, BLUE, "-", "continuous model"), (sampled, RED, "--", "sampled model (zero-order hold)"))
     for system, colour, line, label in models:
         response = system.response(fine)
         upper.plot(fine, db(response), color=colour, linestyle=line, label=label)
-        lower.plot(fine, np.degrees(np.unwrap(np.angle(response))), color=colour, linestyle=line)
+        lower.plot(fine, phase_deg(response), color=colour, linestyle=line)
     upper.plot(frequency_hz, db(measured), "o", color=INK, markersize=3.5, fillstyle="none", label="measured")
-    phase = np.degrees(np.unwrap(np.angle(measured)))
-    lower.plot(frequency_hz, phase, "o", color=INK, markersize=3.5, fillstyle="none")
-    upper.set_ylabel("magnitude (dB)", fontsize=9)
-    lower.set_ylabel("phase (degrees)", fontsize=9)
-    frequency_axis(upper, low / 1.1, high * 1.1, label=False)
-    frequency_axis(lower, low / 1.1, high * 1.1)
+    lower.plot(frequency_hz, phase_deg(measured), "o", color=INK, markersize=3.5, fillstyle="none")
+    frequency_axis(upper, low / 1.1, high * 1.1, "magnitude (dB)", label=False)
+    frequency_axis(lower, low / 1.1, high * 1.1, "phase (degrees)")
     legend(upper, loc="lower left")
-    missing = db(measured) - db(sampled.response(frequency_hz))
+    levels = [db(measured), *(db(system.response(frequency_hz)) for system in (continuous, sampled))]
     caption = (
         f"Open-loop response of the {channel} motor, y over u, measured by stepped sine to {high:g} Hz, and the model "
-        f"identified from one record. At low frequencies friction takes up to {abs(float(missing.min())):.2f} dB of "
-        "the motion."
+        f"identified from one record. At low frequencies friction takes up to "
+        f"{abs(float((levels[0] - levels[2]).min())):.2f} dB of the motion."
     )
-    table = {
-        "frequency_hz": frequency_hz.tolist(),
-        "measured_db": db(measured).tolist(),
-        "measured_deg": phase.tolist(),
-        "continuous_db": db(continuous.response(frequency_hz)).tolist(),
-        "sampled_db": db(sampled.response(frequency_hz)).tolist(),
-    }
-    return Plate(name, "Open-loop response of the motor assembly", caption, made, table)
+    names = ("frequency_hz", "measured_db", "measured_deg", "continuous_db", "sampled_db")
+    table = table_of(names, labelled((), frequency_hz, levels[0], phase_deg(measured), *levels[1:]))
+    return Plate("fig04", "Open-loop response of the motor assembly", caption, drawing, table)
 
 
-def noise_plate(proportional: Mapping[float, FeltNoise], designed: FeltNoise, name: str = "noise") -> Plate:
+def noise_plate(proportional: Mapping[float, FeltNoise], designed: FeltNoise) -> Plate:
     """Draw one channel: felt third octaves (left), mains lines (right), by proportional gain and under the designed
     loop.
     """
-    made, (left, right) = figure(1, 2, height_in=4.2, sharey=True)
+    drawing, (left, right) = figure(1, 2, height_in=4.2, sharey=True)
     shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(proportional)))
-    for shade, (gain, heard) in zip(shades, proportional.items(), strict=True):
-        _draw_noise(left, right, heard, tuple(shade), f"gain {gain:g}", 1.0)
-    _draw_noise(left, right, designed, RED, "designed loop", 2.0)
+    curves: list[tuple[str, str, FeltNoise, object, float]] = [
+        (f"gain {gain:g}", f"gain {gain:g}", heard, tuple(shade), 1.0)
+        for shade, (gain, heard) in zip(shades, proportional.items(), strict=True)
+    ]
+    rows: list[tuple[object, ...]] = []
+    for name, label, heard, colour, width in (*curves, ("designed", "designed loop", designed, RED, 2.0)):
+        left.plot(heard.band_hz, heard.band_db_sl, color=colour, linewidth=width, label=label)
+        right.plot(heard.line_hz, heard.line_db_sl, "o-", color=colour, linewidth=width, markersize=3)
+        if heard.resonance_hz is not None and heard.resonance_db_sl is not None:
+            left.plot(heard.resonance_hz, heard.resonance_db_sl, "v", color=colour, markersize=6)
+        rows += labelled((name, "line"), heard.line_hz, heard.line_db_sl)
+        rows += labelled((name, "third octave"), heard.band_hz, heard.band_db_sl)
     low, high = float(designed.band_hz.min()), float(designed.band_hz.max())
-    frequency_axis(left, low / 1.2, high * 1.2)
+    frequency_axis(left, low / 1.2, high * 1.2, "felt level (dB SL)")
     right.set_xlabel("frequency (Hz)", fontsize=9)
     right.set_xticks(designed.line_hz)
-    left.set_ylabel("felt level (dB SL)", fontsize=9)
-    left.set_title("third octaves", fontsize=9)
-    right.set_title("mains lines", fontsize=9)
-    for axes in (left, right):
+    for axes, title in ((left, "third octaves"), (right, "mains lines")):
+        axes.set_title(title, fontsize=9)
         axes.axhline(0.0, color=INK, linewidth=1.0)
     left.annotate("threshold", (low, 0.0), (0, -10), textcoords="offset points", fontsize=7)
-    made.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
+    drawing.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     caption = (
         f"Channel {designed.channel} at rest, judged from the command through the motor's model: under a proportional "
         f"controller of rising gain and under the designed loop, whose strongest line is felt at "
         f"{designed.worst_line_db_sl:.1f} dB SL and strongest third octave at {designed.band_db_sl.max():.1f} dB SL."
     )
-    return Plate(name, "Felt hum and noise", caption, made, _noise_table(proportional, designed))
-
-
-def _draw_noise(left: Axes, right: Axes, heard: FeltNoise, colour: object, label: str, width: float) -> None:
-    left.plot(heard.band_hz, heard.band_db_sl, color=colour, linewidth=width, label=label)
-    right.plot(heard.line_hz, heard.line_db_sl, "o-", color=colour, linewidth=width, markersize=3)
-    if heard.resonance_hz is not None and heard.resonance_db_sl is not None:
-        left.plot(heard.resonance_hz, heard.resonance_db_sl, "v", color=colour, markersize=6)
-
-
-def _noise_table(proportional: Mapping[float, FeltNoise], designed: FeltNoise) -> dict[str, list[object]]:
-    table: dict[str, list[object]] = {"controller": [], "kind": [], "frequency_hz": [], "level_db_sl": []}
-    named = [*((f"gain {gain:g}", heard) for gain, heard in proportional.items()), ("designed", designed)]
-    for controller, heard in named:
-        kinds = (("line", heard.line_hz, heard.line_db_sl), ("third octave", heard.band_hz, heard.band_db_sl))
-        for kind, frequency, level in kinds:
-            for row in zip(frequency.tolist(), level.tolist(), strict=True):
-                for cells, cell in zip(table.values(), (controller, kind, *row), strict=True):
-                    cells.append(cell)
-    return table
+    table = table_of(("controller", "kind", "frequency_hz", "level_db_sl"), rows)
+    return Plate("noise", "Felt hum and noise", caption, drawing, table)
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,16 +233,11 @@ def save_measured(responses: Sequence[Response], controller: Controller, folder:
     """
     runs = [
         LevelResponse(
-            one.channel,
-            one.level_db_sl,
-            one.frequency_hz,
-            expected_v(one, controller),
-            one.magnitude_v,
-            one.confidence_db,
-            one.saturated,
+            response.channel, response.level_db_sl, response.frequency_hz, expected_v(response, controller),
+            response.magnitude_v, response.confidence_db, response.saturated,
         )
-        for one in responses
-    ]
+        for response in responses
+    ]  # fmt: skip
     load = responses[0].load
     words = "without load" if load == "none" else f"under the load {load!r}"
     save_plates([response_plate(runs, words, "response", f"the nominal plant {words}")], folder)
@@ -298,19 +250,24 @@ def response_plate(
     confidence; `plant`: what the expected output was computed from, in words.
     """
     channels = list(dict.fromkeys(run.channel for run in runs))
-    made, grid = figure(2, len(channels), 4.8, sharex=True, sharey="row", squeeze=False, height_ratios=(2.4, 1.0))
-    for column, channel in enumerate(channels):
-        own = [run for run in runs if run.channel == channel]
-        _draw_response(grid[0, column], own)
-        _errors(grid[1, column], own)
-        grid[0, column].set_title(channel, fontsize=9)
-        low, high = float(own[0].frequency_hz.min()), float(own[0].frequency_hz.max())
-        frequency_axis(grid[0, column], low / 1.2, high * 1.2, label=False)
-        frequency_axis(grid[1, column], low / 1.2, high * 1.2)
-        _thin_ticks(grid[1, column], len(channels))
+    drawing, grid = figure(2, len(channels), 4.8, sharex=True, sharey="row", squeeze=False, height_ratios=(2.4, 1.0))
+    for (upper, lower), channel in zip(grid.T, channels, strict=True):
+        levels = [run for run in runs if run.channel == channel]
+        _draw_response(upper, lower, levels)
+        upper.set_title(channel, fontsize=9)
+        low, high = float(levels[0].frequency_hz.min()), float(levels[0].frequency_hz.max())
+        frequency_axis(upper, low / 1.2, high * 1.2, label=False)
+        frequency_axis(lower, low / 1.2, high * 1.2)
+        if len(channels) > 1:  # narrow panels are marked at decades only
+            lower.set_xticks([1.0, 10.0, 100.0], ["1", "10", "100"])
     grid[0, 0].set_ylabel("sensor output (dB re 1 V peak)", fontsize=9)
     grid[1, 0].set_ylabel("error (dB)", fontsize=9)
-    _key(grid[0, -1])
+    marks = [
+        Line2D([], [], color=BLUE, linewidth=1.0, label="expected"),
+        Line2D([], [], color=INK, marker="o", markersize=3, fillstyle="none", linestyle="", label="measured"),
+        Line2D([], [], color=RED, marker="x", markersize=5, linestyle="", label="saturated"),
+    ]
+    legend(grid[0, -1], handles=marks, fontsize=7, loc="lower left")
     clean = max(
         (float(np.max(np.abs(run.error_db[~run.saturated]), initial=0.0)) for run in runs if run.level_db_sl > 0),
         default=float("nan"),
@@ -322,55 +279,27 @@ def response_plate(
         f"(lines). Below, the difference with its confidence{quiet}. Largest difference above 0 dB SL, "
         f"saturated points left out: {clean:.2f} dB."
     )
-    return Plate(name, f"Measured and expected output, {condition}", caption, made, _response_table(runs))
-
-
-def _draw_response(axes: Axes, runs: Sequence[LevelResponse]) -> None:
-    for run in runs:
-        axes.plot(run.frequency_hz, db(run.expected_v), color=BLUE, linewidth=1.0)
-        good = ~run.saturated
-        axes.plot(run.frequency_hz[good], db(run.measured_v[good]), "o", color=INK, markersize=3, fillstyle="none")
-        axes.plot(run.frequency_hz[~good], db(run.measured_v[~good]), "x", color=RED, markersize=5)
-        at = (float(run.frequency_hz[0]), float(db(run.expected_v[0])))
-        axes.annotate(f"{run.level_db_sl:g} dB SL", at, (2, 4), textcoords="offset points", fontsize=7)
-
-
-def _errors(axes: Axes, runs: Sequence[LevelResponse]) -> None:
-    shades = np.linspace(1.0, 0.25, len(runs))[::-1]
-    for shade, run in zip(shades, sorted(runs, key=lambda one: one.level_db_sl), strict=True):
-        good = ~run.saturated
-        error, ci = run.error_db[good], run.ci_db[good]
-        axes.errorbar(
-            run.frequency_hz[good], error, ci, fmt="o", color=ORANGE if run.level_db_sl == 0.0 else BLUE, markersize=2,
-            elinewidth=0.7, alpha=float(shade) if run.level_db_sl else 1.0,
-        )  # fmt: skip
-    axes.axhline(0.0, color=INK, linewidth=0.6)
-    dress(axes)
-
-
-def _thin_ticks(axes: Axes, panels: int) -> None:
-    """Mark decades only, where panels are narrow."""
-    if panels > 1:
-        axes.set_xticks([1.0, 10.0, 100.0], ["1", "10", "100"])
-
-
-def _key(axes: Axes) -> None:
-    marks = [
-        Line2D([], [], color=BLUE, linewidth=1.0, label="expected"),
-        Line2D([], [], color=INK, marker="o", markersize=3, fillstyle="none", linestyle="", label="measured"),
-        Line2D([], [], color=RED, marker="x", markersize=5, linestyle="", label="saturated"),
+    names = ("frequency_hz", "expected_v", "measured_v", "ci_db", "saturated")
+    rows = [
+        row for run in runs for row in labelled((run.channel, run.level_db_sl), *(getattr(run, name) for name in names))
     ]
-    axes.legend(handles=marks, fontsize=7, frameon=False, loc="lower left")
+    table = table_of(("channel", "level_db_sl", *names), rows)
+    return Plate(name, f"Measured and expected output, {condition}", caption, drawing, table)
 
 
-def _response_table(runs: Sequence[LevelResponse]) -> dict[str, list[object]]:
-    table: dict[str, list[object]] = {
-        name: []
-        for name in ("channel", "level_db_sl", "frequency_hz", "expected_v", "measured_v", "ci_db", "saturated")
-    }
+def _draw_response(upper: Axes, lower: Axes, runs: Sequence[LevelResponse]) -> None:
     for run in runs:
-        columns = (run.frequency_hz, run.expected_v, run.measured_v, run.ci_db, run.saturated)
-        for row in zip(*(column.tolist() for column in columns), strict=True):
-            for cells, cell in zip(table.values(), (run.channel, run.level_db_sl, *row), strict=True):
-                cells.append(cell)
-    return table
+        upper.plot(run.frequency_hz, db(run.expected_v), color=BLUE, linewidth=1.0)
+        good = ~run.saturated
+        upper.plot(run.frequency_hz[good], db(run.measured_v[good]), "o", color=INK, markersize=3, fillstyle="none")
+        upper.plot(run.frequency_hz[~good], db(run.measured_v[~good]), "x", color=RED, markersize=5)
+        at = (float(run.frequency_hz[0]), float(db(run.expected_v[0])))
+        upper.annotate(f"{run.level_db_sl:g} dB SL", at, (2, 4), textcoords="offset points", fontsize=7)
+    shades = np.linspace(1.0, 0.25, len(runs))[::-1]
+    for shade, run in zip(shades, sorted(runs, key=lambda run: run.level_db_sl), strict=True):
+        good = ~run.saturated
+        lower.errorbar(
+            run.frequency_hz[good], run.error_db[good], run.ci_db[good], fmt="o", markersize=2, elinewidth=0.7,
+            color=ORANGE if run.level_db_sl == 0.0 else BLUE, alpha=float(shade) if run.level_db_sl else 1.0,
+        )  # fmt: skip
+    lower.axhline(0.0, color=INK, linewidth=0.6)

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator
-from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
@@ -20,130 +17,99 @@ from tactuator.measure.felt import HEARD_DB_SL, LONG_FRAME_S, SHORT_FRAME_S, Fel
 from tactuator.model.description import Channel
 from tactuator.model.plant import DERIVATIVES
 from tactuator.perception.curve import COMFORT_DB_SL, ThresholdCurve
-from tactuator.report.plate import Plate
+from tactuator.report.plate import Plate, labelled, table_of
 from tactuator.report.style import BLUE, CYCLE, GREEN, INK, ORANGE, RED, figure, frequency_axis, legend
 from tactuator.signals.decibels import db
 
 
-def felt_plate(report: FeltReport, what: str, name: str = "fig12") -> Plate:
+def felt_plate(report: FeltReport, what: str) -> Plate:
     """Draw a panel for each finger: band levels asked and felt above, their difference below where 10 dB SL or more."""
     fingers = report.fingers
-    made, grid = figure(
-        2, len(fingers), 4.2, sharex=True, sharey="row", squeeze=False, gridspec_kw={"height_ratios": (2.2, 1.0)}
-    )
-    table: dict[str, list[object]] = {key: [] for key in ("finger", "centre_hz", "asked_db_sl", "felt_db_sl")}
-    for column, finger in enumerate(fingers):
-        upper, lower = grid[:, column]
+    drawing, grid = figure(2, len(fingers), 4.2, sharex=True, sharey="row", squeeze=False, height_ratios=(2.2, 1.0))
+    for (upper, lower), finger in zip(grid.T, fingers, strict=True):
         upper.step(finger.centre_hz, finger.asked_db_sl, where="mid", color=BLUE, linewidth=1.4, label="asked")
         upper.plot(finger.centre_hz, finger.felt_db_sl, "o", color=RED, markersize=3, fillstyle="none", label="felt")
         upper.axhline(0.0, color=INK, linewidth=0.8, linestyle="--")
         upper.set_title(finger.finger, fontsize=9)
         lower.plot(finger.centre_hz, finger.difference_db, "o", color=RED, markersize=3)
         lower.axhline(0.0, color=INK, linewidth=0.6)
-        for axes, label in ((upper, False), (lower, True)):
-            frequency_axis(axes, float(finger.centre_hz[0]) / 1.2, float(finger.centre_hz[-1]) * 1.2, label)
+        for axes in (upper, lower):
+            low, high = float(finger.centre_hz[0]), float(finger.centre_hz[-1])
+            frequency_axis(axes, low / 1.2, high * 1.2, label=axes is lower)
             axes.set_xticks([2.0, 10.0, 50.0, 200.0], ["2", "10", "50", "200"])
-        rows = zip(finger.centre_hz.tolist(), finger.asked_db_sl.tolist(), finger.felt_db_sl.tolist(), strict=True)
-        for row in rows:
-            for cells, cell in zip(table.values(), (finger.finger, *row), strict=True):
-                cells.append(cell)
     loudest = max(float(np.max(finger.asked_db_sl)) for finger in fingers)
     grid[0, 0].set_ylim(-20.0, loudest + 8.0)
     reach = max(1.0, 1.15 * max(float(np.nanmax(np.abs(finger.difference_db))) for finger in fingers))
     grid[1, 0].set_ylim(-reach, reach)
     grid[0, 0].set_ylabel("band level (dB SL)", fontsize=9)
     grid[1, 0].set_ylabel("felt − asked (dB)", fontsize=9)
-    grid[0, -1].legend(fontsize=7, frameon=False, loc="upper left")
+    legend(grid[0, -1], fontsize=7, loc="upper left")
     caption = (
         f"{what}: levels asked for and felt in third-octave bands over the whole utterance, and their difference where "
         f"{HEARD_DB_SL:g} dB SL or more was asked for; rms {report.worst_rms_db:.2f} dB on the worst finger."
     )
-    return Plate(name, "Speech, asked and felt", caption, made, table)
+    return Plate("fig12", "Speech, asked and felt", caption, drawing, _band_levels_table(report))
 
 
 def equality_plate(
     channel: Channel,
     frequency_hz: FloatArray,
     position_response: ComplexArray,
-    level_db_sl: float = 30.0,
     name: str = "equality",
-    title: str = "Response + sensitivity = constant",
 ) -> Plate:
-    """Draw three panels side by side for a reference of `level_db_sl`: the displacement that the display makes of it,
+    """Draw three panels side by side for a reference of 30 dB SL: the displacement that the display makes of it,
     the finger's sensitivity, and their sum, which is the felt level.
 
     position_response: H at frequency_hz, shape (n,), volts of y per threshold unit.
     """
+    level_db_sl = 30.0
     speed = (2.0 * np.pi * frequency_hz) ** DERIVATIVES[channel.quantity]
     displacement = db(np.abs(position_response) / channel.sensor_gain_v_per_mm / speed * 1e3) + level_db_sl
     sensitivity = -channel.threshold.curve.level_db_re_1um_at(frequency_hz)
     felt = displacement + sensitivity
-    made = _three_panels(frequency_hz, displacement, sensitivity, level_db_sl)
     worst = float(np.max(np.abs(felt - level_db_sl)))
     caption = (
         f"A reference of {level_db_sl:g} dB SL at every frequency, channel {channel.name}: displacement (dB) plus "
         f"sensitivity (dB, the threshold curve “{channel.threshold.curve.name}” — "
         f"{channel.threshold.curve.provenance} — upside down) is felt at {level_db_sl:g} dB SL within {worst:.2f} dB."
     )
-    table = {
-        "frequency_hz": frequency_hz.tolist(),
-        "displacement_db_re_1um": displacement.tolist(),
-        "sensitivity_db": sensitivity.tolist(),
-        "felt_db_sl": felt.tolist(),
-    }
-    return Plate(name, title, caption, made, table)
-
-
-def _three_panels(
-    frequency_hz: FloatArray, displacement: FloatArray, sensitivity: FloatArray, level_db_sl: float
-) -> Figure:
-    """Draw displacement, sensitivity and their sum side by side, the first two on axes of one span."""
-    felt = displacement + sensitivity
-    made, axes = figure(1, 3, height_in=2.8)
+    drawing, axes = figure(1, 3, height_in=2.8)
     low, high = float(frequency_hz[0]), float(frequency_hz[-1])
     panels = (
         (displacement, BLUE, "displacement", "dB re 1 µm"),
         (sensitivity, GREEN, "sensitivity", "dB re 1/µm"),
         (felt, RED, "felt level", "dB SL"),
     )
-    for one, (values, colour, words, unit) in zip(axes, panels, strict=True):
-        one.plot(frequency_hz, values, color=colour, linewidth=1.8)
-        frequency_axis(one, low, high)
-        one.xaxis.set_major_locator(_decades(low, high))
-        one.set_title(words, fontsize=9)
-        one.set_ylabel(unit, fontsize=8)
+    decades = [tick for tick in (0.1, 1.0, 10.0, 100.0, 1000.0) if low <= tick <= high]
+    for panel, (values, colour, words, unit) in zip(axes, panels, strict=True):
+        panel.plot(frequency_hz, values, color=colour, linewidth=1.8)
+        frequency_axis(panel, low, high)
+        panel.xaxis.set_major_locator(FixedLocator(decades))
+        panel.set_title(words, fontsize=9)
+        panel.set_ylabel(unit, fontsize=8)
     axes[2].axhline(0.0, color=INK, linewidth=1.0, linestyle="--")
     axes[2].set_ylim(-8.0, level_db_sl + 12.0)
     axes[2].text(np.sqrt(low * high), 1.0, "0 dB SL", fontsize=8, ha="center", va="bottom", color=INK)
-    span = _common_span(displacement, sensitivity)
-    for one, values in ((axes[0], displacement), (axes[1], sensitivity)):
+    span = 0.5 * max(float(np.ptp(displacement)), float(np.ptp(sensitivity))) + 6.0
+    for panel, values, sign in ((axes[0], displacement, "+"), (axes[1], sensitivity, "=")):
         centre = 0.5 * float(values.max() + values.min())
-        one.set_ylim(centre - span, centre + span)
-    for one, sign in ((axes[0], "+"), (axes[1], "=")):
-        one.text(1.2, 1.0, sign, transform=one.transAxes, fontsize=15, ha="center", va="bottom", color=INK)
-    return made
-
-
-def _decades(low: float, high: float) -> FixedLocator:
-    return FixedLocator([tick for tick in (0.1, 1.0, 10.0, 100.0, 1000.0) if low <= tick <= high])
-
-
-def _common_span(first: FloatArray, second: FloatArray) -> float:
-    return 0.5 * max(float(np.ptp(first)), float(np.ptp(second))) + 6.0
+        panel.set_ylim(centre - span, centre + span)
+        panel.text(1.2, 1.0, sign, transform=panel.transAxes, fontsize=15, ha="center", va="bottom", color=INK)
+    names = ("frequency_hz", "displacement_db_re_1um", "sensitivity_db", "felt_db_sl")
+    table = table_of(names, labelled((), frequency_hz, displacement, sensitivity, felt))
+    return Plate(name, "Response + sensitivity = constant", caption, drawing, table)
 
 
 _MARKERS = "os^Dv<>"
 
 
-def thresholds_plate(
-    people: Sequence[PersonThresholds], library: ThresholdCurve, new: ThresholdCurve | None, name: str = "fig11"
-) -> Plate:
-    """Draw points with standard errors for every person, the library's curve (solid) and the new one (dashed, with
+def thresholds_plate(people: Sequence[PersonThresholds], library: ThresholdCurve, new: ThresholdCurve | None) -> Plate:
+    """Draw points with standard errors for every person, the library's curve (solid) and the new person (dashed, with
     band). Flagged points are crossed out.
     """
-    made, axes = figure(height_in=4.2)
-    low = min(float(one.frequency_hz.min()) for one in people)
-    high = max(float(one.frequency_hz.max()) for one in people)
+    drawing, axes = figure(height_in=4.2)
+    low = min(float(person.frequency_hz.min()) for person in people)
+    high = max(float(person.frequency_hz.max()) for person in people)
     fine = np.geomspace(low, high, 300)
     label = f"{library.name} ({library.provenance})"
     axes.plot(fine, library.level_db_re_1um_at(fine), color=INK, linewidth=1.4, label=label)
@@ -154,48 +120,41 @@ def thresholds_plate(
             level = new.level_db_re_1um_at(fine)
             axes.fill_between(fine, level - error, level + error, color=BLUE, alpha=0.15, linewidth=0)
     spread = np.linspace(-0.03, 0.03, len(people)) if len(people) > 1 else np.zeros(1)
-    for one, shift, colour, marker in zip(people, spread, _cycle(len(people)), _MARKERS * len(people), strict=False):
-        at = one.frequency_hz * np.exp(shift)
+    for index, (person, shift) in enumerate(zip(people, spread, strict=True)):
+        colour, marker = CYCLE[1 + index % (len(CYCLE) - 1)], _MARKERS[index % len(_MARKERS)]
+        at = person.frequency_hz * np.exp(shift)
         axes.errorbar(
-            at, one.level_db_re_1um, one.standard_error_db, fmt=marker, color=colour, markersize=4, fillstyle="none",
-            elinewidth=0.8, label=one.name,
+            at, person.level_db_re_1um, person.standard_error_db, fmt=marker, color=colour, markersize=4,
+            fillstyle="none", elinewidth=0.8, label=person.name,
         )  # fmt: skip
-        if one.flagged is not None and one.flagged.any():
-            axes.plot(at[one.flagged], one.level_db_re_1um[one.flagged], "x", color=INK, markersize=9, zorder=5)
-    frequency_axis(axes, low / 1.15, high * 1.15)
-    axes.set_ylabel("threshold (dB re 1 µm peak)", fontsize=9)
+        if person.flagged is not None and person.flagged.any():
+            axes.plot(
+                at[person.flagged], person.level_db_re_1um[person.flagged], "x", color=INK, markersize=9, zorder=5
+            )
+    frequency_axis(axes, low / 1.15, high * 1.15, "threshold (dB re 1 µm peak)")
     legend(axes, loc="lower left")
     caption = (
-        f"Detection thresholds of {', '.join(one.name for one in people)} with their standard errors, over the curve "
-        f"of the design ({library.name}, {library.provenance})"
+        f"Detection thresholds of {', '.join(person.name for person in people)} with their standard errors, over the "
+        f"curve of the design ({library.name}, {library.provenance})"
     )
     caption += "; dashed: the new curve, with its standard error." if new is not None else "."
-    crossed = sum(0 if one.flagged is None else int(one.flagged.sum()) for one in people)
+    flags = np.concatenate([np.zeros(p.frequency_hz.size, bool) if p.flagged is None else p.flagged for p in people])
+    crossed = int(flags.sum())
     caption += f" Crossed out: {crossed} thresholds of runs with a disqualifying flag." if crossed else ""
-    table: dict[str, list[object]] = {
-        key: [] for key in ("person", "frequency_hz", "level_db_re_1um", "standard_error_db")
-    }
-    for one in people:
-        columns = (one.frequency_hz, one.level_db_re_1um, one.standard_error_db)
-        for row in zip(*(column.tolist() for column in columns), strict=True):
-            for cells, cell in zip(table.values(), (one.name, *row), strict=True):
-                cells.append(cell)
-    if any(one.flagged is not None for one in people):
-        marks = [np.zeros(one.frequency_hz.size, bool) if one.flagged is None else one.flagged for one in people]
-        table["flagged"] = [int(mark) for marked in marks for mark in marked]
-    return Plate(name, "Detection thresholds and the new curve", caption, made, table)
+    names = ("frequency_hz", "level_db_re_1um", "standard_error_db")
+    rows = [row for person in people for row in labelled((person.name,), *(getattr(person, name) for name in names))]
+    table = table_of(("person", *names), rows)
+    if any(person.flagged is not None for person in people):
+        table["flagged"] = flags.astype(int).tolist()
+    return Plate("fig11", "Detection thresholds and the new curve", caption, drawing, table)
 
 
-def _cycle(count: int) -> list[str]:
-    return [CYCLE[1 + index % (len(CYCLE) - 1)] for index in range(count)]
-
-
-def threshold_plate(curve: ThresholdCurve, name: str = "fig01") -> Plate:
+def threshold_plate(curve: ThresholdCurve) -> Plate:
     """Draw the level of the threshold (dB re 1 um peak) against frequency, and the range up to comfort above it."""
     low, high = float(curve.frequency_hz[0]), float(curve.frequency_hz[-1])
     frequency = np.geomspace(low, high, 400)
     level = curve.level_db_re_1um_at(frequency)
-    made, axes = figure(height_in=3.6)
+    drawing, axes = figure(height_in=3.6)
     axes.fill_between(frequency, level, level + COMFORT_DB_SL, color=ORANGE, alpha=0.14, linewidth=0)
     axes.plot(frequency, level, color=BLUE, linewidth=1.8)
     axes.plot(frequency, level + COMFORT_DB_SL, color=ORANGE, linewidth=1.0, linestyle="--")
@@ -204,14 +163,13 @@ def threshold_plate(curve: ThresholdCurve, name: str = "fig01") -> Plate:
     at = float(curve.level_db_re_1um_at(middle))
     axes.annotate("threshold, 0 dB SL", (middle, at), (0, -14), textcoords="offset points", fontsize=8, ha="right")
     axes.text(middle, at + COMFORT_DB_SL + 1.5, f"comfort, {COMFORT_DB_SL:g} dB SL", fontsize=8, color=INK)
-    frequency_axis(axes, low, high)
-    axes.set_ylabel("peak displacement (dB re 1 µm)", fontsize=9)
+    frequency_axis(axes, low, high, "peak displacement (dB re 1 µm)")
     caption = (
         f"Human detection threshold, curve “{curve.name}” ({curve.provenance}: {curve.source}), and the range of "
         f"comfortable levels above it. Points: the curve's own; lines: linear in dB over log frequency."
     )
     table = {"frequency_hz": curve.frequency_hz.tolist(), "level_db_re_1um": curve.level_db_re_1um.tolist()}
-    return Plate(name, "Human detection threshold", caption, made, table)
+    return Plate("fig01", "Human detection threshold", caption, drawing, table)
 
 
 _COLUMNS = 3
@@ -226,7 +184,7 @@ def psychometric_plate(subject: str, runs: Sequence[PsychometricTrials]) -> Plat
     if not runs:
         raise BadInput(f"no runs of {subject}", "one or more")
     rows = -(-len(runs) // _COLUMNS)
-    made, grid = figure(rows, min(_COLUMNS, len(runs)), height_in=0.9 + 1.8 * rows, squeeze=False, sharey=True)
+    drawing, grid = figure(rows, min(_COLUMNS, len(runs)), height_in=0.9 + 1.8 * rows, squeeze=False, sharey=True)
     panels = list(grid.flat)
     for panel, run in zip(panels, runs, strict=False):
         _panel(panel, run)
@@ -234,8 +192,8 @@ def psychometric_plate(subject: str, runs: Sequence[PsychometricTrials]) -> Plat
         spare.set_axis_off()
     for row in grid:
         row[0].set_ylabel("share correct", fontsize=8)
-    for panel in panels[max(len(runs) - _COLUMNS, 0) : len(runs)]:
-        panel.set_xlabel(_level_label(runs[panels.index(panel)]), fontsize=8)
+    for panel, run in list(zip(panels, runs, strict=False))[-_COLUMNS:]:
+        panel.set_xlabel("level above the curve (dB)" if run.whole_curve else "level (dB SL)", fontsize=8)
     simulated = any(run.threshold.simulated for run in runs)
     who = f"{subject} (simulated: nobody felt this)" if simulated else subject
     caption = (
@@ -248,44 +206,34 @@ def psychometric_plate(subject: str, runs: Sequence[PsychometricTrials]) -> Plat
             " Whole-curve runs: levels relative to the run's own curve at each trial's frequency, in classes of 2 dB; "
             "a threshold at 0 dB agrees with the curve."
         )
-    return Plate(
-        f"psychometric-{subject}", f"Psychometric functions, {subject}", caption, made, _psychometric_table(runs)
-    )
+    rows_of_table = [
+        row
+        for run in runs
+        for row in labelled(
+            (run.threshold.run, run.threshold.finger, run.threshold.frequency_hz), run.level_db_sl, run.share, run.count
+        )
+    ]
+    table = table_of(("run", "finger", "frequency_hz", "level_db_sl", "share_correct", "trials"), rows_of_table)
+    return Plate(f"psychometric-{subject}", f"Psychometric functions, {subject}", caption, drawing, table)
 
 
-def _level_label(run: PsychometricTrials) -> str:
-    return "level above the curve (dB)" if run.whole_curve else "level (dB SL)"
-
-
-def _panel(axes, run: PsychometricTrials) -> None:  # type: ignore[no-untyped-def]
-    one = run.threshold
+def _panel(axes: Axes, run: PsychometricTrials) -> None:
+    fit = run.threshold
     axes.plot(run.grid_db_sl, run.psi, color=BLUE, linewidth=1.2)
     most = run.count.max()
     for level, share, count in zip(run.level_db_sl, run.share, run.count, strict=True):
         size = _SMALLEST + (_LARGEST - _SMALLEST) * (count / most) ** 0.5
         axes.plot([level], [share], "o", color=INK, markersize=size, fillstyle="none", markeredgewidth=0.7)
-    axes.plot([one.refit_low_db_sl, one.refit_high_db_sl], [one.point] * 2, color=RED, linewidth=2.0)
-    axes.plot([one.refit_db_sl], [one.point], "|", color=RED, markersize=9)
-    if one.own_db_sl is not None:
-        axes.plot([one.own_db_sl], [one.point - 0.05], "^", color=RED, markersize=4)
-    bound = {"": "", ">=": " (≥)", "<=": " (≤)"}[one.bound]
-    flags = f"\n{', '.join(one.flags)}" if one.flags else ""
-    where = "whole curve" if run.whole_curve else f"{one.frequency_hz:.4g} Hz"
-    axes.set_title(f"{one.finger}, {where}{bound}{flags}", fontsize=7)
+    axes.plot([fit.refit_low_db_sl, fit.refit_high_db_sl], [fit.point] * 2, color=RED, linewidth=2.0)
+    axes.plot([fit.refit_db_sl], [fit.point], "|", color=RED, markersize=9)
+    if fit.own_db_sl is not None:
+        axes.plot([fit.own_db_sl], [fit.point - 0.05], "^", color=RED, markersize=4)
+    bound = {"": "", ">=": " (≥)", "<=": " (≤)"}[fit.bound]
+    flags = f"\n{', '.join(fit.flags)}" if fit.flags else ""
+    where = "whole curve" if run.whole_curve else f"{fit.frequency_hz:.4g} Hz"
+    axes.set_title(f"{fit.finger}, {where}{bound}{flags}", fontsize=7)
     axes.set_ylim(-0.03, 1.05)
     axes.tick_params(labelsize=7)
-
-
-def _psychometric_table(runs: Sequence[PsychometricTrials]) -> dict[str, list[object]]:
-    keys = ("run", "finger", "frequency_hz", "level_db_sl", "share_correct", "trials")
-    table: dict[str, list[object]] = {key: [] for key in keys}
-    for run in runs:
-        one = run.threshold
-        for level, share, count in zip(run.level_db_sl, run.share, run.count, strict=True):
-            row = (one.run, one.finger, one.frequency_hz, float(level), float(share), int(count))
-            for key, cell in zip(keys, row, strict=True):
-                table[key].append(cell)
-    return table
 
 
 SHOWN_S = 30.0
@@ -293,17 +241,15 @@ LOWEST_DB_SL, HIGHEST_DB_SL = -10.0, 55.0
 DIFFERENCE_DB = 3.0
 _TICKS_HZ = (2, 5, 10, 20, 50, 100, 200)
 
-Levels = NDArray[np.floating[Any]]
 
-
-def spectrogram_plate(report: FeltReport, what: str, name: str = "render") -> Plate:
+def spectrogram_plate(report: FeltReport, what: str) -> Plate:
     """Draw a row for each finger: third-octave levels asked, felt, and their difference where 10 dB SL or more was
     asked.
 
     The first 30 s are shown; the table holds the levels over the whole.
     """
     fingers = report.fingers
-    made, grid = figure(len(fingers), 3, 1.2 + 1.5 * len(fingers), sharex=True, sharey=True, squeeze=False)
+    drawing, grid = figure(len(fingers), 3, 1.2 + 1.5 * len(fingers), sharex=True, sharey=True, squeeze=False)
     for row, finger in zip(grid, fingers, strict=True):
         levels, difference = _draw_finger(row, finger)
         row[0].set_ylabel(f"{finger.finger}\nfrequency (Hz)", fontsize=8)
@@ -311,23 +257,26 @@ def spectrogram_plate(report: FeltReport, what: str, name: str = "render") -> Pl
         axes.set_title(title, fontsize=9)
     for axes in grid[-1]:
         axes.set_xlabel("time (s)", fontsize=9)
-    first = made.colorbar(levels, ax=grid[:, :2], location="bottom", shrink=0.6, aspect=40)
-    first.set_label("level in a third octave (dB SL)", fontsize=8)
-    second = made.colorbar(difference, ax=grid[:, 2], location="bottom", shrink=0.9, aspect=20)
-    second.set_label("difference (dB)", fontsize=8)
-    for bar in (first, second):
+    bars = (
+        (levels, grid[:, :2], 0.6, 40, "level in a third octave (dB SL)"),
+        (difference, grid[:, 2], 0.9, 20, "difference (dB)"),
+    )
+    for scale, panels, shrink, aspect, words in bars:
+        bar = drawing.colorbar(scale, ax=panels, location="bottom", shrink=shrink, aspect=aspect)
+        bar.set_label(words, fontsize=8)
         bar.ax.tick_params(labelsize=8)
     caption = (
         f"{what}: levels in third-octave bands over {1e3 * LONG_FRAME_S:.0f} ms (to 40 Hz) and "
         f"{1e3 * SHORT_FRAME_S:.0f} ms (above), asked for and felt, and the difference where {HEARD_DB_SL:g} dB SL or "
         "more was asked for; white: less was asked for."
     )
-    return Plate(name, "Asked and felt over time", caption, made, _band_levels_table(report))
+    return Plate("render", "Asked and felt over time", caption, drawing, _band_levels_table(report))
 
 
 def _draw_finger(row: list[Axes], finger: FingerFelt) -> tuple[ScalarMappable, ScalarMappable]:
     split = finger.asked_long.shape[1]
-    edges = _edges(finger.centre_hz)
+    half = 10.0**0.05
+    edges = np.append(finger.centre_hz / half, finger.centre_hz[-1] * half)
     parts = (
         (finger.asked_long, finger.felt_long, edges[: split + 1], LONG_FRAME_S),
         (finger.asked_short, finger.felt_short, edges[split:], SHORT_FRAME_S),
@@ -353,16 +302,7 @@ def _draw_finger(row: list[Axes], finger: FingerFelt) -> tuple[ScalarMappable, S
     return levels, difference
 
 
-def _edges(centre_hz: Levels) -> Levels:
-    half = 10.0**0.05
-    return np.append(centre_hz / half, centre_hz[-1] * half)
-
-
 def _band_levels_table(report: FeltReport) -> dict[str, list[object]]:
-    table: dict[str, list[object]] = {"finger": [], "centre_hz": [], "asked_db_sl": [], "felt_db_sl": []}
-    for finger in report.fingers:
-        rows = zip(finger.centre_hz.tolist(), finger.asked_db_sl.tolist(), finger.felt_db_sl.tolist(), strict=True)
-        for row in rows:
-            for column, cell in zip(table.values(), (finger.finger, *row), strict=True):
-                column.append(cell)
-    return table
+    names = ("centre_hz", "asked_db_sl", "felt_db_sl")
+    rows = (row for f in report.fingers for row in labelled((f.finger,), f.centre_hz, f.asked_db_sl, f.felt_db_sl))
+    return table_of(("finger", *names), rows)

@@ -57,7 +57,7 @@ class LabelPlacer:
         assert isinstance(figure, Figure)
         per_point = figure.dpi / 72.0
         frame = self.axes.get_window_extent().padded(-2.0)
-        made = self.axes.annotate(
+        label = self.axes.annotate(
             text,
             anchors[0],
             (0.0, 0.0),
@@ -66,7 +66,7 @@ class LabelPlacer:
             va="center",
             **style,  # type: ignore[arg-type]
         )
-        size = made.get_window_extent()
+        size = label.get_window_extent()
         for anchor in anchors:
             at = self.axes.transData.transform(anchor)
             for offset in offsets:
@@ -74,10 +74,10 @@ class LabelPlacer:
                 box = Bbox.from_bounds(x - size.width / 2.0, y - size.height / 2.0, size.width, size.height)
                 if self._is_free(box, frame, clear_of_lines):
                     self._taken.append(box.padded(4.0))
-                    made.xy = anchor
-                    made.set_position(offset)
+                    label.xy = anchor
+                    label.set_position(offset)
                     return True
-        made.remove()
+        label.remove()
         return False
 
     def block(self, box: Bbox) -> None:
@@ -113,63 +113,70 @@ _GRID_INK = "#76818c"
 _FAMILY = "#ece4f3"
 
 
-@dataclass(frozen=True)
-class NicholsInput:
-    """Curves and limits that a Nichols chart shows.
+def nichols_plate(
+    sampled: FeedbackLoop,
+    plant: System,
+    continuous: FeedbackLoop | None = None,
+    family: Sequence[FeedbackLoop] = (),
+    band_hz: tuple[float, float] = (0.2, 600.0),
+    name: str = "nichols",
+    title: str = "Nichols chart",
+) -> Plate:
+    """Draw the chart, with margins marked and the contours that the loop touches highlighted.
 
-    sampled: the loop as it runs, whose margins are marked. plant: P alone, and continuous: the loop in continuous
-    time, if wanted. family: the same controller on every other plant, shown as the envelope of them all.
-    band_hz: from where to where the curves are drawn.
+    sampled: the loop as it runs, whose margins are marked. plant: P alone. continuous: the loop in continuous time, if
+    wanted. family: the same controller on every other plant, shown as the envelope of them all.
     """
-
-    sampled: FeedbackLoop
-    plant: System | None = None
-    continuous: FeedbackLoop | None = None
-    family: Sequence[FeedbackLoop] = ()
-    band_hz: tuple[float, float] = (0.2, 600.0)
-
-
-def nichols_plate(shown: NicholsInput, name: str = "nichols", title: str = "Nichols chart") -> Plate:
-    """Draw the chart, with margins marked and the contours that the loop touches highlighted."""
-    found = margins(shown.sampled)
-    low, high = shown.band_hz
-    frequency = np.geomspace(low, high, 900)
-    run = _Track(frequency, shown.sampled.open_response(frequency))
-    others = _other_tracks(shown, frequency)
-    made, axes = figure(height_in=5.4)
+    limits = margins(sampled)
+    frequency = np.geomspace(*band_hz, 900)
+    run = _Track(frequency, sampled.open_response(frequency))
+    members = [_Track(frequency, loop.open_response(frequency)) for loop in family]
+    others: list[tuple[_Track, dict[str, Any]]] = []
+    if len(members) == 1:
+        style: dict[str, Any] = {
+            "color": PURPLE,
+            "linewidth": 0.8,
+            "alpha": 0.7,
+            "zorder": 2,
+            "label": "C P, under load",
+        }
+        others.append((members[0], style))
+    style = {"color": GREEN, "linestyle": "-.", "linewidth": 1.4, "label": "P alone", "zorder": 3}
+    others.append((_Track(frequency, plant.response(frequency)), style))
+    if continuous is not None:
+        style = {"color": RED, "linestyle": "--", "linewidth": 1.4, "label": "C P, continuous", "zorder": 3}
+        others.append((_Track(frequency, continuous.open_response(frequency)), style))
+    drawing, axes = figure(height_in=5.4)
     axes.grid(False)
-    family = [_Track(frequency, loop.open_response(frequency)) for loop in shown.family]
-    _frame(axes, [run, *family, *(track for track, _ in others)])
-    _grid(axes)
-    _touched_contours(axes, found)
+    _frame(axes, [run, *members, *(track for track, _ in others)])
+    _grid(axes, limits)
     for track, style in others:
         axes.plot(track.phase_deg, track.level_db, **style)
-    clouds = _templates(axes, family, run)
+    templates = _templates(axes, members, run)
     axes.plot(run.phase_deg, run.level_db, color=BLUE, linewidth=2.0, label="C P, sampled, as it runs", zorder=4)
-    _legend(axes)
-    lines = [run.line, *(track.line for track, _ in others), *clouds]
-    placer = LabelPlacer(axes, lines)
+    # the upper left corner is left free by the curves
+    axes.legend(fontsize=7.5, loc="upper left", frameon=True, framealpha=1.0, edgecolor="none", borderpad=0.3)
+    placer = LabelPlacer(axes, [run.line, *(track.line for track, _ in others), *templates])
     placer.block(axes.get_legend().get_window_extent())
-    _margin_marks(axes, placer, found, run)
+    _margin_marks(axes, placer, limits, run)
     _frequency_marks(axes, placer, run)
     _grid_labels(axes, placer)
     caption = (
-        f"Open-loop gain against phase on the grid of the closed loop. Crossover {found.crossover_hz:.1f} Hz, phase "
-        f"margin {found.phase_margin_deg:.1f}°, gain margin {found.gain_margin_db:.1f} dB. The loop touches the "
-        f"contours |T| = {db(found.complementary_peak):.2f} dB (at {found.complementary.frequency_hz:.1f} Hz) and "
-        f"|S| = {db(found.sensitivity_peak):.2f} dB (at {found.sensitivity.frequency_hz:.1f} Hz)."
+        f"Open-loop gain against phase on the grid of the closed loop. Crossover {limits.crossover_hz:.1f} Hz, phase "
+        f"margin {limits.phase_margin_deg:.1f}°, gain margin {limits.gain_margin_db:.1f} dB. The loop touches the "
+        f"contours |T| = {db(limits.complementary_peak):.2f} dB (at {limits.complementary.frequency_hz:.1f} Hz) and "
+        f"|S| = {db(limits.sensitivity_peak):.2f} dB (at {limits.sensitivity.frequency_hz:.1f} Hz)."
     )
-    if shown.family:
+    if family:
         caption += (
-            f" Shaded: the same controller on all {len(shown.family) + 1} plants of the family; at the marked "
+            f" Shaded: the same controller on all {len(family) + 1} plants of the family; at the marked "
             "frequencies their convex hulls, the templates."
         )
     table = {"frequency_hz": frequency.tolist(), "phase_deg": run.phase_deg.tolist(), "gain_db": run.level_db.tolist()}
     for track, style in others:
-        if "label" in style:
-            table[f"{style['label']} phase_deg"] = track.phase_deg.tolist()
-            table[f"{style['label']} gain_db"] = track.level_db.tolist()
-    return Plate(name, title, caption, made, table)
+        table[f"{style['label']} phase_deg"] = track.phase_deg.tolist()
+        table[f"{style['label']} gain_db"] = track.level_db.tolist()
+    return Plate(name, title, caption, drawing, table)
 
 
 @dataclass(frozen=True)
@@ -197,20 +204,6 @@ class _Track:
         return tuple(float(np.interp(np.log(frequency_hz), logs, v)) for v in self.line)  # type: ignore[return-value]
 
 
-def _other_tracks(shown: NicholsInput, frequency: FloatArray) -> list[tuple[_Track, dict[str, Any]]]:
-    found: list[tuple[_Track, dict[str, Any]]] = []
-    for loop in shown.family[:1] if len(shown.family) == 1 else ():
-        style = {"color": PURPLE, "linewidth": 0.8, "alpha": 0.7, "zorder": 2, "label": "C P, under load"}
-        found.append((_Track(frequency, loop.open_response(frequency)), style))
-    if shown.plant is not None:
-        style = {"color": GREEN, "linestyle": "-.", "linewidth": 1.4, "label": "P alone", "zorder": 3}
-        found.append((_Track(frequency, shown.plant.response(frequency)), style))
-    if shown.continuous is not None:
-        style = {"color": RED, "linestyle": "--", "linewidth": 1.4, "label": "C P, continuous", "zorder": 3}
-        found.append((_Track(frequency, shown.continuous.open_response(frequency)), style))
-    return found
-
-
 def _frame(axes: Axes, tracks: Sequence[_Track]) -> None:
     """Set axes that cover the data between -50 dB and its top, and mark the critical point."""
     bottom, top = -50.0, 20.0
@@ -228,40 +221,25 @@ def _frame(axes: Axes, tracks: Sequence[_Track]) -> None:
     axes.set_ylabel("open-loop gain (dB)", fontsize=9)
 
 
-def _mesh(axes: Axes) -> tuple[FloatArray, FloatArray, ComplexArray]:
-    """Return the phase (deg), gain (dB) and T on a fine mesh over the axes."""
+def _grid(axes: Axes, limits: Margins) -> None:
+    """Draw contours of |T| in dB (solid) and of its phase (dotted), and those of |T| and |S| that the loop touches."""
     phase, level = np.meshgrid(np.linspace(*axes.get_xlim(), 700), np.linspace(*axes.get_ylim(), 500))
     loop = 10.0 ** (level / 20.0) * np.exp(1j * np.radians(phase))
     with np.errstate(all="ignore"):
-        return phase, level, np.asarray(loop / (1.0 + loop))
-
-
-def _grid(axes: Axes) -> None:
-    """Draw contours of |T| in dB (solid) and of its phase (dotted)."""
-    phase, level, closed = _mesh(axes)
-    axes.contour(
-        phase, level, db(closed), levels=sorted(_GAIN_LEVELS_DB), colors=_GRID, linewidths=0.7, linestyles="-", zorder=1
-    )
+        closed = np.asarray(loop / (1.0 + loop))
+    line: dict[str, Any] = {"colors": _GRID, "linewidths": 0.7, "linestyles": "-", "zorder": 1}
+    axes.contour(phase, level, db(closed), levels=sorted(_GAIN_LEVELS_DB), **line)
     for angle in _PHASE_LEVELS_DEG:
         turned = closed * np.exp(-1j * np.radians(angle))
         height = np.where(turned.real > 0.0, turned.imag / np.abs(turned), np.nan)
         axes.contour(phase, level, height, levels=[0.0], colors=_GRID, linewidths=0.5, linestyles=":", zorder=1)
     axes.plot([-180.0], [0.0], "+", color=INK, markersize=9, markeredgewidth=1.6, zorder=5)
-
-
-def _touched_contours(axes: Axes, found: Margins) -> None:
-    phase, level, closed = _mesh(axes)
-    axes.contour(
-        phase, level, np.abs(closed), levels=[found.complementary_peak], colors=ORANGE, linewidths=1.3, zorder=2
-    )
-    sense = np.abs(1.0 - closed)
-    axes.contour(
-        phase, level, sense, levels=[found.sensitivity_peak], colors=ORANGE, linewidths=1.3, linestyles="--", zorder=2
-    )
-    axes.plot([], [], color=ORANGE, linewidth=1.3, label=f"|T| = {db(found.complementary_peak):.2f} dB, touched")
-    axes.plot(
-        [], [], color=ORANGE, linewidth=1.3, linestyle="--", label=f"|S| = {db(found.sensitivity_peak):.2f} dB, touched"
-    )
+    touched: dict[str, Any] = {"colors": ORANGE, "linewidths": 1.3, "zorder": 2}
+    axes.contour(phase, level, np.abs(closed), levels=[limits.complementary_peak], **touched)
+    axes.contour(phase, level, np.abs(1.0 - closed), levels=[limits.sensitivity_peak], **touched, linestyles="--")
+    for symbol, peak, line_style in (("T", limits.complementary_peak, "-"), ("S", limits.sensitivity_peak, "--")):
+        label = f"|{symbol}| = {db(peak):.2f} dB, touched"
+        axes.plot([], [], color=ORANGE, linewidth=1.3, linestyle=line_style, label=label)
 
 
 def _templates(axes: Axes, family: Sequence[_Track], run: _Track) -> list[FloatArray]:
@@ -279,24 +257,19 @@ def _templates(axes: Axes, family: Sequence[_Track], run: _Track) -> list[FloatA
     return outlines
 
 
-def _legend(axes: Axes) -> None:
-    """Put the legend into the upper left corner, which the curves leave free, on a white ground."""
-    axes.legend(fontsize=7.5, loc="upper left", frameon=True, framealpha=1.0, edgecolor="none", borderpad=0.3)
-
-
-def _margin_marks(axes: Axes, placer: LabelPlacer, found: Margins, run: _Track) -> None:
+def _margin_marks(axes: Axes, placer: LabelPlacer, limits: Margins, run: _Track) -> None:
     arrow = {"arrowstyle": "<->", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0}
-    if np.isfinite(found.phase_margin_deg):
-        end = run.at(found.crossover_hz)[0]
+    if np.isfinite(limits.phase_margin_deg):
+        end = run.at(limits.crossover_hz)[0]
         axes.annotate("", (-180.0, 0.0), (end, 0.0), arrowprops=arrow, zorder=5)
-        text = f"{found.phase_margin_deg:.1f}°"
+        text = f"{limits.phase_margin_deg:.1f}°"
         middle = (end - 180.0) / 2.0
         placer.place(text, [(middle, 0.0)], [(0.0, 7.0), (0.0, -7.0)], fontsize=8, color=INK, weight="bold")
     bottom = axes.get_ylim()[0]
-    if np.isfinite(found.gain_margin_db) and -found.gain_margin_db > bottom:
-        axes.annotate("", (-180.0, 0.0), (-180.0, -found.gain_margin_db), arrowprops=arrow, zorder=5)
-        text = f"{found.gain_margin_db:.1f} dB"
-        spots = [(-180.0, -found.gain_margin_db * share) for share in (0.5, 0.35, 0.65, 0.2)]
+    if np.isfinite(limits.gain_margin_db) and -limits.gain_margin_db > bottom:
+        axes.annotate("", (-180.0, 0.0), (-180.0, -limits.gain_margin_db), arrowprops=arrow, zorder=5)
+        text = f"{limits.gain_margin_db:.1f} dB"
+        spots = [(-180.0, -limits.gain_margin_db * share) for share in (0.5, 0.35, 0.65, 0.2)]
         placer.place(text, spots, [(-22.0, 0.0), (22.0, 0.0)], fontsize=8, color=INK, weight="bold")
 
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_folder, write_text
@@ -60,6 +62,18 @@ class Plate:
         """Write NAME.svg and NAME.csv into `folder`, each whole or not at all."""
         write_text(folder / f"{self.name}.svg", self.svg())
         write_text(folder / f"{self.name}.csv", self.csv())
+
+
+def table_of(names: Sequence[str], rows: Iterable[Sequence[object]]) -> dict[str, list[object]]:
+    """Return rows as the columns of a plate's table, by name."""
+    columns = list(zip(*rows, strict=True)) or [()] * len(names)
+    return {name: list(cells) for name, cells in zip(names, columns, strict=True)}
+
+
+def labelled(labels: tuple[object, ...], *columns: NDArray[Any]) -> Iterator[tuple[object, ...]]:
+    """Yield the rows of columns (n,), each with the same labels before it."""
+    for row in zip(*(column.tolist() for column in columns), strict=True):
+        yield (*labels, *row)
 
 
 def save_plates(plates: Sequence[Plate], folder: Path) -> None:

@@ -28,7 +28,7 @@ def test_landing__feed_forward_taken_away__both_runs_are_one() -> None:
 
 def test_plate__numbers_of_the_figure__stand_in_table_and_caption() -> None:
     shown = landing(adaptive(), "index")
-    plate = landing_plate(shown, "landing-index", "A finger lands")
+    plate = landing_plate(shown)
     assert plate.table["adaptive_db"] == shown.adaptive_db.tolist()
     assert f"{shown.fixed_db.min():+.2f}" in plate.caption
     assert plate.svg().startswith("<?xml")

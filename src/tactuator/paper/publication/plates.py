@@ -14,7 +14,7 @@ from tactuator.report.configuration import loop_plate, mechanism_plate, processo
 from tactuator.report.controller import prefilter_plate, resolution_plate
 from tactuator.report.device import LevelResponse, calibration_plate, motor_plate, noise_plate, response_plate
 from tactuator.report.felt import equality_plate, felt_plate, threshold_plate, thresholds_plate
-from tactuator.report.nichols import NicholsInput, nichols_plate
+from tactuator.report.nichols import nichols_plate
 from tactuator.report.plate import Plate
 from tactuator.signals.discretise import zero_order_hold
 from tactuator.synthesis import paper
@@ -59,13 +59,9 @@ def plates(study: PaperStudy) -> tuple[Plate, ...]:
 def _nichols(study: PaperStudy) -> Plate:
     first = study.plan.display.channels[0]
     loops = (sampled_loop(study.plan.display, replace(first, plant=first.loaded_plant(load))) for load in first.loads)
-    shown = NicholsInput(
-        sampled=study.loop.sampled,
-        plant=first.plant,
-        continuous=study.loop.continuous,
-        family=tuple(loops),
-    )
-    return nichols_plate(shown, "fig07", "Loop shaping in the Nichols chart")
+    title = "Loop shaping in the Nichols chart"
+    loop = study.loop
+    return nichols_plate(loop.sampled, first.plant, loop.continuous, tuple(loops), name="fig07", title=title)
 
 
 def _prefilters(study: PaperStudy) -> Plate:
