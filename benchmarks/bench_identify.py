@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from scipy import optimize, signal
 
-from tactuator.identification.estimate.loops import recursive_least_squares
 from tactuator.identification.identify import identify
+from tactuator.identification.loops import recursive_least_squares
 from tactuator.model.description import Channel, Display, Threshold
 from tactuator.perception.curve import curve
 from tactuator.rig.simulated import SimulatedRig

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactuator.errors import BadInput
 from tactuator.identification.identify import identify
 from tactuator.identification.result import resonances
 from tactuator.signals.record import Record
@@ -93,8 +92,6 @@ def test_identify__file_says_how_it_was_commanded__that_is_taken(filtered: Recor
 def test_identify__fixed_parts__are_kept(filtered: Record) -> None:
     found = identify(filtered, hold="band-limited", order=3, zeros=1, delay_s=1e-4)
     assert (found.order, found.model.num.size - 1, found.model.delay_s) == (3, 1, pytest.approx(1e-4))
-    with pytest.raises(BadInput, match="method 'prediction'"):
-        identify(filtered, method="prediction", hold="band-limited")
 
 
 def test_identify__pole_beyond_half_the_rate__is_not_trusted(filtered: Record) -> None:

@@ -10,11 +10,9 @@ import pytest
 from scipy import signal
 
 from tactuator.cli.main import main
-from tactuator.identification.evidence.excitation import ExcitationReport
-from tactuator.identification.identify import identify
+from tactuator.identification.identify import distrusted, identify
+from tactuator.identification.prepared import ExcitationReport, valid_range
 from tactuator.identification.result import Identification
-from tactuator.identification.trust import distrusted
-from tactuator.identification.valid_range import valid_range
 from tactuator.io.record import write_record
 from tactuator.signals.record import Record
 from tests.identification.plants import PAPER, RATE_HZ
@@ -38,7 +36,7 @@ def record() -> Record:
     return Record(RATE_HZ, command, position + noise)
 
 
-@pytest.mark.parametrize("method", ["refined", "prediction", "rls"])
+@pytest.mark.parametrize("method", ["refined", "rls"])
 def test_identify__command_without_power_above_a_frequency__claims_nothing_above(record: Record, method: str) -> None:
     found = identify(record, method=method, order=2)
     assert found.model.valid_hz is not None
@@ -47,7 +45,7 @@ def test_identify__command_without_power_above_a_frequency__claims_nothing_above
     assert 0.7 * TOP_HZ < high < 2.0 * TOP_HZ
 
 
-@pytest.mark.parametrize("method", ["refined", "prediction", "rls"])
+@pytest.mark.parametrize("method", ["refined", "rls"])
 def test_identify__record_s_own_response__is_in_the_model_s_units(record: Record, method: str) -> None:
     """The figure draws both: in samples of unit size the dots stood decibels away from the curve."""
     found = identify(record, method=method, order=2)
@@ -57,7 +55,7 @@ def test_identify__record_s_own_response__is_in_the_model_s_units(record: Record
     assert np.median(np.abs(np.log(ratio))) < 0.02
 
 
-@pytest.mark.parametrize("method", ["prediction", "rls"])
+@pytest.mark.parametrize("method", ["refined", "rls"])
 def test_check__band_beyond_the_method_s_valid_range__is_told(record: Record, method: str, tmp_path: Path) -> None:
     write_record(tmp_path / "record.h5", record)
     asked = ["identify", str(tmp_path / "record.h5"), "--method", method, "--order", "2"]
@@ -65,12 +63,10 @@ def test_check__band_beyond_the_method_s_valid_range__is_told(record: Record, me
     assert json.loads((tmp_path / "model.json").read_text())["valid_hz"][1] < 2.0 * TOP_HZ
 
 
-def test_identify__record_too_long_for_prediction__says_which_part_was_used(
-    record: Record, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(importlib.import_module("tactuator.identification.identify"), "LONGEST_PREDICTED", 8000)
-    found = identify(record, method="prediction", order=2, friction=False)
-    assert any("by prediction error: of 6 s the 2 s from" in said for said in found.remarks)
+def test_identify__record_too_long__says_which_part_was_used(record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.import_module("tactuator.identification.prepared"), "LONGEST", 8000)
+    found = identify(record, order=2, friction=False)
+    assert any("of 6 s the 2 s from" in said for said in found.remarks)
     assert found.measured.size <= 8000
     hertz = np.array([2.0, 20.0])
     assert np.allclose(np.abs(found.model.response(hertz)), np.abs(PAPER.response(hertz)), rtol=0.02)
@@ -79,7 +75,7 @@ def test_identify__record_too_long_for_prediction__says_which_part_was_used(
 def test_distrusted__band_wide_everywhere__is_a_reason(record: Record) -> None:
     found: Identification = identify(record, method="rls", order=2)
     wide = replace(found.model, valid_hz=(1.0, 1.05))
-    common = type("Common", (), {"record": record, "excitation": ExcitationReport(9, 3, 1.0, 1.0, 50.0)})()
+    common = type("Common", (), {"records": (record,), "excitation": ExcitationReport(9, 3, 1.0, 1.0, 50.0)})()
     reasons = distrusted(replace(found, model=wide), common).distrust
     assert any("nowhere narrower" in one for one in reasons)
 

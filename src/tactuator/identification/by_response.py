@@ -11,13 +11,13 @@ from threadpoolctl import threadpool_limits
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification.asked import Asked
-from tactuator.identification.fixed.standing import FixedAgainstOwn, cancelled, disagrees, exact, said_of_disagreement
-from tactuator.identification.forms.known import Known
-from tactuator.identification.spectral.initial_models import Starter
-from tactuator.identification.spectral.likelihood import SpectralFit, information
-from tactuator.identification.spectral.lines import LocalResponse
-from tactuator.identification.spectral.search import TIE, Choice, choose, propose
-from tactuator.identification.spectral.uncertainty import left_over, log_slopes, moved, physical
+from tactuator.identification.form import Known
+from tactuator.identification.likelihood import SpectralFit, information
+from tactuator.identification.lines import LocalResponse
+from tactuator.identification.search import TIE, Choice, choose, propose
+from tactuator.identification.standing import FixedAgainstOwn, cancelled, disagrees, exact, said_of_disagreement
+from tactuator.identification.starts import Starter
+from tactuator.identification.uncertainty import left_over, log_slopes, moved, physical
 from tactuator.model.plant_model import Excess, PlantModel
 from tactuator.signals.record import FrequencyResponse
 

@@ -2,34 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.identification.by_prediction import Prepared, usual_band
-from tactuator.identification.estimate.loops import dahl_state
-from tactuator.identification.estimate.refined import Samples
-from tactuator.identification.evidence.checks import check_length, check_polarity
-from tactuator.identification.evidence.curvature import cubic_share
-from tactuator.identification.evidence.distortion import Distortion
-from tactuator.identification.evidence.feedback import feedback_seen
-from tactuator.identification.evidence.residuals import ResidualTests, check_residual, jump_of
-from tactuator.identification.evidence.whitening import apply_filter, whitening_filter
-from tactuator.identification.fixed.standing import FixedAgainstOwn, cancelled, disagrees, exact, said_of_disagreement
-from tactuator.identification.forms.known import Known
-from tactuator.identification.forms.pins import freedom
-from tactuator.identification.result import BetweenSamples, Identification
-from tactuator.identification.selection import Candidate
-from tactuator.identification.spectral.hold import Hold
-from tactuator.identification.spectral.hold_choice import SpectralEstimate, estimate
-from tactuator.identification.spectral.instrument import REMAINS, choice_by_reference
-from tactuator.identification.spectral.likelihood import SpectralFit, information
-from tactuator.identification.spectral.lines import Spectrum
-from tactuator.identification.spectral.record_residual import Residual, record_residual
-from tactuator.identification.spectral.search import Choice
-from tactuator.identification.spectral.uncertainty import (
+from tactuator.identification.distortion import Distortion
+from tactuator.identification.form import freedom
+from tactuator.identification.friction import BENT, FrictionFit
+from tactuator.identification.likelihood import SpectralFit, information
+from tactuator.identification.lines import Spectrum
+from tactuator.identification.prepared import (
+    Prepared,
+    Samples,
+    check_length,
+    check_polarity,
+    moved_range,
+    usual_band,
+    valid_range,
+)
+from tactuator.identification.residual import Residual, cubic_share, feedback_seen
+from tactuator.identification.residual_tests import (
+    ResidualTests,
+    apply_filter,
+    check_residual,
+    jump_of,
+    whitening_filter,
+)
+from tactuator.identification.result import BetweenSamples, Candidate, Friction, Identification
+from tactuator.identification.search import Choice
+from tactuator.identification.spectral_estimate import REMAINS, SpectralEstimate
+from tactuator.identification.standing import FixedAgainstOwn, cancelled, disagrees, exact, said_of_disagreement
+from tactuator.identification.uncertainty import (
     fed_back,
     left_over,
     log_slopes,
@@ -37,8 +42,7 @@ from tactuator.identification.spectral.uncertainty import (
     physical,
     response_of_rows,
 )
-from tactuator.identification.valid_range import moved_range, valid_range
-from tactuator.model.plant_model import Excess, PlantModel
+from tactuator.model.plant_model import PlantModel
 
 _TABLE = 120
 _FLOOR = 5e-4
@@ -49,85 +53,60 @@ the level of every frequency. Seen on hardening springs and on friction; more wo
 _TESTED = 1 << 17
 """Samples by which a residual is tested: more would see what no band is narrow enough for."""
 _WHY = " (command and position fall off below half the rate, as behind the filters of converters)"
-_CERTAIN_FRICTION = 100.0
-"""Drop of -2 log likelihood by one parameter from which on friction is looked for."""
-
-
-def spectral_estimate(
-    common: Prepared, holds: tuple[Hold, ...], known: Known, note: Callable[[str], None]
-) -> SpectralEstimate:
-    """Return the frequency domain's estimate of the prepared record."""
-    signals = [(one.command, one.position) for one in common.all_samples]
-    rate_hz = common.samples.rate_hz
-    found = estimate(signals, rate_hz, holds, known, note)
-    references = [one.reference for one in common.all_records if one.reference is not None]
-    if found.chosen.hold != "band-limited" or len(references) != len(signals):
-        return found
-    note("fitting what follows the reference")
-    chosen = choice_by_reference(found.chosen, found.spectra, references)
-    if chosen is None:
-        return found
-    left = record_residual(chosen, found.spectra)
-    return replace(found, chosen=chosen, residuals=left, before=found.chosen.fit)
-
-
-def friction_shows(residuals: Sequence[Residual]) -> bool:
-    """Return true where a friction along the model's own path explains more of the residual than chance ever would."""
-    motion = max(float(np.std(left.simulated)) for left in residuals)
-    for presliding in np.geomspace(1e-3, 1.0, 4) * motion:
-        size = along = 0.0
-        for left in residuals:
-            state = dahl_state(np.ascontiguousarray(left.simulated), float(presliding))
-            lines = np.fft.rfft(state - state.mean()) / np.sqrt(state.size)
-            pull = left.response * lines[1:] * left.weight[1:]
-            size += float(np.sum(np.abs(pull) ** 2))
-            along += float(np.sum((np.conj(pull) * left.lines[1:] * left.weight[1:]).real))
-        if size > 0.0 and along < 0.0 and 2.0 * along**2 / size > _CERTAIN_FRICTION:
-            return True
-    return False
+_DEGREES = 14.0
+"""Time scales by which a residual is tested."""
+_UNRESOLVED = 5.0
+"""Half-width of a Coulomb level c that builds up between two samples, in c²/(rms of the command): on records of another
+generator it was off by up to 4 of these, and by less than the interval where friction's reversals can be seen."""
 
 
 @np.errstate(all="ignore")
 def identification(
     common: Prepared,
     found: SpectralEstimate,
+    source: str,
     residuals: Sequence[Residual],
-    between: BetweenSamples,
     distortion: Distortion | None = None,
+    rubbed: FrictionFit | None = None,
 ) -> Identification:
     """Return the identification by the chosen fit, its band wide enough for the other hold where none is certain;
-    distortion: what a periodic record shows beside the response.
+    source: who says what the command does between its samples. distortion: what a periodic record shows beside the
+    response. rubbed: the fit of friction that it comes from.
     """
-    chosen, to_unit, to_position = found.chosen, *common.scale
-    gain, other = to_position / to_unit, None
-    model = _model(common, found, chosen, gain, distortion)
+    between = BetweenSamples(found.chosen.hold, source, source != "data" or found.certain, found.advantage)
+    if rubbed is not None:
+        common = common.with_commands(rubbed.commands)
+    chosen, gain, other = found.chosen, common.gain, None
+    to_position = common.scale[1]
+    model = _model(common, found, chosen, gain, distortion, rubbed)
     remarks = list(common.remarks)
     if found.before is not None:
         remarks.append("of the command what follows the recorded reference was fitted, free of noise fed back")
     if found.other is not None and not found.certain and between.source == "data":
-        other = _model(common, found, found.other, gain, distortion)
+        other = _model(common, found, found.other, gain, distortion, rubbed)
         model = model.holding(other)
         remarks.append(
             f"whether the command was held or band-limited between its samples cannot be told (difference "
             f"{found.advantage:.2g}): taken as {between.hold}{_WHY if found.flanks else ''}, the band holds both; "
             "--hold says which it is"
         )
-    model = replace(model, valid_hz=_valid(model, found))
     tests = _tests(common, found, residuals)
+    friction = None if rubbed is None else friction_of(rubbed, tests, common)
+    model = replace(model, valid_hz=_valid(model, found), friction={} if friction is None else friction.stated)
     if distortion is not None and distortion.repeats is not None:
         tests = replace(tests, feedback=not distortion.repeats)
     remarks += _said_of(tests, common, chosen.hold == "band-limited" and found.before is None)
     remarks += _said_of_cube(cubic_share(found.spectra, residuals))
     remarks += check_length(chosen.fit.poles_rad_s, _slow_pole_error(chosen), common.longest_s)
     remarks += check_polarity(model.num, model.den)
-    offset, (simulated, measured, percent) = float(common.record.position.mean()), _shown(residuals)
+    offset, (simulated, measured, percent) = float(common.records[0].position.mean()), _shown(residuals)
     made = Identification(
         model=model,
         order=chosen.fit.form.poles,
         excitation=replace(common.excitation, needed=chosen.fit.form.count),
         tests=tests,
         fit_percent=percent,
-        friction=None,
+        friction=friction,
         tried=_tried(found),
         empirical=common.own_response,
         simulated=simulated * to_position + offset,
@@ -146,9 +125,9 @@ def _beside_free(
     """Return the identification with what the record shows without the values that are fixed; where it speaks against
     them, the band holds both.
     """
-    alone = _model(common, free, free.chosen, common.scale[1] / common.scale[0])
+    alone = _model(common, free, free.chosen, common.gain)
     alone = replace(alone, valid_hz=_valid(alone, free))
-    made = replace(made, fixed=tuple(FixedAgainstOwn(one, one.of_model(alone)) for one in common.fixed))
+    made = replace(made, fixed=tuple(FixedAgainstOwn(one, one.of_model(alone)) for one in common.asked.fixed))
     beside = [one for one in (free.chosen, free.other) if one is not None]
     if not disagrees(found.chosen, beside) and not cancelled(made.fixed, made.model):
         return made
@@ -170,7 +149,7 @@ def _said_of(tests: ResidualTests, common: Prepared, filtered: bool) -> list[str
         )
     if tests.jump is not None:
         said.append(
-            f"at {tests.jump / common.record.rate_hz:.6g} s the position jumps as neither command nor noise explains: "
+            f"at {tests.jump / common.rate_hz:.6g} s the position jumps as neither command nor noise explains: "
             "a knock, or two runs pasted together (--from-s and --to-s leave it out)"
         )
     return said
@@ -192,23 +171,19 @@ def _shown(residuals: Sequence[Residual]) -> tuple[FloatArray, FloatArray, float
     return simulated, measured, 100.0 * (1.0 - share)
 
 
-def with_doubt(made: Identification, found: SpectralEstimate, between: BetweenSamples) -> Identification:
-    """Return the identification with a band that holds the other hold too, where the record cannot tell them apart, and
-    with the frequencies at which the record moved the mechanism.
+def friction_of(rubbed: FrictionFit, tests: ResidualTests, common: Prepared) -> Friction:
+    """Return friction in the record's units, with the interval and the distance that the record allows to tell.
+
+    Where friction builds up between two samples only that it is short can be seen.
     """
-    made = replace(made, model=replace(made.model, valid_hz=_valid(made.model, found)))
-    if between.certain or found.other is None:
-        return replace(made, between=replace(between, hold="zero-order"))
-    table = np.geomspace(1.0 / made.model.band_hz[1], 0.5 * found.spectra[0].rate_hz, _TABLE)
-    apart = np.log(found.other.fit.response(table) / found.chosen.fit.response(table))
-    excess = Excess(table, np.zeros(table.size), np.zeros(table.size)).joined(apart / 1.96)
-    said = "whether the command was held or band-limited cannot be told: taken as held, the band holds both"
-    return replace(
-        made,
-        model=replace(made.model, excess=excess),
-        between=replace(between, hold="zero-order"),
-        remarks=(*made.remarks, said),
-    )
+    to_unit, to_position = common.scale
+    count = sum(one.command.size for one in common.samples)
+    more = 1.0 if tests.uncorrelated_with_input else max(1.0, tests.unexplained * count / _DEGREES)
+    half_width = 1.959964 * rubbed.deviation * float(np.sqrt(more))
+    distance: float | None = rubbed.presliding * to_position
+    if rubbed.presliding <= float(np.median(np.abs(np.diff(common.samples[0].position)))):
+        half_width, distance = float(np.hypot(half_width, _UNRESOLVED * rubbed.coulomb**2)), None
+    return Friction(rubbed.coulomb * to_unit, half_width * to_unit, distance)
 
 
 def _tried(found: SpectralEstimate) -> tuple[Candidate, ...]:
@@ -222,13 +197,18 @@ def _tried(found: SpectralEstimate) -> tuple[Candidate, ...]:
 
 
 def _model(
-    common: Prepared, found: SpectralEstimate, choice: Choice, gain: float, distortion: Distortion | None = None
+    common: Prepared,
+    found: SpectralEstimate,
+    choice: Choice,
+    gain: float,
+    distortion: Distortion | None = None,
+    rubbed: FrictionFit | None = None,
 ) -> PlantModel:
-    fit, record = choice.fit, common.record
-    covariance = information(choice.problem, fit)
+    fit, record = choice.fit, common.records[0]
+    covariance = information(choice.problem, fit) * (1.0 if rubbed is None else BENT)
     num, den, spread = physical(fit, covariance, gain)
     high = 0.5 * record.rate_hz
-    asked = {"fixed": " ".join(map(str, common.fixed))} if fit.form.pins or fit.form.known else {}
+    asked = {"fixed": " ".join(map(str, common.asked.fixed))} if fit.form.pins or fit.form.known else {}
     table = np.geomspace(1.0 / common.longest_s, high, _TABLE)
     beyond = other_forms(choice, table)
     bias = fed_back(choice, found.spectra) if choice.problem.with_transient else None
@@ -236,6 +216,10 @@ def _model(
         beyond = beyond.joined(REMAINS * np.log(found.before.response(table) / fit.response(table)))
     elif bias is not None:
         beyond = beyond.joined(log_slopes(fit, table) @ bias)
+    if rubbed is not None:
+        beyond = beyond.joined(log_slopes(found.chosen.fit, table) @ rubbed.shift)
+        apart = np.log(rubbed.other.response(table) / found.chosen.fit.response(table))
+        beyond = beyond.joined(apart)
     if distortion is not None:
         bent = _BENT * distortion.distortion / np.abs(distortion.value)
         beyond = beyond.joined(np.interp(np.log(table), np.log(distortion.frequency_hz), bent) * (1.0 + 1.0j))
@@ -248,14 +232,14 @@ def _model(
         delay_s=fit.delay_s,
         covariance=spread,
         band_hz=usual_band(record),
-        quantity=common.quantity,
+        quantity=common.asked.quantity,
         command_unit=record.command_unit,
         position_unit=record.position_unit,
         method="spectral",
-        record=record.about | {"rate_hz": record.rate_hz, "duration_s": record.duration_s, "hold": choice.hold} | asked,
+        record=common.source(hold=choice.hold, **asked),
         excess=beyond,
     )
-    return exact(model, common.fixed) if fit.form.pins else model
+    return exact(model, common.asked.fixed) if fit.form.pins else model
 
 
 def _valid(model: PlantModel, found: SpectralEstimate) -> tuple[float, float]:
@@ -266,7 +250,7 @@ def _valid(model: PlantModel, found: SpectralEstimate) -> tuple[float, float]:
 
 
 def _tests(common: Prepared, found: SpectralEstimate, residuals: Sequence[Residual]) -> ResidualTests:
-    rows = zip(common.all_samples, residuals, found.spectra, strict=True)
+    rows = zip(common.samples, residuals, found.spectra, strict=True)
     made = [residual_tests(samples, left, found.chosen.fit, taken) for samples, left, taken in rows]
     seen = {one.feedback for one in made}
     if found.other_residuals and not found.certain and seen != _feedback_of_other(found):

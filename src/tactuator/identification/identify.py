@@ -4,196 +4,194 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from tactuator.errors import BadInput
-from tactuator.identification import by_spectrum
 from tactuator.identification.asked import Asked
-from tactuator.identification.by_inverse_dynamics import motor_identification
-from tactuator.identification.by_periods import identify_periods, plans_of
-from tactuator.identification.by_prediction import Prepared, recursive, refined
-from tactuator.identification.estimate.refined import Samples, judge
-from tactuator.identification.evidence.checks import check_direction, check_record
-from tactuator.identification.evidence.empirical import empirical_response
-from tactuator.identification.evidence.excitation import excitation_report, require_excitation
+from tactuator.identification.by_spectrum import identification
+from tactuator.identification.distortion import Distortion, distortion_of
+from tactuator.identification.form import Known
+from tactuator.identification.friction import Signals, fit_friction
+from tactuator.identification.hold import HOLDS, Hold
+from tactuator.identification.lines import LocalResponse
+from tactuator.identification.motor import motor_identification
+from tactuator.identification.prepared import Prepared, prepared
+from tactuator.identification.recursive import recursive
+from tactuator.identification.residual import residual_of_record
 from tactuator.identification.result import BetweenSamples, Identification
-from tactuator.identification.selection import choose_structure
-from tactuator.identification.spectral.hold import HOLDS, Hold
-from tactuator.identification.trust import distrusted
-from tactuator.model.plant import DERIVATIVES
+from tactuator.identification.spectral_estimate import SpectralEstimate, estimate, estimate_lines, following
+from tactuator.signals.multisine import Periods, periods_of
 from tactuator.signals.record import Record
 
-LONGEST = 1_000_000
-"""Samples identified at once, of all records together; of longer ones the parts with most command power are taken."""
-LONGEST_PREDICTED = 250_000
-"""The same by prediction error, which costs each step a simulation."""
-METHODS = ("refined", "prediction", "rls")
+_FEWEST_LINES = 8
+_NONE = 1e-6
+"""Share of the response below which a distortion is rounding (120 dB)."""
+
+
+def plans_of(common: Prepared) -> tuple[Periods, ...] | None:
+    """Return the plan of every record, or None where one has none, too few lines, or another than the first."""
+    made = [periods_of(one.about, one.command.size) for one in common.records]
+    plans = tuple(one for one in made if one is not None)
+    if len(plans) < len(made) or plans[0].lines.size < _FEWEST_LINES:
+        return None
+    first = plans[0]
+    alike = all(
+        (one.period, one.repeats) == (first.period, first.repeats) and np.array_equal(one.lines, first.lines)
+        for one in plans
+    )
+    return plans if alike else None
+
+
+@np.errstate(all="ignore")
+def identify_periods(
+    common: Prepared,
+    plans: tuple[Periods, ...],
+    holds: tuple[Hold, ...],
+    source: str,
+    known: Known,
+    note: Callable[[str], None],
+) -> Identification:
+    """Return the model of the best linear approximation that the records' periods show, weighted by its total variance.
+
+    What a nonlinear mechanism does beyond it counts as error: the band holds the approximation, not one realisation.
+    """
+    note("periods")
+    seen = distortion_of(common.signals, common.references, plans, common.rate_hz)
+    ones = np.ones(seen.frequency_hz.size)
+    noise = seen.total**2 / np.maximum(len(plans) * plans[0].realisations, 1)
+    local = LocalResponse(seen.frequency_hz, seen.value, seen.variance, noise, ones, ones)
+    found = estimate_lines(local, common.signals, common.rate_hz, holds, known, note)
+    residuals = tuple(residual_of_record(found.chosen.fit, taken) for taken in found.spectra)
+    common = replace(common, remarks=(*common.remarks, *_remarks(seen)))
+    return identification(common, found, source, residuals, seen.scaled(common.gain))
+
+
+def _remarks(seen: Distortion) -> tuple[str, ...]:
+    if not seen.shows:
+        return ()
+    size = np.abs(seen.value)
+    worst = int(np.argmax(seen.distortion / size))
+    kinds = [("even", seen.even), ("odd", seen.distortion)]
+    said = " and ".join(f"{name} {_below(float(level[worst] / size[worst]))}" for name, level in kinds)
+    return (
+        f"distortion stands out of the noise, at {seen.frequency_hz[worst]:.3g} Hz: {said}; the model is the best "
+        "linear approximation at this level of the command, the band counts distortion as error, and friction is part "
+        "of both",
+    )
+
+
+def _below(share: float) -> str:
+    """Return a distortion's level in words; share: of the response."""
+    return "none that shows" if share < _NONE else f"{-20.0 * np.log10(share):.0f} dB below the response"
+
+
+_WIDEST_DB = 20.0
+_CHANCE, _MISSED = 1e-3, 1e-3
+"""Chance of a residual that follows the command so much, and the share of the position's power (3 % of its size), from
+which on a model by least squares lacks something."""
+_RULED = 0.5
+"""Part of the position that is left over, over what friction takes of the command, from which on friction rules."""
+_SHORT = 1.1
+"""Ratio of its ends below which a range of frequency is none."""
+
+
+def distrusted(found: Identification, common: Prepared) -> Identification:
+    """Return the identification with the reasons, if any, for which its model must not be designed with."""
+    model, record = found.model, common.records[0]
+    reasons = list(found.distrust)
+    poles = np.roots(model.den)
+    size = float(np.abs(poles).max())
+    unstable = bool(np.any(poles.real > 1e-6 * size))
+    if unstable and found.tests.feedback is not True:
+        reasons.append("the model is not stable, though the record stays bounded and no feedback can be seen in it")
+    sections = [one.fixed.section for one in found.fixed if one.fixed.section]
+    known = np.concatenate([np.roots([1.0, *one]) for one in sections]) if sections else np.zeros(0)
+    own = [pole for pole in poles if not np.any(np.abs(known - pole) < 1e-6 * size)]
+    fastest = float(np.max(np.abs(own), initial=0.0)) / (2.0 * np.pi)
+    if fastest > 0.5 * record.rate_hz:
+        reasons.append(
+            f"a pole at {fastest:.3g} Hz lies beyond half the rate ({0.5 * record.rate_hz:.6g} Hz), where the record "
+            "shows nothing"
+        )
+    low, high = max(common.excitation.low_hz, model.band_hz[0]), min(common.excitation.high_hz, model.band_hz[1])
+    if high > low:
+        band = model.band_db(np.geomspace(low, high, 100))
+        if float(np.max(band)) > _WIDEST_DB:
+            reasons.append(f"the band is {float(np.max(band)):.3g} dB wide inside the record's own excitation")
+    if model.valid_hz is not None and model.valid_hz[1] < _SHORT * model.valid_hz[0]:
+        reasons.append("the band is nowhere narrower than 3 dB and 20 degrees")
+    if found.fit_percent < 100.0 * (1.0 - np.sqrt(1.0 - 1e-3)):
+        reasons.append("the model explains next to nothing of the position")
+    missed = found.tests.unexplained * (1.0 - found.fit_percent / 100.0) ** 2
+    if model.method == "rls" and found.tests.uncorrelated_p < _CHANCE and missed > _MISSED:
+        reasons.append(
+            f"{100.0 * missed:.2g} % of the position's power follow the command and not the model: a dead time, more "
+            "poles, or sensor noise, which least squares has no place for (--method refined has)"
+        )
+    friction = found.friction
+    if friction is not None and friction.presliding is None and not found.tests.uncorrelated_with_input:
+        left = 1.0 - found.fit_percent / 100.0
+        if left * float(np.std(record.command)) > _RULED * friction.coulomb or friction.confidence > friction.coulomb:
+            reasons.append(
+                f"friction rules the record: it builds up between two samples, {100.0 * left:.2g} % of the position's "
+                "size is left over, and how large it is cannot be told; a stronger command or a higher rate shows more"
+            )
+    remarks = list(found.remarks)
+    if unstable and found.tests.feedback is True:
+        remarks.append("the model is not stable (the record was made in a closed loop)")
+    return replace(found, distrust=tuple(reasons), remarks=tuple(r for r in remarks if r != "the model is not stable"))
 
 
 def identify(
-    record: Record | Sequence[Record],
-    *,
-    method: str = "refined",
-    forgetting: float = 1.0,
-    note: Callable[[str], None] = lambda _: None,
-    **wishes: object,
+    record: Record | Sequence[Record], *, note: Callable[[str], None] = lambda _: None, **wishes: Any
 ) -> Identification:
     """Return a continuous model of a record, or of several records of one mechanism at one rate.
 
-    wishes: the fields of `Asked`. method: "refined" (maximum likelihood in the frequency domain, and by prediction
-    error where friction shows), "prediction" (prediction error alone, for held commands), "rls" (the paper's recursive
-    least squares, with `forgetting`). Several records are for "refined" alone. Raises BadInput for a record that cannot
-    tell this.
+    wishes: the fields of `Asked`. Several records are for the method "refined" alone. Raises BadInput for a record that
+    cannot tell this.
     """
-    records = [record] if isinstance(record, Record) else list(record)
+    records, asked = [record] if isinstance(record, Record) else list(record), Asked(**wishes)
+    if asked.method != "refined" and len(records) > 1:
+        raise BadInput(f"{len(records)} records with the method {asked.method!r}", "several with 'refined' alone")
     # threads of BLAS wait for each other over matrices of a dozen columns
     with threadpool_limits(limits=1):
-        return _identify(records, method, forgetting, note, Asked(**wishes))  # type: ignore[arg-type]
+        common = prepared(records, asked)
+        return distrusted(recursive(common) if asked.method == "rls" else _refined(common, note), common)
 
 
-def _identify(
-    records: Sequence[Record], method: str, forgetting: float, note: Callable[[str], None], asked: Asked
-) -> Identification:
-    if method not in METHODS:
-        raise BadInput(f"method {method!r}", f"{', '.join(METHODS)}")
-    if method != "refined" and len(records) > 1:
-        raise BadInput(f"{len(records)} records with the method {method!r}", "several with 'refined' alone")
-    if method != "refined" and asked.fixed:
-        raise BadInput(f"fixed values with the method {method!r}", "with 'refined' alone")
-    common = _prepared(records, asked)
-    if method == "rls":
-        return distrusted(recursive(common, forgetting), common)
-    if method == "prediction":
-        return distrusted(_by_prediction(common, asked, note), common)
-    return distrusted(_by_spectrum(common, asked, note), common)
-
-
-def _prepared(records: Sequence[Record], asked: Asked) -> Prepared:
-    remarks: list[str] = []
-    parts: list[Record] = []
-    for k, record in enumerate(records):
-        try:
-            found = [*record.remarks, *check_record(record)]
-        except BadInput as error:
-            raise BadInput(str(error) if len(records) == 1 else f"record {k + 1}: {error}") from None
-        piece, said = _liveliest(record, LONGEST // len(records))
-        parts.append(record.part(piece) if said else record)
-        remarks += [one if len(records) == 1 else f"record {k + 1}: {one}" for one in [*found, *said]]
-    _require_alike(parts)
-    scale = tuple(
-        float(np.sqrt(np.mean([np.var(getattr(one, name)) for one in parts]))) for name in ("command", "position")
-    )
-    hold = "first-order" if asked.hold == "first-order" else "zero-order"
-    samples = [
-        Samples(
-            (one.command - one.command.mean()) / scale[0],
-            (one.position - one.position.mean()) / scale[1],
-            one.rate_hz,
-            hold,  # type: ignore[arg-type]
-        )
-        for one in parts
-    ]
-    reports = [excitation_report(one.command, one.rate_hz, (asked.order or 2) + 1) for one in samples]
-    liveliest = max(range(len(parts)), key=lambda k: (reports[k].order, parts[k].duration_s))
-    require_excitation(reports[liveliest])
-    order = [liveliest, *(k for k in range(len(parts)) if k != liveliest)]
-    first = samples[liveliest]
-    response = empirical_response(first.command, first.position, first.rate_hz)
-    remarks += check_direction(response)
-    others = tuple((parts[k], samples[k]) for k in order[1:])
-    return Prepared(
-        parts[liveliest], first, (scale[0], scale[1]), response, reports[liveliest], asked.quantity, asked.order,
-        tuple(remarks), others, asked.fixed,
-    )  # fmt: skip
-
-
-def _require_alike(records: Sequence[Record]) -> None:
-    first = records[0]
-    for k, one in enumerate(records[1:], start=2):
-        if abs(one.rate_hz / first.rate_hz - 1.0) > 1e-6:
-            raise BadInput(f"record {k} has {one.rate_hz:g} Hz, the first {first.rate_hz:g} Hz", "one rate")
-        units = [(record.command_unit, record.position_unit) for record in (first, one)]
-        if units[0] != units[1]:
-            raise BadInput(f"record {k} is in {units[1]}, the first in {units[0]}", "the same units")
-        said = [record.about.get("hold") for record in (first, one)]
-        if said[0] != said[1]:
-            raise BadInput(f"record {k} says hold {said[1]}, the first {said[0]}", "the same")
-
-
-def _liveliest(record: Record, most: int) -> tuple[slice, tuple[str, ...]]:
-    """Return the part, of `most` samples, in which the command has most power, and what is to be said of that."""
-    count = record.command.size
-    if count <= most:
-        return slice(0, count), ()
-    power = np.cumsum((record.command - record.command.mean()) ** 2)
-    starts = np.arange(0, count - most + 1, most // 4)
-    best = int(starts[np.argmax(power[starts + most - 1] - power[starts])])
-    said = f"of {record.duration_s:.4g} s the {most / record.rate_hz:.4g} s from {best / record.rate_hz:.4g} s are used"
-    return slice(best, best + most), (said,)
-
-
-def _shortened(common: Prepared) -> Prepared:
-    """Return the same with as many samples as a prediction error is worked out over within a minute."""
-    piece, said = _liveliest(common.record, LONGEST_PREDICTED)
-    if not said:
-        return common
-    command, position = (getattr(common.samples, name)[piece] for name in ("command", "position"))
-    samples = replace(common.samples, command=command - command.mean(), position=position - position.mean())
-    remarks = (*common.remarks, f"by prediction error: {said[0]}")
-    return replace(common, record=common.record.part(piece), samples=samples, remarks=remarks)
-
-
-def _by_prediction(common: Prepared, asked: Asked, note: Callable[[str], None]) -> Identification:
-    if not asked.is_free or (asked.order or 1) > 6 or asked.hold == "band-limited":
-        raise BadInput(
-            "zeros, integrators, a dead time, more than six poles or a band-limited command",
-            "none of these with the method 'prediction'",
-        )
-    common = _shortened(common)
-    found = choose_structure(
-        common.samples,
-        common.response,
-        order=asked.order,
-        integrated=DERIVATIVES[asked.quantity],
-        friction=asked.friction,
-        note=note,
-    )
-    made = refined(common, judge(common.samples, found.fit, found.tests), found.tried)
-    return replace(made, between=BetweenSamples(common.samples.hold, "asked"))
-
-
-def _by_spectrum(common: Prepared, asked: Asked, note: Callable[[str], None]) -> Identification:
-    holds, source = _holds(common.record, asked)
-    if asked.may_be_motor and not common.others:
+def _refined(common: Prepared, note: Callable[[str], None]) -> Identification:
+    asked = common.asked
+    holds, source = _holds(common.records[0], asked)
+    if asked.may_be_motor and len(common.records) == 1:
         motor = motor_identification(common, BetweenSamples(holds[0], source, len(holds) == 1))
         if motor is not None:
             return motor
-    known = asked.known(common.scale[1] / common.scale[0])
+    known = asked.known(common.gain)
     plans = plans_of(common)
     if plans is not None:
         return identify_periods(common, plans, holds, source, known, note)
-    found = by_spectrum.spectral_estimate(common, holds, known, note)
-    between = BetweenSamples(found.chosen.hold, source, source != "data" or found.certain, found.advantage)
-    residuals = found.residuals
-    may_be_held = between.hold != "band-limited" or not between.certain
-    if asked.friction and may_be_held and asked.is_free and (asked.order or 1) <= 6:
+
+    def estimate_of(signals: Signals) -> SpectralEstimate:
+        return estimate(signals, common.rate_hz, holds, known, note)
+
+    estimated, rubbed = estimate_of(common.signals), None
+    if estimated.chosen.hold == "band-limited" and common.references is not None:
+        note("fitting what follows the reference")
+        estimated = following(estimated, common.references)
+    if asked.friction and not asked.fixed and estimated.before is None:
         note("looking for friction")
-        shows = by_spectrum.friction_shows(residuals)
-        if shows and common.others:
-            said = "friction shows; its level is told from one record alone, and the band holds what it does here"
-            common = replace(common, remarks=(*common.remarks, said))
-        elif shows:
-            made = _by_prediction(common, asked, note)
-            if made.friction is not None:
-                return by_spectrum.with_doubt(made, found, between)
-    return by_spectrum.identification(common, found, residuals, between)
+        rubbed = fit_friction(common.signals, estimated, estimate_of)
+    if rubbed is not None:
+        estimated = rubbed.estimate
+    return identification(common, estimated, source, estimated.residuals, rubbed=rubbed)
 
 
 def _holds(record: Record, asked: Asked) -> tuple[tuple[Hold, ...], str]:
     """Return the holds to try, and who says so: the user, the record's own file, or the data."""
     if asked.hold != "auto":
-        return tuple(hold for hold in HOLDS if hold == asked.hold), "asked"
+        return (asked.hold,), "asked"
     written = tuple(hold for hold in HOLDS if hold == record.about.get("hold"))
     return (written, "file") if written else (("zero-order", "band-limited"), "data")

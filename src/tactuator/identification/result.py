@@ -7,14 +7,54 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.identification.estimate.friction import Friction
-from tactuator.identification.evidence.distortion import Distortion
-from tactuator.identification.evidence.empirical import EmpiricalResponse
-from tactuator.identification.evidence.excitation import ExcitationReport
-from tactuator.identification.evidence.residuals import ResidualTests
-from tactuator.identification.fixed.standing import FixedAgainstOwn
-from tactuator.identification.selection import Candidate
+from tactuator.identification.distortion import Distortion
+from tactuator.identification.prepared import EmpiricalResponse, ExcitationReport
+from tactuator.identification.residual_tests import ResidualTests
+from tactuator.identification.standing import FixedAgainstOwn
 from tactuator.model.plant_model import PlantModel
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Levels in units of command, with their 95 % half-widths.
+
+    coulomb: what friction takes. presliding: units of position over which it builds up after a reversal (Dahl); None
+    where the record cannot tell. offset: command that stands against a steady pull. small_command: amplitude of a slow
+    command of which friction takes 1 dB.
+    """
+
+    coulomb: float
+    confidence: float
+    presliding: float | None
+    offset: float = 0.0
+    offset_confidence: float = 0.0
+
+    @property
+    def stated(self) -> dict[str, float]:
+        """Return what a model file says of it; a presliding distance that nobody can tell is left out."""
+        known = {} if self.presliding is None else {"presliding": self.presliding}
+        return {"coulomb": self.coulomb, **known}
+
+    @property
+    def small_command(self) -> float:
+        """Return the level by the describing function of Coulomb friction, 4 c/(pi U), in phase with the command at
+        worst.
+        """
+        return float(4.0 * self.coulomb / np.pi / (1.0 - 10.0 ** (-1.0 / 20.0)))
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One structure that was tried: squared innovation, chance that nothing is left (score test; nan: not tested), the
+    hold it was tried under and how far its criterion is behind the best (Bayes; nan: not known)."""
+
+    poles: int
+    zeros: int
+    dead_time: bool
+    cost: float
+    uncorrelated_p: float
+    hold: str = "zero-order"
+    behind: float = float("nan")
 
 
 @dataclass(frozen=True)

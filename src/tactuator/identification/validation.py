@@ -11,19 +11,16 @@ from threadpoolctl import threadpool_limits
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification.by_spectrum import residual_tests
-from tactuator.identification.estimate.inverse_dynamics import motor_estimate, motor_prediction
-from tactuator.identification.estimate.loops import dahl_state
-from tactuator.identification.estimate.refined import Samples
-from tactuator.identification.evidence.checks import check_record
-from tactuator.identification.evidence.residuals import ResidualTests
+from tactuator.identification.hold import HOLDS, Hold
+from tactuator.identification.likelihood import SpectralFit, SpectralProblem
+from tactuator.identification.lines import LocalResponse, Spectrum, equations, local_response, spectrum, weights
+from tactuator.identification.loops import dahl_state
+from tactuator.identification.motor import motor_estimate, motor_prediction
+from tactuator.identification.prepared import Samples, check_record
+from tactuator.identification.residual import Residual, line_residual
+from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.result import Identification, Validation
-from tactuator.identification.spectral.hold import HOLDS, Hold
-from tactuator.identification.spectral.likelihood import SpectralFit, SpectralProblem
-from tactuator.identification.spectral.lines import LocalResponse, Spectrum, equations, local_response, spectrum
-from tactuator.identification.spectral.noise import weights
-from tactuator.identification.spectral.of_model import fit_of_model
-from tactuator.identification.spectral.record_residual import Residual, line_residual
-from tactuator.identification.spectral.uncertainty import response_of_rows
+from tactuator.identification.uncertainty import fit_of_model, response_of_rows
 from tactuator.model.plant_model import PlantModel
 from tactuator.signals.record import Record
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.estimate.recursive import RecursiveEstimate, identify_recursively
+from tactuator.identification.recursive import RecursiveEstimate, identify_recursively
 from tactuator.model.description import Channel
 from tactuator.paper.plan import MAINS_HZ, MOTOR_HZ, Plan, Progress
 from tactuator.rig.rig import Trace

@@ -11,9 +11,9 @@ import numpy as np
 
 from tactuator.identification.by_response import ResponseFit
 from tactuator.identification.calibration import Calibration
-from tactuator.identification.evidence.distortion import Distortion
-from tactuator.identification.fixed.standing import FixedAgainstOwn
+from tactuator.identification.distortion import Distortion
 from tactuator.identification.result import Identification, Validation, resonances
+from tactuator.identification.standing import FixedAgainstOwn
 from tactuator.io.model import write_identified
 from tactuator.model.plant_model import PlantModel
 from tactuator.report.tables import identification_rows, response_rows, with_error

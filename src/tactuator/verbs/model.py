@@ -266,7 +266,7 @@ def identify(
             "through an anti-aliasing filter), or auto: the record tells."
         ),
     ] = "auto",
-    method: Annotated[str, Option("refined, prediction (held only), rls (the paper's).")] = "refined",
+    method: Annotated[str, Option("refined, rls (the paper's).")] = "refined",
     quantity: Annotated[str, Option("What the position is: displacement, velocity, acceleration.")] = "displacement",
     forgetting: Annotated[float, Option("Of the recursion; 1 keeps everything.")] = 1.0,
     friction: Annotated[bool, Option("Estimate friction.", ("--friction/--no-friction",))] = True,
@@ -291,15 +291,15 @@ def identify(
     >>> tt.identify(record, order=2, zeros=0, hold="zero-order", friction=False).order
     2
     """
-    from tactuator.identification.asked import Asked
-    from tactuator.identification.fixed.value import Fixed
+    from tactuator.identification.asked import Asked, Fixed
     from tactuator.identification.identify import identify as identified
     from tactuator.identification.validation import validated
     from tactuator.io.record import is_response, read_record
     from tactuator.signals.record import Record
     from tactuator.verbs.identified import IdentificationResult
 
-    asked = Asked(order, zeros, integrators, delay_s, hold, quantity, friction, tuple(map(Fixed.parse, fix or ())))
+    fixed = tuple(map(Fixed.parse, fix or ()))
+    asked = Asked(order, zeros, integrators, delay_s, hold, quantity, friction, fixed, method, forgetting)  # type: ignore[arg-type]
     given, unseen = paths(records), paths(validate)
     if not isinstance(given[0], Record) and is_response(Path(given[0])):
         if len(given) > 1 or unseen:
@@ -320,7 +320,7 @@ def identify(
         def note(text: str) -> None:
             step(text=f"identifying: {text}")
 
-        fit = identified(parts, method=method, forgetting=forgetting, note=note, **vars(asked))
+        fit = identified(parts, note=note, **vars(asked))
         note("validating")
         fit = validated(fit, checks)
     model = promoted(IdentificationResult, fit, about=parts[0].about, out=None if out is None else Path(out))

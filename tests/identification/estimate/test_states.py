@@ -5,8 +5,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from tactuator.errors import BadInput
-from tactuator.identification.estimate.loops import dahl_state, recursive_least_squares, run_states
-from tactuator.identification.estimate.states import companion_states, shift
+from tactuator.identification.loops import companion_states, dahl_state, recursive_least_squares, run_states, shift
 from tests.identification.plants import PAPER, RATE_HZ
 
 

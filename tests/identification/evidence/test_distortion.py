@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import signal
 
-from tactuator.identification.evidence.distortion import distortion_of
+from tactuator.identification.distortion import distortion_of
 from tactuator.signals.multisine import Periods
 
 PERIOD, PERIODS, REALISATIONS, RATE_HZ = 256, 4, 40, 1000.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactuator.identification.evidence.residuals import check_residual
+from tactuator.identification.residual_tests import check_residual
 
 
 @pytest.mark.parametrize("amiss", [np.inf, np.nan, 1e200])

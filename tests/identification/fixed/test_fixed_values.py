@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from tactuator.identification.asked import Asked
+from tactuator.identification.asked import Asked, Fixed
 from tactuator.identification.by_response import identify_response
-from tactuator.identification.fixed.value import Fixed
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
 from tactuator.model.plant_model import Excess

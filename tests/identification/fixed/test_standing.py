@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from tactuator.identification.fixed.standing import FixedAgainstOwn, said_of_disagreement
-from tactuator.identification.fixed.value import Fixed
+from tactuator.identification.asked import Fixed
+from tactuator.identification.standing import FixedAgainstOwn, said_of_disagreement
 from tactuator.model.plant_model import PlantModel
 
 

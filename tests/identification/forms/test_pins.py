@@ -4,8 +4,16 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactuator.identification.forms.form import Form, Pin, denominator_polynomial, ladder, numerator_polynomial
-from tactuator.identification.forms.pins import freedom, settled, weights_left
+from tactuator.identification.form import (
+    Form,
+    Pin,
+    denominator_polynomial,
+    freedom,
+    ladder,
+    numerator_polynomial,
+    settled,
+    weights_left,
+)
 
 COEFFICIENT = st.floats(0.05, 20.0)
 KINDS = {

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tactuator.identification.spectral.search import _best
+from tactuator.identification.search import _best
 
 
 def fits(costs):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tactuator.identification.forms.form import Form, ladder
-from tactuator.identification.spectral.hold import Grid, held_slopes, response_columns
+from tactuator.identification.form import Form, ladder
+from tactuator.identification.hold import Grid, held_slopes, response_columns
 
 FORMS = {
     "a dead time": (Form(3, 1, True), [0.3, 1.1, 0.7], 0.4),

@@ -5,9 +5,8 @@ import pytest
 from scipy import signal
 
 from tactuator.identification.identify import identify
-from tactuator.identification.spectral.lines import Spectrum, spectrum
-from tactuator.identification.spectral.loop_evidence import explained_by_loop
-from tactuator.identification.spectral.record_residual import Residual
+from tactuator.identification.lines import Spectrum, spectrum
+from tactuator.identification.residual import Residual, explained_by_loop
 from tactuator.signals.record import Record
 from tests.identification.others import Plant, held
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.forms.form import (
+from tactuator.identification.form import (
     Form,
     denominator_values,
     ladder,
@@ -20,9 +20,9 @@ from tactuator.identification.forms.form import (
     sections_of,
     separated,
 )
-from tactuator.identification.spectral.hold import Grid, Hold
-from tactuator.identification.spectral.likelihood import SpectralFit, SpectralProblem
-from tactuator.identification.spectral.lines import LocalResponse, points
+from tactuator.identification.hold import Grid, Hold
+from tactuator.identification.likelihood import SpectralFit, SpectralProblem
+from tactuator.identification.lines import LocalResponse, points
 
 _FLOOR = 3e-3
 """Relative error of a point that is not believed to be smaller: curvature within its band."""

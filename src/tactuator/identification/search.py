@@ -9,22 +9,21 @@ from types import MappingProxyType
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.identification.forms.form import (
+from tactuator.identification.form import (
+    MANY,
     MOST_POLES,
     Form,
+    Known,
     fewer_poles,
     free_poles,
     numerator_polynomial,
     sections_of,
     without_cancelled,
 )
-from tactuator.identification.forms.known import MANY, Known
-from tactuator.identification.spectral.hold import Grid, Hold
-from tactuator.identification.spectral.initial_models import Starter
-from tactuator.identification.spectral.joined import JoinedEquations
-from tactuator.identification.spectral.likelihood import SpectralFit, SpectralProblem
-from tactuator.identification.spectral.lines import Equations, LocalResponse
-from tactuator.identification.spectral.noise import weights
+from tactuator.identification.hold import Grid, Hold
+from tactuator.identification.likelihood import SpectralFit, SpectralProblem
+from tactuator.identification.lines import Equations, JoinedEquations, LocalResponse, weights
+from tactuator.identification.starts import Starter
 
 TIE = 6.0
 """Difference of the criterion within which the form of fewer poles is taken (Raftery 1995: from 6 on it is strong)."""

@@ -1,4 +1,9 @@
-"""From samples to a choice under each hold, and which hold it was."""
+"""From samples to a choice under each hold, and which hold it was.
+
+A recorded reference serves as instrument: the part of a loop's command that follows it is free of the loop's own noise
+(Van den Hof and Schrama, An indirect method for transfer function estimation from closed loop data, 1993, in two
+stages, with a local polynomial estimate for the first stage).
+"""
 
 from __future__ import annotations
 
@@ -9,23 +14,25 @@ import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
-from tactuator.identification.forms.form import is_stable
-from tactuator.identification.forms.known import Known
-from tactuator.identification.spectral.hold import Hold
-from tactuator.identification.spectral.joined import JoinedEquations, join, join_local
-from tactuator.identification.spectral.likelihood import SpectralFit
-from tactuator.identification.spectral.lines import (
+from tactuator.identification.form import Known, is_stable
+from tactuator.identification.hold import Hold
+from tactuator.identification.likelihood import SpectralFit
+from tactuator.identification.lines import (
     Equations,
+    JoinedEquations,
     LocalResponse,
     Spectrum,
+    band_edges,
     equations,
+    join,
+    join_local,
     local_response,
     points,
     spectrum,
+    weights,
 )
-from tactuator.identification.spectral.loop_evidence import joint_misfit
-from tactuator.identification.spectral.record_residual import Residual, record_residual
-from tactuator.identification.spectral.search import COMPARED, Choice, choose, propose
+from tactuator.identification.residual import Residual, joint_misfit, record_residual
+from tactuator.identification.search import COMPARED, Choice, choose, propose
 
 CERTAIN = 12.0
 """Difference of -2 log likelihood from which on a hold is told: odds of 1 : 400 on equal terms."""
@@ -281,3 +288,60 @@ def _flanks(taken: Sequence[Spectrum], left: Sequence[Residual]) -> bool:
         for one, rest in zip(taken, left, strict=True)
         for lines in (one.command, rest.lines)
     )
+
+
+_SHARE = 0.04
+_FEWEST = 30
+"""Lines of a band, of which six take part of the noise with them: a fifth at most."""
+REMAINS = 0.3
+"""Share of what the reference changed that may still be amiss: the bands' own six of thirty lines, and chance."""
+_FOLLOWS = 0.3
+"""Share of the command's power that must follow the reference for it to be of use."""
+
+
+def following(estimated: SpectralEstimate, references: Sequence[FloatArray]) -> SpectralEstimate:
+    """Return the estimate with its chosen forms fitted to what follows the references (n,); the same where that is too
+    little.
+    """
+    choice, pairs = estimated.chosen, list(zip(estimated.spectra, references, strict=True))
+    if not all(follows(*pair) for pair in pairs):
+        return estimated
+    given = join([equations(by_reference(*pair), 0.0, 0.5 * choice.problem.given.rate_hz) for pair in pairs])
+    chosen = refitted(choice, given)
+    residuals = record_residual(chosen, estimated.spectra)
+    return replace(estimated, chosen=chosen, residuals=residuals, before=choice.fit)
+
+
+def refitted(choice: Choice, given: Equations | JoinedEquations) -> Choice:
+    """Return the choice with its forms fitted to other equations at the same frequencies."""
+    problem, fit = replace(choice.problem, given=given), choice.fit
+    highest = float(given.of_hz[choice.problem.weight > 0.0].max())
+    for _ in range(2):
+        problem = problem.with_weight(weights(given, problem.residual(fit), highest))
+        fit = problem.descend(fit.form, fit.theta, fit.delay, most=10) or fit
+    others = {form: problem.descend(form, one.theta, one.delay, most=6) for form, one in choice.fits.items()}
+    kept = {form: one for form, one in others.items() if one is not None}
+    return replace(choice, fit=fit, problem=problem, fits=kept | {fit.form: fit})
+
+
+def follows(taken: Spectrum, reference: FloatArray) -> bool:
+    """Return true where enough of the command follows the reference (n,)."""
+    made = by_reference(taken, reference)
+    power = float(np.sum(np.abs(taken.command) ** 2))
+    return float(np.sum(np.abs(made.command) ** 2)) > (_FOLLOWS + 6.0 / _FEWEST) * power
+
+
+def by_reference(taken: Spectrum, reference: FloatArray) -> Spectrum:
+    """Return the spectrum with the command's lines replaced by what follows the reference (n,), transient included."""
+    early = reference[: taken.samples]
+    driver = np.fft.rfft(early - early.mean()) / np.sqrt(taken.samples)
+    command = taken.command.copy()
+    for begin, end in band_edges(taken, 1, taken.command.size, _SHARE, _FEWEST, widest=1.0):
+        place = np.linspace(-1.0, 1.0, end - begin)
+        shape = np.stack([np.ones_like(place), place, place * place], axis=1)
+        columns = np.hstack([driver[begin:end, None] * shape, shape])
+        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        basis, values, _ = np.linalg.svd(columns / size, full_matrices=False)
+        basis = basis[:, values > 1e-9 * values[0]]
+        command[begin:end] = basis @ (basis.conj().T @ taken.command[begin:end])
+    return replace(taken, command=command)

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from tactuator.identification.fixed.value import Fixed
-from tactuator.identification.forms.form import Form
-from tactuator.identification.spectral.search import Choice
+from tactuator.identification.asked import Fixed
+from tactuator.identification.form import Form
+from tactuator.identification.search import Choice
 from tactuator.model.plant_model import PlantModel
 
 _BEHIND = 3.0

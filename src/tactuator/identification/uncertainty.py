@@ -8,18 +8,20 @@ from dataclasses import replace
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.forms.form import (
+from tactuator.identification.form import (
     Form,
     denominator_polynomial,
+    ladder,
     numerator_polynomial,
     numerator_values,
     section_list,
+    sections_of,
 )
-from tactuator.identification.spectral.hold import Grid, response_columns
-from tactuator.identification.spectral.likelihood import SpectralFit, information, nonlinear_slopes
-from tactuator.identification.spectral.lines import LocalResponse, Spectrum
-from tactuator.identification.spectral.search import Choice
-from tactuator.model.plant_model import Excess
+from tactuator.identification.hold import Grid, Hold, response_columns
+from tactuator.identification.likelihood import SpectralFit, information, nonlinear_slopes
+from tactuator.identification.lines import LocalResponse, Spectrum
+from tactuator.identification.search import Choice
+from tactuator.model.plant_model import Excess, PlantModel
 
 _LEAST_WEIGHT = 14.0
 """Difference of the criterion beyond which a form does not count (odds of 1 : 1100)."""
@@ -168,3 +170,18 @@ def response_of_rows(fit: SpectralFit, rows: FloatArray) -> ComplexArray:
 def response_on(fit: SpectralFit, grid: Grid) -> ComplexArray:
     """Return the sampled response (hold included) on the lines of a grid in the fit's scale, (m,)."""
     return np.asarray(response_columns(grid, fit.theta, fit.delay, fit.form, fit.rungs) @ fit.numerator)
+
+
+def fit_of_model(model: PlantModel, rate_hz: float, hold: Hold, gain: float) -> SpectralFit:
+    """Return the model as a fit whose command and position are scaled: gain is position's unit over command's."""
+    poles, zeros = np.roots(model.den), model.num.size - 1
+    size = np.abs(poles[poles != 0.0])
+    scale = float(np.exp(np.mean(np.log(size)))) if size.size else rate_hz
+    form = Form(poles.size, zeros, dead_time=True)
+    theta = sections_of(poles / scale)
+    rungs = ladder(theta, form)
+    basis = np.stack([numerator_polynomial(rungs, row, form) for row in np.eye(zeros + 1)], axis=1)
+    powers = poles.size - np.arange(zeros, -1, -1.0)
+    numerator = np.asarray(np.linalg.solve(basis, model.num / gain / scale**powers), dtype=np.float64)
+    grid = Grid(np.zeros(0), rate_hz, scale, hold)
+    return SpectralFit(form, theta, model.delay_s * scale, numerator, rungs, grid, 0.0)

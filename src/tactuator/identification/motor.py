@@ -10,13 +10,17 @@ and Khalil, Modeling, Identification and Control of Robots, 2002, chapter 12.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
 from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.identification.prepared import Prepared, usual_band
+from tactuator.identification.residual_tests import ResidualTests
+from tactuator.identification.result import BetweenSamples, Friction, Identification
+from tactuator.model.plant_model import PlantModel
 
 _SLOW = 0.2
 """Share of the velocity's deviation below which a motor may stick."""
@@ -88,7 +92,7 @@ def _estimate(command: FloatArray, position: FloatArray, rate_hz: float, corner:
     everything, goal, chosen = _equation(command, position, rate_hz, corner, is_held)
     if chosen.size < _FEWEST:
         return None
-    columns, place = everything[chosen], _low_passed(position, rate_hz, corner, 0)[chosen]
+    columns, place = everything[chosen], low_passed(position, rate_hz, corner, 0)[chosen]
     theta, left, covariance = _regress(columns, goal[chosen])
     spring, _, spread = _regress(np.column_stack([columns, place]), goal[chosen])
     total = float(np.var(goal[chosen]))
@@ -136,8 +140,8 @@ def _equation(
         # a held command acts half a sample later than its own time
         acting[1:] = 0.5 * (command[1:] + command[:-1])
     acceleration, velocity = _derivatives(position, rate_hz, corner)
-    sign = _low_passed(np.sign(velocity), rate_hz, corner, 0, even=True)
-    goal = _low_passed(acting, rate_hz, corner, 0, even=True)
+    sign = low_passed(np.sign(velocity), rate_hz, corner, 0, even=True)
+    goal = low_passed(acting, rate_hz, corner, 0, even=True)
     columns = np.stack([acceleration, velocity, sign, np.ones(sign.size)], axis=1)
     return columns, goal, _moving(velocity, rate_hz, corner)
 
@@ -153,7 +157,7 @@ def _moving(velocity: FloatArray, rate_hz: float, corner: float) -> NDArray[np.i
     return np.asarray(places[slow_before[beyond] == slow_before[first]])
 
 
-def _low_passed(values: FloatArray, rate_hz: float, corner: float, order: int, *, even: bool = False) -> FloatArray:
+def low_passed(values: FloatArray, rate_hz: float, corner: float, order: int, *, even: bool = False) -> FloatArray:
     """Return the Gaussian low-pass without phase, differentiated `order` times; ends mirrored (even) or
     turned round.
     """
@@ -202,3 +206,69 @@ def _regress(columns: FloatArray, goal: FloatArray) -> tuple[FloatArray, FloatAr
         middle += (1.0 - lag / (_LAGS + 1.0)) * (cross + cross.T)
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True)
     return theta / size, left, inverse @ middle @ inverse / np.outer(size, size)
+
+
+_RULES = 0.1
+"""Coulomb level over the command's deviation from which on friction rules a record."""
+_UNEXPLAINED = 0.05
+_SPRING = 0.03
+_CERTAIN = 10.0
+
+
+def motor_identification(common: Prepared, between: BetweenSamples) -> Identification | None:
+    """Return the identification of a record that a free motor with Coulomb friction explains, None of any other.
+
+    The fit is that of the low-passed command, since the position of a free motor remembers every error for ever.
+    """
+    record = common.records[0]
+    motor = motor_estimate(record.command, record.position, record.rate_hz, is_held=between.hold != "band-limited")
+    if motor is None or not _is_motor(motor):
+        return None
+    errors = 1.959964 * np.sqrt(np.diag(motor.covariance))
+    covariance = np.zeros((4, 4))
+    covariance[:2, :2] = motor.covariance[:2, :2]
+    friction = Friction(
+        motor.coulomb, float(errors[2]), 1e-3 * float(np.std(record.position)), motor.offset, float(errors[3])
+    )
+    model = PlantModel(
+        num=np.array([motor.gain]),
+        den=np.array([1.0, motor.damping, 0.0]),
+        delay_s=0.0,
+        covariance=covariance,
+        band_hz=usual_band(record),
+        quantity=common.asked.quantity,
+        command_unit=record.command_unit,
+        position_unit=record.position_unit,
+        method="inverse dynamics",
+        record=common.source(),
+        friction=friction.stated | {"offset": friction.offset},
+        valid_hz=(1.0 / record.duration_s, motor.corner_hz),
+    )
+    left = motor.commanded - motor.predicted
+    spread = float(np.linalg.norm(motor.commanded - motor.commanded.mean()))
+    return Identification(
+        model=model,
+        order=2,
+        excitation=replace(common.excitation, needed=4),
+        tests=ResidualTests(float("nan"), float("nan"), motor.unexplained, feedback=None),
+        fit_percent=100.0 * (1.0 - float(np.linalg.norm(left)) / spread),
+        friction=friction,
+        tried=(),
+        empirical=common.own_response,
+        simulated=motor.predicted,
+        measured=motor.commanded,
+        remarks=(
+            *common.remarks,
+            "friction rules this record and no spring holds the mechanism: it is taken as an integrator with one pole, "
+            f"from its equation of motion below {motor.corner_hz:.3g} Hz; the fit is that of the command",
+        ),
+        between=between,
+    )
+
+
+def _is_motor(motor: Motor) -> bool:
+    errors = np.sqrt(np.diag(motor.covariance))
+    rules = motor.coulomb > _RULES * float(np.std(motor.commanded)) and motor.coulomb > _CERTAIN * errors[2]
+    known = abs(motor.gain) > _CERTAIN * errors[0] and motor.damping > -3.0 * errors[1]
+    free = motor.spring < _SPRING or motor.spring_t < 5.0
+    return bool(rules and known and free and motor.unexplained < _UNEXPLAINED)

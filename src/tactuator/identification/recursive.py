@@ -8,7 +8,8 @@ the estimated A afterwards, which makes the bias small, not zero (Young, Recursi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,10 +17,86 @@ from scipy import signal
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.identification.estimate.loops import Recursion, recursive_least_squares
-from tactuator.identification.estimate.states import companion_states, shift
-from tactuator.identification.evidence.empirical import empirical_response
+from tactuator.identification.loops import Recursion, companion_states, recursive_least_squares, shift
+from tactuator.identification.prepared import (
+    Prepared,
+    check_length,
+    empirical_response,
+    require_excitation,
+    usual_band,
+    valid_range_of,
+)
+from tactuator.identification.residual_tests import check_residual
+from tactuator.identification.result import Identification
+from tactuator.model.plant import DERIVATIVES
+from tactuator.model.plant_model import Excess, PlantModel
 from tactuator.signals.systems import ContinuousSystem
+
+
+def recursive(common: Prepared) -> Identification:
+    """Return the paper's estimate, judged by the same tests."""
+    samples, asked, record = common.samples[0], common.asked, common.records[0]
+    order = asked.order or 2
+    integrated = DERIVATIVES[asked.quantity]
+    if integrated >= order:
+        raise BadInput(f"order {order} for a {asked.quantity} by least squares", f"{integrated + 1} or more")
+    estimate = identify_recursively(
+        samples.command, samples.position, samples.rate_hz, poles=order, zeros=integrated, forgetting=asked.forgetting
+    )
+    excitation = replace(common.excitation, needed=order + 1)
+    require_excitation(excitation)
+    gain = common.gain
+    hold: Literal["zero-order", "first-order"] = "first-order" if asked.hold == "first-order" else "zero-order"
+    states = companion_states(estimate.den, samples.command, samples.rate_hz, hold=hold)
+    simulated = np.asarray(states[:, : integrated + 1] @ estimate.num[::-1])
+    residual = samples.position - simulated - np.mean(samples.position - simulated)
+    tests = check_residual(residual, samples.command, samples.command[:, None], samples.rate_hz)
+    remarks = list(common.remarks) + list(check_length(np.roots(estimate.den), 0.0, record.duration_s))
+    remarks.append("least squares is biased by sensor noise: its confidence covers the noise, not the bias")
+    sizes = np.append(np.full(integrated + 1, gain), np.ones(order))
+    covariance = np.zeros((sizes.size + 1, sizes.size + 1))
+    covariance[:-1, :-1] = estimate.covariance * np.outer(sizes, sizes)
+    if not tests.uncorrelated_with_input:
+        remarks.append("the residual follows the command: the band holds the record's own response as well")
+    spread = float(np.linalg.norm(samples.position - samples.position.mean()))
+    model = PlantModel(
+        num=estimate.num * gain,
+        den=estimate.den,
+        delay_s=0.0,
+        covariance=covariance,
+        band_hz=usual_band(record),
+        quantity=asked.quantity,
+        command_unit=record.command_unit,
+        position_unit=record.position_unit,
+        method="rls",
+        record=common.source(),
+        excess=Excess.none() if tests.uncorrelated_with_input else _departure(common, estimate.num, estimate.den),
+    )
+    return Identification(
+        model=replace(model, valid_hz=valid_range_of(model, samples)),
+        order=order,
+        excitation=excitation,
+        tests=tests,
+        fit_percent=100.0 * (1.0 - float(np.linalg.norm(residual)) / spread),
+        friction=None,
+        tried=(),
+        empirical=common.own_response,
+        simulated=(simulated - simulated.mean()) * common.scale[1] + float(record.position.mean()),
+        measured=record.position,
+        remarks=tuple(remarks),
+    )
+
+
+def _departure(common: Prepared, num: FloatArray, den: FloatArray) -> Excess:
+    """Return how far the record's own response, with its error, is from the model, as a standard deviation: friction
+    bends that response as well, to the same side.
+    """
+    own = common.response
+    s = 2j * np.pi * own.frequency_hz
+    apart = np.log(own.value * np.polyval(den, s) / np.polyval(num, s))
+    size = np.abs(apart.real) + 1j * np.abs(apart.imag)
+    none = Excess(own.frequency_hz, np.zeros(s.size), np.zeros(s.size))
+    return none.joined(size).joined(own.relative_error * (1.0 + 1.0j))
 
 
 @dataclass(frozen=True)

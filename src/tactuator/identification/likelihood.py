@@ -13,22 +13,24 @@ from functools import cached_property
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.algebra.elimination import eliminated, fitted_beside, orthonormal, turning_of
-from tactuator.identification.forms.form import (
+from tactuator.identification.form import (
     Form,
     Ladder,
     all_poles,
+    bound,
     denominator_values,
+    freedom,
     is_stable,
     ladder,
     monic_values,
     numerator_values,
     section_list,
+    settled,
+    theta_left,
+    weights_left,
 )
-from tactuator.identification.forms.pins import bound, freedom, settled, theta_left, weights_left
-from tactuator.identification.spectral.hold import Grid, edge_columns, held_slopes, response_columns, transient_columns
-from tactuator.identification.spectral.joined import JoinedEquations, equation_slices
-from tactuator.identification.spectral.lines import Equations
+from tactuator.identification.hold import Grid, edge_columns, held_slopes, response_columns, transient_columns
+from tactuator.identification.lines import Equations, JoinedEquations, equation_slices
 
 _SOON, _FAR_AWAY = 4, 100.0
 """Steps after which a fit beyond a hopeless cost is given up, half of them where it is that many times beyond."""
@@ -347,3 +349,45 @@ def information(problem: SpectralProblem, fit: SpectralFit) -> FloatArray:
     # a complex line's noise has half its power in either part
     inverse = np.linalg.pinv(gram / np.outer(size, size), rcond=1e-14, hermitian=True)
     return np.asarray(free @ (0.5 * inverse / np.outer(size, size)) @ free.T)
+
+
+def fitted_beside(columns: ComplexArray, goal: ComplexArray, weight: FloatArray) -> FloatArray:
+    """Return the real weights (k,) of complex columns (e, k) that fit the goal (e,) best."""
+    rows = np.ascontiguousarray((np.hstack([columns, goal[:, None]]) * weight[:, None]).T).view(np.float64)
+    return np.asarray(eliminated(rows @ rows.T, columns.shape[1])[0][:, 0])
+
+
+def eliminated(products: FloatArray, linear: int, turning: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """Return the least squares weights (linear, k) of the first `linear` columns for all further ones, and the products
+    (k, k) of what they leave, from the products of all columns.
+
+    turning: `turning_of` the first columns, if that is at hand.
+    """
+    turned = turning_of(products[:linear, :linear]) if turning is None else turning
+    along = turned.T @ products[:linear, linear:]
+    return turned @ along, products[linear:, linear:] - along.T @ along
+
+
+def turning_of(products: FloatArray) -> FloatArray:
+    """Return the weights (k, j) that make orthonormal columns of those with the products (k, k); directions that
+    rounding has taken are left out.
+    """
+    if not products.size:
+        return np.zeros((0, 0))
+    size = np.sqrt(np.maximum(products.diagonal(), 0.0))
+    size[size == 0.0] = 1.0
+    values, vectors = np.linalg.eigh(products / (size[:, None] * size))
+    kept = values > 1e-13 * max(float(values[-1]), 1e-300)
+    return np.asarray(vectors[:, kept] / np.sqrt(values[kept]) / size[:, None])
+
+
+def orthonormal(rows: FloatArray) -> FloatArray:
+    """Return an orthonormal basis (j, n) of the rows (k, n), but for directions that are lost in rounding."""
+    size = np.linalg.norm(rows, axis=1)
+    made = rows / np.where(size > 0.0, size, 1.0)[:, None]
+    # the second round takes away what the first one's rounding left
+    for _ in range(2):
+        values, vectors = np.linalg.eigh(made @ made.T)
+        kept = values > 1e-11 * max(float(values[-1]), 1e-300)
+        made = (vectors[:, kept] / np.sqrt(values[kept])).T @ made
+    return np.asarray(made)

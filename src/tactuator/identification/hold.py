@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.forms.form import (
+from tactuator.identification.form import (
     Form,
     Ladder,
     all_poles,

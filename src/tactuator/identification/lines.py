@@ -4,19 +4,27 @@ Within a narrow band response and transient are polynomials of second degree in 
 transformation turns all its lines into six equations and one number, the power that no such polynomial explains. The
 same three coefficients, fitted band by band, are the local polynomial estimate of the response (Pintelon and Schoukens,
 2012, chapter 7).
+
+The equations of several records of one mechanism stand one after the other, each with its own transient, ends and
+noise. The noise's power, from what a model leaves of the record, weighs the lines. Weighted by its own residual's
+spectrum the estimate is consistent in closed loop too, as long as all lines up to half the rate take part: what the
+loop feeds back of the noise is causal, so that its sum over the whole circle vanishes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
+from scipy import fft, linalg
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.spectral.hold import Grid
+from tactuator.identification.hold import Grid
 
 NODES = 3
 _PLACES = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)[::-1]
@@ -252,3 +260,122 @@ def local_response(taken: Spectrum, high_hz: float, share: float = 0.02, fewest:
         np.array(frequency, dtype=np.float64), np.array(value, dtype=np.complex128) * late, np.array(variance_),
         np.array(noise_), np.array(excitation), np.array(lines, dtype=np.float64),
     )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedEquations:
+    """The equations of several records one after the other; attributes and methods as `Equations` has them."""
+
+    parts: tuple[Equations, ...]
+
+    @cached_property
+    def frequency_hz(self) -> FloatArray:
+        """Return where responses are wanted, (m,): each part's frequencies in turn."""
+        return np.concatenate([one.frequency_hz for one in self.parts])
+
+    @cached_property
+    def goal(self) -> ComplexArray:
+        """Return the left sides, (e,)."""
+        return np.concatenate([one.goal for one in self.parts])
+
+    @cached_property
+    def of_hz(self) -> FloatArray:
+        """Return the frequency of each equation, (e,)."""
+        return np.concatenate([one.of_hz for one in self.parts])
+
+    @property
+    def rate_hz(self) -> float:
+        """Return the sampling rate, the same for all."""
+        return self.parts[0].rate_hz
+
+    @property
+    def shift(self) -> int:
+        """Return by how many samples the positions are read later, the same for all."""
+        return self.parts[0].shift
+
+    @property
+    def total(self) -> int:
+        """Return the number of real equations that the records give."""
+        return sum(one.total for one in self.parts)
+
+    def response_of(self, values: NDArray[Any]) -> ComplexArray:
+        """Return the equations' right sides for responses (m, c): (e, c)."""
+        return np.concatenate(
+            [one.response_of(values[piece]) for one, piece in zip(self.parts, self._pieces, strict=True)]
+        )
+
+    def transient_of(self, values: NDArray[Any]) -> ComplexArray:
+        """Return the right sides for transients (m, c), each record with weights of its own: (e, c * records)."""
+        blocks = [one.transient_of(values[piece]) for one, piece in zip(self.parts, self._pieces, strict=True)]
+        return np.asarray(linalg.block_diag(*blocks))
+
+    @cached_property
+    def _pieces(self) -> list[slice]:
+        return slices([one.frequency_hz.size for one in self.parts])
+
+
+def slices(sizes: Sequence[int]) -> list[slice]:
+    """Return the places of pieces of those sizes, one after the other."""
+    ends = np.cumsum([0, *sizes]).tolist()
+    return [slice(begin, end) for begin, end in pairwise(ends)]
+
+
+def equation_slices(given: Equations | JoinedEquations) -> list[slice]:
+    """Return the equations of each record among all of them."""
+    return slices([one.goal.size for one in given.parts])
+
+
+def join(parts: Sequence[Equations]) -> Equations | JoinedEquations:
+    """Return the equations of all records; of one alone its own."""
+    return parts[0] if len(parts) == 1 else JoinedEquations(tuple(parts))
+
+
+def join_local(parts: Sequence[LocalResponse]) -> LocalResponse:
+    """Return the points of all records by frequency."""
+    if len(parts) == 1:
+        return parts[0]
+    order = np.argsort(np.concatenate([one.frequency_hz for one in parts]), kind="stable")
+    names = ("frequency_hz", "value", "variance", "noise", "excitation", "lines")
+    columns = (np.concatenate([getattr(one, name) for one in parts])[order] for name in names)
+    return LocalResponse(*columns)
+
+
+_WIDTH = 0.12
+_FEWEST_AVERAGED = 40
+
+
+def noise_power(given: Equations, residual: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """Return the residual's mean power at each equation (e,) and each band (b,), over 12 % of frequency, 40 lines."""
+    frequency = np.concatenate([given.of_hz, given.centre_hz])
+    power = np.concatenate([np.abs(residual) ** 2, given.rest])
+    count = np.concatenate([np.ones(given.of_hz.size), given.spare])
+    order = np.argsort(frequency, kind="stable")
+    place = frequency[order]
+    sums = np.concatenate([[0.0], np.cumsum(power[order])])
+    counts = np.concatenate([[0.0], np.cumsum(count[order])])
+
+    def at(hertz: FloatArray) -> FloatArray:
+        low = np.searchsorted(place, hertz * (1.0 - 0.5 * _WIDTH))
+        high = np.searchsorted(place, hertz * (1.0 + 0.5 * _WIDTH), side="right")
+        for _ in range(12):
+            few = counts[high] - counts[low] < _FEWEST_AVERAGED
+            if not np.any(few):
+                break
+            step = np.maximum(4, (high - low) // 2)
+            low, high = (
+                np.where(few, np.maximum(low - step, 0), low),
+                np.where(few, np.minimum(high + step, place.size), high),
+            )
+        mean = (sums[high] - sums[low]) / np.maximum(counts[high] - counts[low], 1.0)
+        return np.asarray(np.maximum(mean, 1e-30))
+
+    return at(given.of_hz), at(given.centre_hz) if given.centre_hz.size else np.zeros(0)
+
+
+def weights(given: Equations | JoinedEquations, residual: ComplexArray, highest_hz: float) -> FloatArray:
+    """Return one over the noise's deviation at each equation up to highest_hz, zero beyond, (e,); the noise of each
+    record is its own.
+    """
+    pieces = zip(given.parts, equation_slices(given), strict=True)
+    by_equation = np.concatenate([noise_power(one, residual[piece])[0] for one, piece in pieces])
+    return np.where(given.of_hz <= highest_hz, 1.0 / np.sqrt(by_equation), 0.0)

@@ -1,1 +1,0 @@
-"""Linear algebra of least squares that identification shares."""

@@ -1,1 +1,0 @@
-"""Estimators of plant models: starts, descent, prediction, covariance."""

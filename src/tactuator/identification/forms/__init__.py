@@ -1,1 +1,0 @@
-"""Forms of a transfer function, what is known of them beforehand, and the freedom that it leaves."""

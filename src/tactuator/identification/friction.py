@@ -1,0 +1,266 @@
+"""Friction in a record: Dahl's state along the motion is taken off the command, and the rest is as linear as any other.
+
+The Coulomb level and the presliding distance are those that explain most of what a fit leaves, everything else fitted
+again to first order; then the engine fits the record anew with the friction off its command, until both stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.identification.likelihood import SpectralFit, eliminated
+from tactuator.identification.lines import Spectrum, equations, join, local_response, spectrum
+from tactuator.identification.loops import dahl_state
+from tactuator.identification.motor import low_passed, motion_corner
+from tactuator.identification.residual import Residual, record_residual
+from tactuator.identification.spectral_estimate import SpectralEstimate, refitted
+from tactuator.identification.uncertainty import log_slopes
+
+Signals = Sequence[tuple[FloatArray, FloatArray]]
+"""Command and position, (n,) each, of every record."""
+_CERTAIN = 100.0
+"""Drop of -2 log likelihood by one parameter from which on friction is looked for."""
+_DEVIATIONS = 5.0
+_TRIFLE = 1e-3
+"""Share of what a fit leaves that friction has to explain."""
+_POOR = 0.02
+"""Share of the position's power that a fit may leave before friction is suspected to rule the record."""
+BENT = 4.0
+"""Variance beside friction over what the likelihood has: what friction leaves is at each frequency alike in sign, and
+was up to 1.5 half-widths on records of another generator."""
+_SAMPLED = 0.0025
+"""Share of a level below which no deviation goes: its state follows a path that is known at samples alone."""
+_ESTIMATES, _ROUNDS = 4, 12
+"""Most estimates of a record's form with friction off its command, and most steps of the level between them."""
+_STILL = 0.05
+"""Change of the level, in its deviations, from which on another round brings nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionFit:
+    """An estimate of records with friction taken off their commands. commands: what is left of them. coulomb, its
+    standard deviation, and the presliding distance, in the signals' units. shift: what one deviation of the level
+    changes in (numerator, theta, dead time). other: the chosen form where friction acts otherwise between samples.
+    """
+
+    estimate: SpectralEstimate
+    commands: tuple[FloatArray, ...]
+    coulomb: float
+    deviation: float
+    presliding: float
+    shift: FloatArray
+    other: SpectralFit
+
+
+def friction_shows(residuals: Sequence[Residual]) -> bool:
+    """Return true where a friction along the model's own path explains more of the residual than chance ever would."""
+    motion = max(float(np.std(left.simulated)) for left in residuals)
+    for presliding in np.geomspace(1e-3, 1.0, 4) * motion:
+        size = along = 0.0
+        for left in residuals:
+            state = dahl_state(np.ascontiguousarray(left.simulated), float(presliding))
+            lines = np.fft.rfft(state - state.mean()) / np.sqrt(state.size)
+            pull = left.response * lines[1:] * left.weight[1:]
+            size += float(np.sum(np.abs(pull) ** 2))
+            along += float(np.sum((np.conj(pull) * left.lines[1:] * left.weight[1:]).real))
+        if size > 0.0 and along < 0.0 and 2.0 * along**2 / size > _CERTAIN:
+            return True
+    return False
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """Friction of a level and a presliding distance along a path of every record, (n,); held: it acts from sample to
+    sample, as a simulation's may, and not all the time; deviation: of the level.
+    """
+
+    coulomb: float
+    presliding: float
+    paths: tuple[FloatArray, ...]
+    held: bool = False
+    deviation: float = np.inf
+
+    def states(self) -> list[FloatArray]:
+        """Return friction's state along every path, (n,), as it acts from each sample to the next."""
+        states = [dahl_state(path, self.presliding) for path in self.paths]
+        return states if self.held else [0.5 * (state + np.append(state[1:], state[-1])) for state in states]
+
+    def off(self, signals: Signals) -> list[tuple[FloatArray, FloatArray]]:
+        """Return the signals with friction off their commands."""
+        pairs = zip(signals, self.states(), strict=True)
+        return [(command - self.coulomb * state, position) for (command, position), state in pairs]
+
+
+def fit_friction(
+    signals: Signals, bare: SpectralEstimate, estimate_of: Callable[[Signals], SpectralEstimate]
+) -> FrictionFit | None:
+    """Return the estimate with friction, or None where none is certain.
+
+    bare: the estimate without friction; estimate_of: what makes an estimate of signals.
+    """
+    level = _level_without_model(signals, bare) if _share_left(bare.residuals) > _POOR else None
+    if level is None and not friction_shows(bare.residuals):
+        return None
+    level = _stepped(signals, bare, _Level(0.0, 0.0, ())) if level is None else level
+    for _ in range(_ESTIMATES):
+        if level.coulomb <= 0.0:
+            return None
+        now, before = estimate_of(level.off(signals)), level
+        level = _settled(signals, now, level)
+        if abs(level.coulomb - before.coulomb) < _STILL * level.deviation:
+            break
+    level = before
+    lines = _FrictionLines(now, level)
+    gain, coulomb, power, weights = lines.explained(level.states())
+    deviation = 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf
+    if not (coulomb > _DEVIATIONS * deviation and gain > _TRIFLE * lines.power):
+        return None
+    commands = tuple(command for command, _ in level.off(signals))
+    deviation = float(np.hypot(np.sqrt(BENT) * deviation, _SAMPLED * level.coulomb))
+    beside = replace(level, held=not level.held)
+    other = _again(now, beside.off(signals)).chosen.fit
+    return FrictionFit(now, commands, level.coulomb, deviation, level.presliding, -weights * deviation, other)
+
+
+def _share_left(residuals: Sequence[Residual]) -> float:
+    left, whole = (
+        sum(float(np.sum(np.abs(lines[1:]) ** 2)) for lines in rows)
+        for rows in ([one.lines for one in residuals], [one.taken.position for one in residuals])
+    )
+    return left / max(whole, 1e-300)
+
+
+def _settled(signals: Signals, now: SpectralEstimate, level: _Level) -> _Level:
+    """Return the level at which the estimate's form and the friction along its own path agree."""
+    for _ in range(_ROUNDS):
+        ahead = _stepped(signals, now, level)
+        change = abs(ahead.coulomb - level.coulomb)
+        level = ahead
+        if level.coulomb <= 0.0 or change < _STILL * level.deviation:
+            break
+        now = _again(now, level.off(signals))
+    return level
+
+
+def _again(now: SpectralEstimate, signals: Signals) -> SpectralEstimate:
+    """Return the estimate with its chosen fit fitted to other signals."""
+    before = now.spectra[0]
+    spectra = tuple(spectrum(command, position, before.rate_hz, before.shift) for command, position in signals)
+    given = join([equations(taken, 0.0, 0.5 * taken.rate_hz) for taken in spectra])
+    chosen = refitted(replace(now.chosen, fits={}), given)
+    return replace(now, chosen=chosen, spectra=spectra, residuals=record_residual(chosen, spectra))
+
+
+def _paths(signals: Signals, now: SpectralEstimate) -> tuple[FloatArray, ...]:
+    """Return the motion of every record as the estimate has it, free of noise, (n,) each."""
+    paths = []
+    for (_, position), left in zip(signals, now.residuals, strict=True):
+        path, piece = position.copy(), slice(left.taken.shift, left.taken.shift + left.taken.samples)
+        path[piece] = left.simulated + float(position[piece].mean())
+        path[piece.stop :] = path[piece.stop - 1]
+        paths.append(path)
+    return tuple(paths)
+
+
+def _stepped(signals: Signals, now: SpectralEstimate, level: _Level) -> _Level:
+    """Return the level that explains most along the estimate's own path; level: what is off its commands already."""
+    lines = _FrictionLines(now, level)
+    paths = (_paths(signals, now), _measured_paths(signals, now.spectra[0].rate_hz))
+    ways = [_best_along(lines, one, held, level.presliding) for one in paths for held in (False, True)]
+    return max(ways, key=lambda way: way[0])[1]
+
+
+def _best_along(lines: _FrictionLines, paths: tuple[FloatArray, ...], held: bool, near: float) -> tuple[float, _Level]:
+    """Return the gain and the level of the presliding distance that explains most; near: where to look, 0 for
+    everywhere.
+    """
+    tried: dict[float, tuple[float, float, float]] = {}
+
+    def gain(presliding: float) -> float:
+        if presliding not in tried:
+            tried[presliding] = lines.explained(_Level(1.0, presliding, paths, held).states())[:3]
+        return tried[presliding][0]
+
+    if near > 0.0:
+        places, ratio, refinements = near * np.array([0.8, 1.0, 1.25]), 1.25, 3
+    else:
+        motion = max(float(np.std(path)) for path in paths)
+        places, ratio, refinements = np.geomspace(1e-4, 1.0, 9) * motion, float(np.sqrt(10.0)), 4
+    best = max((float(place) for place in places), key=gain)
+    for _ in range(refinements):
+        ratio = float(np.sqrt(ratio))
+        best = max((best / ratio, best, best * ratio), key=gain)
+    most, coulomb, power = tried[best]
+    return most, _Level(coulomb, best, paths, held, 1.0 / np.sqrt(2.0 * power) if power > 0.0 else np.inf)
+
+
+def _measured_paths(signals: Signals, rate_hz: float) -> tuple[FloatArray, ...]:
+    return tuple(low_passed(position, rate_hz, motion_corner(position, rate_hz), 0) for _, position in signals)
+
+
+class _FrictionLines:
+    """What a fit leaves of the records' lines without friction, and what its own parameters would take of it, weighted.
+
+    power: the sum of its squares.
+    """
+
+    def __init__(self, now: SpectralEstimate, level: _Level) -> None:
+        """Keep what every trial shares; level: what is off the commands of the estimate."""
+        states = level.states() if level.coulomb > 0.0 else []
+        fit, own, rest = now.chosen.fit, list[ComplexArray](), list[ComplexArray]()
+        self._spectra, self._weighted = now.spectra, list[ComplexArray]()
+        for k, (taken, left) in enumerate(zip(now.spectra, now.residuals, strict=True)):
+            weighted = left.response * taken.ahead * left.weight[1:]
+            self._weighted.append(weighted)
+            own.append(log_slopes(fit, taken.frequency_hz[1:]) * (weighted * taken.command[1:])[:, None])
+            taken_off = weighted * _lines(level.coulomb * states[k], taken) if states else 0.0
+            rest.append(left.lines[1:] * left.weight[1:] - taken_off)
+        columns = np.concatenate(own)
+        rows = np.zeros((columns.shape[1] + 2, columns.shape[0]), dtype=np.complex128)
+        rows[:-2], rows[-1] = columns.T, np.concatenate(rest)
+        self._rows = rows
+        self.power = float(np.sum(np.abs(rows[-1]) ** 2))
+
+    def explained(self, states: Sequence[FloatArray]) -> tuple[float, float, float, FloatArray]:
+        """Return by how much the sum of squares falls with friction of those states (n,), the level that brings it (0,
+        0 where it would be negative), the power of its lines, and what of the fit's parameters makes up for one unit.
+        """
+        parts = zip(self._weighted, states, self._spectra, strict=True)
+        self._rows[-2] = np.concatenate([-weighted * _lines(state, taken) for weighted, state, taken in parts])
+        real = self._rows.view(np.float64)
+        weights, left = eliminated(real @ real.T, self._rows.shape[0] - 2)
+        power, along = float(left[0, 0]), float(left[0, 1])
+        if not along > 0.0 or not power > 0.0:
+            return 0.0, 0.0, 0.0, weights[:, 0]
+        return along**2 / power, along / power, power, weights[:, 0]
+
+
+def _lines(values: FloatArray, taken: Spectrum) -> ComplexArray:
+    """Return the lines but zero of values (n,) at the record's command."""
+    early = values[: taken.samples]
+    return np.asarray(np.fft.rfft(early - early.mean())[1:] / np.sqrt(taken.samples))
+
+
+def _level_without_model(signals: Signals, bare: SpectralEstimate) -> _Level | None:
+    """Return the level by which the records are most nearly linear, whatever their response: a start where friction
+    eats so much of the command that every fit without it goes astray. None where no level makes them more so.
+    """
+    rate_hz = bare.spectra[0].rate_hz
+
+    def misfit(at: Signals) -> float:
+        local = [local_response(spectrum(*one, rate_hz), 0.47 * rate_hz) for one in at]
+        return sum(2.0 * float(one.lines @ np.log(np.maximum(one.noise, 1e-300))) for one in local)
+
+    best, least = None, misfit(signals) - _CERTAIN
+    paths = _measured_paths(signals, rate_hz)
+    presliding = 1e-3 * max(float(np.std(path)) for path in paths)
+    for coulomb in np.geomspace(0.03, 1.5, 16):
+        level = _Level(float(coulomb), presliding, paths)
+        here = misfit(level.off(signals))
+        if here < least:
+            best, least = level, here
+    return best

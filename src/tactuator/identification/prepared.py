@@ -1,0 +1,464 @@
+"""Records made ready for identification: samples of unit size, what they show by themselves, and what they excite."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactuator.arrays import FloatArray
+from tactuator.errors import BadInput
+from tactuator.identification.asked import Asked
+from tactuator.identification.lines import Spectrum, spectrum
+from tactuator.model.plant_model import PlantModel
+from tactuator.signals.record import Record
+
+FEWEST = 100
+"""Samples below which nothing is identified."""
+_LEVELS, _FEW_LEVELS = 10_000, 50
+"""Parts of its span in which a signal's levels are counted, and the count below which it is meant to have few."""
+_OFTEN = 0.005
+"""Share of samples exactly at an extreme from which on it is a limit, though none lasts."""
+
+
+def check_record(record: Record) -> tuple[str, ...]:
+    """Return remarks on a record; BadInput where it cannot be used at all."""
+    if record.command.size < FEWEST:
+        raise BadInput(f"the record has {record.command.size} samples", f"{FEWEST} or more")
+    for name in ("command", "position"):
+        values = getattr(record, name)
+        if np.ptp(values) <= 1e-12 * max(float(np.max(np.abs(values))), 1e-300):
+            raise BadInput(f"the {name} is constant ({values[0]:g})", "one that moves")
+    remarks = []
+    for name in ("position", "command"):
+        clipped = clipped_share(getattr(record, name))
+        if clipped > 0.2 and name == "position":
+            raise BadInput(f"{100.0 * clipped:.0f} % of the position is clipped", "20 % at most")
+        if clipped > 0.0:
+            remarks.append(f"{name} is clipped in {100.0 * clipped:.2g} % of the samples: its converter was saturated")
+    return tuple(remarks)
+
+
+def clipped_share(values: FloatArray) -> float:
+    """Return the share of samples that sit at an extreme in runs, as a saturated converter leaves them; 0 for a signal
+    of few levels (steps, a binary sequence), which is meant to sit there.
+    """
+    span = float(np.ptp(values))
+    levels = np.bincount(np.rint((values - values.min()) * (_LEVELS / span)).astype(np.int64))
+    if np.count_nonzero(levels) < _FEW_LEVELS:
+        return 0.0
+    total = 0
+    for extreme, sign in ((values.max(), 1.0), (values.min(), -1.0)):
+        at = sign * (extreme - values) <= 1e-9 * span
+        near = (sign * (extreme - values) <= 0.01 * span) & ~at
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
+        runs = edges[1::2] - edges[::2]
+        long = int(runs[runs >= 3].sum())
+        if long >= 6 and long > near.sum():
+            total += long
+        elif at.sum() > max(6, _OFTEN * values.size, 3.0 * near.sum()):
+            # a quick signal comes back from its limit after a sample or two
+            total += int(at.sum())
+    return total / values.size
+
+
+def check_direction(response: EmpiricalResponse) -> tuple[str, ...]:
+    """Check whether what is called position follows what is called command: a mechanism falls with
+    frequency, and lags.
+    """
+    trusted = response.trusted(0.5)
+    if trusted.frequency_hz.size < 6:
+        return ("command and position hardly depend on each other: little can be said",)
+    log_f = np.log(trusted.frequency_hz)
+    upper = log_f >= np.median(log_f)
+    slope = np.polyfit(log_f[upper], np.log(np.abs(trusted.value[upper])), 1)[0]
+    phase = np.unwrap(np.angle(trusted.value))
+    leads = float(np.mean(phase[upper])) > 0.8 and phase[-1] > phase[0] - 0.2
+    if slope > 1.0 and leads:
+        return (
+            "the position leads the command and rises with frequency, as no mechanism can (not causal): input and "
+            "output look swapped",
+        )
+    return ()
+
+
+def check_polarity(num: FloatArray, den: FloatArray) -> tuple[str, ...]:
+    """Check whether the position goes where the command pushes; num, den: descending powers."""
+    lowest = num[np.flatnonzero(num)[-1]] if np.any(num) else 1.0
+    if lowest / (den[-1] if den[-1] != 0.0 else 1.0) < 0.0 and np.all(np.roots(den).real <= 0.0):
+        return ("the position moves against the command (negative correlation): a polarity or the columns are swapped",)
+    return ()
+
+
+def check_length(poles_rad_s: NDArray[np.inexact[Any]], slow_error: float, duration_s: float) -> tuple[str, ...]:
+    """Refuse a record shorter than the slowest time constant, unless the mechanism integrates.
+
+    slow_error: standard error of the slowest pole, rad/s. A pole that cannot be told from zero in a record 20 times as
+    long as the next time constant is an integrator; in a shorter one nothing is known of it.
+    """
+    # a resonance shows itself within its periods, however slowly it decays
+    resonant = np.abs(poles_rad_s.imag) > np.abs(poles_rad_s.real)
+    speed = np.sort(np.where(resonant, np.abs(poles_rad_s), np.abs(poles_rad_s.real)))
+    slowest = float(speed[0])
+    # within three time constants a pole has also to stand out from its own uncertainty
+    stands_out = slowest >= 3.0 * slow_error and bool(np.all(poles_rad_s.real <= 0.0))
+    if slowest * duration_s >= 3.0 or (slowest * duration_s >= 1.0 and stands_out):
+        return ()
+    next_one = float(speed[1]) if speed.size > 1 else np.inf
+    integrates = next_one * duration_s >= 20.0 and slowest < max(3.0 * slow_error, 0.1 / duration_s)
+    if integrates:
+        return (f"the slowest pole cannot be told from an integrator in {duration_s:.3g} s",)
+    raise BadInput(
+        f"the record lasts {duration_s:.3g} s, the slowest time constant {1.0 / max(slowest, 1e-300):.3g} s",
+        "a record that is longer",
+    )
+
+
+@dataclass(frozen=True)
+class EmpiricalResponse:
+    """Response y/u in bands: frequency (hertz), complex value, its relative standard error; all of shape (m,).
+
+    excitation: the share of the command's power in each band. Measured under feedback and noise it is biased towards
+    the inverse of the feedback; it serves to start from, not to report.
+    """
+
+    frequency_hz: FloatArray
+    value: NDArray[np.complex128]
+    relative_error: FloatArray
+    coherence: FloatArray
+    excitation: FloatArray
+
+    def trusted(self, coherence: float = 0.3, fewest: int = 8) -> EmpiricalResponse:
+        """Return the bands of at least that coherence, or the `fewest` most coherent ones."""
+        bound = min(coherence, float(np.sort(self.coherence)[-min(fewest, self.coherence.size)]))
+        keep = self.coherence >= bound
+        return EmpiricalResponse(
+            self.frequency_hz[keep],
+            self.value[keep],
+            self.relative_error[keep],
+            self.coherence[keep],
+            self.excitation[keep],
+        )
+
+
+def empirical_response(
+    command: FloatArray,
+    position: FloatArray,
+    rate_hz: float,
+    *,
+    bands_per_decade: int = 20,
+    high_hz: float | None = None,
+) -> EmpiricalResponse:
+    """Return the response in bands even in log frequency from 3 lines above zero up to high_hz (default 0.45 rate), 5
+    lines each at least.
+
+    command, position: (n,). One Hann window over the whole record keeps its full resolution; the end-to-end slope is
+    taken off first, as a drift would leak into every band.
+    """
+    count = command.size
+    window = np.hanning(count)
+    u, y = (np.fft.rfft(window * _levelled(values)) for values in (command, position))
+    spacing = rate_hz / count
+    top = min(high_hz or 0.45 * rate_hz, 0.45 * rate_hz)
+    edges = _edges(3, min(max(int(top / spacing), 12), u.size - 1), bands_per_decade)
+    index = edges[:-1]
+    suu = np.add.reduceat(np.abs(u) ** 2, edges)[:-1]
+    syy = np.add.reduceat(np.abs(y) ** 2, edges)[:-1]
+    syu = np.add.reduceat(y * np.conj(u), edges)[:-1]
+    lines = np.arange(u.size) * spacing
+    centre = np.add.reduceat(np.abs(u) ** 2 * lines, edges)[:-1] / np.maximum(suu, 1e-300)
+    concentration = np.add.reduceat(np.abs(u) ** 4, edges)[:-1] / np.maximum(suu, 1e-300) ** 2
+    effective = np.maximum(1.0 / np.maximum(concentration, 1e-12) / 1.9, 1.2)
+    keep = (suu > 1e-14 * suu.max()) & (np.diff(edges) > 0) & (index > 0)
+    coherence = np.clip(np.abs(syu) ** 2 / np.maximum(suu * syy, 1e-300), 1e-6, 1.0 - 1e-9)
+    error = np.sqrt((1.0 - coherence) / coherence / (2.0 * effective))
+    return EmpiricalResponse(centre[keep], syu[keep] / suu[keep], error[keep], coherence[keep], suu[keep] / suu.sum())
+
+
+def _levelled(values: FloatArray) -> FloatArray:
+    """Take off mean and slope by least squares."""
+    time = np.linspace(-1.0, 1.0, values.size)
+    centred: FloatArray = values - values.mean()
+    return np.asarray(centred - time * float(time @ centred) / float(time @ time))
+
+
+def _edges(first: int, last: int, bands_per_decade: int) -> NDArray[np.int64]:
+    edges = [first]
+    growth = 10.0 ** (1.0 / bands_per_decade)
+    while edges[-1] < last:
+        edges.append(max(edges[-1] + 5, round(edges[-1] * growth)))
+    return np.minimum(np.array(edges, dtype=np.int64), last)
+
+
+_FLOOR = 1e-8
+"""Power of a line, over the strongest, below which it does not count: 80 dB."""
+
+
+@dataclass(frozen=True)
+class ExcitationReport:
+    """A command's excitation. order: lines of the command's two-sided spectrum, and so the number of parameters it can
+    determine (Ljung, System Identification, 1999, section 13.2). needed: parameters of the model. condition: of the
+    information matrix, each parameter in its own unit size (nan before there is a model). low_hz, high_hz: 99.8 % of
+    the power.
+    """
+
+    order: int
+    needed: int
+    condition: float
+    low_hz: float
+    high_hz: float
+
+    @property
+    def sufficient(self) -> bool:
+        """Tell whether there are lines enough for the parameters, and an information matrix that can be inverted."""
+        return self.order >= self.needed and not self.condition > 1e12
+
+
+def excitation_report(
+    command: FloatArray, rate_hz: float, needed: int, condition: float = float("nan")
+) -> ExcitationReport:
+    """Return how many independent parameters `command` (n,) can determine."""
+    centred = command - command.mean()
+    power = np.abs(np.fft.rfft(_window(command.size) * centred)) ** 2
+    power[:4] = 0.0
+    strongest = float(power.max(initial=0.0))
+    if not strongest > 1e-24 * command.size**2 * max(float(np.max(np.abs(command))), 1e-300) ** 2:
+        return ExcitationReport(0, needed, condition, 0.0, 0.0)
+    above = np.concatenate([[False], power > _FLOOR * strongest, [False]]).astype(np.int8)
+    edges = np.flatnonzero(np.diff(above))
+    lengths = edges[1::2] - edges[::2]
+    # the window spreads one line over about eight bins
+    order = int(2 * np.sum(np.maximum(1, lengths - 8)))
+    share = np.cumsum(power) / power.sum()
+    frequency = np.arange(power.size) * rate_hz / command.size
+    low, high = np.searchsorted(share, [0.001, 0.999])
+    return ExcitationReport(
+        order, needed, condition, float(frequency[low]), float(frequency[min(high, power.size - 1)])
+    )
+
+
+def _window(count: int) -> FloatArray:
+    """Return Blackman and Harris' window of four terms (1978), (count,): a polynomial of one cosine."""
+    c = np.cos(np.linspace(0.0, 2.0 * np.pi, count))
+    # a0 - a1 cos x + a2 cos 2x - a3 cos 3x
+    return np.asarray(((-4.0 * 0.01168 * c + 2.0 * 0.14128) * c - 0.48829 + 3.0 * 0.01168) * c + 0.35875 - 0.14128)
+
+
+def require_excitation(report: ExcitationReport) -> None:
+    """Refuse to identify what was not excited."""
+    if report.order < report.needed:
+        raise BadInput(
+            f"the command excites order {report.order}, the model has {report.needed} parameters",
+            f"a command of order {report.needed} or more (steps, noise, several sinusoids)",
+        )
+    if not report.sufficient:
+        raise BadInput(
+            f"the record cannot tell the model's {report.needed} parameters apart (condition {report.condition:.1g})",
+            "a livelier command, or a lower order",
+        )
+
+
+_WIDEST_DB, _WIDEST_RAD = 3.0, 0.345
+"""Half-widths of the band, 3 dB and as much of the phase (20 degrees), beyond which the model says nothing."""
+_MOVED = 1e-5
+"""Power of the command, over its greatest, from which on it moves the mechanism (50 dB)."""
+_HIGHEST = 0.47
+_SHARE, _FEWEST, _POINTS = 0.02, 12, 200
+
+
+def valid_range(model: PlantModel, moved_hz: tuple[float, float]) -> tuple[float, float]:
+    """Return the longest range within moved_hz over which the band of the model is narrow, Hz; a range of two
+    neighbouring frequencies stands for none.
+    """
+    low, high = moved_hz
+    frequency = np.geomspace(low, max(high, 1.01 * low), _POINTS)
+    narrow = np.flatnonzero((model.band_db(frequency) <= _WIDEST_DB) & (model.band_rad(frequency) <= _WIDEST_RAD))
+    if not narrow.size:
+        return (float(frequency[0]), float(frequency[1]))
+    # the longest run without a wide place in it
+    runs = np.split(narrow, np.flatnonzero(np.diff(narrow) > 1) + 1)
+    longest = max(runs, key=len)
+    first, last = int(longest[0]), int(longest[-1])
+    if first == last:
+        first, last = min(first, _POINTS - 2), min(first, _POINTS - 2) + 1
+    return (float(frequency[first]), float(frequency[last]))
+
+
+def moved_range(spectra: Sequence[Spectrum]) -> tuple[float, float]:
+    """Return the lowest and the highest frequency at which the commands of the records have power, Hz.
+
+    The lines are those of a Hann window: those of the record as it is hold the jump between its ends too, which falls
+    by only 20 dB a decade and moves nothing.
+    """
+    longest = max(spectra, key=lambda one: one.samples)
+    count = longest.samples // 2
+    frequency = np.geomspace(longest.spacing_hz, _HIGHEST * longest.rate_hz, max(_POINTS, min(count, 2000)))
+    power = np.max([_windowed(one, frequency) for one in spectra], axis=0)
+    moved = frequency[power > _MOVED * float(np.max(power))]
+    return (float(moved[0]), float(moved[-1]))
+
+
+def _windowed(taken: Spectrum, frequency_hz: FloatArray) -> FloatArray:
+    """Return the mean power of the command's windowed lines about each frequency (m,), 2 % of it or 12 lines wide."""
+    lines = taken.command.copy()
+    lines[0] = 0.0
+    power = np.zeros(lines.size)
+    power[1:-1] = np.abs(0.5 * lines[1:-1] - 0.25 * (lines[:-2] + lines[2:])) ** 2 / 0.375
+    sums = np.concatenate([[0.0], np.cumsum(power)])
+    place = frequency_hz / taken.spacing_hz
+    half = np.maximum(0.5 * _SHARE * place, 0.5 * _FEWEST)
+    low = np.clip(np.rint(place - half), 0, lines.size - 1).astype(np.int64)
+    high = np.clip(np.rint(place + half) + 1, 1, lines.size).astype(np.int64)
+    return np.asarray((sums[high] - sums[low]) / (high - low))
+
+
+def valid_range_of(model: PlantModel, samples: Samples) -> tuple[float, float]:
+    """Return the range of a model of these samples that was not fitted in the frequency domain."""
+    taken = spectrum(samples.command, samples.position, samples.rate_hz)
+    return valid_range(model, moved_range([taken]))
+
+
+LONGEST = 1_000_000
+"""Samples identified at once, of all records together; of longer ones the parts with most command power are taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Samples of a record. command, position: (n,), at rate_hz."""
+
+    command: FloatArray
+    position: FloatArray
+    rate_hz: float
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """Records of one mechanism, the liveliest first, and their samples in one unit size (scale: of command and
+    position); the first one's own response and excitation; what is asked.
+    """
+
+    records: tuple[Record, ...]
+    samples: tuple[Samples, ...]
+    scale: tuple[float, float]
+    response: EmpiricalResponse
+    excitation: ExcitationReport
+    asked: Asked
+    remarks: tuple[str, ...]
+
+    @property
+    def rate_hz(self) -> float:
+        """Return the sampling rate, the same for all."""
+        return self.samples[0].rate_hz
+
+    @property
+    def gain(self) -> float:
+        """Return the position's unit over the command's, as the samples were scaled."""
+        return self.scale[1] / self.scale[0]
+
+    @property
+    def signals(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Return the scaled command and position, (n,) each, of every record."""
+        return [(samples.command, samples.position) for samples in self.samples]
+
+    @property
+    def references(self) -> list[FloatArray] | None:
+        """Return what a loop was asked for, (n,), of every record; None where one does not tell."""
+        references = [record.reference for record in self.records if record.reference is not None]
+        return references if len(references) == len(self.records) else None
+
+    @property
+    def own_response(self) -> EmpiricalResponse:
+        """Return the first record's own response in its units."""
+        return replace(self.response, value=self.response.value * self.gain)
+
+    @property
+    def longest_s(self) -> float:
+        """Return the duration of the longest record."""
+        return max(record.duration_s for record in self.records)
+
+    def with_commands(self, commands: Sequence[FloatArray]) -> Prepared:
+        """Return the same with other commands of all records, (n,) each, in their scale."""
+        pairs = zip(self.samples, commands, strict=True)
+        return replace(self, samples=tuple(replace(samples, command=command) for samples, command in pairs))
+
+    def source(self, **more: object) -> dict[str, object]:
+        """Return what a model says of the record it comes from."""
+        record = self.records[0]
+        return record.about | {"rate_hz": record.rate_hz, "duration_s": record.duration_s} | more
+
+
+def prepared(records: Sequence[Record], asked: Asked) -> Prepared:
+    """Return the records made ready. Raises BadInput for records that cannot be used, or not together."""
+    remarks: list[str] = []
+    parts: list[Record] = []
+    for k, record in enumerate(records):
+        where = () if len(records) == 1 else (f"record {k + 1}",)
+        try:
+            doubts = [*record.remarks, *check_record(record)]
+        except BadInput as error:
+            raise error.within(*where) from None
+        piece, shortened = _liveliest(record, LONGEST // len(records))
+        parts.append(record.part(piece) if shortened else record)
+        remarks += [": ".join([*where, doubt]) for doubt in [*doubts, *shortened]]
+    _require_alike(parts)
+    command_unit, position_unit = (
+        float(np.sqrt(np.mean([np.var(getattr(part, name)) for part in parts]))) for name in ("command", "position")
+    )
+    samples = [
+        Samples(
+            (part.command - part.command.mean()) / command_unit,
+            (part.position - part.position.mean()) / position_unit,
+            part.rate_hz,
+        )
+        for part in parts
+    ]
+    reports = [excitation_report(row.command, row.rate_hz, (asked.order or 2) + 1) for row in samples]
+    liveliest = max(range(len(parts)), key=lambda k: (reports[k].order, parts[k].duration_s))
+    require_excitation(reports[liveliest])
+    first = samples[liveliest]
+    response = empirical_response(first.command, first.position, first.rate_hz)
+    order = [liveliest, *(k for k in range(len(parts)) if k != liveliest)]
+    return Prepared(
+        records=tuple(parts[k] for k in order),
+        samples=tuple(samples[k] for k in order),
+        scale=(command_unit, position_unit),
+        response=response,
+        excitation=reports[liveliest],
+        asked=asked,
+        remarks=(*remarks, *check_direction(response)),
+    )
+
+
+def _require_alike(records: Sequence[Record]) -> None:
+    first = records[0]
+    for k, other in enumerate(records[1:], start=2):
+        if abs(other.rate_hz / first.rate_hz - 1.0) > 1e-6:
+            raise BadInput(f"record {k} has {other.rate_hz:g} Hz, the first {first.rate_hz:g} Hz", "one rate")
+        units = [(record.command_unit, record.position_unit) for record in (first, other)]
+        if units[0] != units[1]:
+            raise BadInput(f"record {k} is in {units[1]}, the first in {units[0]}", "the same units")
+        holds = [record.about.get("hold") for record in (first, other)]
+        if holds[0] != holds[1]:
+            raise BadInput(f"record {k} says hold {holds[1]}, the first {holds[0]}", "the same")
+
+
+def _liveliest(record: Record, most: int) -> tuple[slice, tuple[str, ...]]:
+    """Return the part, of `most` samples, in which the command has most power, and what is to be said of that."""
+    count = record.command.size
+    if count <= most:
+        return slice(0, count), ()
+    power = np.cumsum((record.command - record.command.mean()) ** 2)
+    starts = np.arange(0, count - most + 1, most // 4)
+    best = int(starts[np.argmax(power[starts + most - 1] - power[starts])])
+    said = f"of {record.duration_s:.4g} s the {most / record.rate_hz:.4g} s from {best / record.rate_hz:.4g} s are used"
+    return slice(best, best + most), (said,)
+
+
+def usual_band(record: Record) -> tuple[float, float]:
+    """Return 0.4 .. 300 Hz as far as the record reaches; all that it reaches where that is less than a decade."""
+    lowest, highest = 1.0 / record.duration_s, 0.45 * record.rate_hz
+    low, high = max(0.4, lowest), min(300.0, highest)
+    return (low, high) if high >= 10.0 * low else (lowest, highest)

@@ -1,0 +1,218 @@
+"""The residual that a fit leaves of the record itself, and what it tells of a loop, of the hold and of saturation.
+
+In a loop the command follows the noise. A model that answers the command at once, or before it, then takes for an
+answer what the noise did to the command, and the likelihood of the position given the command favours it wrongly. The
+likelihood of both signals does not: to the position's it adds that of the command given the residual, which a loop's
+filter can only follow causally (identifiability in a loop: Soderstrom and Stoica, System Identification, 1989,
+chapter 10).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg, stats
+
+from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.identification.hold import edge_lines, transient_columns
+from tactuator.identification.likelihood import SpectralFit, SpectralProblem, beside_columns, fitted_beside
+from tactuator.identification.lines import Equations, Spectrum, equation_slices, equations, weights
+from tactuator.identification.search import Choice
+from tactuator.identification.uncertainty import response_on
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """A fit's residual. lines: of position less model and transient, zero first; weight: one over their noise's
+    deviation; response: the fit's, hold included, on the lines but zero; taken: the record's lines.
+    """
+
+    lines: ComplexArray
+    weight: FloatArray
+    response: ComplexArray
+    taken: Spectrum
+
+    @cached_property
+    def measured(self) -> FloatArray:
+        """Return the position's samples, shifted and without mean, (n,)."""
+        return self._samples(np.concatenate([[0.0], self.taken.position[1:]]))
+
+    @cached_property
+    def simulated(self) -> FloatArray:
+        """Return the samples of model and transient, (n,)."""
+        return self.measured - self._samples(self.lines)
+
+    def _samples(self, lines: ComplexArray) -> FloatArray:
+        return np.asarray(np.fft.irfft(lines, self.taken.samples) * np.sqrt(self.taken.samples))
+
+
+def record_residual(choice: Choice, spectra: Sequence[Spectrum]) -> tuple[Residual, ...]:
+    """Return the residual of the chosen fit on the lines of every record that it was fitted to."""
+    given, weight = choice.problem.given, choice.problem.weight
+    pieces = zip(given.parts, equation_slices(given), spectra, strict=True)
+    return tuple(line_residual(choice.fit, part, weight[piece], taken) for part, piece, taken in pieces)
+
+
+def residual_of_record(fit: SpectralFit, taken: Spectrum) -> Residual:
+    """Return the residual of a fit that comes from elsewhere on all lines of a record, weighted by its own spectrum."""
+    part = equations(taken, 0.0, 0.5 * taken.rate_hz)
+    grid = replace(fit.grid, frequency_hz=part.frequency_hz, rate_hz=part.rate_hz, shift=part.shift)
+    flat = SpectralProblem(part, np.ones(part.of_hz.size), grid)
+    return line_residual(fit, part, weights(part, flat.residual(fit), 0.5 * taken.rate_hz), taken)
+
+
+def line_residual(fit: SpectralFit, given: Equations, weight: FloatArray, taken: Spectrum) -> Residual:
+    """Return the residual of a fit on all lines of one record, the transient solved for on its weighted equations."""
+    grid = taken.grid.like(fit.grid.scale_rad_s, fit.grid.hold)
+    response = response_on(fit, grid)
+    moved = response * taken.ahead * taken.command[1:]
+    there = replace(fit.grid, frequency_hz=given.frequency_hz, rate_hz=given.rate_hz, shift=given.shift)
+    columns = given.transient_of(beside_columns(there, fit.theta, fit.form))
+    own = response_on(fit, there)
+    weights = fitted_beside(columns, given.goal - given.response_of(own[:, None])[:, 0], weight)
+    decays = transient_columns(grid, fit.theta, fit.form)
+    first = decays.shape[1]
+    moved = moved + decays @ weights[:first] + edge_lines(weights[first:], taken.samples)[1:]
+    left = np.concatenate([[0.0], taken.position[1:] - moved])
+    order = np.argsort(given.of_hz, kind="stable")
+    spread = np.interp(taken.frequency_hz, given.of_hz[order], weight[order])
+    return Residual(left, spread, response, taken)
+
+
+_LENGTHS = (2, 5, 10, 20, 40)
+"""Lengths of the filter that are tried, samples."""
+_SMEARED = 3
+"""Samples by which the filters before the converters let a band-limited command seem to run ahead of the noise."""
+_NEAR = 40
+"""Lines over which powers are averaged: they may fall by much towards half the rate, and all is lost in a wide mean."""
+_NUGGET = 1e-7
+
+
+def joint_misfit(taken: Spectrum, left: Residual, highest_hz: float, *, filtered: bool) -> tuple[float, float]:
+    """Return -2 log likelihood of position and command, constants aside, from the lines up to highest_hz of what a fit
+    leaves, and how much of it a loop explains; filtered as for `explained_by_loop`.
+    """
+    inside = taken.frequency_hz[1:] <= highest_hz
+    power = _mean_power(np.where(inside, np.abs(left.lines[1:]) ** 2, 0.0)) / np.maximum(
+        _mean_power(inside.astype(np.float64)), 1e-3
+    )
+    own = 2.0 * float(np.sum(np.log(np.maximum(power[inside], 1e-30))))
+    by_loop = explained_by_loop(taken, left, highest_hz, filtered=filtered)
+    return own - by_loop, by_loop
+
+
+def explained_by_loop(taken: Spectrum, left: Residual, highest_hz: float, *, filtered: bool) -> float:
+    """Return by how much -2 log likelihood of the command's lines up to highest_hz falls if they follow the residual
+    causally, Bayes' price of the filter paid; zero where no loop shows. filtered: behind filters, as it were a little
+    before it.
+    """
+    hertz = taken.frequency_hz[1:]
+    inside = hertz <= highest_hz
+    command = np.where(inside, taken.command[1:], 0.0)
+    residual = np.where(inside, left.lines[1:], 0.0)
+    counted = np.maximum(_mean_power(inside.astype(np.float64)), 1e-3)
+    before = _mean_power(np.abs(command) ** 2) / counted
+    usable = inside & (before > 0.0)
+    weight = np.where(usable, 1.0 / np.where(usable, before, 1.0), 0.0)
+    own = np.fft.irfft(np.concatenate([[0.0], weight * np.abs(residual) ** 2]), taken.samples)
+    shared = np.fft.irfft(np.concatenate([[0.0], weight * np.conj(residual) * command]), taken.samples)
+    own[0] *= 1.0 + _NUGGET
+    price, lines = float(np.log(2.0 * usable.sum())), float(usable.sum())
+    best, chosen = 0.0, None
+    for early in (0, _SMEARED) if filtered else (0,):
+        for length in _LENGTHS:
+            lags = (np.arange(-early, length) + taken.shift) % taken.samples
+            taps = linalg.solve_toeplitz(own[: lags.size], shared[lags])
+            share = float(taps @ shared[lags]) * taken.samples / (2.0 * lines)
+            # a weight that is not yet the residual's own: less than all, and enough to tell the lengths apart
+            won = -2.0 * lines * float(np.log(max(1.0 - share, 1e-9))) - price * lags.size
+            if won > best:
+                best, chosen = won, (lags, taps)
+    if chosen is None:
+        return 0.0
+    lags, taps = chosen
+    sparse = np.zeros(taken.samples)
+    sparse[lags] = taps
+    after = _mean_power(np.where(usable, np.abs(command - np.fft.rfft(sparse)[1:] * residual) ** 2, 0.0)) / counted
+    return max(best, 2.0 * float(np.sum(np.log(before[usable] / after[usable]))) - price * lags.size)
+
+
+def _mean_power(power: FloatArray) -> FloatArray:
+    """Return the mean of power (m,) over 40 lines."""
+    sums = np.concatenate([[0.0], np.cumsum(power)])
+    count, half = power.size, _NEAR // 2
+    if count <= 2 * half:
+        place = np.arange(count)
+        low, high = np.maximum(place - half, 0), np.minimum(place + half + 1, count)
+        return np.asarray((sums[high] - sums[low]) / (high - low))
+    made, near = np.empty(count), np.arange(half + 1, 2 * half + 1)
+    made[half : count - half] = (sums[2 * half + 1 :] - sums[: count - 2 * half]) / (2 * half + 1)
+    made[:half] = sums[near] / near
+    made[count - half :] = ((sums[count] - sums[count - near]) / near)[::-1]
+    return made
+
+
+_LOOP_BY_CHANCE = 1e-4
+
+
+def feedback_seen(taken: Spectrum, left: Residual) -> bool | None:
+    """Return true where later commands follow the residual, None otherwise: the record cannot tell.
+
+    A loop that is weak, or acts at the lowest frequencies alone, leaves no trace in a residual, so that no residual
+    shows that there was none.
+    """
+    residual, command = left.lines[1:], taken.command[1:]
+    good = (left.weight[1:] > 0.0) & (np.abs(residual) > 0.0)
+    power = _smoothed_power(np.abs(command) ** 2)
+    noise = 1.0 / np.where(good, left.weight[1:], 1.0) ** 2
+    cross = np.where(good, np.conj(residual) * command / np.sqrt(noise * power), 0.0)
+    ahead = np.fft.irfft(np.concatenate([[0.0], cross]), taken.samples) * taken.samples / np.sqrt(2.0 * good.sum())
+    lags = min(200, taken.samples // 20)
+    # the first lags carry a controller's answer; a chance maximum of that many normal deviates is what it must beat
+    later = ahead[taken.shift : lags + taken.shift]
+    highest = 1.15 * float(stats.norm.isf(0.5 * _LOOP_BY_CHANCE / lags))
+    follows = float(np.max(np.abs(later))) > highest
+    return follows or float(np.sum(later**2)) > 1.3 * float(stats.chi2.isf(_LOOP_BY_CHANCE, lags)) or None
+
+
+def _smoothed_power(power: FloatArray) -> FloatArray:
+    width = 201 if power.size > 2000 else 21
+    mean = np.convolve(power, np.ones(width) / width, mode="same")
+    return np.asarray(mean + 1e-12 * float(power.max()))
+
+
+_CUBE_CERTAIN = 100.0
+"""Drop of -2 log likelihood by one parameter from which on the cube is taken to have a part."""
+_CUBE_SHARE = 0.02
+"""Share of the residual from which on it is worth a word."""
+_CUBE_FLAT = 1e-3
+"""Power of the cube, over that of the command's, below which its levels are too few to tell it from the command."""
+
+
+def cubic_share(spectra: Sequence[Spectrum], residuals: Sequence[Residual]) -> float:
+    """Return the share of the residuals' weighted power that the command's cube, moved as the model moves the command,
+    explains; zero where chance would.
+
+    Of the cube the part along the command is taken off (Bussgang, 1952): the model has it already.
+    """
+    size = along = total = 0.0
+    for taken, left in zip(spectra, residuals, strict=True):
+        command = np.fft.irfft(taken.command, taken.samples) * np.sqrt(taken.samples)
+        square = command * command
+        power = float(np.mean(square))
+        cube = (square - float(np.mean(square * square)) / max(power, 1e-300)) * command
+        if float(np.mean(cube**2)) < _CUBE_FLAT * power**3:
+            continue
+        lines = np.fft.rfft(cube - cube.mean())[1:] / np.sqrt(taken.samples)
+        pull = left.response * taken.ahead * lines * left.weight[1:]
+        rest = left.lines[1:] * left.weight[1:]
+        size += float(np.sum(np.abs(pull) ** 2))
+        along += float(np.sum((np.conj(pull) * rest).real))
+        total += float(np.sum(np.abs(rest) ** 2))
+    if size <= 0.0 or total <= 0.0 or 2.0 * along**2 / size < _CUBE_CERTAIN:
+        return 0.0
+    share = along**2 / (size * total)
+    return share if share > _CUBE_SHARE else 0.0
