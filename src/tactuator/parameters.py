@@ -237,10 +237,28 @@ def _refusal(cls: type, title: str, error: ValidationError) -> BadInput:
         return BadInput(reason.got, reason.allowed, where=(title, *path, *reason.where), key=reason.key)
     if isinstance(reason, BadInput):
         return BadInput(reason.got, reason.allowed, where=(title,), key=key)
+    fields = _owner(cls, path)
     if fault["type"] in _UNKNOWN:
         return BadInput("not a key that is known", ", ".join(fields), where=(title,), key=key)
-    words = allowed(fields[path[0]])
+    about = next((fields[place] for place in reversed(path) if place in fields), None)
+    words = "" if about is None else allowed(about)
     if fault["type"] == "missing":
         return BadInput("missing", words, where=(title,), key=key)
     got = f"{fault['input']:g}" if isinstance(fault["input"], float) else repr(fault["input"])
     return BadInput(got if len(got) < 100 else f"{got[:96]} ...", words, where=(title,), key=key)
+
+
+def _owner(cls: Any, path: list[str]) -> dict[str, FieldInfo]:
+    """Return the fields of the table, `cls` or one within it, that has the last key of the path."""
+    fields: dict[str, FieldInfo] = cls.__pydantic_fields__
+    for place in path[:-1]:
+        inner = _table_within(fields[place].annotation) if place in fields else None
+        fields = fields if inner is None else inner.__pydantic_fields__
+    return fields
+
+
+def _table_within(kind: Any) -> Any:
+    """Return the table that a type is, or holds; None where there is none."""
+    if hasattr(kind, "__pydantic_fields__"):
+        return kind
+    return next((table for each in get_args(kind) if (table := _table_within(each)) is not None), None)

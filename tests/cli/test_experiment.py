@@ -7,7 +7,7 @@ import pytest
 
 from tactuator.cli.main import main
 from tactuator.experiment.protocol.file import parse_recognition
-from tactuator.experiment.session.recognition_plan import block_trials
+from tactuator.experiment.protocol.recognition import block_trials
 from tactuator.experiment.store.store import Store, sessions_of
 from tactuator.io.controller import write_controller
 from tests.experiment.session.apparatuses import PROTOCOL

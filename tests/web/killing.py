@@ -19,8 +19,9 @@ from websockets.exceptions import ConnectionClosed, InvalidMessage
 from websockets.sync.client import connect
 
 from tactuator.experiment.procedure.procedure import Placement
+from tactuator.experiment.protocol.detection import plan_runs
 from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.protocol.plan import plan_runs, run_seed
+from tactuator.experiment.protocol.study import run_seed
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, answer_one, begin, controller, response_of
@@ -63,7 +64,7 @@ class Client:
 
     def _trial(self, run: int, number: int) -> Any:
         seed = run_seed(self.protocol, 0, self._positions[run - 1], 0)  # no restart: rows are positions
-        return self.protocol.forced_choice().trial(number, Placement(0.0), seed)
+        return self.protocol.paradigm.trial(number, Placement(0.0), seed)
 
 
 @dataclass

@@ -16,8 +16,9 @@ from playwright.sync_api import Page, expect
 
 from tactuator.cli.main import main
 from tactuator.experiment.procedure.procedure import Placement
+from tactuator.experiment.protocol.detection import plan_runs
 from tactuator.experiment.protocol.file import read_protocol
-from tactuator.experiment.protocol.plan import plan_runs, run_seed
+from tactuator.experiment.protocol.study import run_seed
 from tactuator.io.controller import write_controller
 from tactuator.model.controller import Controller
 from tests.experiment.session.apparatuses import response_of
@@ -122,7 +123,7 @@ class Subject:
 
     def _answer(self, run: int, number: int) -> str:
         seed = run_seed(self._protocol, 0, self._positions[run - 1], 0)  # one subject, no restart: rows are positions
-        return response_of(self._protocol.forced_choice().trial(number, Placement(0.0), seed))
+        return response_of(self._protocol.paradigm.trial(number, Placement(0.0), seed))
 
 
 def kills_and_finish(server: Server, subject: Subject, kills: int, seed: int) -> int:

@@ -10,7 +10,7 @@ from sqlalchemy import select
 
 from tactuator.cli.main import main
 from tactuator.experiment.protocol.file import parse_recognition
-from tactuator.experiment.session.recognition_plan import block_trials
+from tactuator.experiment.protocol.recognition import block_trials
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
 from tests.experiment.session.recognising import controller, items, protocol_text, scripted_answer  # noqa: F401

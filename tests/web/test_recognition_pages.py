@@ -8,7 +8,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_recognition
-from tactuator.experiment.session.recognition_plan import block_trials
+from tactuator.experiment.protocol.recognition import block_trials
 from tactuator.web.app import build_app
 from tests.experiment.session.apparatuses import ObedientClock
 from tests.experiment.session.recognising import THREE, Opened, controller, items, opened_apparatus, protocol_text  # noqa: F401

@@ -11,7 +11,7 @@ import tactuator.web
 
 STATIC = files("tactuator.web").joinpath("static")
 SCRIPTS = ("subject.js", "choices.js", "demonstration.js", "noise.js", "common.js", "texts.js")
-MODULES = ("web/subject.py", "web/pages.py", "experiment/protocol/plan.py", "experiment/session/recognition_plan.py")
+MODULES = ("web/subject.py", "web/pages.py", "experiment/protocol/detection.py", "experiment/protocol/recognition.py")
 SOURCES = Path(tactuator.web.__file__).parents[1]
 
 LITERAL = re.compile(r'"((?:[^"\\\n]|\\.)*)"|`((?:[^`\\]|\\.)*)`')

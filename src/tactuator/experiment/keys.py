@@ -1,15 +1,15 @@
-"""The form that every table of a protocol file has, and bounds that several of them share."""
+"""Kinds of parameter that several tables of a protocol file share."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+from tactuator.parameters import Number
+from tactuator.perception.curve import COMFORT_DB_SL, LOWEST_DB_SL
 
-
-class Part(BaseModel):
-    """A table of the protocol file, which allows no key but the known ones."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
+Level = Annotated[Number, Field(ge=LOWEST_DB_SL, le=COMFORT_DB_SL)]
+"""A level in dB SL that the display may be asked for."""
+Seconds = Annotated[Number, Field(ge=0.0, le=86400.0)]
+Share = Annotated[Number, Field(ge=0.0, le=1.0)]

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tactuator.errors import BadInput
 from tactuator.table import ResultTable
@@ -148,9 +148,8 @@ def _part(
     code: str, group: str | None, participant_id: str | None, skin_temperature_c: float | None, facts: list[str]
 ) -> "SubjectPart":
     """Return the subject as a protocol file would have it. Raises BadInput for what one may not hold."""
-    from pydantic import ValidationError
-
-    from tactuator.experiment.protocol.study import Group, SubjectPart
+    from tactuator.experiment.protocol.study import SubjectPart
+    from tactuator.parameters import from_table
 
     document = {
         "code": code,
@@ -159,13 +158,7 @@ def _part(
         "skin_temperature_c": skin_temperature_c,
         "demographics": dict(_pairs("--fact", "NAME=VALUE", facts)),
     }
-    try:
-        return SubjectPart.model_validate(document)
-    except ValidationError as error:
-        first = error.errors()[0]
-        name = ".".join(map(str, first["loc"]))
-        allowed = ", ".join(get_args(Group)) if name == "group" else first["msg"]
-        raise BadInput(f"{first['input']!r}", allowed, where=("subject",), key=name) from None
+    return from_table(SubjectPart, document, "subject")
 
 
 def _pairs(option: str, form: str, texts: Sequence[str], empty: bool = False) -> list[tuple[str, str]]:

@@ -177,7 +177,7 @@ class OperatorPage:
             "fault": lab.fault,
             "active": lab.active,
             "calls": list(lab.calls.values()),
-            "demographics": [one.model_dump() for one in lab.study.task.protocol.demographic],
+            "demographics": [asdict(item) for item in lab.study.task.protocol.demographic],
             "rig": {
                 "name": apparatus.name,
                 "display": apparatus.controller.display.name,

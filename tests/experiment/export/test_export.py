@@ -14,8 +14,8 @@ import pytest
 
 from tactuator.experiment.export.export import export
 from tactuator.experiment.export.rows import cell
+from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.result.thresholds import thresholds
 from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.simulated.sitting import run_study, simulated_observers
@@ -176,7 +176,7 @@ def runs_of_export(folder):
     protocols = {}
     for path in (folder / "settings").iterdir():
         settings = json.loads(path.read_text())
-        protocols[settings["study"], str(settings["version"])] = Protocol.model_validate(settings["protocol"])
+        protocols[settings["study"], str(settings["version"])] = Protocol(**settings["protocol"])
     done = [row for row in rows(folder / "trials.csv") if row["practice"] == "0" and row["run_state"] == "done"]
     intervals = rows(folder / "intervals.csv")
     for number in dict.fromkeys(row["run"] for row in done):

@@ -1,5 +1,7 @@
 """Up-down tracks against tracks written out by hand, Levitt's example, and the paper's own words."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,7 +12,7 @@ from tactuator.experiment.procedure.up_down import IMECE2004, UpDown, UpDownRule
 
 
 def track(rule: UpDownRule, start: float, responses: str) -> UpDown:
-    run = UpDown(rule, start)
+    run = UpDown(replace(rule, start_db_sl=start))
     for response in responses:
         run.record(response == "+")
     return run
@@ -48,8 +50,8 @@ def test_initial_rule__first_reversal_ends_one_down() -> None:
 def test_simple_up_down__levitts_example__runs_end_where_he_counts_them() -> None:
     # Levitt (1971), figure 4, as remembered: trials 1 to 2 are the first run, 2 to 6 the second, 6 to 8 the third. The
     # text of the paper was not at hand; what is certain is that a run is a series of steps in one direction.
-    rule = UpDownRule(down=1, up=1, steps_db=(1.0,), reversals=3, averaged=2, average="mid-runs")
-    run = UpDown(rule, 0.0)
+    rule = UpDownRule(down=1, up=1, steps_db=(1.0,), reversals=3, averaged=2, average="mid-runs", start_db_sl=0.0)
+    run = UpDown(rule)
     turned_at = []
     for trial, response in enumerate("+----++-", start=1):
         before = len(run.reversal_levels)
@@ -97,8 +99,8 @@ def test_trial_limit__run_without_reversals__has_no_estimate_and_says_so() -> No
 
 @given(st.lists(st.booleans(), min_size=1, max_size=120), st.booleans())
 def test_batch__any_responses__gives_the_single_track(responses: list[bool], initial: bool) -> None:
-    rule = UpDownRule(initial_rule=initial, floor_db_sl=-5.0, trial_limit=len(responses))
-    run = UpDown(rule, 10.0)
+    rule = UpDownRule(initial_rule=initial, floor_db_sl=-5.0, trial_limit=len(responses), start_db_sl=10.0)
+    run = UpDown(rule)
     for response in responses:
         if run.placement() is not None:
             run.record(response)
@@ -115,12 +117,12 @@ def test_batch__any_responses__gives_the_single_track(responses: list[bool], ini
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"down": 0}, "0-down-1-up"),
+        ({"down": 0}, "down is 0; allowed: a whole number, 1 or more"),
         ({"steps_db": ()}, "steps_db"),
-        ({"steps_db": (4.0, -1.0)}, "positive steps"),
+        ({"steps_db": (4.0, -1.0)}, "steps_db.1 is -1; allowed: .*above 0"),
         ({"averaged": 20}, "averages 20 of 15"),
         ({"average": "median"}, "'median'"),
-        ({"floor_db_sl": 60.0}, "not below the ceiling"),
+        ({"floor_db_sl": 40.0, "ceiling_db_sl": 30.0}, "not below the ceiling"),
         ({"trial_limit": 0}, "trial_limit"),
         ({"average": "mid-runs", "averaged": 1}, "mid-runs of 1"),
     ],
@@ -131,5 +133,5 @@ def test_rule__nonsense__is_refused(settings: dict[str, object], message: str) -
 
 
 def test_start__outside_the_limits__is_refused() -> None:
-    with pytest.raises(BadInput, match="start level 60 dB SL"):
-        UpDown(IMECE2004, 60.0)
+    with pytest.raises(BadInput, match="start_db_sl is 20; allowed: 25 to 55"):
+        UpDownRule(floor_db_sl=25.0)

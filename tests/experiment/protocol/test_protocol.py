@@ -5,12 +5,10 @@ from itertools import pairwise
 import pytest
 
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.curve_prior import CurvePrior
-from tactuator.experiment.procedure.kinds import PriorPart, QuestPlusProcedure, UpDownProcedure
-from tactuator.experiment.procedure.quest_plus import QuestPlusRule
-from tactuator.experiment.procedure.up_down import UpDownRule
+from tactuator.experiment.procedure.procedure import Playable
+from tactuator.experiment.protocol.detection import latin_square, plan_runs
 from tactuator.experiment.protocol.file import parse_protocol, read_protocol
-from tactuator.experiment.protocol.plan import latin_square, plan_runs, run_seed
+from tactuator.experiment.protocol.study import run_seed
 from tests.experiment.session.apparatuses import PROTOCOL
 
 
@@ -91,15 +89,5 @@ def test_run_seed__attempt_or_subject__makes_another() -> None:
 def test_procedure__named_in_the_file__is_built(kind: str) -> None:
     start, end = PROTOCOL.index("[procedure]"), PROTOCOL.index("[conditions]")
     protocol = parse_protocol(PROTOCOL[:start] + f'[procedure]\nkind = "{kind}"\n' + PROTOCOL[end:])
-    placement = protocol.fresh_run((0.4, 300.0)).placement()
+    placement = protocol.fresh_run(Playable()).placement()
     assert placement is not None
-
-
-def test_procedures__keys_left_out__are_the_rules_own_defaults() -> None:
-    for part, rule in (
-        (UpDownProcedure(kind="up-down"), UpDownRule()),
-        (QuestPlusProcedure(kind="quest-plus"), QuestPlusRule()),
-        (PriorPart(), CurvePrior((0.4, 300.0))),
-    ):
-        told = part.model_dump(exclude={"kind", "start_db_sl"})
-        assert told == {key: getattr(rule, key) for key in told}

@@ -179,7 +179,7 @@ def test_replayed__whole_curve_at_a_display_with_other_mains__has_the_frequencie
     protocol = parse_protocol(
         f'{head}[procedure]\nkind = "curve"\n{tail}'.replace("frequencies_hz = [8, 30, 200]\n", "")
     )
-    prior = WholeCurveRule(prior=CurvePrior((0.4, 300.0), 28, mains_hz, 4.0)).prior
+    prior = WholeCurveRule(prior=CurvePrior(band_hz=(0.4, 300.0), mains_hz=mains_hz, clearance_hz=4.0)).prior
     about = SimpleNamespace(band_low_hz=0.4, band_high_hz=300.0)
     hertz = prior.frequency_hz
     run = StoredRun(None, about, protocol, hertz, 0.0 * hertz, 0.0 * hertz, hertz > 0.0, None)  # type: ignore[arg-type]

@@ -5,8 +5,8 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from tactuator.experiment.protocol.file import parse_recognition
+from tactuator.experiment.protocol.recognition import block_trials
 from tactuator.experiment.session.presented_session import PresentedSession, run_session
-from tactuator.experiment.session.recognition_plan import block_trials
 from tactuator.experiment.session.recognition_task import RecognitionTask
 from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.session.task import Apparatus

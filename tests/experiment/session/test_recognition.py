@@ -8,8 +8,8 @@ from sqlalchemy import select
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import parse_recognition, read_recognition
+from tactuator.experiment.protocol.recognition import block_trials, plan_trials
 from tactuator.experiment.result.confusion import recognition_results
-from tactuator.experiment.session.recognition_plan import block_trials, plan_trials
 from tactuator.experiment.simulated.respondents import ErringRespondent, FeelingRespondent
 from tactuator.experiment.store import schema
 from tactuator.speech.waveforms import Component, WaveformSet, write_waveforms

@@ -130,7 +130,7 @@ def test_marks__each_interval__is_announced_by_as_many_taps_and_the_end_by_a_lon
     [{"level_db_sl": 56.0}, {"tap_s": 0.0}, {"pause_s": -0.1}, {"after_s": 6.0}, {"frequency_hz": float("nan")}],
 )
 def test_marks__that_cannot_be__are_refused(amiss) -> None:
-    with pytest.raises(BadInput, match=r"marks: .*allowed"):
+    with pytest.raises(BadInput, match=r"\[marks\]: .*allowed"):
         Marks("thumb", **amiss)
 
 

@@ -27,9 +27,9 @@ from tactuator.experiment.export.dictionary import (
     Meaning,
 )
 from tactuator.experiment.procedure.procedure import Playable
+from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_any_protocol
-from tactuator.experiment.protocol.plan import FORCED_CHOICE
-from tactuator.experiment.protocol.protocol import Protocol
+from tactuator.experiment.protocol.study import FORCED_CHOICE
 from tactuator.experiment.result.thresholds import refit_prior, thresholds
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
@@ -402,10 +402,10 @@ def _settings(connection: Connection) -> dict[str, dict[str, object]]:
 def _refit(text: str) -> dict[str, object]:
     """Return the settings of the refit under the key `refit`, where the protocol's runs are refitted one by one."""
     protocol = parse_any_protocol(text)
-    if not isinstance(protocol, Protocol) or protocol.procedure.kind == "curve":
+    if not isinstance(protocol, Protocol) or protocol.procedure.chooses_frequency:
         return {}
     procedure = protocol.fresh_run(Playable())
-    return {"refit": refit_prior(protocol.forced_choice().guess, procedure).settings()}
+    return {"refit": refit_prior(protocol.paradigm.guess, procedure).settings()}
 
 
 def _table(rows: Iterable[Row[Any]], columns: tuple[Meaning, ...]) -> ExportTable:

@@ -13,15 +13,19 @@ people with a loss a curve that is too good, inside a band that is too narrow. A
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.experiment.keys import Share
+from tactuator.experiment.procedure.procedure import Playable
+from tactuator.parameters import Band, NotNegative, Number, Positive, Whole, table
 
 _EDGE_DECADES = 0.02
 """Width of an edge's logistic: narrower than the spacing of any grid of points in use."""
@@ -104,51 +108,52 @@ class CurveKind:
 _NOTCH_COUNT = 9
 
 
-@dataclass(frozen=True)
-class CurvePrior:
-    """Shares of the kinds, their standard deviations in dB, and the frequencies at which trials may be put.
+@table("[procedure.prior]")
+class CurveShares:
+    """Keys of [procedure.prior]: shares of the kinds of curve, up to a common factor, and their deviations in dB.
 
-    normal_*: offset, tilt (dB per decade) and smooth wave of normal curves. broad_mean_db, broad_offset_db: of a loss
-    over the whole band. uneven_db: of a curve that varies from one third of a decade to the next. steps_db: of one that
-    steps. notch_db, edge_db: of a single notch or edge in an otherwise normal curve. *_share: prior probabilities, up
-    to a common factor; a share of 0 leaves a kind out. points: number of frequencies, even in log frequency over
-    band_hz and kept clearance_hz away from multiples of mains_hz (0: no mains), where hum is felt with the stimulus.
-    Raises BadInput for settings that cannot be.
+    A share of 0 leaves a kind out.
     """
 
-    band_hz: tuple[float, float] = (0.4, 300.0)
-    points: int = 28
-    mains_hz: float = 60.0
-    clearance_hz: float = 2.5
-    normal_share: float = 0.42
-    normal_offset_db: float = 4.0
-    normal_tilt_db_per_decade: float = 2.5
-    normal_wave_db: float = 2.0
-    broad_share: float = 0.12
-    broad_mean_db: float = 8.0
-    broad_offset_db: float = 15.0
-    uneven_share: float = 0.20
-    uneven_db: float = 7.0
-    steps_share: float = 0.14
-    steps_db: float = 10.0
-    notch_share: float = 0.10
-    notch_db: float = 12.0
-    edge_share: float = 0.06
-    edge_db: float = 15.0
+    normal_share: Annotated[Share, Field(description="people with a normal curve")] = 0.42
+    normal_offset_db: Annotated[Positive, Field(description="offset of normal curves")] = 4.0
+    normal_tilt_db_per_decade: Annotated[Positive, Field(description="tilt of normal curves")] = 2.5
+    normal_wave_db: Annotated[Positive, Field(description="smooth wave of normal curves")] = 2.0
+    broad_share: Annotated[Share, Field(description="people with a loss over the whole band")] = 0.12
+    broad_mean_db: Annotated[Number, Field(description="mean of such a loss")] = 8.0
+    broad_offset_db: Annotated[Positive, Field(description="spread of such a loss")] = 15.0
+    uneven_share: Annotated[Share, Field(description="people whose curve varies from third to third")] = 0.20
+    uneven_db: Annotated[Positive, Field(description="variation from one third of a decade to the next")] = 7.0
+    steps_share: Annotated[Share, Field(description="people whose curve steps")] = 0.14
+    steps_db: Annotated[Positive, Field(description="steps of such a curve")] = 10.0
+    notch_share: Annotated[Share, Field(description="people with one notch in a normal curve")] = 0.10
+    notch_db: Annotated[Positive, Field(description="depth of the notch")] = 12.0
+    edge_share: Annotated[Share, Field(description="people with one edge in a normal curve")] = 0.06
+    edge_db: Annotated[Positive, Field(description="height of the edge")] = 15.0
+
+
+@table("whole curve")
+class CurvePrior(CurveShares):
+    """The prior of a curve at a display, and the frequencies at which trials may be put.
+
+    points: number of frequencies, even in log frequency over band_hz and kept clearance_hz away from multiples of
+    mains_hz (0: no mains), where hum is felt with the stimulus. Raises BadInput for settings that cannot be.
+    """
+
+    _: KW_ONLY
+    band_hz: Band = Playable.band_hz
+    points: Annotated[Whole, Field(ge=3)] = 28
+    mains_hz: NotNegative = Playable.mains_hz
+    clearance_hz: NotNegative = Playable.clearance_hz
 
     def __post_init__(self) -> None:
-        low, high = self.band_hz
-        if not 0.0 < low < high:
-            raise BadInput(f"whole curve: band_hz is [{low:g}, {high:g}]", "0 < low < high")
-        if self.points < 3:
-            raise BadInput(f"whole curve: {self.points} points", "3 or more")
-        if min(self.mains_hz, self.clearance_hz) < 0.0 or 2.0 * self.clearance_hz >= self.mains_hz > 0.0:
+        if 2.0 * self.clearance_hz >= self.mains_hz > 0.0:
             raise BadInput(
-                f"whole curve: {self.clearance_hz:g} Hz off multiples of {self.mains_hz:g} Hz",
+                f"{self.clearance_hz:g} Hz off multiples of {self.mains_hz:g} Hz",
                 "less than half of the mains frequency",
             )
         if not self.kinds:
-            raise BadInput("whole curve: every share is 0", "at least one kind of curve with a share")
+            raise BadInput("every share is 0", "at least one kind of curve with a share")
 
     @property
     def middle_hz(self) -> float:

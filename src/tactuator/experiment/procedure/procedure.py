@@ -1,109 +1,26 @@
-"""Adaptive procedures: pure state machines that place the next trial and learn its outcome, and practice as one."""
+"""Adaptive procedures: pure state machines that place the next trial and learn its outcome, and practice as one.
+
+The kinds that a protocol file may name are entry points of the group GROUP; the project's own are found there too.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Protocol
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass, field
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
+from tactuator.entry_points import plugin, plugins
 from tactuator.errors import BadInput
+from tactuator.parameters import from_table, table
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
 
-
-@dataclass
-class Practice:
-    """Practice of at most `limit` trials at level_db_sl, without an estimate.
-
-    correct: number of right answers among the last `window` trials that passes practice and ends it; None: it is passed
-    by doing all of its trials.
-    """
-
-    level_db_sl: float
-    limit: int
-    frequency_hz: float | None = None
-    window: int = 1
-    correct: int | None = None
-    outcomes: list[bool] = field(init=False, default_factory=list)
-
-    @property
-    def trials(self) -> int:
-        """Return the number of trials recorded so far."""
-        return len(self.outcomes)
-
-    @property
-    def passed(self) -> bool:
-        """Return whether the criterion is met, or, without a criterion, whether all trials are done."""
-        if self.correct is None:
-            return self.trials >= self.limit
-        return sum(self.outcomes[-self.window :]) >= self.correct
-
-    @property
-    def progress(self) -> float:
-        """Return the share of the trials done; with a criterion, the share of the fewest trials that can meet it."""
-        if self.correct is None:
-            return self.trials / self.limit
-        return 1.0 if self.passed else min(self.trials, self.correct) / (self.correct + 1)
-
-    @property
-    def flags(self) -> tuple[str, ...]:
-        """Return no flags; practice raises none."""
-        return ()
-
-    def placement(self) -> Placement | None:
-        """Return the practice level, or None once practice is passed or its trials are used up."""
-        over = self.trials >= self.limit or (self.correct is not None and self.passed)
-        return None if over else Placement(self.level_db_sl, self.frequency_hz)
-
-    def record(self, correct: bool) -> None:
-        """Count the outcome. Raises BadInput once practice is over."""
-        if self.placement() is None:
-            raise BadInput(f"the run was over after {self.trials} trials", "no further response")
-        self.outcomes.append(correct)
-
-    def estimate(self) -> Estimate | None:
-        """Return None, as practice estimates no threshold."""
-        return None
-
-
-_PROBABILITY_MARGIN = 1e-6
-
-
-@dataclass(frozen=True)
-class Answering:
-    """Psychometric functions of a detection task that a procedure thinks possible, with their prior probabilities.
-
-    slopes: of the Weibull in amplitude, equally probable. lapses, lapse_shares: lapse rates and their probabilities.
-    guess: probability of a right guess. target: share correct at threshold, lapses included. Raises BadInput unless 0
-    <= guess < target < 1 - lapse for every lapse.
-    """
-
-    slopes: tuple[float, ...] = (1.5, 2.1, 2.9)
-    lapses: tuple[float, ...] = (0.02, 0.1, 0.2)
-    lapse_shares: tuple[float, ...] = (0.78, 0.12, 0.10)
-    guess: float = 1.0 / 3.0
-    target: float = TARGET_3_DOWN_1_UP
-
-    def __post_init__(self) -> None:
-        if not self.slopes or min(self.slopes) <= 0.0 or len(self.lapses) != len(self.lapse_shares):
-            raise BadInput("answering: slopes, lapses or shares", "positive slopes, a share for every lapse")
-        if not 0.0 <= self.guess < self.target < 1.0 - max(self.lapses):
-            raise BadInput(
-                f"answering: guess {self.guess:g}, target {self.target:g}, lapses up to {max(self.lapses):g}",
-                "0 <= guess < target < 1 - lapse",
-            )
-
-    def psi(self, level_db: FloatArray, slope: FloatArray, lapse: FloatArray) -> FloatArray:
-        """Return the probability of a correct response at level_db relative to threshold; arguments broadcast."""
-        at_threshold = (self.target - self.guess) / (1.0 - self.guess - lapse)
-        found = self.guess + (1.0 - self.guess - lapse) * weibull_rise(level_db, slope, at_threshold)
-        return np.asarray(np.clip(found, _PROBABILITY_MARGIN, 1.0 - _PROBABILITY_MARGIN))
-
-    def log_chance(self, correct: NDArray[np.bool_]) -> FloatArray:
-        """Return the log probability of each answer if it was guessed."""
-        return np.asarray(np.where(correct, np.log(self.guess), np.log1p(-self.guess)))
+GROUP = "tactuator.procedures"
+_TYPICAL_TRIALS = 80.0
+"""Trials of a run of unknown length."""
 
 
 @dataclass(frozen=True)
@@ -139,6 +56,8 @@ class Playable:
 
 class FixedTrials:
     """The count of a run that is over after a fixed number of trials. Procedures inherit from it."""
+
+    point = TARGET_3_DOWN_1_UP
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
@@ -197,3 +116,149 @@ class Procedure(Protocol):
     def flags(self) -> tuple[str, ...]:
         """Return the names of what a reader must know of the run: floor, ceiling, trial-limit."""
         ...
+
+    @property
+    def point(self) -> float:
+        """Return the share correct, lapses included, at the level that its estimate stands for."""
+        ...
+
+
+@table("[procedure]")
+class ProcedureKeys:
+    """Keys of the table [procedure] for one kind of procedure, which build its runs.
+
+    A kind is an entry point of GROUP: its name is `kind` in the file, and it refers to a table that inherits from this
+    one, with the kind's own keys, and `build`.
+    """
+
+    chooses_frequency: ClassVar[bool] = False
+    """Whether a run chooses the frequency of every trial, as a whole curve's does, so that the file lists none."""
+
+    _: KW_ONLY
+    kind: str = ""
+
+    @property
+    def typical_trials(self) -> float:
+        """Return about how many trials a run has: its key `trials`, where it has one."""
+        return float(getattr(self, "trials", _TYPICAL_TRIALS))
+
+    def build(self, guess: float, playable: Playable) -> Procedure:
+        """Return a fresh run over what can be played. guess: probability of a right answer without feeling."""
+        raise NotImplementedError
+
+
+def procedure_kind(name: str) -> type[ProcedureKeys]:
+    """Return the keys of a kind of procedure, of this package or another. Raises BadInput for a name nobody declares,
+    and for one whose entry point refers to anything else."""
+    kind = plugin(GROUP, name)
+    if not (isinstance(kind, type) and issubclass(kind, ProcedureKeys)):
+        raise BadInput(f"{name!r} refers to {kind!r}", "a table that inherits from ProcedureKeys", where=(GROUP,))
+    return kind
+
+
+def parse_procedure(document: Any) -> ProcedureKeys:
+    """Return the keys of a table [procedure]. Raises BadInput for an unknown kind, and for keys that it refuses."""
+    if isinstance(document, ProcedureKeys):
+        return document
+    kind = document.get("kind") if isinstance(document, Mapping) else None
+    if not isinstance(kind, str) or kind not in plugins(GROUP):
+        raise BadInput(repr(kind), ", ".join(plugins(GROUP)), key="kind")
+    return from_table(procedure_kind(kind), document)
+
+
+@dataclass
+class Practice:
+    """Practice of at most `limit` trials at level_db_sl, without an estimate.
+
+    correct: number of right answers among the last `window` trials that passes practice and ends it; None: it is passed
+    by doing all of its trials.
+    """
+
+    level_db_sl: float
+    limit: int
+    frequency_hz: float | None = None
+    window: int = 1
+    correct: int | None = None
+    outcomes: list[bool] = field(init=False, default_factory=list)
+
+    @property
+    def trials(self) -> int:
+        """Return the number of trials recorded so far."""
+        return len(self.outcomes)
+
+    @property
+    def passed(self) -> bool:
+        """Return whether the criterion is met, or, without a criterion, whether all trials are done."""
+        if self.correct is None:
+            return self.trials >= self.limit
+        return sum(self.outcomes[-self.window :]) >= self.correct
+
+    @property
+    def progress(self) -> float:
+        """Return the share of the trials done; with a criterion, the share of the fewest trials that can meet it."""
+        if self.correct is None:
+            return self.trials / self.limit
+        return 1.0 if self.passed else min(self.trials, self.correct) / (self.correct + 1)
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """Return no flags; practice raises none."""
+        return ()
+
+    @property
+    def point(self) -> float:
+        """Return NaN, as practice estimates no threshold."""
+        return float("nan")
+
+    def placement(self) -> Placement | None:
+        """Return the practice level, or None once practice is passed or its trials are used up."""
+        over = self.trials >= self.limit or (self.correct is not None and self.passed)
+        return None if over else Placement(self.level_db_sl, self.frequency_hz)
+
+    def record(self, correct: bool) -> None:
+        """Count the outcome. Raises BadInput once practice is over."""
+        if self.placement() is None:
+            raise BadInput(f"the run was over after {self.trials} trials", "no further response")
+        self.outcomes.append(correct)
+
+    def estimate(self) -> Estimate | None:
+        """Return None, as practice estimates no threshold."""
+        return None
+
+
+_PROBABILITY_MARGIN = 1e-6
+
+
+@dataclass(frozen=True)
+class Answering:
+    """Psychometric functions of a detection task that a procedure thinks possible, with their prior probabilities.
+
+    slopes: of the Weibull in amplitude, equally probable. lapses, lapse_shares: lapse rates and their probabilities.
+    guess: probability of a right guess. target: share correct at threshold, lapses included. Raises BadInput unless 0
+    <= guess < target < 1 - lapse for every lapse.
+    """
+
+    slopes: tuple[float, ...] = (1.5, 2.1, 2.9)
+    lapses: tuple[float, ...] = (0.02, 0.1, 0.2)
+    lapse_shares: tuple[float, ...] = (0.78, 0.12, 0.10)
+    guess: float = 1.0 / 3.0
+    target: float = TARGET_3_DOWN_1_UP
+
+    def __post_init__(self) -> None:
+        if not self.slopes or min(self.slopes) <= 0.0 or len(self.lapses) != len(self.lapse_shares):
+            raise BadInput("answering: slopes, lapses or shares", "positive slopes, a share for every lapse")
+        if not 0.0 <= self.guess < self.target < 1.0 - max(self.lapses):
+            raise BadInput(
+                f"answering: guess {self.guess:g}, target {self.target:g}, lapses up to {max(self.lapses):g}",
+                "0 <= guess < target < 1 - lapse",
+            )
+
+    def psi(self, level_db: FloatArray, slope: FloatArray, lapse: FloatArray) -> FloatArray:
+        """Return the probability of a correct response at level_db relative to threshold; arguments broadcast."""
+        at_threshold = (self.target - self.guess) / (1.0 - self.guess - lapse)
+        found = self.guess + (1.0 - self.guess - lapse) * weibull_rise(level_db, slope, at_threshold)
+        return np.asarray(np.clip(found, _PROBABILITY_MARGIN, 1.0 - _PROBABILITY_MARGIN))
+
+    def log_chance(self, correct: NDArray[np.bool_]) -> FloatArray:
+        """Return the log probability of each answer if it was guessed."""
+        return np.asarray(np.where(correct, np.log(self.guess), np.log1p(-self.guess)))

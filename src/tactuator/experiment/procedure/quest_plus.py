@@ -8,18 +8,20 @@ and needs about 15 % fewer. Both are matrix products, for any number of runs at 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 from scipy.special import entr
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.procedure import Estimate, FixedTrials, Placement
+from tactuator.experiment.keys import Level, Share
+from tactuator.experiment.procedure.procedure import Estimate, FixedTrials, Placement, Playable, ProcedureKeys
 from tactuator.experiment.procedure.up_down import Probability, Tracks
+from tactuator.parameters import NotNegative, Number, Positive, Whole, table
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
 
 _BATCH_RUNS = 64
@@ -85,46 +87,55 @@ def estimates(
     return found[0], found[1]
 
 
-@dataclass(frozen=True)
-class QuestPlusRule:
+@table("[procedure]")
+class QuestPlusKeys(ProcedureKeys):
+    """Keys of `quest-plus`."""
+
+    trials: Annotated[Whole, Field(ge=1, description="trials of a run")] = 48
+    low_db_sl: Annotated[Level, Field(description="lowest threshold, and lowest level of a trial")] = -30.0
+    high_db_sl: Annotated[Level, Field(description="highest threshold, and highest level of a trial")] = 40.0
+    expected_db_sl: Annotated[Number, Field(description="mean of the threshold's normal prior")] = 0.0
+    expected_sd_db: Annotated[Positive, Field(description="standard deviation of that prior")] = 15.0
+    aim: Annotated[
+        Literal["threshold", "parameters"],
+        Field(description="least expected variance of the threshold, or Watson's entropy of all parameters"),
+    ] = "threshold"
+
+    def rule(self, guess: float) -> QuestPlusRule:
+        """Return the settings of a run in which guesses are right with that probability."""
+        return QuestPlusRule(**vars(self), guess=guess)
+
+    def build(self, guess: float, playable: Playable) -> QuestPlus:
+        """Return a fresh run."""
+        return QuestPlus(self.rule(guess))
+
+
+@table("QUEST+")
+class QuestPlusRule(QuestPlusKeys):
     """Settings of a QUEST+ run.
 
-    trials: number of trials in a run. low_db_sl, high_db_sl: limits of the threshold and of the levels of trials.
-    step_db: step between levels. expected_db_sl, expected_sd_db: normal prior of the threshold within the limits.
-    slopes, slope_weights: prior of the Weibull slope. lapses: lapse rates, equally probable. aim: see the module.
-    guess: probability of a right guess. target: share correct at threshold. Raises BadInput for a setting that cannot
-    be.
+    step_db: step between levels. slopes, slope_weights: prior of the Weibull slope. lapses: lapse rates, equally
+    probable. guess: probability of a right guess. target: share correct at threshold. Raises BadInput for a setting
+    that cannot be.
     """
 
-    trials: int = 48
-    low_db_sl: float = -30.0
-    high_db_sl: float = 40.0
-    step_db: float = 1.0
-    expected_db_sl: float = 0.0
-    expected_sd_db: float = 15.0
-    slopes: tuple[float, ...] = (1.3, 2.0, 2.8, 3.8)
-    slope_weights: tuple[float, ...] = (0.2, 0.3, 0.3, 0.2)
-    lapses: tuple[float, ...] = (0.0, 0.01, 0.02, 0.04)
-    aim: Literal["threshold", "parameters"] = "threshold"
-    guess: float = 1.0 / 3.0
-    target: float = TARGET_3_DOWN_1_UP
+    step_db: Positive = 1.0
+    slopes: tuple[Positive, ...] = (1.3, 2.0, 2.8, 3.8)
+    slope_weights: tuple[NotNegative, ...] = (0.2, 0.3, 0.3, 0.2)
+    lapses: tuple[Share, ...] = (0.0, 0.01, 0.02, 0.04)
+    guess: Share = 1.0 / 3.0
+    target: Share = TARGET_3_DOWN_1_UP
 
     def __post_init__(self) -> None:
-        if self.trials < 1:
-            raise BadInput(f"QUEST+: {self.trials} trials", "1 or more")
-        if not (self.step_db > 0.0 and self.low_db_sl + self.step_db < self.high_db_sl):
+        if not self.low_db_sl + self.step_db < self.high_db_sl:
             raise BadInput(
-                f"QUEST+: levels {self.low_db_sl:g} to {self.high_db_sl:g} dB SL in steps of {self.step_db:g}",
+                f"levels {self.low_db_sl:g} to {self.high_db_sl:g} dB SL in steps of {self.step_db:g}",
                 "two or more ascending levels",
             )
-        if len(self.slopes) != len(self.slope_weights) or not self.lapses or min(self.slopes) <= 0.0:
-            raise BadInput("QUEST+: slopes, slope_weights or lapses", "positive slopes, as many weights, a lapse")
-        if not self.expected_sd_db > 0.0:
-            raise BadInput(f"QUEST+: expected_sd_db is {self.expected_sd_db:g}", "a positive number of dB")
-        if self.aim not in ("threshold", "parameters"):
-            raise BadInput(f"QUEST+: aim {self.aim!r}", "threshold, parameters")
-        if not (0.0 <= self.guess < self.target < 1.0 - max(self.lapses)):
-            raise BadInput(f"QUEST+: guess {self.guess:g}, target {self.target:g}", "guess < target < 1 - lapse")
+        if len(self.slopes) != len(self.slope_weights) or not self.lapses:
+            raise BadInput("slopes, slope_weights or lapses", "positive slopes, as many weights, a lapse")
+        if not self.guess < self.target < 1.0 - max(self.lapses):
+            raise BadInput(f"guess {self.guess:g}, target {self.target:g}", "guess < target < 1 - lapse")
 
 
 class Tables:

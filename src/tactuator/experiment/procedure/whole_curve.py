@@ -10,41 +10,70 @@ where the evidence is highest, and s is normal with mean i times the drift and v
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 from scipy.special import ndtr
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.experiment.keys import Level
 from tactuator.experiment.procedure.curve_belief import CurveBelief, PointLikelihoods
-from tactuator.experiment.procedure.curve_prior import CurvePrior
-from tactuator.experiment.procedure.procedure import Answering, Estimate, FixedTrials, Placement
+from tactuator.experiment.procedure.curve_prior import CurvePrior, CurveShares
+from tactuator.experiment.procedure.procedure import (
+    Answering,
+    Estimate,
+    FixedTrials,
+    Placement,
+    Playable,
+    ProcedureKeys,
+)
 from tactuator.experiment.procedure.run_flags import LEAST_LOG_EVIDENCE, POWER_DRIFT_DB
+from tactuator.parameters import Whole, table
 
 
-@dataclass(frozen=True)
-class WholeCurveRule:
-    """Settings of a whole-curve run.
+@table("[procedure]")
+class _CurveRun(ProcedureKeys):
+    """Length of a run, and limits of its levels."""
 
-    trials: number of trials in the run. prior, answering: curves and psychometric functions thought possible.
-    floor_db_sl, ceiling_db_sl: limits of the level. Raises BadInput for settings that cannot be.
-    """
-
-    trials: int = 150
-    prior: CurvePrior = field(default_factory=CurvePrior)
-    answering: Answering = field(default_factory=Answering)
-    floor_db_sl: float = -30.0
-    ceiling_db_sl: float = 50.0
+    trials: Annotated[Whole, Field(ge=1, description="trials of a run")] = 150
+    floor_db_sl: Annotated[Level, Field(description="lowest level")] = -30.0
+    ceiling_db_sl: Annotated[Level, Field(description="highest level")] = 50.0
 
     def __post_init__(self) -> None:
-        if self.trials < 1:
-            raise BadInput(f"whole curve: {self.trials} trials", "1 or more")
         if not self.floor_db_sl < self.ceiling_db_sl:
-            raise BadInput(
-                f"whole curve: floor {self.floor_db_sl:g}, ceiling {self.ceiling_db_sl:g} dB SL", "floor below"
-            )
+            raise BadInput(f"floor {self.floor_db_sl:g}, ceiling {self.ceiling_db_sl:g} dB SL", "floor below")
+
+
+@table("[procedure]")
+class CurveKeys(_CurveRun):
+    """Keys of `curve`: the whole curve is measured in one run, over the display's band."""
+
+    chooses_frequency = True
+
+    points: Annotated[Whole, Field(ge=3, le=60, description="frequencies over the band")] = CurvePrior.points
+    prior: Annotated[CurveShares, Field(description="curves that people may have")] = CurveShares()
+
+    def rule(self, guess: float, playable: Playable) -> WholeCurveRule:
+        """Return the settings of a run over what can be played, in which guesses are right with that probability."""
+        prior = CurvePrior(**vars(self.prior), **vars(playable), points=self.points)
+        shared = {field.name: getattr(self, field.name) for field in fields(_CurveRun)}
+        return WholeCurveRule(**shared, prior=prior, answering=Answering(guess=guess))
+
+    def build(self, guess: float, playable: Playable) -> WholeCurve:
+        """Return a fresh run."""
+        return WholeCurve(self.rule(guess, playable))
+
+
+@table("whole curve")
+class WholeCurveRule(_CurveRun):
+    """Settings of a whole-curve run; prior, answering: curves and psychometric functions thought possible."""
+
+    prior: CurvePrior = field(default_factory=CurvePrior)
+    answering: Answering = field(default_factory=Answering)
 
 
 class WholeCurve(FixedTrials):

@@ -1,80 +1,184 @@
-"""Protocol files (TOML) of recognition experiments: the items, how they are asked, in which blocks, of whom."""
+"""Protocol files of recognition experiments (absolute identification), and the trials of their blocks.
+
+Every item is asked equally often, in an order that a seed alone decides.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from collections.abc import Sequence
+from dataclasses import KW_ONLY
+from itertools import combinations
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+import numpy as np
+from pydantic import Field
 
-from tactuator.experiment.keys import Part
-from tactuator.experiment.protocol.study import Seconds as BreakSeconds
-from tactuator.experiment.protocol.study import StudyProtocol, each_once
+from tactuator.experiment.keys import Seconds
+from tactuator.experiment.language.words import Words, shipped_words
+from tactuator.experiment.protocol.study import ALL_FINGERS, PlannedRun, StudyProtocol, each_once
+from tactuator.experiment.trial.trial import Trial
+from tactuator.parameters import Flag, Number, Whole, table
 
 Paradigm = Literal["recognition", "middle-of-three", "abx"]
-Seconds = Annotated[float, Field(ge=0.0, le=60.0, allow_inf_nan=False)]
+_Pause = Annotated[Seconds, Field(le=60.0)]
 
 
-class ItemPart(Part):
-    """An item that subjects recognise.
+@table("[[item]]")
+class ItemPart:
+    """Keys of [[item]], which subjects recognise."""
 
-    label: its name. file: a rendered reference, as a path from the protocol's folder. key: the key that names it.
+    label: Annotated[str, Field(min_length=1, max_length=64, description="its name")]
+    file: Annotated[str, Field(description="a rendered reference, as a path from the protocol's folder")]
+    key: Annotated[str, Field(min_length=1, max_length=8, description="the key that names it")]
+
+
+@table("[[block]]")
+class BlockPart:
+    """Keys of [[block]], trials for training or as a test.
+
+    Where training does not reach its criterion, the experimenter is called and the block begins again.
     """
 
-    label: str = Field(min_length=1, max_length=64)
-    file: str
-    key: str = Field(min_length=1, max_length=8)
+    kind: Annotated[Literal["training", "test"], Field(description="what the block is for")]
+    repetitions: Annotated[Whole, Field(ge=1, le=1000, description="of every item (abx: of every pair)")]
+    feedback: Annotated[Flag, Field(description="the right answer is told")] = False
+    criterion: Annotated[
+        Annotated[Number, Field(gt=0.0, le=1.0)] | None, Field(description="share right that training has to reach")
+    ] = None
 
 
-class BlockPart(Part):
-    """A block of trials, for training or as a test.
+@table("[recognition]")
+class AskingPart:
+    """Keys of [recognition]: the question of a trial, and its timing."""
 
-    repetitions: of every item (abx: of every pair). feedback: True where the right answer is told. criterion: share
-    right that a training block has to reach; where it does not, the experimenter is called and the block begins again.
-    """
-
-    kind: Literal["training", "test"]
-    repetitions: int = Field(ge=1, le=1000)
-    feedback: bool = False
-    criterion: float | None = Field(default=None, gt=0.0, le=1.0)
-
-
-class AskingPart(Part):
-    """The question of a trial, and its timing.
-
-    paradigm: `recognition` of one item alone, `middle-of-three` items in a row (Tan et al. 1999), or `abx`: A, B and
-    which of them X was. lead_s: silence before the first item. gap_s: silence between the items of a trial. feedback_s:
-    time for which feedback is shown.
-    """
-
-    paradigm: Paradigm = "recognition"
-    lead_s: Seconds = 0.3
-    gap_s: Seconds = 0.3
-    feedback_s: Seconds = 1.0
+    paradigm: Annotated[
+        Paradigm,
+        Field(description="one item alone, the middle of three (Tan et al. 1999), or A, B and which of them X was"),
+    ] = "recognition"
+    lead_s: Annotated[_Pause, Field(description="silence before the first item")] = 0.3
+    gap_s: Annotated[_Pause, Field(description="silence between the items of a trial")] = 0.3
+    feedback_s: Annotated[_Pause, Field(description="time for which feedback is shown")] = 1.0
 
 
-class BreakRules(Part):
-    """Breaks between blocks, and after so many trials within one; break_s: the least duration of each."""
+@table("[session]")
+class BreakRules:
+    """Keys of [session]: breaks between blocks, and within one."""
 
-    break_between_blocks: bool = True
-    break_after_trials: int | None = Field(default=None, ge=1, le=100000)
-    break_s: BreakSeconds = 0.0
+    break_between_blocks: Annotated[Flag, Field(description="a break after every block")] = True
+    break_after_trials: Annotated[
+        Annotated[Whole, Field(ge=1, le=100000)] | None, Field(description="trials between breaks within a block")
+    ] = None
+    break_s: Annotated[Seconds, Field(description="least duration of a break")] = 0.0
 
 
+@table("protocol")
 class RecognitionProtocol(StudyProtocol):
     """The protocol file of a recognition study."""
 
+    _: KW_ONLY
     recognition: AskingPart = AskingPart()
-    item: tuple[ItemPart, ...] = Field(min_length=2)
-    block: tuple[BlockPart, ...] = Field(min_length=1)
+    item: Annotated[tuple[ItemPart, ...], Field(min_length=2)]
+    block: Annotated[tuple[BlockPart, ...], Field(min_length=1)]
     session: BreakRules = BreakRules()
 
-    @model_validator(mode="after")
-    def _items_once(self) -> Self:
-        each_once("item labels", [one.label for one in self.item])
-        each_once("keys", [one.key for one in self.item])
-        return self
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        each_once("item labels", self.labels)
+        each_once("keys", [item.key for item in self.item])
 
     @property
     def labels(self) -> tuple[str, ...]:
         """Return the labels of the items, in the order of the file."""
-        return tuple(one.label for one in self.item)
+        return tuple(item.label for item in self.item)
+
+
+ABX_RESPONSES = ("A", "B")
+
+
+def plan_blocks(protocol: RecognitionProtocol, words: Words | None = None) -> tuple[PlannedRun, ...]:
+    """Return every block as a run, which is the same for all subjects but for the order of its trials.
+
+    words: the language of titles, English by default.
+    """
+    told = words or shipped_words("en")
+    return tuple(_planned(protocol, told, position, block) for position, block in enumerate(protocol.block))
+
+
+def _planned(protocol: RecognitionProtocol, words: Words, position: int, block: BlockPart) -> PlannedRun:
+    paradigm, count = protocol.recognition.paradigm, len(protocol.item)
+    trials = block.repetitions * (2 * count * (count - 1) if paradigm == "abx" else count)
+    kind = words(f"run.{block.kind}")
+    title = words("run.block", number=position + 1, count=len(protocol.block), kind=kind)
+    told = words("run.told" if block.feedback else "run.not_told")
+    return PlannedRun(
+        position,
+        ALL_FINGERS,
+        None,
+        practice=block.kind == "training",
+        paradigm=paradigm,
+        procedure="fixed",
+        feedback=block.feedback,
+        title=title,
+        introduction=f"{words('run.trials', title=title, trials=trials)}\n{told}",
+        trials=trials,
+    )
+
+
+def block_seed(
+    protocol: RecognitionProtocol, subject: int, position: int, attempt: int = 0, visit: int = 1
+) -> tuple[int, ...]:
+    """Return the seed of a subject's block; subjects count from 0, visits from 1.
+
+    A first attempt at a first visit has the three numbers that it had before there were attempts and visits.
+    """
+    again = () if (attempt, visit) == (0, 1) else (attempt, visit)
+    return (protocol.study.seed, subject, position, *again)
+
+
+def block_trials(
+    protocol: RecognitionProtocol, subject: int, position: int, attempt: int = 0, visit: int = 1
+) -> tuple[Trial, ...]:
+    """Return the trials of a subject's block, which are the same after any interruption."""
+    return plan_trials(
+        protocol.recognition.paradigm,
+        protocol.labels,
+        protocol.block[position].repetitions,
+        np.random.default_rng(block_seed(protocol, subject, position, attempt, visit)),
+    )
+
+
+def plan_trials(
+    paradigm: Paradigm, labels: Sequence[str], repetitions: int, rng: np.random.Generator
+) -> tuple[Trial, ...]:
+    """Return the trials of a block in random order.
+
+    recognition: one item, `repetitions` of each, answered with its label. middle-of-three: the same between two
+    items drawn at random. abx: every pair `repetitions` times in both orders, X being either, answered A or B.
+    """
+    if paradigm == "abx":
+        return _abx(labels, repetitions, rng)
+    asked = [labels[index] for index in rng.permutation(np.repeat(np.arange(len(labels)), repetitions))]
+    trials = []
+    for number, label in enumerate(asked):
+        stimuli: tuple[str, ...] = (label,)
+        if paradigm == "middle-of-three":
+            before, after = (labels[int(index)] for index in rng.integers(len(labels), size=2))
+            stimuli = (before, label, after)
+        trials.append(Trial(number, stimuli, tuple(labels), label))
+    return tuple(trials)
+
+
+def _abx(labels: Sequence[str], repetitions: int, rng: np.random.Generator) -> tuple[Trial, ...]:
+    orders = [(a, b) for pair in combinations(labels, 2) for a, b in (pair, pair[::-1])]
+    asked = [(a, b, x) for a, b in orders for x in ABX_RESPONSES for _ in range(repetitions)]
+    trials = []
+    for number, index in enumerate(rng.permutation(len(asked))):
+        first, second, which = asked[int(index)]
+        stimuli = (first, second, first if which == "A" else second)
+        trials.append(Trial(number, stimuli, ABX_RESPONSES, which))
+    return tuple(trials)
+
+
+def asked_label(paradigm: str, trial: Trial) -> str:
+    """Return the label of the item that a trial asks for."""
+    return trial.stimuli[1] if paradigm == "middle-of-three" else trial.stimuli[-1]

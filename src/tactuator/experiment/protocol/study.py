@@ -3,80 +3,78 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from dataclasses import KW_ONLY, dataclass, field, replace
+from typing import Annotated, Literal
 
-from pydantic import Field, StringConstraints, model_validator
+from pydantic import Field, StringConstraints
 
-from tactuator.experiment.keys import Part, Positive
+from tactuator.errors import BadInput
+from tactuator.parameters import Flag, NotNegative, Number, Positive, Whole, table
 
-Seconds = Annotated[float, Field(ge=0.0, le=86400.0, allow_inf_nan=False)]
-Celsius = Annotated[float, Field(gt=0.0, lt=50.0)]
+Celsius = Annotated[Positive, Field(lt=50.0)]
 Group = Literal["hearing", "hearing-impaired", "simulated", "unknown"]
 Code = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9]{1,32}$")]
 ParticipantId = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9._-]{1,64}$")]
-_NAME_PATTERN = r"^[a-z][a-z0-9_]{0,31}$"
 _SEED_MAX = 2**53
 
 
-class StudyPart(Part):
-    """The table [study]: who asks, and what subjects are told.
-
-    visits: number of visits of each subject. language: of every page, one that is shipped, or language_file: the path
-    of another beside the protocol.
-    """
-
-    name: str = Field(min_length=1, max_length=200)
-    seed: int = Field(ge=0, le=_SEED_MAX)
-    experimenter: str = ""
-    consent: str = ""
-    consent_version: str = ""
-    instructions: str = ""
-    language: str = "en"
-    language_file: str | None = None
-    visits: int = Field(default=1, ge=1, le=100)
+_Name = Annotated[str, Field(min_length=1, max_length=200)]
 
 
-class Circumstances(Part):
-    """Circumstances that psychophysics reports with a threshold; they go into columns of every session."""
+@table("[study]")
+class StudyPart:
+    """Keys of [study]: who asks, and what subjects are told."""
 
-    site: str = "fingertip"
-    contact_area_mm2: Positive | None = None
-    surround: str = "none"
-    skin_temperature_c: Celsius | None = None
-    preload_n: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = None
-    masking_sound: Literal["none", "white", "pink"] = "none"
-    masking_level_db_spl: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    name: Annotated[_Name, Field(description="name by which the study is known in its store")]
+    seed: Annotated[Whole, Field(ge=0, le=_SEED_MAX, description="of every order and trial")]
+    experimenter: Annotated[str, Field(description="who runs the sessions")] = ""
+    consent: Annotated[str, Field(description="what a subject agrees to; empty: nobody is asked")] = ""
+    consent_version: Annotated[str, Field(description="version of that text")] = ""
+    instructions: Annotated[str, Field(description="what a subject reads before the session")] = ""
+    language: Annotated[str, Field(description="of every page")] = "en"
+    language_file: Annotated[str | None, Field(description="a language of one's own, beside the protocol")] = None
+    visits: Annotated[Whole, Field(ge=1, le=100, description="visits of each subject")] = 1
 
 
-class Demographic(Part):
-    """A fact that the laboratory notes of every subject: a number within limits, one of choices, or words."""
+@table("[circumstances]")
+class Circumstances:
+    """Keys of [circumstances], which psychophysics reports with a threshold; columns of every session."""
 
-    name: str = Field(pattern=_NAME_PATTERN)
-    label: str = Field(min_length=1, max_length=100)
-    kind: Literal["number", "choice", "text"] = "text"
-    unit: str = ""
-    low: Annotated[float, Field(allow_inf_nan=False)] | None = None
-    high: Annotated[float, Field(allow_inf_nan=False)] | None = None
-    choices: tuple[str, ...] = ()
-    required: bool = False
+    site: Annotated[str, Field(description="place that is stimulated")] = "fingertip"
+    contact_area_mm2: Annotated[Positive | None, Field(description="area of contact")] = None
+    surround: Annotated[str, Field(description="surround of the contactor")] = "none"
+    skin_temperature_c: Annotated[Celsius | None, Field(description="temperature of the skin")] = None
+    preload_n: Annotated[NotNegative | None, Field(description="static force of the finger")] = None
+    masking_sound: Annotated[Literal["none", "white", "pink"], Field(description="sound of the page")] = "none"
+    masking_level_db_spl: Annotated[Number | None, Field(description="its level, as measured")] = None
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+
+@table("[[demographic]]")
+class Demographic:
+    """Keys of [[demographic]], a fact that the laboratory notes of every subject."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,31}$", description="column of the exports")]
+    label: Annotated[str, Field(min_length=1, max_length=100, description="what the page calls it")]
+    kind: Annotated[Literal["number", "choice", "text"], Field(description="what it is")] = "text"
+    unit: Annotated[str, Field(description="of a number")] = ""
+    low: Annotated[Number | None, Field(description="least number")] = None
+    high: Annotated[Number | None, Field(description="largest number")] = None
+    choices: Annotated[tuple[str, ...], Field(description="what there is to choose")] = ()
+    required: Annotated[Flag, Field(description="no subject is enrolled without it")] = False
+
+    def __post_init__(self) -> None:
         if (self.kind == "choice") != bool(self.choices):
-            raise ValueError(
-                f"demographic {self.name}: choices for a {self.kind}; allowed: with a choice, and only there"
-            )
+            raise BadInput(f"{self.name}: choices for a {self.kind}", "with a choice, and only there")
         if self.kind != "number" and (self.low is not None or self.high is not None):
-            raise ValueError(f"demographic {self.name}: limits for a {self.kind}; allowed: with a number only")
-        return self
+            raise BadInput(f"{self.name}: limits for a {self.kind}", "with a number only")
 
     def take(self, value: str | float) -> str:
-        """Return the value as it is stored. Raises ValueError, naming what is allowed, for a value that is not."""
+        """Return the value as it is stored. Raises BadInput for a value that is not allowed."""
         text = f"{value:.15g}" if isinstance(value, float) else str(value).strip()
         if self.kind == "choice" and text not in self.choices:
-            raise ValueError(f"{self.name} is {text!r}; allowed: {', '.join(self.choices)}")
+            raise BadInput(repr(text), ", ".join(self.choices), key=self.name)
         if self.kind == "text" and len(text) > 200:
-            raise ValueError(f"{self.name} has {len(text)} characters; allowed: 200 at most")
+            raise BadInput(f"{self.name} has {len(text)} characters", "200 at most")
         if self.kind == "number":
             low, high = (-1e12 if self.low is None else self.low), (1e12 if self.high is None else self.high)
             try:
@@ -84,67 +82,111 @@ class Demographic(Part):
             except ValueError:
                 number = float("nan")
             if not low <= number <= high:
-                raise ValueError(f"{self.name} is {text!r}; allowed: a number from {low:g} to {high:g}")
+                raise BadInput(repr(text), f"a number from {low:g} to {high:g}", key=self.name)
         return text
 
 
-class SubjectPart(Part):
-    """A subject, whose own circumstances win over the study's; participant_id: their name elsewhere."""
+@table("[[subject]]")
+class SubjectPart:
+    """Keys of [[subject]], whose own circumstances win over the study's."""
 
-    code: Code
-    group: Group = "unknown"
-    participant_id: ParticipantId | None = None
-    skin_temperature_c: Celsius | None = None
-    demographics: dict[str, str | float] = Field(default_factory=dict)
+    code: Annotated[Code, Field(description="code of the subject")]
+    group: Annotated[Group, Field(description="group of the subject")] = "unknown"
+    participant_id: Annotated[ParticipantId | None, Field(description="the subject's name elsewhere")] = None
+    skin_temperature_c: Annotated[Celsius | None, Field(description="of the day")] = None
+    demographics: Annotated[dict[str, str | float], Field(description="facts of [[demographic]], by name")] = field(
+        default_factory=dict
+    )
 
 
-class StudyProtocol(Part):
+@table("protocol")
+class StudyProtocol:
     """The part of a protocol file that is the same for every kind of study."""
 
+    _: KW_ONLY
     study: StudyPart
     subject: tuple[SubjectPart, ...] = ()
     circumstances: Circumstances = Circumstances()
     demographic: tuple[Demographic, ...] = ()
 
-    @model_validator(mode="after")
-    def _everyone_once(self) -> Self:
-        each_once("subject codes", [one.code for one in self.subject])
-        each_once("participant ids", [one.participant_id for one in self.subject if one.participant_id is not None])
-        each_once("demographic names", [one.name for one in self.demographic])
-        for one in self.subject:
-            self.facts(one.demographics)
-        return self
+    def __post_init__(self) -> None:
+        each_once("subject codes", [subject.code for subject in self.subject])
+        each_once(
+            "participant ids",
+            [subject.participant_id for subject in self.subject if subject.participant_id is not None],
+        )
+        each_once("demographic names", [item.name for item in self.demographic])
+        for subject in self.subject:
+            self.facts(subject.demographics)
 
     def facts(self, given: dict[str, str | float]) -> dict[str, tuple[str, str]]:
         """Return (value, unit) of each demographic item that is given, by name.
 
-        Raises ValueError for an item that is not asked for, a value that is not allowed, or one that is required and
+        Raises BadInput for an item that is not asked for, a value that is not allowed, or one that is required and
         not given.
         """
         values = {name: self.fact(name, value) for name, value in given.items()}
-        for one in self.demographic:
-            if one.required and given and one.name not in values:
-                self.fact(one.name, "")
+        for item in self.demographic:
+            if item.required and given and item.name not in values:
+                self.fact(item.name, "")
         return {name: (value, unit) for name, (value, unit) in values.items() if value is not None}
 
     def fact(self, name: str, value: str | float) -> tuple[str | None, str]:
         """Return value and unit of a demographic item as they are stored, None for "".
 
-        Raises ValueError for an item that is not asked for, a value that is not allowed, or "" where one is required.
+        Raises BadInput for an item that is not asked for, a value that is not allowed, or "" where one is required.
         """
-        asked = {one.name: one for one in self.demographic}
+        asked = {item.name: item for item in self.demographic}
         if name not in asked:
-            raise ValueError(f"demographics: {name!r}; allowed: {', '.join(asked) or 'none: the study asks for none'}")
+            raise BadInput(f"demographics: {name!r}", ", ".join(asked) or "none: the study asks for none")
         if value == "" and asked[name].required:
-            raise ValueError(f"demographics: {name} is not given; allowed: with it, since the study requires it")
+            raise BadInput(f"demographics: {name} is not given", "with it, since the study requires it")
         return None if value == "" else asked[name].take(value), asked[name].unit
 
     def apart_from_subjects(self) -> StudyProtocol:
         """Return the protocol without subjects, which an amendment that only enrols leaves as it was."""
-        return self.model_copy(update={"subject": ()})
+        return replace(self, subject=())
 
 
 def each_once(what: str, values: Sequence[str]) -> None:
-    """Raise ValueError where one of the values stands twice."""
+    """Raise BadInput where one of the values stands twice."""
     if len(set(values)) != len(values):
-        raise ValueError(f"{what} {', '.join(values)}; allowed: each once")
+        raise BadInput(f"{what} {', '.join(values)}", "each once")
+
+
+FORCED_CHOICE = "forced-choice"
+"""Paradigm of detection runs, as the store has it."""
+ALL_FINGERS = "all"
+"""Finger of a run whose stimuli go to every channel."""
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """A run as its row in the store has it, and as people are told of it.
+
+    position: counted from 0 in the session. frequency_hz: None where the procedure chooses, or there is none. practice:
+    True for a run that is not analysed. feedback: True where the right response is told after each answer. trials:
+    their number, where that is known before. title: name for the operator. introduction: text that the subject reads
+    before the run begins; an empty one lets it begin at once.
+    """
+
+    position: int
+    finger: str
+    frequency_hz: float | None
+    practice: bool
+    paradigm: str
+    procedure: str
+    feedback: bool
+    title: str
+    introduction: str = ""
+    trials: int | None = None
+
+
+def further(visit: int) -> tuple[int, ...]:
+    """Return what a visit adds to a seed; the first visit adds nothing, so that its seeds stay as they were."""
+    return () if visit == 1 else (visit,)
+
+
+def run_seed(protocol: StudyProtocol, subject: int, position: int, attempt: int, visit: int = 1) -> tuple[int, ...]:
+    """Return the seed of a run; a restarted run gets another."""
+    return (protocol.study.seed, 5, subject, position, attempt, *further(visit))

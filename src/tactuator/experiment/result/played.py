@@ -50,7 +50,7 @@ def attention(run: StoredRun) -> tuple[str, ...]:
     found = []
     if inattentive(int(np.sum(~loud)), loud.size):
         found.append("attention")
-    if blank.size and binom.sf(np.sum(blank) - 1, blank.size, run.protocol.forced_choice().guess) < _FALSE_ALARM_RATE:
+    if blank.size and binom.sf(np.sum(blank) - 1, blank.size, run.protocol.paradigm.guess) < _FALSE_ALARM_RATE:
         found.append("cue")
     return tuple(found)
 

@@ -66,7 +66,7 @@ def psychometric_trials(
 def _of_run(run: StoredRun, threshold: MeasuredThreshold) -> PsychometricTrials:
     kept = catch_kinds(run) != "blank"
     levels, correct = run.levels_db_sl[kept], run.correct[kept]
-    guess = run.protocol.forced_choice().guess
+    guess = run.protocol.paradigm.guess
     fit = refit(levels, correct, RefitPrior(guess=guess, target=threshold.point))
     return _shares(np.round(levels, 3), correct, fit, guess, threshold)
 
@@ -80,7 +80,7 @@ def _of_curve(run: StoredRun, points: Sequence[MeasuredThreshold]) -> Psychometr
     mine = sorted(points, key=lambda one: one.frequency_hz)
     at, level = np.array([(np.log(one.frequency_hz), one.refit_db_sl) for one in mine]).T
     above, correct = run.levels_db_sl[kept] - np.interp(np.log(run.frequency_hz[kept]), at, level), run.correct[kept]
-    guess, point = run.protocol.forced_choice().guess, mine[0].point
+    guess, point = run.protocol.paradigm.guess, mine[0].point
     fit = refit(above, correct, RefitPrior(guess=guess, target=point))
     flags = tuple(sorted({flag for one in mine for flag in one.flags}))
     threshold = replace(

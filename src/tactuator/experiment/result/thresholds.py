@@ -16,7 +16,6 @@ from tactuator.experiment.procedure.curve_prior import clear_of_mains
 from tactuator.experiment.procedure.procedure import Playable, Procedure
 from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
 from tactuator.experiment.procedure.run_flags import RunFlags, run_flags
-from tactuator.experiment.procedure.up_down import UpDown
 from tactuator.experiment.procedure.whole_curve import CurveFlags, Trials, WholeCurve, WholeCurveRule, curve_flags
 from tactuator.experiment.result.played import (
     DeliveredLevel,
@@ -29,7 +28,6 @@ from tactuator.experiment.result.played import (
     played,
 )
 from tactuator.experiment.store.stored_runs import StoredRun
-from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP
 
 _POINT_COUNT = 12
 
@@ -160,7 +158,7 @@ def replayed(run: StoredRun) -> Procedure:
 
 def _fresh(run: StoredRun, mains_hz: float) -> Procedure:
     """Return the run's procedure before its first trial, at a display with that mains frequency (0: none)."""
-    clearance_hz = run.protocol.timing.build().clearance_hz(mains_hz or 100.0)
+    clearance_hz = run.protocol.timing.clearance_hz(mains_hz or 100.0)
     return run.protocol.fresh_run(Playable((run.run.band_low_hz, run.run.band_high_hz), mains_hz, clearance_hz))
 
 
@@ -171,14 +169,9 @@ def _placed(procedure: Procedure, run: StoredRun) -> bool:
     return bool(np.all(np.abs(np.log(run.frequency_hz)[:, None] - own).min(axis=1) < _SAME_FREQUENCY))
 
 
-def point_of(procedure: Procedure) -> float:
-    """Return the share correct, lapses included, at the level that the procedure's number stands for."""
-    return procedure.rule.target if isinstance(procedure, UpDown) else TARGET_3_DOWN_1_UP
-
-
 def refit_prior(guess: float, procedure: Procedure) -> RefitPrior:
     """Return the prior of the refit of a procedure's runs, at the point that the procedure's own number stands for."""
-    return RefitPrior(guess=guess, target=round(point_of(procedure), 6))
+    return RefitPrior(guess=guess, target=round(procedure.point, 6))
 
 
 def _fitted(runs: Sequence[StoredRun], procedures: Sequence[Procedure]) -> dict[int, tuple[Refit, RunFlags, int]]:
@@ -189,7 +182,7 @@ def _fitted(runs: Sequence[StoredRun], procedures: Sequence[Procedure]) -> dict[
     groups: dict[RefitPrior, list[int]] = {}
     for index, (run, procedure) in enumerate(zip(runs, procedures, strict=True)):
         if not isinstance(procedure, WholeCurve):
-            prior = refit_prior(run.protocol.forced_choice().guess, procedure)
+            prior = refit_prior(run.protocol.paradigm.guess, procedure)
             groups.setdefault(prior, []).append(index)
     found = {}
     for prior, members in groups.items():
@@ -232,12 +225,12 @@ def _one(run: StoredRun, procedure: Procedure, fit: Refit, flags: RunFlags, row:
     seen, hertz = played(run), float(run.run.frequency_hz)
     gain = delivered_level(seen.commanded_db_sl, seen.measured_db_sl, hertz, at.level)
     names = [*procedure.flags, *flags.names(row), *attention(run)]
-    if hum_is_felt(seen, hertz, run.protocol.timing.build(), at.level):
+    if hum_is_felt(seen, hertz, run.protocol.timing, at.level):
         names.append("mains")
     own = procedure.estimate()
     return _threshold(
         run, hertz, at, gain, float(run.curve_level_db_re_1um[0]), [*names, *_of_playing(seen, at, gain)],
-        point_of(procedure), None if own is None else (own.level_db_sl, own.standard_error_db),
+        procedure.point, None if own is None else (own.level_db_sl, own.standard_error_db),
         (float(flags.lapse_power[row]), float(flags.drift.power[row])),
     )  # fmt: skip
 

@@ -15,8 +15,8 @@ from tactuator.experiment.procedure.procedure import Practice, Procedure
 from tactuator.experiment.procedure.run_flags import LEAST_LOG_EVIDENCE
 from tactuator.experiment.procedure.up_down import UpDown
 from tactuator.experiment.procedure.whole_curve import WholeCurve
-from tactuator.experiment.protocol.plan import PlannedRun, plan_runs, run_seed
-from tactuator.experiment.protocol.protocol import Protocol
+from tactuator.experiment.protocol.detection import Protocol, plan_runs
+from tactuator.experiment.protocol.study import PlannedRun, run_seed
 from tactuator.experiment.result.confusion import threshold_table
 from tactuator.experiment.result.thresholds import thresholds
 from tactuator.experiment.session.task import (
@@ -37,9 +37,6 @@ from tactuator.experiment.trial.trial import BLANK, LOUD, SIGNAL, Timing, Trial,
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.excitation import ramps
 from tactuator.table import ResultTable
-
-_TYPICAL_TRIALS = 80.0
-"""Trials of a run of unknown length."""
 
 _PICTURE_POINTS, _JUDGED_TRIALS_MIN = 60, 40
 
@@ -73,14 +70,14 @@ class DetectionTask:
                 if not low <= frequency <= high:
                     raise BadInput(f"{frequency:g} Hz on finger {finger!r}", f"{low:g} to {high:g} Hz")
         if protocol.marks is not None:
-            protocol.marks.build().end(rig.rate_hz, rig.channels)
+            protocol.marks.end(rig.rate_hz, rig.channels)
         if protocol.masker is not None and protocol.masker.channel not in (None, *rig.channels):
             raise BadInput(f"masker: channel {protocol.masker.channel!r}", f"{', '.join(rig.channels)}")
 
     @property
     def question(self) -> Question:
         """Return the question of every trial, with one key for each interval."""
-        responses = self.protocol.forced_choice().responses
+        responses = self.protocol.paradigm.responses
         choices = tuple(OfferedResponse(response, (response,)) for response in responses)
         return Question(self.words("prompt.detection"), choices, responses)
 
@@ -100,7 +97,7 @@ class DetectionTask:
         """Refuse a new study that would measure at the mains; one that has begun goes on, and its runs are flagged."""
         begun = select(schema.run.c.id).join(schema.session).where(schema.session.c.study_id == study).limit(1)
         if connection.execute(begun).first() is None:
-            timing = self.protocol.timing.build()
+            timing = self.protocol.timing
             for frequency in self.protocol.conditions.frequencies_hz:
                 keep_off_mains(frequency, self.apparatus.mains_hz, timing)
 
@@ -111,18 +108,12 @@ class DetectionTask:
     def expected(self, planned: PlannedRun) -> tuple[float, float]:
         """Return the approximate number of trials of a run, and how many seconds one of them plays."""
         protocol = self.protocol
-        procedure = protocol.fresh_run(self.apparatus.playable(protocol.timing.build()))
-        if planned.practice:
-            trials = float(protocol.session.practice_trials)
-        elif isinstance(procedure, UpDown):
-            trials = procedure.rule.typical_trials
-        else:
-            trials = float(getattr(protocol.procedure, "trials", _TYPICAL_TRIALS))
-        timing, intervals = protocol.timing.build(), protocol.paradigm.intervals
+        trials = protocol.session.practice_trials if planned.practice else protocol.procedure.typical_trials
+        timing, intervals = protocol.timing, protocol.paradigm.intervals
         frequency = planned.frequency_hz or math.sqrt(self.apparatus.band_hz[0] * self.apparatus.band_hz[1])
         played_s = timing.lead_s + intervals * timing.duration_s(frequency) + (intervals - 1) * timing.gap_s
-        marks = 0.0 if protocol.marks is None else protocol.marks.build().duration_s(intervals)
-        return trials, played_s + marks + timing.feedback_s
+        marks = 0.0 if protocol.marks is None else protocol.marks.duration_s(intervals)
+        return float(trials), played_s + marks + timing.feedback_s
 
     def course(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> DetectionCourse:
         """Return the course of a run, with a fresh procedure."""
@@ -130,7 +121,7 @@ class DetectionTask:
         if planned.practice:
             procedure: Procedure = protocol.practice(planned.frequency_hz or 100.0)
         else:
-            playable = self.apparatus.playable(protocol.timing.build())
+            playable = self.apparatus.playable(protocol.timing)
             procedure = protocol.fresh_run(playable)
         seed = run_seed(protocol, subject, planned.position, attempt, visit)
         return DetectionCourse(self, planned, procedure, seed)
@@ -205,7 +196,7 @@ class DetectionCourse:
         if label == LOUD:
             louder = placement.level_db_sl + self.task.protocol.catch.above_db
             placement = replace(placement, level_db_sl=min(louder, COMFORT_DB_SL))
-        return self.task.protocol.forced_choice().trial(self.trials, placement, self.seed, label)
+        return self.task.protocol.paradigm.trial(self.trials, placement, self.seed, label)
 
     def _label(self) -> str:
         """Return the kind of the trial that stands: the procedure's, or a catch trial by the lot of its number."""
@@ -221,10 +212,10 @@ class DetectionCourse:
         assert trial.placement.frequency_hz is not None
         frequency, protocol = trial.placement.frequency_hz, self.task.protocol
         channel = self.task.apparatus.channel(self.planned.finger)
-        marks = None if protocol.marks is None else protocol.marks.build()
+        marks = protocol.marks
         presenter = Presenter(self.task.apparatus.rig, channel.name, callbacks.watch, callbacks.halted, marks)
-        masker = None if protocol.masker is None else protocol.masker.build()
-        detection = Detection(presenter, channel, protocol.timing.build(), protocol.forced_choice(), masker)
+        masker = protocol.masker
+        detection = Detection(presenter, channel, protocol.timing, protocol.paradigm, masker)
         intervals, shown = detection.play(trial, frequency, self.seed)
         level = float(channel.threshold.curve.level_db_re_1um_at(frequency))
         return PlayedTrial(trial, intervals, presented, frequency, level, shown.rig_tick, shown.lasted_s)
@@ -233,7 +224,7 @@ class DetectionCourse:
         """Return the envelope of an interval: a tone between its ramps, or nothing."""
         assert trial.placement is not None
         assert trial.placement.frequency_hz is not None
-        frequency, timing = trial.placement.frequency_hz, self.task.protocol.timing.build()
+        frequency, timing = trial.placement.frequency_hz, self.task.protocol.timing
         count = max(1, round(timing.duration_s(frequency) / Envelope.STEP_S))
         if trial.stimuli[interval] == BLANK:
             return Envelope.of(np.full(count, Envelope.SILENT_DB_SL), frequency)

@@ -13,15 +13,20 @@ from sqlalchemy import Connection, insert, select
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import Words, shipped_words
-from tactuator.experiment.protocol.plan import PlannedRun
-from tactuator.experiment.protocol.recognition import RecognitionProtocol
+from tactuator.experiment.protocol.recognition import (
+    ABX_RESPONSES,
+    RecognitionProtocol,
+    block_seed,
+    block_trials,
+    plan_blocks,
+)
+from tactuator.experiment.protocol.study import PlannedRun
 from tactuator.experiment.result.confusion import (
     abx_table,
     information_table,
     matrix_table,
     session_results,
 )
-from tactuator.experiment.session.recognition_plan import ABX_RESPONSES, block_seed, block_trials, plan_blocks
 from tactuator.experiment.session.task import (
     Apparatus,
     Envelope,

@@ -15,7 +15,7 @@ from datetime import datetime
 from typing import Literal
 
 from tactuator.errors import BadInput, StoreFault
-from tactuator.experiment.protocol.plan import PlannedRun
+from tactuator.experiment.protocol.study import PlannedRun
 from tactuator.experiment.session.task import Clock, Course, SessionTask
 from tactuator.experiment.store import records
 from tactuator.experiment.store.records import Found, stamp

@@ -11,13 +11,12 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
-from pydantic import ValidationError
 from sqlalchemy import Connection
 
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import Words, read_words, shipped_words
+from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_any_protocol
-from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
 from tactuator.experiment.session.detection_task import DetectionTask
@@ -68,10 +67,7 @@ def enrol(connection: Connection, books: Books, part: SubjectPart) -> None:
         raise BadInput(f"subject {part.code!r} is enrolled already", "a code that is not taken")
     if part.participant_id is not None and any(part.participant_id == one.participant_id for one in known):
         raise BadInput(f"participant id {part.participant_id!r} is another subject's", "one that is not taken")
-    try:
-        facts = books.protocol.facts(part.demographics)
-    except ValueError as error:
-        raise BadInput(str(error)) from None
+    facts = books.protocol.facts(part.demographics)
     new = NewSubject(part.code, part.group, part.participant_id, facts=facts)
     row = records.add_subject(connection, books.study, new, books.now)
     for visit in range(1, books.protocol.study.visits + 1):
@@ -155,10 +151,7 @@ def _of_subject(
         records.change_subject(connection, row.subject_id, participant_id=outside)
     stands = records.facts(connection, books.study).get(row.subject_id, {})
     for name, text in correction.facts.items():
-        try:
-            value, unit = books.protocol.fact(name, text)
-        except ValueError as error:
-            raise BadInput(str(error)) from None
+        value, unit = books.protocol.fact(name, text)
         if value != stands.get(name):
             found.append(Change(name, stands.get(name), value))
             records.set_fact(connection, row.subject_id, name, value, unit)
@@ -277,7 +270,7 @@ class Study:
         """
         try:
             taken = SubjectPart(code=row.subject_code, participant_id=participant_id).participant_id
-        except ValidationError:
+        except BadInput:
             raise BadInput("participant id", "1 to 64 letters, digits, dots, dashes or underscores") from None
         with self.store.begin() as connection:
             mine = records.session(connection, row.id).participant_id

@@ -16,8 +16,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.language.words import Words
 from tactuator.experiment.procedure.procedure import Playable
-from tactuator.experiment.protocol.plan import ALL_FINGERS, PlannedRun
-from tactuator.experiment.protocol.study import StudyProtocol
+from tactuator.experiment.protocol.study import ALL_FINGERS, PlannedRun, StudyProtocol
 from tactuator.experiment.store.records import ApparatusRecord, PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial.presenter import Watch

@@ -8,8 +8,8 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.experiment.protocol.recognition import ABX_RESPONSES, asked_label
 from tactuator.experiment.session.presented_session import Respondent
-from tactuator.experiment.session.recognition_plan import ABX_RESPONSES, asked_label
 from tactuator.experiment.session.session import Acknowledged
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.trial.trial import Trial

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.curve_prior import CurveKind
+from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import protocol_hash
-from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.session.detection_task import DetectionTask
 from tactuator.experiment.session.presented_session import PresentedSession, Respondent, run_session
 from tactuator.experiment.session.session import NextTrial
@@ -246,7 +246,7 @@ class _Sitting(Respondent):
         """Put the finger on the run's channel."""
         self.leave()
         channel = self._task.apparatus.channel(following.planned.finger).name
-        timing = self._task.protocol.timing.build()
+        timing = self._task.protocol.timing
         self._at = ObserverAtRig(self._observer, self._rig, channel, timing, following.seed, self._load)
 
     def presented(self, played: PlayedTrial) -> None:

@@ -11,8 +11,7 @@ from sqlalchemy import Connection, Integer, Row, Select, cast, delete, func, ins
 
 from tactuator import __version__
 from tactuator.experiment.protocol.file import protocol_hash
-from tactuator.experiment.protocol.plan import PlannedRun
-from tactuator.experiment.protocol.study import StudyProtocol
+from tactuator.experiment.protocol.study import PlannedRun, StudyProtocol
 from tactuator.experiment.store import schema
 from tactuator.experiment.trial.trial import IntervalRecord, Trial
 
@@ -119,7 +118,7 @@ def add_session(
     """Store the subject's next visit, under the circumstances of the protocol."""
     table = schema.session
     last = connection.execute(select(func.max(table.c.visit)).where(table.c.subject_id == subject.id)).scalar() or 0
-    circumstances = protocol.circumstances.model_dump()
+    circumstances = dict(vars(protocol.circumstances))
     if skin_temperature_c is not None:
         circumstances["skin_temperature_c"] = skin_temperature_c
     row = {

@@ -13,8 +13,8 @@ from sqlalchemy import Connection, Integer, Select, select
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_protocol
-from tactuator.experiment.protocol.protocol import Protocol
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Found, session_query
 from tactuator.experiment.store.store import Store

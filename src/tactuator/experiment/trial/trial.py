@@ -4,46 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 from scipy import signal as scipy_signal
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.experiment.keys import Level, Seconds
 from tactuator.experiment.procedure.procedure import Placement
+from tactuator.parameters import Positive, Whole, table
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.signals.decibels import from_db
 from tactuator.signals.excitation import ramps, tone
 
 
-@dataclass(frozen=True)
+@table("[timing]")
 class Timing:
-    """Durations of the parts of a trial, in seconds.
+    """Keys of [timing]: durations of the parts of a trial."""
 
-    stimulus_s: of each interval, or as long as `periods` of a slow tone take. ramp_s: at both its ends, inside it.
-    lead_s: silence before the first interval. gap_s: silence between intervals. feedback_s: time for which feedback is
-    shown. Raises BadInput for durations that cannot be.
-    """
-
-    stimulus_s: float = 0.5
-    ramp_s: float = 0.1
-    gap_s: float = 0.3
-    lead_s: float = 0.3
-    periods: float = 2.0
-    feedback_s: float = 0.4
+    stimulus_s: Annotated[Seconds, Field(gt=0.0, description="each interval, or `periods` of a slow tone")] = 0.5
+    ramp_s: Annotated[Seconds, Field(description="ramp at both ends of an interval, inside it")] = 0.1
+    gap_s: Annotated[Seconds, Field(description="silence between intervals")] = 0.3
+    lead_s: Annotated[Seconds, Field(description="silence before the first interval")] = 0.3
+    periods: Annotated[Positive, Field(description="fewest periods of a tone")] = 2.0
+    feedback_s: Annotated[Seconds, Field(description="time for which feedback is shown")] = 0.4
 
     def __post_init__(self) -> None:
-        for key in ("stimulus_s", "periods"):
-            value = getattr(self, key)
-            if not (np.isfinite(value) and value > 0.0):
-                raise BadInput(f"timing: {key} is {value:g}", "a positive number")
-        for key in ("ramp_s", "gap_s", "lead_s", "feedback_s"):
-            value = getattr(self, key)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise BadInput(f"timing: {key} is {value:g}", "zero or more")
         if 2.0 * self.ramp_s > self.stimulus_s:
-            raise BadInput(f"timing: ramps of {self.ramp_s:g} s in {self.stimulus_s:g} s", "half of it at most")
+            raise BadInput(f"ramps of {self.ramp_s:g} s in {self.stimulus_s:g} s", "half of it at most")
 
     def duration_s(self, frequency_hz: float) -> float:
         """Return the duration of one interval at that frequency."""
@@ -61,26 +51,14 @@ class Timing:
         return max(2.0, 1.0 / self.duration_s(frequency_hz))
 
 
-@dataclass(frozen=True)
+@table("[masker]")
 class Masker:
-    """Masker that is played in every interval of a trial under the stimulus: a tone, or noise of one third-octave.
+    """Keys of [masker], which is played in every interval of a trial under the stimulus."""
 
-    level_db_sl: of the tone; noise has the rms of a sinusoid of this level. channel: None for the stimulus's own.
-    Raises BadInput for values that cannot be.
-    """
-
-    kind: Literal["tone", "noise"]
-    frequency_hz: float
-    level_db_sl: float
-    channel: str | None = None
-
-    def __post_init__(self) -> None:
-        if self.kind not in ("tone", "noise"):
-            raise BadInput(f"masker: kind {self.kind!r}", "tone, noise")
-        if not self.frequency_hz > 0.0:
-            raise BadInput(f"masker: frequency_hz is {self.frequency_hz:g}", "a positive number")
-        if not self.level_db_sl <= COMFORT_DB_SL:
-            raise BadInput(f"masker: level_db_sl is {self.level_db_sl:g}", f"{COMFORT_DB_SL:g} at most")
+    kind: Annotated[Literal["tone", "noise"], Field(description="a tone, or noise of one third-octave")]
+    frequency_hz: Annotated[Positive, Field(description="of the tone, or the middle of the noise")]
+    level_db_sl: Annotated[Level, Field(description="of the tone; noise has the rms of a sinusoid of this level")]
+    channel: Annotated[str | None, Field(description="where it is played; none: the stimulus's own channel")] = None
 
     def wave(self, count: int, rate_hz: float, ramp_s: float, rng: np.random.Generator) -> FloatArray:
         """Return the masker's signal, shape (count,), in threshold units."""
@@ -118,34 +96,21 @@ class ToneInterval:
         return tone(self.frequency_hz, amplitude, duration, rate_hz, ramp_s=timing.ramp_at_s(self.frequency_hz))
 
 
-_LONGEST_S = 5.0
+_Tap = Annotated[Seconds, Field(le=5.0)]
 
 
-@dataclass(frozen=True)
+@table("[marks]")
 class Marks:
-    """Taps before each interval (one before the first, two before the second ...) and a long one when all are over.
-
-    channel: the one that taps are played on. frequency_hz, level_db_sl, tap_s: frequency, level and length of a tap.
-    pause_s: silence between taps. after_s: silence between the last tap and the interval, long enough that a tap does
-    not mask what follows. Raises BadInput for values that cannot be.
+    """Keys of [marks]: taps before each interval (one before the first, two before the second ...) and a long one when
+    all are over.
     """
 
-    channel: str
-    frequency_hz: float = 60.0
-    level_db_sl: float = 25.0
-    tap_s: float = 0.08
-    pause_s: float = 0.12
-    after_s: float = 0.5
-
-    def __post_init__(self) -> None:
-        if not self.level_db_sl <= COMFORT_DB_SL:
-            raise BadInput(f"marks: level_db_sl is {self.level_db_sl:g}", f"{COMFORT_DB_SL:g} at most")
-        for key in ("frequency_hz", "tap_s"):
-            if not getattr(self, key) > 0.0:
-                raise BadInput(f"marks: {key} is {getattr(self, key):g}", "a positive number")
-        for key in ("tap_s", "pause_s", "after_s"):
-            if not 0.0 <= getattr(self, key) <= _LONGEST_S:
-                raise BadInput(f"marks: {key} is {getattr(self, key):g}", f"0 to {_LONGEST_S:g} s")
+    channel: Annotated[str, Field(description="where taps are played")]
+    frequency_hz: Annotated[Positive, Field(description="of a tap")] = 60.0
+    level_db_sl: Annotated[Level, Field(description="of a tap")] = 25.0
+    tap_s: Annotated[_Tap, Field(gt=0.0, description="length of a tap")] = 0.08
+    pause_s: Annotated[_Tap, Field(description="silence between taps")] = 0.12
+    after_s: Annotated[_Tap, Field(description="silence before the interval: no tap masks what follows")] = 0.5
 
     def before(self, interval: int, silence_s: float, rate_hz: float, channels: Sequence[str]) -> FloatArray:
         """Return what precedes an interval (from 0), (n, channels) in threshold units.
@@ -230,17 +195,11 @@ BLANK, SIGNAL, LOUD = "blank", "tone", "loud"
 """Labels of the stimuli of a detection trial; LOUD is that of a catch trial that anyone attentive gets right."""
 
 
-@dataclass(frozen=True)
+@table("[paradigm]")
 class ForcedChoice:
-    """Detection in one of m intervals; the responses are "1" to str(m). Raises BadInput for fewer than 2 or more than
-    9.
-    """
+    """Keys of [paradigm], detection in one of m intervals; the responses are "1" to str(m)."""
 
-    intervals: int = 3
-
-    def __post_init__(self) -> None:
-        if not 2 <= self.intervals <= 9:
-            raise BadInput(f"forced choice among {self.intervals} intervals", "2 to 9")
+    intervals: Annotated[Whole, Field(ge=2, le=9, description="intervals of a trial")] = 3
 
     @property
     def guess(self) -> float:
